@@ -1,5 +1,7 @@
 """replay-kit: what was the water doing, and where should the vehicle go next?
 
+::
+
     import replay_kit as rk
 
     result = rk.replay("glider.mcap", "ensemble.nc")
@@ -68,4 +70,4 @@ __getattr__ = on_demand(
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

@@ -1,16 +1,151 @@
-"""The example that extends a copy of the packages: what it changes stands where it looks for it."""
+"""The package that adds one of each kind: installed, found by its entry points and used; and packages that cannot be loaded, named."""
 
-import runpy
+import os
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import pytest
 
+from replay_kit.config.run import EstimatorConfig, load_config
+from replay_kit.core import extensions
+from replay_kit.core.errors import ConfigError
+from replay_kit.estimator.baselines import build_named
+from replay_kit.logs.glider.dialects import dialect_of
+from replay_kit.measurements.consistency import checks
 from tests.places import ROOT
+from tests.synthetic import ensemble
 
-ADDITIONS = runpy.run_path(str(ROOT / "sample_logs" / "examples" / "extend.py"))["ADDITIONS"]
+EXTENSION = ROOT / "sample_logs" / "examples" / "extension"
+NAMED = EstimatorConfig(name="mine")
+POINTS = tomllib.loads((EXTENSION / "pyproject.toml").read_text())["project"]["entry-points"]
+
+
+@pytest.fixture(autouse=True)
+def _forget():
+    """Forget the entry points before and after each test."""
+    for cached in (extensions._points, extensions._loaded):
+        cached.cache_clear()
+    yield
+    for cached in (extensions._points, extensions._loaded):
+        cached.cache_clear()
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Let the example package be installed, as its wheel would write it."""
+    lines = [
+        line
+        for group, held in POINTS.items()
+        for line in (f"[{group}]", *(f"{k} = {v}" for k, v in held.items()))
+    ]
+    info = tmp_path / "replay_kit_example-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: replay-kit-example\nVersion: 1.0\n"
+    )
+    (info / "entry_points.txt").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.syspath_prepend(str(EXTENSION))
+
+
+@pytest.mark.usefixtures("installed")
+def test_each_kind_is_found_where_the_project_looks_for_it():
+    from planners.mission.values import MissionSettings
+
+    assert dialect_of(["JULD", "CURRENT_EAST", "CURRENT_NORTH"], {}).name == "ego"
+    assert [type(check).__name__ for check in checks.added_checks(of_positions=False)] == [
+        "RepeatedTimes"
+    ]
+    assert checks.added_checks(of_positions=True) == ()
+    estimator = build_named(ensemble(), EstimatorConfig(name="persistence"))
+    assert type(estimator).__name__ == "EnsembleMean"
+    assert (
+        load_config(None, {"planner": {"objective": "surfacings"}}).planner.objective
+        == "surfacings"
+    )
+    assert MissionSettings(objective="surfacings").aim.rank is not None
+    assert [
+        section.__name__ for section in extensions.additions("sections", callable, "").values()
+    ] == ["depths_section"]
+
+
+def test_without_the_package_its_names_are_refused():
+    with pytest.raises(
+        ConfigError, match="expected one of time, energy, closest, got 'surfacings'"
+    ):
+        load_config(None, {"planner": {"objective": "surfacings"}})
+    with pytest.raises(ConfigError, match="got 'persistence'"):
+        build_named(ensemble(), EstimatorConfig(name="persistence"))
 
 
 @pytest.mark.parametrize(
-    ("name", "before"), [(name, before) for name, before, _ in ADDITIONS if before]
+    ("kind", "value", "use", "words"),
+    [
+        (
+            "dialects",
+            "no_such_module:EGO",
+            lambda: dialect_of(["a"], {}),
+            "cannot be imported: ModuleNotFoundError: No module named 'no_such_module'",
+        ),
+        ("dialects", "math:pi", lambda: dialect_of(["a"], {}), "expected a Dialect, got float"),
+        ("checks", "math:pi", lambda: checks.added_checks(True), "expected a check, got float"),
+        (
+            "estimators",
+            "math:pi",
+            lambda: build_named(ensemble(), NAMED),
+            "expected a function, got float",
+        ),
+    ],
 )
-def test_each_line_that_the_example_extends_stands_once_in_its_file(name, before):
-    assert (ROOT / name).read_text(encoding="utf-8").count(before) == 1
+def test_a_package_that_cannot_be_used_is_named(monkeypatch, kind, value, use, words):
+    point = EntryPoint("mine", value, f"replay_kit.{kind}")
+    monkeypatch.setattr(extensions, "_points", lambda asked: (point,) if asked == kind else ())
+    with pytest.raises(ConfigError) as told:
+        use()
+    assert str(told.value).startswith(f"replay_kit.{kind}: mine = {value}")
+    assert words in str(told.value)
+
+
+def test_two_packages_of_one_name_are_refused(monkeypatch):
+    points = tuple(
+        EntryPoint("mine", f"math:{name}", "replay_kit.sections") for name in ("sin", "cos")
+    )
+    monkeypatch.setattr(extensions, "_points", lambda kind: points)
+    with pytest.raises(ConfigError, match="another package adds this name too"):
+        extensions.additions("sections", callable, "a function")
+
+
+@pytest.mark.full
+def test_the_wheel_of_the_package_has_its_entry_points(tmp_path):
+    words = [
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "--target",
+        str(tmp_path / "installed"),
+    ]
+    subprocess.run([sys.executable, "-m", "pip", *words, str(EXTENSION)], check=True)
+    code = "from replay_kit.core.extensions import names_of; print(names_of('dialects'), names_of('estimators'))"
+    path = os.pathsep.join((str(tmp_path / "installed"), str(ROOT)))
+    said = subprocess.check_output(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": path}, text=True
+    )
+    assert said.strip() == "('ego',) ('persistence',)"
+
+
+def test_an_estimator_that_lacks_what_one_has_is_named(monkeypatch):
+    point = EntryPoint("mine", "tests.test_examples:no_estimator", "replay_kit.estimators")
+    monkeypatch.setattr(extensions, "_points", lambda asked: (point,))
+    with pytest.raises(
+        ConfigError,
+        match="estimator mine: expected an Estimator, got int without state_size, initial, step",
+    ):
+        build_named(ensemble(), NAMED)
+
+
+def no_estimator(ensemble, config):
+    return 3

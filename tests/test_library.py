@@ -149,8 +149,12 @@ def test_settings_are_tables_a_file_or_a_configuration(tmp_path: Path) -> None:
             "log: expected a path (str or Path), got NoneType",
         ),
         (
-            lambda: rk.replay(LOG, rk.open_ensemble(ENSEMBLE)),
-            "ensemble: expected a path (str or Path), got Ensemble",
+            lambda: rk.replay(LOG, rk.open_log(LOG)),
+            "ensemble: expected a path (str or Path), got McapReader",
+        ),
+        (
+            lambda: rk.replay(LOG, ENSEMBLE, overwite=True),
+            "replay: expected options among overwrite, estimator, prior, planner, got overwite",
         ),
         (lambda: rk.replay([], ENSEMBLE), "logs: expected one log or several, got none"),
         (

@@ -14,7 +14,8 @@ from planners.route.hazards import NoGo
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.objective import ObjectiveName
+from replay_kit.core.extensions import additions
+from replay_kit.core.objective import is_objective, objective_names
 from replay_kit.core.plan import Place, PlanStatus
 
 
@@ -96,12 +97,22 @@ class Objective:
         )
 
 
-OBJECTIVES: dict[ObjectiveName, Objective] = {
+OBJECTIVES: dict[str, Objective] = {
     "time": Objective(Weights(time=1.0), earliest_arrival=True),
     "energy": Objective(Weights(energy=1.0)),
     # of two missions that are equally close the quicker one
     "closest": Objective(Weights(time=1.0), distance_first=True),
 }
+
+
+def objective_named(name: str) -> Objective:
+    """Return an objective: the project's own, or one that an installed package adds."""
+    if name in OBJECTIVES:
+        return OBJECTIVES[name]
+    found: Objective = additions(
+        "objectives", lambda value: isinstance(value, Objective), "a planners.mission Objective"
+    )[name]
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +141,7 @@ class MissionSettings:
     depth: float = 500.0
     yos: int = 1
     surface_time: float = 0.0
-    objective: ObjectiveName | Weights = "time"
+    objective: str | Weights = "time"
     tolerance: float = 250.0
     legs: int | None = None
     max_legs: int | None = None
@@ -143,9 +154,9 @@ class MissionSettings:
 
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
-        if not isinstance(self.objective, Weights) and self.objective not in OBJECTIVES:
+        if not isinstance(self.objective, Weights) and not is_objective(self.objective):
             raise PlanError(
-                f"a mission's objective is {self.objective!r}; expected one of {', '.join(OBJECTIVES)}, or weights"
+                f"a mission's objective is {self.objective!r}; expected one of {', '.join(objective_names())}, or weights"
             )
         names = (
             "depth",
@@ -177,7 +188,7 @@ class MissionSettings:
         return (
             Objective(self.objective)
             if isinstance(self.objective, Weights)
-            else OBJECTIVES[self.objective]
+            else objective_named(self.objective)
         )
 
     @property

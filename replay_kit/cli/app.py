@@ -14,9 +14,14 @@ from cyclopts import App, CycloptsError, Parameter
 from cyclopts.exceptions import MissingArgumentError, RepeatArgumentError
 
 from replay_kit.cli import reporting
-from replay_kit.cli.help import command_group, layout, option_groups
+from replay_kit.cli.help import (
+    command_group,
+    layout,
+    option_groups,
+    refuse_unknown,
+    repeat_ensembles,
+)
 from replay_kit.cli.options import CHOICES, before_conversion
-from replay_kit.cli.words import refuse_unknown, repeat_ensembles
 from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.text import printable
 from replay_kit.core.version import __version__
@@ -24,6 +29,19 @@ from replay_kit.core.version import __version__
 # Loading modules and laying out help make many small objects that stay; looking for garbage among them takes a sixth of the help's time.
 gc.set_threshold(50_000, 20, 20)
 
+# The module of a command, where it is not of the command's own name.
+_MODULES = {
+    name: module
+    for module, names in {
+        "logs": ("info", "qc", "convert"),
+        "show": ("report", "status", "plot", "export", "layout"),
+        "results": ("verify", "smooth"),
+        "twin": ("synthesize",),
+        "estimates": ("accuracy", "paper"),
+        "gliders": ("dives", "missions", "planning"),
+    }.items()
+    for name in names
+}
 # What each command needs, and what it does.
 _COMMANDS = {
     "replay": (
@@ -103,7 +121,7 @@ _STUDIES = {
     ),
     "missions": (
         "--ensemble FILE --leave-out K,K,...",
-        "Simulate glider missions in members left out: changes in time, relative profiles, mean currents, outliers, biases, coverage.",
+        "Simulate glider missions in members left out: outliers, and biases of compass and scale.",
     ),
     "paper": (
         "--ensemble FILE (--truth FILE | --leave-out K) -o DIR",
@@ -111,7 +129,7 @@ _STUDIES = {
     ),
     "planning": (
         "--ensemble FILE -o DIR",
-        "Plan on estimates, fly in the truth: glides, missions of many dives, and the odds stated for them.",
+        "Plan missions on estimates, fly them in the truth, and compare the odds stated for them.",
     ),
 }
 _EVERY = {**_COMMANDS, **{f"experiment {_name}": _words for _name, _words in _STUDIES.items()}}
@@ -153,12 +171,13 @@ experiment = _group(
     "experiment", "Studies: the accuracy of the estimator and of the plans made on it."
 )
 # by their import paths, so that the modules of a command are loaded when it is called
-for _name, (_, _help) in _COMMANDS.items():
-    app.command(f"replay_kit.cli.commands.{_name}:{_name}", name=_name, help=_help)
-for _name, (_, _help) in _STUDIES.items():
-    experiment.command(
-        f"replay_kit.cli.commands.experiment.{_name}:{_name}", name=_name, help=_help
-    )
+for _group_of, _module, _table in (
+    (app, "replay_kit.cli.commands", _COMMANDS),
+    (experiment, "replay_kit.cli.commands.experiment", _STUDIES),
+):
+    for _name, (_, _help) in _table.items():
+        _where = f"{_module}.{_MODULES.get(_name, _name)}:{_name}"
+        _group_of.command(_where, name=_name, help=_help)
 app.command(experiment)
 app.register_install_completion_command(
     help="Install the completion of commands and options in the shell."

@@ -165,7 +165,7 @@ class PlanRequest(Section):
 
     @property
     def then_places(self) -> tuple["Place", ...]:
-        """Where a stretch without fixes leads, in this order."""
+        """Where a dead-reckoned leg leads, in this order."""
         if self.then is None:
             return ()
         values = numbers(self.then, "--then")

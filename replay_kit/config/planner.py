@@ -3,18 +3,24 @@
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, get_args
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from replay_kit.config.option import Option
 from replay_kit.config.section import Section
 from replay_kit.core.as_flown import AsFlown
-from replay_kit.core.objective import ObjectiveName
+from replay_kit.core.objective import ObjectiveName, is_objective, objective_names
 
 # Of a vehicle that is not known to have dived: m/s, m; and glide angles in degrees.
 _SPEED, _DEPTH = 0.3, 500.0
 _MIN_ANGLE, _MAX_ANGLE = 15.0, 35.0
+
+
+def _known_objective(name: str) -> str:
+    if not is_objective(name):
+        raise ValueError(f"expected one of {', '.join(objective_names())}, got '{name}'")
+    return name
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +101,10 @@ class PlannerConfig(Section):
         ge=1,
         description="Largest number of surfacings of a mission considered. Default: as many as max_duration takes, of a mooring 60.",
     )
-    objective: ObjectiveName = Field(default="time", description="What a mission minimises.")
+    objective: Annotated[str, AfterValidator(_known_objective)] = Field(
+        default="time",
+        description=f"What a mission minimises: {', '.join(get_args(ObjectiveName))}, or an installed package's own.",
+    )
     min_angle: float | None = Field(
         default=None,
         gt=0.0,

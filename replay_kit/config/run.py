@@ -17,15 +17,13 @@ from pydantic import (
     model_validator,
 )
 
-from replay_kit.config import without
-from replay_kit.config.earlier import refuse_earlier
-from replay_kit.config.file import explain, read_toml
+from replay_kit.config.file import explain, read_toml, refuse_earlier
 from replay_kit.config.gating import ConsistencyConfig, GatingConfig
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.option import Option
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.config.quality import QualityConfig
+from replay_kit.config.quality import QualityConfig, checked_rules
 from replay_kit.config.section import Section
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError
@@ -74,6 +72,11 @@ class LogConfig(Section):
     remap: Annotated[dict[str, str], Option("--remap", "OLD=NEW")] = Field(
         default_factory=dict,
         description="New names of topics, by their old names; the option may be repeated.",
+    )
+    caches: str | None = Field(
+        default=None,
+        description="Folder with the sensor lists (.cac) of a Slocum's files. Default: that of the files, and cac and cache in it and in "
+        "the three folders above.",
     )
 
     @model_validator(mode="after")
@@ -189,7 +192,7 @@ class MeasurementConfig(Section):
     @field_validator("without")
     @classmethod
     def _are_rules(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        without.checked(value)
+        checked_rules(value)
         return value
 
 

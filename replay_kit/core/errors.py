@@ -85,6 +85,10 @@ class ReplayKitError(Exception):
         self.findings = tuple(findings)
         self.answer: dict[str, Any] = {}
 
+    def _render_traceback_(self) -> list[str]:
+        """Return what a notebook shows of it: one line, as on the command line; ``%debug`` has the frames."""
+        return [f"{type(self).__name__}: {self}"]
+
 
 class ConfigError(ReplayKitError):
     """A bad option, configuration file or configuration key."""

@@ -3,13 +3,15 @@
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ConfigError
 from replay_kit.core.text import place_text, span_text, time_text
+from replay_kit.core.time import to_time_ns
 
 Reference = Literal["earth", "platform"]
 
@@ -137,6 +139,115 @@ class RawValues:
 NO_RAW_VALUES = RawValues()
 
 
+@dataclass(frozen=True, slots=True)
+class Label:
+    """What statistics say of a measurement; no estimate depends on it.
+
+    Attributes:
+        dive: Number of the dive; as in ``Observation``.
+        source: The message that completed it.
+        mean: The mean along a path that it was made of; None for others.
+    """
+
+    dive: int
+    source: Source
+    mean: "PathMean | None" = None
+
+
+#: Of a sensor that measures both components of the current: true east, true north.
+BOTH_COMPONENTS = np.eye(2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearMeasurement:
+    """Sums of the current's components at points: what every measurement is to an estimator.
+
+    Value i of component c is the sum over the points p of ``weights[i, p]`` times the current at p along ``components[c]``. The values of
+    a component err with the covariance s_i s_j exp(-|z_i - z_j| / L) + c^2, those of two components independently.
+
+    Attributes:
+        time_ns: When it was known [ns, UTC].
+        point_time_ns: shape (P,) [ns, UTC], or (1,) for all points.
+        longitude: shape (P,) [degrees east], or (1,) for points at one place.
+        latitude: shape (P,) [degrees north], or (1,).
+        depth: shape (P,) [m], positive down.
+        weights: shape (n, P); None for one point a value.
+        value: shape (n, c) [m/s]; NaN where missing.
+        error_std: shape (n,) [m/s], s: each value's own error.
+        common_std: Error that all values share [m/s], c; inf where the values are relative to an unknown velocity.
+        correlation_depth: L [m]; 0 for independent errors.
+        flags: shape (n,), QARTOD flags.
+        reasons: shape (n,), bit mask of ``Reason``.
+        label: For statistics.
+        platform_velocity: As in ``Observation``: of an instrument whose systematic errors act along its motion.
+        components: shape (c, 2), unit vectors along true east and true north; two of them are orthogonal.
+    """
+
+    time_ns: int
+    point_time_ns: NDArray[np.int64]
+    longitude: Array
+    latitude: Array
+    depth: Array
+    weights: Array | None
+    value: Array
+    error_std: Array
+    flags: NDArray[np.int8]
+    reasons: NDArray[np.int32]
+    label: Label
+    common_std: float = 0.0
+    correlation_depth: float = 0.0
+    platform_velocity: tuple[float, float] | None = None
+    components: Array = field(default_factory=lambda: BOTH_COMPONENTS)
+
+    @property
+    def linear(self) -> "LinearMeasurement":
+        """Itself."""
+        return self
+
+    @property
+    def dive(self) -> int:
+        """Number of the dive."""
+        return self.label.dive
+
+    @property
+    def source(self) -> Source:
+        """The message that completed it."""
+        return self.label.source
+
+    @property
+    def reference(self) -> Literal["absolute", "relative"]:
+        """What the values are: of the current itself, or of it beside an unknown velocity."""
+        return "absolute" if np.isfinite(self.common_std) else "relative"
+
+    @property
+    def at_one_place(self) -> bool:
+        """Whether all points have one longitude and latitude."""
+        return self.longitude.size == 1
+
+    @property
+    def value_depth(self) -> Array:
+        """Depth of each value, shape (n,) [m]: the mean over its points."""
+        return self.depth if self.weights is None else np.asarray(self.weights @ self.depth)
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Longitude and latitude [degrees] of the point up to which half of the weight lies."""
+        at = 0
+        if self.weights is not None and not self.at_one_place:
+            share = np.cumsum(self.weights.mean(axis=0))
+            at = min(int(np.searchsorted(share, 0.5)), share.size - 1)
+        return float(self.longitude[at]), float(self.latitude[at])
+
+    def covariance(self, used: NDArray[np.intp]) -> Array:
+        """Return the error covariance of some values of a component [m^2/s^2], without the shared error where that is infinite."""
+        own, depth = self.error_std[used], self.value_depth[used]
+        cov = np.diag(own**2)
+        if self.correlation_depth > 0.0:
+            distance = np.abs(depth[:, None] - depth) / self.correlation_depth
+            cov = np.outer(own, own) * np.exp(-distance)
+        return cov + self.common_std**2 if 0.0 < self.common_std < np.inf else cov
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observation:
     """One profile of the horizontal current: n bins under one position.
@@ -181,9 +292,107 @@ class Observation:
     position_std: float = 0.0
 
     @property
-    def as_profile(self) -> "Observation":
-        """Itself; see ``PathMean.as_profile``."""
-        return self
+    def linear(self) -> LinearMeasurement:
+        """The same as sums of components: each bin is the current at a point, all points lie at one place."""
+        return LinearMeasurement(
+            self.time_ns,
+            np.array([self.time_ns]),
+            np.array([self.longitude]),
+            np.array([self.latitude]),
+            self.depth,
+            None,
+            self.velocity,
+            self.error_std,
+            self.flags,
+            self.reasons,
+            Label(self.dive, self.source),
+            self.common_std,
+            self.correlation_depth,
+            self.platform_velocity,
+        )
+
+    @staticmethod
+    def profile(
+        time: Any, lon: float, lat: float, depth: Any, u: Any, v: Any, error: Any
+    ) -> "Observation":
+        """Return a profile of the current, or with one depth the current at one place.
+
+        Args:
+            time: ISO 8601 text, datetime64, datetime or integer nanoseconds (UTC).
+            lon: [degrees east].
+            lat: [degrees north].
+            depth: shape (n,) [m], positive down.
+            u: shape (n,) [m/s], towards true east; NaN where missing.
+            v: shape (n,) [m/s], towards true north.
+            error: Standard error of each component [m/s], one number or shape (n,).
+
+        Raises:
+            ConfigError: The lengths differ, an error is not above 0, or a place is none.
+        """
+        depths, east, north = (np.atleast_1d(np.asarray(x, np.float64)) for x in (depth, u, v))
+        errors = _stated_errors(error, depths.size)
+        if not depths.shape == east.shape == north.shape == errors.shape or depths.ndim != 1:
+            shapes = ", ".join(str(x.shape) for x in (depths, east, north, errors))
+            raise ConfigError(
+                f"profile: expected depth, u, v and error of one length, got {shapes}"
+            )
+        place = _stated_fix((time, lon, lat), "profile")
+        velocity = np.column_stack([east, north])
+        known = np.isfinite(velocity).all(axis=1) & np.isfinite(depths)
+        return Observation(
+            *(*place, depths, velocity, errors, "earth"),
+            flags=np.where(known, Flag.GOOD, Flag.MISSING).astype(np.int8),
+            reasons=np.where(known, Reason.NONE, Reason.MISSING).astype(np.int32),
+            dive=0,
+            source=Source(0, STATED, 0, place.time_ns),
+        )
+
+    @staticmethod
+    def mean(
+        start: tuple[Any, float, float],
+        end: tuple[Any, float, float],
+        depth: float,
+        u: float,
+        v: float,
+        error: float,
+    ) -> "PathMean":
+        """Return the mean current of a dive, straight down and up again between two fixes.
+
+        Args:
+            start: Time (as of ``profile``), longitude and latitude [degrees] of the fix before it.
+            end: Of the fix after it.
+            depth: Greatest depth [m].
+            u: Towards true east [m/s].
+            v: Towards true north [m/s].
+            error: Standard error of each component [m/s].
+
+        Raises:
+            ConfigError: The dive does not end after it began, its depth or error is not above 0, or a place is none.
+        """
+        before, after = _stated_fix(start, "start"), _stated_fix(end, "end")
+        if not (after.time_ns > before.time_ns and depth > 0.0 and math.isfinite(u + v)):
+            raise ConfigError(
+                f"mean: expected an end after the start, a depth above 0 and a finite current, got {before.time_ns}, {after.time_ns} ns, "
+                f"{depth} m, {u}, {v} m/s"
+            )
+        share = (np.arange(_PIECES) + 0.5) / _PIECES
+        east = (after.longitude - before.longitude + 180.0) % 360.0 - 180.0
+        return PathMean(
+            time_ns=after.time_ns,
+            path_time_ns=before.time_ns
+            + np.round(share * (after.time_ns - before.time_ns)).astype(np.int64),
+            longitude=before.longitude + share * east,
+            latitude=before.latitude + share * (after.latitude - before.latitude),
+            depth=depth * (1.0 - np.abs(2.0 * share - 1.0)),
+            weight=np.full(_PIECES, 1.0 / _PIECES),
+            velocity=(float(u), float(v)),
+            error_std=float(_stated_errors(error, 1)[0]),
+            kind="dac",
+            dive=0,
+            source=Source(0, STATED, 0, after.time_ns),
+            fixes=(before, after),
+            deepest=float(depth),
+        )
 
     def __repr__(self) -> str:
         """Return where and when it was made, and what it holds."""
@@ -257,21 +466,20 @@ class PathMean:
         return math.hypot(self.error_std, self.flight_std) if self.flight_std else self.error_std
 
     @property
-    def as_profile(self) -> Observation:
-        """A profile of one bin at the path's mean depth, and at its position at half of its time."""
-        middle = min(int(np.searchsorted(np.cumsum(self.weight), 0.5)), self.weight.size - 1)
-        return Observation(
+    def linear(self) -> LinearMeasurement:
+        """The same as sums of components: one value, the weighted sum over the path's points."""
+        return LinearMeasurement(
             self.time_ns,
-            float(self.longitude[middle]),
-            float(self.latitude[middle]),
-            np.array([float(self.weight @ self.depth)]),
+            self.path_time_ns,
+            self.longitude,
+            self.latitude,
+            self.depth,
+            self.weight[None],
             np.array([self.used]),
             np.array([self.used_std]),
-            "earth",
             np.array([Flag.GOOD], np.int8),
             np.zeros(1, np.int32),
-            self.dive,
-            self.source,
+            Label(self.dive, self.source, self),
         )
 
     def __repr__(self) -> str:
@@ -290,8 +498,41 @@ class PathMean:
         )
 
 
+#: Topic of measurements that a person states, not a log.
+STATED = "stated"
+# of the way down and up of a mean that is stated; an even number, so that none reaches over the deepest point
+_PIECES = 128
+
+
+def _stated_fix(stated: tuple[Any, float, float], what: str) -> Fix:
+    """Return a time and place that a person states.
+
+    Raises:
+        ConfigError: It is none.
+    """
+    time, longitude, latitude = stated
+    place = float(longitude), float(latitude)
+    if not (-180.0 <= place[0] <= 360.0 and abs(place[1]) <= 90.0):
+        raise ConfigError(f"{what}: expected longitude and latitude [degrees], got {place}")
+    return Fix(int(to_time_ns(time)), *place)
+
+
+def _stated_errors(error: Any, n: int) -> Array:
+    """Return standard errors that a person states, shape (n,) [m/s].
+
+    Raises:
+        ConfigError: One is missing or not above 0.
+    """
+    errors = np.asarray(np.nan if error is None else error, np.float64)
+    if not (errors > 0.0).all() or not np.isfinite(errors).all():
+        raise ConfigError(
+            f"error: expected the standard error of each component [m/s], above 0, got {error!r}; it is not guessed"
+        )
+    return np.full(n, float(errors)) if errors.ndim == 0 else errors
+
+
 #: What an estimator may be given.
-Measurement = Observation | PathMean
+Measurement = Observation | PathMean | LinearMeasurement
 
 
 Decision = Literal["accepted", "softened", "rejected", "unusable"]

@@ -5,11 +5,12 @@ member here; none of them needs to know which estimator it has.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
@@ -46,6 +47,27 @@ def each_stepped(
     for measurement, (after, innovation) in zip(measurements, steps, strict=True):
         yield Stepped(measurement, state, after, innovation)
         state = after
+
+
+def require_estimator(value: object, what: str) -> "Estimator[Any]":
+    """Return an estimator that comes from elsewhere.
+
+    Args:
+        value: The estimator.
+        what: Where it comes from, for the error.
+
+    Raises:
+        ConfigError: It lacks what an estimator has.
+    """
+    needed = ("state_size", "initial", "step", "usable", "innovation", "flow", "predict", "steps")
+    lacking = [name for name in needed if not hasattr(value, name)]
+    if lacking:
+        raise ConfigError(
+            f"{what}: expected an Estimator, got {type(value).__name__} without {', '.join(lacking)}; derive it from "
+            "replay_kit.estimator.Estimator"
+        )
+    estimator: Any = value
+    return estimator  # type: ignore[no-any-return]
 
 
 class Estimator(Protocol[State]):

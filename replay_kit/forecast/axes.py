@@ -61,9 +61,9 @@ class AxesCheck:
             return ()
         other: Literal["grid", "true"] = "true" if self.axes == "grid" else "grid"
         return (
-            f"WARNING: the velocities were read along {_NAMES[self.axes]} ({self.why}), but fit {_NAMES[other]} better: {self.figures}; "
-            f"--axes {other} reads them so, --axes {self.axes} keeps this reading; until then {100 * self.residual_std:.1f} cm/s count as "
-            "representation error",
+            f"WARNING: the velocities are used as read, along {_NAMES[self.axes]} ({self.why}), but fit {_NAMES[other]} better: "
+            f"{self.figures}; --axes {other} turns them, --axes {self.axes} keeps this reading; until then the "
+            f"{100 * self.residual_std:.1f} cm/s count as representation error",
         )
 
     @property
@@ -72,7 +72,8 @@ class AxesCheck:
         found = []
         if self.residual is not None:
             found.append(
-                f"share of the variance in no divergence-free flow {self.residual[0]:.2f} as read, {self.residual[1]:.2f} turned"
+                f"RMS divergent part {100 * self.residual_std:.1f} cm/s as read ({100 * self.residual[0]:.0f} % of the variance), "
+                f"{100 * self.residual[1]:.0f} % turned"
             )
         if self.phase is not None:
             found.append(

@@ -5,6 +5,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
+from heapq import merge
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar
@@ -184,10 +185,16 @@ class LogFile(AbstractContextManager["LogFile"]):
         except OSError as error:
             raise unreadable(self.path, error) from error
 
-    def _by_time(self, entries: Iterable[Entry]) -> Iterator[Message]:
-        """Yield the entries of a file that is read whole in order of time, those of one time in the order given."""
+    def _by_time(self, entries: Iterable[Entry], *ordered: Iterable[Entry]) -> Iterator[Message]:
+        """Yield the entries of a file that is read whole in order of time, those of one time in the order given.
+
+        Args:
+            entries: In any order.
+            ordered: Further ones, of each in order of time; they are made as they are needed.
+        """
+        by_time = itemgetter(0)
         for position, (time_ns, topic, schema, payload) in enumerate(
-            sorted(entries, key=itemgetter(0))
+            merge(sorted(entries, key=by_time), *ordered, key=by_time)
         ):
             name = self._topic(topic)
             self.statistics.read[name] += 1

@@ -3,12 +3,12 @@
 import re
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import NamedTuple
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
+from replay_kit.core.extensions import additions
 from replay_kit.core.paths import as_path
 from replay_kit.logs.adcp.records import AD2CP_MAGICS, PD0_MAGIC
 from replay_kit.logs.reader import LogFile, unreadable
@@ -17,8 +17,10 @@ from replay_kit.logs.reader import LogFile, unreadable
 STREAMS = (".mcap", ".tlog", ".bin", ".pd0", ".enx", ".ens", ".ad2cp", ".000")
 _BAG = "metadata.yaml"
 _PART = re.compile(r"^\s*-\s+[\"']?([^\s\"':]+\.(?:mcap|db3)(?:\.zstd)?)[\"']?\s*$", re.MULTILINE)
-_GLIDER = re.compile(
-    r".*\.(nc|nc4|cdf)|.*\.(gli|pld1)\.(sub|raw|all)(\.\d+)?(\.gz)?|.*\.(gli|pld1)(\.\d+)?(\.gz)?",
+_SLOCUM_NAME = re.compile(r".*\.[demnst][bc]d", re.IGNORECASE)
+#: Names of glider files, which come whole.
+GLIDER_NAMES = re.compile(
+    r".*\.(nc|nc4|cdf)|.*\.[demnst][bc]d|.*\.(gli|pld1)\.(sub|raw|all)(\.\d+)?(\.gz)?|.*\.(gli|pld1)(\.\d+)?(\.gz)?",
     re.IGNORECASE,
 )
 
@@ -36,16 +38,16 @@ def logs_in(path: Path) -> list[Path]:
     held = sorted(
         file for file in path.iterdir() if file.is_file() and not file.name.startswith(".")
     )
-    # SeaExplorer numbers its files without leading zeros
+    # SeaExplorers and Slocums number their files without leading zeros
     gliders = sorted(
-        (file for file in held if _GLIDER.fullmatch(file.name)),
+        (file for file in held if GLIDER_NAMES.fullmatch(file.name)),
         key=lambda file: [*map(int, re.findall(r"\d+", file.name))],
     )
     streams = [file for file in held if file.suffix.lower() in STREAMS]
     if not gliders and not streams:
         names = ", ".join(file.name for file in held[:5]) or "no file"
         raise LogError(
-            f"{path}: expected a ROS 2 bag (with {_BAG}), glider files (.nc, .gli, .pld1) or logs ({', '.join(STREAMS)}); "
+            f"{path}: expected a ROS 2 bag (with {_BAG}), glider files (.nc, .gli, .pld1, .dbd, .sbd) or logs ({', '.join(STREAMS)}); "
             f"the folder holds {names}; give the logs themselves"
         )
     return [*gliders, *streams]
@@ -77,7 +79,10 @@ def _bag(path: Path) -> list[Path]:
 
 _NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
 _DATAFLASH_MAGIC = b"\xa3\x95"
+# as they are, or in the first block of a compressed file
+_SLOCUM = re.compile(rb"(.{3,5})?dbd_label:", re.DOTALL)
 _HEAD = 1 << 16
+_TEXT = re.compile(rb"[ -~]{3,40}")
 
 
 #: Makes the reader of a log: path, input, configuration and what is wanted, as of ``open_log``.
@@ -125,6 +130,10 @@ def _is_glider(head: bytes) -> bool:
     return is_seaexplorer(head)
 
 
+def _is_slocum(head: bytes) -> bool:
+    return _SLOCUM.match(head) is not None
+
+
 def _reader(module: str, name: str) -> Callable[[], Open]:
     """Return what imports a reader, with the first log of its format: its libraries may take longer to load than a log to read."""
 
@@ -139,19 +148,21 @@ def _reader(module: str, name: str) -> Callable[[], Open]:
 FORMATS = (
     LogFormat("mcap", _begins(b"\x89MCAP0\r\n"), _reader("mcap.reader", "McapReader")),
     LogFormat("glider", _is_glider, _reader("glider.reader", "open_glider")),
+    LogFormat("slocum", _is_slocum, _reader("slocum.reader", "open_slocum")),
     LogFormat("pd0", _begins(PD0_MAGIC), _reader("adcp.reader", "RawAdcpReader")),
     LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _reader("adcp.reader", "RawAdcpReader")),
     LogFormat("tlog", _is_tlog, _reader("mavlink.reader", "TlogReader")),
     LogFormat("dataflash", _is_dataflash, _reader("dataflash.reader", "DataflashReader")),
 )
-#: Group of entry points of other packages' readers, such as one of a Slocum's binary files; each is the function
-#: ``open(path, input, config, wanted)`` that returns a ``LogFile``, or None for a file that is not its own.
-PLUGINS = "replay_kit.logs"
 #: Logs that are recognised only to say what to do with them.
 _FOREIGN = (
     (
         b"#ROSBAG",
         "a ROS 1 bag; convert it with the MCAP command line: mcap convert IN.bag OUT.mcap",
+    ),
+    (
+        b"s: ",
+        "a list of sensors of a Slocum's files; give the files, which find it in their folder or in cac beside them",
     ),
     (
         b"SQLite format 3",
@@ -191,20 +202,27 @@ def open_log(
     for form in FORMATS:
         if form.recognises(head):
             return form.load()(path, input, config, wanted)
-    for plugin in entry_points(group=PLUGINS):
-        log: LogFile | None = plugin.load()(path, input, config, wanted)
+    for open_other in additions("logs", callable, "a function").values():
+        log: LogFile | None = open_other(path, input, config, wanted)
         if log is not None:
             return log
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
-        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider NetCDF or "
-        "SeaExplorer file, or a raw ADCP file (PD0, AD2CP); "
+        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider file (NetCDF, "
+        "SeaExplorer, Slocum), or a raw ADCP file (PD0, AD2CP); "
         + (
             f"this is {foreign}"
             if foreign
-            else f"its first bytes are {head[:16].hex(' ')}; give a log of one of these formats"
+            else f"{_beginning(head)}; give a log of one of these formats"
         )
     )
+
+
+def _beginning(head: bytes) -> str:
+    """Return the first bytes of a file in words: the first text in them, which often names the format, else the bytes."""
+    text = _TEXT.search(head[:64])
+    first = f"its first bytes are {head[:16].hex(' ')}"
+    return f"it begins with {text[0].decode('ascii')!r}" if text else first
 
 
 def open_logs(
@@ -225,19 +243,16 @@ def open_logs(
         LogError: As of ``open_log``; or a folder holds no log, or glider files of several missions.
     """
     files = [file for path in paths for file in logs_in(Path(path))]
-    places = [place for place, file in enumerate(files) if _is_glider(_first_bytes(file))]
-    groups = {place: [file] for place, file in enumerate(files)}
-    if len(places) > 1:
-        from replay_kit.logs.glider.files import grouped
-
-        for group in grouped([files[place] for place in places]):
-            members = [places[k] for k in group]
-            groups |= {place: [] for place in members} | {
-                members[0]: [files[place] for place in members]
-            }
-    parts = [group for group in groups.values() if group]
-    logs = [_opened(group, number, config, wanted) for number, group in enumerate(parts)]
-    if len(places) > 1 and not several_missions:
+    groups: dict[tuple[str, ...], list[Path]] = {}
+    for place, file in enumerate(files):
+        mission = _mission(file) if len(files) > 1 else ()
+        groups.setdefault(mission or (str(place),), []).append(file)
+    whole = next((key for key in groups if key[:-1] == _NO_HEADER), _NO_HEADER)
+    if whole != _NO_HEADER:
+        # one more damaged file of the mission that the folder holds
+        groups[whole] += groups.pop(_NO_HEADER, [])
+    logs = [_opened(group, number, config, wanted) for number, group in enumerate(groups.values())]
+    if len(logs) > 1 and not several_missions:
         from replay_kit.logs.glider.missions import require_one_mission
 
         for folder in filter(Path.is_dir, map(Path, paths)):
@@ -245,11 +260,38 @@ def open_logs(
     return logs
 
 
+# of a Slocum's file whose header cannot be read
+_NO_HEADER = ("slocum",)
+
+
+def _mission(path: Path) -> tuple[str, ...]:
+    """Return what the files of one log have in common; nothing where the log is one file."""
+    if _is_slocum_file(path):
+        from replay_kit.logs.slocum.reader import glider_of
+
+        return *_NO_HEADER, *glider_of(path)
+    if not _is_glider(_first_bytes(path)):
+        return ()
+    from replay_kit.logs.glider.files import mission_key
+
+    return mission_key(path)
+
+
+def _is_slocum_file(path: Path) -> bool:
+    # one that is empty or damaged is told by its name
+    named = _SLOCUM_NAME.fullmatch(path.name) is not None
+    return named or _is_slocum(_first_bytes(path))
+
+
 def _opened(
     group: Sequence[Path], number: int, config: LogConfig | None, wanted: frozenset[str] | None
 ) -> LogFile:
     if len(group) == 1:
         return open_log(group[0], number, config, wanted)
+    if _is_slocum_file(group[0]):
+        from replay_kit.logs.slocum.reader import open_slocum
+
+        return open_slocum(group[0], number, config, wanted, group[1:])
     from replay_kit.logs.glider.reader import open_glider
 
     return open_glider(group[0], number, config, wanted, group[1:])

@@ -10,8 +10,8 @@ from types import MappingProxyType
 from typing import Any, TypeGuard
 
 from replay_kit.config.mapping import ProfileMap, TopicMap, VelocityMap
+from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.config.without import rules_for
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Measurement, Observation, PathMean, Source

@@ -231,7 +231,7 @@ def print_converted(summary: ConvertSummary, console: Console, verbose: bool = F
     print_lines(
         console,
         (
-            f"Left out: {count} x {topic}: {why}"
+            f"Excluded: {count} x {topic}: {why}"
             for (topic, why), count in sorted(summary.left_out.items())
         ),
     )

@@ -3,76 +3,136 @@
 # keeps the signatures in help() short: the names of types, not what they stand for
 from __future__ import annotations
 
+import builtins
+import html
 import shutil
 import tempfile
 import warnings
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from time import monotonic
+from typing import Any, TypedDict, Unpack
 
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
-from replay_kit.core.paths import Paths, as_groups, as_path
+from replay_kit.core.observation import Observation, PathMean
+from replay_kit.core.paths import Paths, as_groups, as_path, check_paths
 from replay_kit.core.plan import Place, Plan
+from replay_kit.core.progress import Progress, silent
 from replay_kit.core.time import to_time_ns
+from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
 from replay_kit.show import Result
+from replay_kit.workflows.in_memory.forecasts import is_forecast, write_forecast
+from replay_kit.workflows.in_memory.observations import is_observed, write_observed
+from replay_kit.workflows.in_memory.parts import (
+    EstimatorBuilder,
+    PriorBuilder,
+    given,
+    planner_factory,
+)
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay as replay_job
+from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory
 
 #: Settings of a run: tables of keys as in TOML, a TOML file, or a whole configuration; None for the defaults.
 Settings = Mapping[str, Any] | str | Path | RunConfig | None
-#: A path, an open log, or several.
-Logs = str | Path | LogReader | Sequence[str | Path | LogReader]
+#: A path, an open log, or several; measurements or a pandas table of them.
+Logs = (
+    Any
+    | str
+    | Path
+    | LogReader
+    | Observation
+    | PathMean
+    | Sequence[str | Path | LogReader | Observation | PathMean]
+)
+#: Paths of an ensemble, or what holds its values.
+Forecast = Paths | Ensemble | Any
+# s between two updates of a bar
+_REDRAWN = 0.2
+_PARTS = ("estimator", "prior", "planner")
 #: A place, or longitude, latitude [degrees] and depth [m].
 At = Place | tuple[float, float, float]
 
 
+class ReplayOptions(TypedDict, total=False):
+    """Further options of ``replay``.
+
+    Attributes:
+        overwrite: Whether an existing result is replaced.
+        estimator: An ``Estimator``, or a function of the ``Ensemble`` and ``EstimatorConfig`` that returns one.
+        prior: Function of the basis and the usual prior that returns the prior of a static estimator.
+        planner: A ``Planner``, or a function of the ``PlannerConfig`` and the ``Grid`` that returns one.
+    """
+
+    overwrite: bool
+    estimator: EstimatorBuilder | Estimator[Any] | None
+    prior: PriorBuilder | None
+    planner: PlannerFactory | Planner | None
+
+
 def replay(
     logs: Logs,
-    ensemble: Paths,
+    ensemble: Forecast,
     *,
     goal: At | None = None,
     out: str | Path | None = None,
-    overwrite: bool = False,
     settings: Settings = None,
+    **options: Unpack[ReplayOptions],
 ) -> Result:
     """Return what logs and an ensemble forecast say of the current: the estimate, and tables of what was used.
 
     Args:
-        logs: Logs of one mission; an open one stands for its path, and is read with these settings.
+        logs: Logs of one mission; an open one stands for its path, and is read with these settings. Or measurements
+            (``Observation.profile``, ``Observation.mean``), one or several, or a table with a row for each depth: ``time``, ``lon``,
+            ``lat``, ``depth`` [m], ``u``, ``v`` and ``error`` [m/s]; they are written beside ``out`` as NAME.observations.mcap.
         ensemble: NetCDF files, Zarr stores, folders or patterns; ``forecast.members`` says what a member is. With ``models``, files in a
-            list of their own are one product.
+            list of their own are one product. Or an xarray ``Dataset``, or an ``Ensemble``, which is written beside ``out`` as
+            NAME.ensemble.nc.
         goal: Where to go next; None plans nothing.
         out: Result MCAP to keep; None for a temporary one, which lasts as long as the value returned.
-        overwrite: Whether an existing result is replaced.
         settings: Such as ``{"forecast": {"levels": [5, 150, 500]}}``; ``replay_kit.RunConfig`` has them all.
+        **options: ``overwrite=True`` replaces an existing result. ``estimator=``, ``prior=`` and ``planner=`` are used in place of those of
+            the settings: see ``ReplayOptions``.
 
     Raises:
         ReplayKitError: An input cannot be used, or a setting is wrong.
     """
-    each = logs if isinstance(logs, list | tuple) else [logs]
-    paths = tuple(as_path(getattr(log, "path", log), "log") for log in each)
-    if not paths:
-        raise ConfigError("logs: expected one log or several, got none")
-    forecast, config = as_groups(ensemble, "ensemble"), settings_of(settings)
+    if unknown := options.keys() - ReplayOptions.__annotations__.keys():
+        known = ", ".join(ReplayOptions.__annotations__)
+        raise ConfigError(
+            f"replay: expected options among {known}, got {', '.join(sorted(unknown))}"
+        )
+    config, overwrite = settings_of(settings), options.get("overwrite", False)
+    estimator, prior = options.get("estimator"), options.get("prior")
+    if goal is not None and is_observed(logs):
+        raise ConfigError(
+            "goal: measurements say nothing of where the vehicle is; plan on the estimate: plan(result.estimate, start, goal)"
+        )
     folder = Path(tempfile.mkdtemp(prefix="replay_kit_")) if out is None else None
     file = as_path(out, "out") if folder is None else folder / "result.mcap"
-    job = ReplayJob(
-        paths,
-        forecast,
-        file,
-        goal=None if goal is None else place_of(goal, "goal"),
-        overwrite=overwrite,
-    )
     try:
-        summary, flow = replay_job(job, config, planner_of)
+        job = ReplayJob(
+            _log_paths(logs, file, overwrite),
+            _forecast_paths(ensemble, file, overwrite),
+            file,
+            goal=None if goal is None else place_of(goal, "goal"),
+            overwrite=overwrite,
+            estimator=None if estimator is None and prior is None else given(estimator, prior),
+            provided=tuple(name for name in _PARTS if options.get(name) is not None),
+        )
+        with _notebook_progress() as progress:
+            summary, flow = replay_job(
+                job, config, planner_factory(options.get("planner")), progress
+            )
     except BaseException:
         if folder is not None:
             shutil.rmtree(folder)
@@ -88,6 +148,54 @@ def replay(
     if folder is not None:
         weakref.finalize(result, shutil.rmtree, folder, ignore_errors=True)
     return result
+
+
+@contextmanager
+def _notebook_progress() -> Iterator[Progress]:
+    """Show progress in the cell of a notebook until the work is done; nothing elsewhere."""
+    shell = getattr(builtins, "get_ipython", lambda: None)()
+    if type(shell).__name__ != "ZMQInteractiveShell":
+        yield silent
+        return
+    from IPython.display import HTML, display
+
+    bar: Any = display(HTML("<progress></progress>"), display_id=True)
+    due = 0.0
+
+    def show(done: float, total: float, what: str) -> None:
+        nonlocal due
+        if (now := monotonic()) >= due:
+            due = now + _REDRAWN
+            share = f"value={done / total:.3f}" if total else ""
+            bar.update(HTML(f"<progress {share}></progress> {html.escape(what)}"))
+
+    try:
+        yield show
+    finally:
+        bar.update(HTML(""))
+
+
+def _log_paths(logs: Logs, out: Path, overwrite: bool) -> tuple[Path, ...]:
+    """Return the logs of a replay; observations and tables are written beside the result."""
+    if is_observed(logs):
+        path = out.with_suffix(".observations.mcap")
+        check_paths((), (path,), overwrite)
+        write_observed(path, logs)
+        return (path,)
+    each = logs if isinstance(logs, list | tuple) else [logs]
+    if not each:
+        raise ConfigError("logs: expected one log or several, got none")
+    return tuple(as_path(getattr(log, "path", log), "log") for log in each)
+
+
+def _forecast_paths(ensemble: Forecast, out: Path, overwrite: bool) -> tuple[tuple[Path, ...], ...]:
+    """Return the files of a forecast; a dataset is written beside the result."""
+    if not is_forecast(ensemble):
+        return as_groups(ensemble, "ensemble")
+    path = out.with_suffix(".ensemble.nc")
+    check_paths((), (path,), overwrite)
+    write_forecast(path, ensemble)
+    return ((path,),)
 
 
 def plan(

@@ -16,7 +16,7 @@ from typing import Any
 
 from rich.console import Console
 
-from replay_kit.config.earlier import with_current_keys
+from replay_kit.config.file import with_current_keys
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
@@ -36,6 +36,7 @@ from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,
     FOLLOWED,
     PLAN_RECORD,
+    PROVIDED,
     file_hash,
     with_bathymetry,
 )
@@ -102,6 +103,10 @@ def verify(
     if recorded.metadata.get("replay_kit.options", {}).get("smoothed"):
         raise LogError(
             f"{result}: expected a result of replay-kit replay, got a smoothed one; verify the replay, and smooth again"
+        )
+    if provided := recorded.metadata.get("replay_kit.options", {}).get(PROVIDED):
+        raise LogError(
+            f"{result}: expected a result of files and settings alone, got one whose {provided} a script gave; run the script again"
         )
     planned = not any(key.startswith("ensemble") for key in recorded.metadata["replay_kit.inputs"])
     if planned and PLAN_RECORD not in recorded.metadata:

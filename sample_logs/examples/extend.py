@@ -1,11 +1,10 @@
-"""Four additions, each in one or two places, to a copy of the program: python sample_logs/examples/extend.py FOLDER.
+"""The package beside this script installed and used: python sample_logs/examples/extend.py FOLDER.
 
-A dialect of glider files, a check of pings, a section of the report and an objective of missions are added as the READMEs of their
-folders say, and then used.
+``extension`` adds a dialect of glider files, an estimator, a check of pings, a section of the report and an objective of missions. It is
+installed into the folder, so that the Python environment stays as it is.
 """
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,108 +12,20 @@ from pathlib import Path
 import xarray as xr
 
 SAMPLES = Path(__file__).resolve().parents[1]
-
-DIALECT = """# EGO, the French gliders' form.
-_EGO = Dialect(
-    "ego",
-    "EGO",
-    "juld current_east current_north",
-    {
-        "time": "juld",
-        "longitude": "longitude",
-        "latitude": "latitude",
-        "depth": "glider_depth",
-        "dive": "phase_number",
-        "dac_east": "current_east",
-        "dac_north": "current_north",
-    },
-)
-
-"""
-CHECK = '''"""Pings whose time repeats: the clock of the instrument stands still."""
-
-from dataclasses import dataclass
-from typing import Self
-
-from replay_kit.core.errors import Finding
-from replay_kit.core.observation import Observation
-from replay_kit.measurements.consistency.summary import PingSummary
+EXTENSION = Path(__file__).resolve().parent / "extension"
 
 
-@dataclass(frozen=True, slots=True)
-class RepeatedTimes:
-    """How many pings in a row have one time."""
-
-    last_ns: int = -1
-    repeated: int = 0
-
-    def after(self, ping: Observation, summary: PingSummary) -> Self:
-        """Return the count after a ping."""
-        return type(self)(ping.time_ns, self.repeated + 1 if ping.time_ns == self.last_ns else 0)
-
-    def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
-        """Return that the clock stands still."""
-        if self.repeated < 3:
-            return None
-        evidence = f"{self.repeated} pings of one time"
-        return Finding("clock stands still", ping.time_ns, evidence, "a stopped clock", "mend the log", distrusts=True)
-'''
-SECTION = '''"""How deep the vehicle went."""
-
-import numpy as np
-
-from replay_kit.show.page.section import Section
-from replay_kit.results.views.contents import Contents
-
-
-def depths_section(contents: Contents) -> Section:
-    """Return the deepest position in words."""
-    return Section("depths", "Depths", f"<p>The deepest position lies at {np.nanmax(contents.track.depth):.0f} m.</p>")
-'''
-# each surfacing is a risk
-OBJECTIVE = """    "surfacings": Objective(Weights(time=1.0), lambda found: float(len(found.yo_depths))),
-"""
-# Of each addition the files, a line of each and what stands there then; a file without a line is new.
-ADDITIONS = (
-    ("replay_kit/logs/glider/dialects.py", "#: All dialects", f"{DIALECT}#: All dialects"),
-    ("replay_kit/logs/glider/dialects.py", "    _OG1,\n", "    _OG1,\n    _EGO,\n"),
-    ("replay_kit/measurements/consistency/repeated_times.py", "", CHECK),
-    (
-        "replay_kit/measurements/consistency/checks.py",
-        "from replay_kit.measurements.consistency.summary",
-        "from replay_kit.measurements.consistency.repeated_times import RepeatedTimes\n"
-        "from replay_kit.measurements.consistency.summary",
-    ),
-    (
-        "replay_kit/measurements/consistency/checks.py",
-        "= (DepthCounts(), ",
-        "= (RepeatedTimes(), DepthCounts(), ",
-    ),
-    ("replay_kit/show/report/sections/depths.py", "", SECTION),
-    (
-        "replay_kit/show/report/page.py",
-        "_LISTED = (\n",
-        '_LISTED = (\n    "depths:depths_section",\n',
-    ),
-    ("planners/mission/values.py", '    "energy": ', f'{OBJECTIVE}    "energy": '),
-    ("replay_kit/core/objective.py", '"closest"]', '"closest", "surfacings"]'),
-)
-
-
-def add(folder: Path) -> None:
-    """Copy the packages and add to the copy."""
-    for package in ("replay_kit", "planners"):
-        shutil.copytree(
-            SAMPLES.parent / package, folder / package, ignore=shutil.ignore_patterns("__pycache__")
-        )
-    for name, before, after in ADDITIONS:
-        text = (folder / name).read_text() if before else ""
-        assert not before or text.count(before) == 1, f"{name}: expected one line {before!r}"
-        (folder / name).write_text(text.replace(before, after) if before else after)
+def install(folder: Path) -> None:
+    """Install the package into a folder, from what is on this machine."""
+    words = ["--quiet", "--no-deps", "--no-build-isolation", "--disable-pip-version-check"]
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", *words, "--target", str(folder), str(EXTENSION)],
+        check=True,
+    )
 
 
 def use(folder: Path) -> None:
-    """Run the copy: read a file of the new dialect, and see the section and the objective."""
+    """Run the program with the package: read a file of the new dialect, and see the section and the objective."""
     rename = {
         "TIME": "JULD",
         "DEPTH": "GLIDER_DEPTH",
@@ -126,10 +37,13 @@ def use(folder: Path) -> None:
     rows.drop_vars([name for name in rows if str(name).endswith("_GPS")]).to_netcdf(
         folder / "ego.nc", engine="h5netcdf"
     )
+    replay = ["replay", str(SAMPLES / "survey.mcap")]
     estimate = ["--ensemble", str(SAMPLES / "ensemble.nc"), "--levels", "5,150", "--modes", "6"]
+    paths = [str(folder / "installed"), str(SAMPLES.parent)]
     for words in (
         ["info", "ego.nc"],
-        ["replay", str(SAMPLES / "survey.mcap"), *estimate, "-o", "survey.mcap", "--report"],
+        [*replay, *estimate, "-o", "survey.mcap", "--report"],
+        [*replay, *estimate, "--estimator", "persistence", "-o", "persistence.mcap"],
         [
             "plan",
             "survey.mcap",
@@ -144,7 +58,7 @@ def use(folder: Path) -> None:
         subprocess.run(
             [sys.executable, "-m", "replay_kit", *words],
             cwd=folder,
-            env={**os.environ, "PYTHONPATH": str(folder)},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
             check=True,
         )
     print(
@@ -155,5 +69,5 @@ def use(folder: Path) -> None:
 
 if __name__ == "__main__":
     where = Path(sys.argv[1])
-    add(where)
+    install(where / "installed")
     use(where)

@@ -9,7 +9,7 @@ import pytest
 from cyclopts.argument import Argument
 
 from replay_kit.cli.app import _COMMANDS, _STUDIES, app
-from replay_kit.cli.words import option_names, repeat_ensembles
+from replay_kit.cli.help import option_names, repeat_ensembles
 from replay_kit.config.run import LogConfig
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert

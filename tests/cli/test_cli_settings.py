@@ -12,7 +12,6 @@ from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError
 from replay_kit.studies.accuracy import METHODS
 from replay_kit.studies.missions import STUDIES as MISSION_STUDIES
-from replay_kit.studies.planning import STUDIES as PLANNING_STUDIES
 from tests.command import invoke
 from tests.places import ROOT
 
@@ -105,7 +104,6 @@ def test_help_lists_what_the_libraries_have() -> None:
     for words, names in (
         (["plan"], FORMS),
         (["experiment", "missions"], MISSION_STUDIES),
-        (["experiment", "planning"], PLANNING_STUDIES),
         (["experiment", "accuracy"], METHODS),
     ):
         said = invoke([*words, "--help-all"], columns=400).stdout

@@ -2,6 +2,7 @@ import tomllib
 
 import pytest
 
+from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.as_flown import AsFlown
@@ -254,3 +255,18 @@ def test_what_no_setting_states_of_the_dives_is_as_flown_or_else_assumed(
         for key in ("speed", "depth", "min_angle", "max_angle", "max_depth")
         if key in recorded
     } == {key: value for key, value in stated.items() if key != "kind"}
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("36h", 129_600.0), ("2 d", 172_800.0), ("90s", 90.0), ("1.5min", 90.0)]
+)
+def test_a_duration_is_a_number_in_the_unit_of_its_setting_or_a_text_with_its_own(text, seconds):
+    assert load_config(None, {"output": {"interval": text}}).output.interval == seconds
+    assert load_config(None, {"time": {"scale": text}}).time.scale == seconds
+    # a setting that is no time takes none
+    with pytest.raises(ConfigError, match=r"measurements\.max_speed"):
+        load_config(None, {"measurements": {"max_speed": text}})
+
+
+def test_a_setting_in_hours_takes_days():
+    assert PlanRequest.model_validate({"blind": "2d"}).blind == 48.0

@@ -2,7 +2,7 @@
 
 import pytest
 
-from replay_kit.config.earlier import with_current_keys
+from replay_kit.config.file import with_current_keys
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import ConfigError
 

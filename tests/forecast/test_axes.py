@@ -68,7 +68,7 @@ def test_a_wrong_label_is_told_with_the_option_that_mends_it(tmp_path, names, ri
     warned = [
         note
         for note in found.ensemble.notes
-        if note.startswith("WARNING: the velocities were read along")
+        if note.startswith("WARNING: the velocities are used as read")
     ]
     assert len(warned) == (0 if right else 1)
     if not right:
@@ -76,7 +76,7 @@ def test_a_wrong_label_is_told_with_the_option_that_mends_it(tmp_path, names, ri
             "true east and north (standard name eastward_sea_water_velocity), but fit the grid's axes better"
             in warned[0]
         )
-        assert "--axes grid reads them so, --axes true keeps this reading" in warned[0]
+        assert "--axes grid turns them, --axes true keeps this reading" in warned[0]
         rms = np.sqrt(np.mean(found.ensemble.velocity**2))
         assert found.ensemble.representation_error_std == pytest.approx(
             np.sqrt(as_read) * rms, rel=0.05

@@ -28,6 +28,7 @@ from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.glider import glider_samples
 from tests.logs.log_samples import json_mcap, tlog
 from tests.logs.mcap.test_broken_mcap import record_offsets
+from tests.logs.slocum import slocum_samples
 
 #: More seconds than this for a log of some kilobytes are a hang.
 _MOST_S = 10.0
@@ -117,6 +118,11 @@ def subjects(folder: Path) -> list[Subject]:
             data := ad2cp_samples.ad2cp(ad2cp_samples.Survey(), 6),
             _covered(bursts(data), bursts, _pings_of, 1),
         ),
+    ]
+    slocum = slocum_samples.file_bytes(slocum_samples.FLIGHT, slocum_samples.cycles_of(0)[0])
+    found += [
+        Subject("slocum", slocum, _uncovered),
+        Subject("slocum compressed", slocum_samples.compressed(slocum), _uncovered),
     ]
     checks = (("netcdf", _apart), ("netcdf 3", _uncovered), ("text", _uncovered))
     return [

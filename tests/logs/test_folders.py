@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from replay_kit.core import extensions
 from replay_kit.core.errors import LogError
-from replay_kit.logs import open_log, open_logs, registry
+from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.mcap.reader import McapReader
 from tests.logs.glider import glider_samples
 from tests.logs.log_samples import json_mcap
@@ -100,17 +101,15 @@ def test_a_folder_with_two_missions_is_refused_with_how_to_choose_one(tmp_path):
 
 
 def open_plugin(path, input, config, wanted):
-    return McapReader(path, input) if path.suffix == ".dbd" else None
+    return McapReader(path, input) if path.suffix == ".log" else None
 
 
 def test_another_package_may_read_a_form_of_its_own(tmp_path, monkeypatch):
-    point = EntryPoint("slocum", "tests.logs.test_folders:open_plugin", registry.PLUGINS)
-    monkeypatch.setattr(
-        registry, "entry_points", lambda group: [point] if group == "replay_kit.logs" else []
-    )
-    for name in ("a.dbd", "a.xyz"):
-        (tmp_path / name).write_bytes(b"dbd_label: DBD_ASC")
-    assert isinstance(open_log(tmp_path / "a.dbd"), McapReader)
+    point = EntryPoint("mine", "tests.logs.test_folders:open_plugin", "replay_kit.logs")
+    monkeypatch.setattr(extensions, "_points", lambda kind: (point,) if kind == "logs" else ())
+    for name in ("a.log", "a.xyz"):
+        (tmp_path / name).write_bytes(b"a form of its own")
+    assert isinstance(open_log(tmp_path / "a.log"), McapReader)
     with pytest.raises(LogError, match="expected an MCAP file"):
         open_log(tmp_path / "a.xyz")
 

@@ -2,8 +2,8 @@
 
 import pytest
 
+from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.config.without import rules_for
 from replay_kit.measurements.events import Skipped, Used, left_out_rules
 from replay_kit.measurements.interpret import without
 from tests import synthetic

@@ -1,14 +1,11 @@
 """Small results of studies, written down, to make pages of."""
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from replay_kit.core.observation import Fix
-from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome, Ellipse
-from replay_kit.estimator.evolving.fit_log import LogSettings
 from replay_kit.studies.accuracy import AccuracyResult
 from replay_kit.studies.accuracy.run import AccuracyRow
 from replay_kit.studies.dives import DivesResult
@@ -17,9 +14,8 @@ from replay_kit.studies.missions import MissionJob
 from replay_kit.studies.missions.follow import MissionRow
 from replay_kit.studies.missions.run import MissionResult
 from replay_kit.studies.planning import PlanningJob
-from replay_kit.studies.planning.arrival_tables import Arrival, draw_misses
-from replay_kit.studies.planning.job import PlanningResult, StudyReport
-from replay_kit.studies.reports.tables import NAN, Criterion, Picture, Table
+from replay_kit.studies.planning.odds import JudgedMission, PlanningResult
+from replay_kit.studies.reports.tables import NAN
 
 
 def accuracy_result() -> AccuracyResult:
@@ -67,11 +63,9 @@ def dives_result() -> DivesResult:
             number, number - 1, start, fix.time_ns, 152.0, -40.0, inner, outer, NAN
         )
         found = DiveOutcome(expected, fix, 2.0, NAN, NAN) if number < 3 else None
-        settings = LogSettings(1.0, 0.0, 50.0, 0.01, 1e5, 0.1, 50.0, 1e5)
         errors: dict[str, Any] = {"profiles": profiles, "mean": mean}
         return DivePrediction(
             number,
-            settings,
             errors,
             np.full((4, 2), 0.1),
             8.0,
@@ -84,7 +78,6 @@ def dives_result() -> DivesResult:
     return DivesResult(
         (dive(1, 0.1), dive(2, 0.1), dive(3, 0.2)),
         "ensemble.nc",
-        fitted=False,
         oscillators=("steady",),
     )
 
@@ -104,57 +97,30 @@ def mission_result() -> MissionResult:
             (1.1, 1.3),
         ),
         MissionRow(
-            "coverage",
-            "observed places, now",
-            "share inside 90 % intervals",
-            0.9,
-            0.86,
-            0.94,
+            "bias",
+            "biased, with bias states",
+            "heading over its standard deviation",
+            3.2,
+            3.0,
+            9.0,
             True,
-            (0.89, 0.91),
+            (3.1, 3.3),
         ),
     )
-    job = MissionJob("2,5", ("outliers", "coverage"), 20, 1.0, 3, 0.09, 1)
+    job = MissionJob("2,5", ("outliers", "bias"), 20, 1.0, 0.09, 1)
     return MissionResult(
         rows, "ensemble.nc", (2, 5), 1, job, ("member 5, seed 0, bias: carried away",)
     )
 
 
 def planning_result() -> PlanningResult:
-    """One study with a table of plans and a picture, one that failed, one that is not done."""
-    cases = tuple(
-        (flow, 100.0 * miss * (k + 1))
-        for k, flow in enumerate(("truth", "2.5D default"))
-        for miss in (0.001, 2.0, 3.0)
+    """Two missions reported as reached, of which one arrives, and one that is not."""
+    missions = (
+        JudgedMission(1, "reached", 0.95, 0.9, 120.0, 250.0),
+        JudgedMission(1, "reached", 0.975, 0.94, 400.0, 250.0),
+        JudgedMission(3, "unreachable", 0.2, NAN, NAN, 250.0),
     )
-    spot = Place(0.0, 0.0, 0.0)
-    flown = [
-        Arrival("truth", k, spot, spot, "reached", 1.0, miss, 0.1, 0.1)
-        for k, miss in enumerate((2000.0, 300.0))
-    ]
-    picture = Picture(
-        "glides_misses", "Miss distances in the truth", (7.0, 4.0), partial(draw_misses, flown)
-    )
-    glides = StudyReport(
-        "glides",
-        "Glides of constant velocity",
-        (Table("glides_cases", "Each plan", ("planned on", "miss [m]"), cases, shown=False),),
-        (
-            Criterion("ratio of medians", 1.4, at_most=1.0, low=1.1, high=1.8),
-            Criterion("share that arrives", 0.95, at_least=0.9),
-        ),
-        ("Plans on the *truth* arrive, see `glides_cases`.",),
-        (picture,),
-    )
-    lost = StudyReport("odds", "Stated odds", (), failed="PlanError: too little water")
-    job = PlanningJob(("glides", "odds", "missions"), "1", pairs=3)
+    job = PlanningJob("1,3", pairs=3)
     return PlanningResult(
-        (glides, lost),
-        "ensemble.nc",
-        ("member 1",),
-        6,
-        (5.0, 150.0),
-        8,
-        job,
-        {"glides": 1.0, "odds": 0.1},
+        missions, "ensemble.nc", ("member 1", "member 3"), 6, (5.0, 150.0), 8, job
     )

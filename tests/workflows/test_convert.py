@@ -228,7 +228,7 @@ def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path: Path) -> None:
     assert {"topic": "/plan", "messages": 1, **plan} in convert_json(summary)["left_out"]
     console = Console(record=True, file=StringIO())
     print_converted(summary, console)
-    assert "Left out: 2 x /adcp: of each its beam_unit_vectors" in console.export_text()
+    assert "Excluded: 2 x /adcp: of each its beam_unit_vectors" in console.export_text()
 
 
 def test_late_fixes_become_frames_too(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from replay_kit.cli.options import (
     flag,
     option,
 )
+from replay_kit.config.run import laid_over
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_folder, check_paths
 
@@ -45,6 +46,10 @@ class Inputs:
         ),
     ] = ()
     config: ConfigFile = None
+    place: Annotated[
+        bool,
+        flag("--place-ensemble", "Move each mission's ensemble to its log, as in replay."),
+    ] = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,10 +93,14 @@ def fleet(
 
     from replay_kit.workflows.fleet.cluster import open_cluster
     from replay_kit.workflows.fleet.missions import check_missions, missions_of
-    from replay_kit.workflows.fleet.table import PAGE, TABLE
+    from replay_kit.workflows.fleet.page import PAGE, TABLE
     from replay_kit.workflows.fleet.workers import check_workers
 
     table, folder = _table(missions, inputs)
+    if inputs.place:
+        settings = laid_over({"forecast": {"place": True}}, table.all.settings)
+        common = table.all.model_copy(update={"settings": settings})
+        table = table.model_copy(update={"all": common})
     each = missions_of(table, folder, inputs.config, out)
     console = console_beside(outputs.json_file)
     made = not out.exists()
@@ -158,8 +167,8 @@ def _run(
 ) -> "tuple[Outcome, ...]":
     """Return the outcomes; the table is written after each mission, so that it is there whatever ends the command."""
     from replay_kit.core.progress import announce
+    from replay_kit.workflows.fleet.page import TABLE, fleet_json, write_table
     from replay_kit.workflows.fleet.run import run_fleet
-    from replay_kit.workflows.fleet.table import TABLE, fleet_json, write_table
 
     outcomes: tuple[Outcome, ...] = ()
     for outcomes in run_fleet(
@@ -172,8 +181,14 @@ def _run(
 
 def _answer(outcomes: "tuple[Outcome, ...]", outputs: Outputs, console: "Console") -> int:
     """Print the table, write the page and the JSON, and return the exit code."""
-    from replay_kit.workflows.fleet.page import write_page
-    from replay_kit.workflows.fleet.table import PAGE, TABLE, exit_code, fleet_json, print_fleet
+    from replay_kit.workflows.fleet.page import (
+        PAGE,
+        TABLE,
+        exit_code,
+        fleet_json,
+        print_fleet,
+        write_page,
+    )
 
     write_page(outcomes, outputs.out / PAGE)
     print_fleet(outcomes, console)

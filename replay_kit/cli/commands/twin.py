@@ -1,4 +1,4 @@
-"""``twin``: a log of a simulated vehicle."""
+"""``synthesize`` and ``twin``: a made ensemble, and the log of a vehicle in a truth."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 from replay_kit.cli.console import console_beside, progress
 from replay_kit.cli.options import (
     INPUTS,
+    NETCDF,
+    OUTPUTS,
     PART_OF_FORECAST,
     TO_OPTIONS,
     TO_OUTPUTS,
@@ -142,4 +144,31 @@ def twin(
     console_beside(None).print(
         f"{files.out}: {counted} over {made.duration / 3600.0:.1f} h", soft_wrap=True
     )
+    return 0
+
+
+def synthesize(
+    *,
+    ensemble: Annotated[
+        Path, option("--ensemble", "File of the members.", metavar="E.nc", group=OUTPUTS), NETCDF
+    ],
+    truth: Annotated[
+        Path,
+        option(
+            "--truth", "File of one more member, the withheld truth.", metavar="T.nc", group=OUTPUTS
+        ),
+        NETCDF,
+    ],
+    members: Annotated[int, option("--members", "Number of members.", least=2)] = 40,
+    seed: Annotated[int, option("--seed", "The same seed gives the same bytes.")] = 0,
+    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+) -> int:
+    """Return 0."""
+    check_paths([], [ensemble, truth], replacing.overwrite)
+
+    from replay_kit.studies.twins import write_ensemble
+
+    with progress() as advance:
+        advance(0, 0, "making the ensemble")
+        write_ensemble(ensemble, truth, n_members=members, seed=seed, overwrite=replacing.overwrite)
     return 0

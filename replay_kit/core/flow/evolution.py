@@ -118,6 +118,40 @@ class ProcessModel:
         trajectories = self._interpolate(time_ns, lambda k: self.trajectories[k] @ basis.T)
         return np.concatenate([trajectories, self.spread_at(time_ns) * (self.local @ basis.T)])
 
+    def shares(self, times_ns: NDArray[np.int64]) -> Array:
+        """Return the share of each forecast time at times [ns, UTC], shape (P, T): linear between these, constant outside them."""
+        if self.times_ns.size == 1:
+            return np.ones((len(times_ns), 1))
+        last = self.times_ns.size - 2
+        before = np.clip(np.searchsorted(self.times_ns, times_ns) - 1, 0, last)
+        out = np.zeros((len(times_ns), self.times_ns.size))
+        first, step = self.times_ns[before], np.diff(self.times_ns)[before]
+        share = np.clip((times_ns - first) / step, 0.0, 1.0)
+        rows = np.arange(len(times_ns))
+        out[rows, before], out[rows, before + 1] = 1.0 - share, share
+        return out
+
+    def project_sum(self, levels: Array, modes: Array, shares: Array) -> tuple[Array, Array]:
+        """Return the sum of the current over points, each at its own time: without the unknowns, and of one unit of each.
+
+        Args:
+            levels: shape (P, Z), the weight of each level at each point.
+            modes: shape (c, P, r), the modes' velocity at the points.
+            shares: shape (P, T), see ``shares``.
+
+        Returns:
+            shapes (c,) and (F + B, c) [m/s].
+        """
+        axes = ([-2, -1], [1, 2])
+        known = np.zeros(len(modes))
+        trajectories = np.zeros((self.trajectories.shape[1], len(modes)))
+        for k in np.flatnonzero(shares.any(axis=0)):
+            of_time = (shares[:, k, None] * levels).T @ modes  # (c, Z, r)
+            known += np.tensordot(self.mean[k], of_time, axes)
+            trajectories += np.tensordot(self.trajectories[k], of_time, axes)
+        local = ((shares @ self.spread)[:, None] * levels).T @ modes
+        return known, np.concatenate([trajectories, np.tensordot(self.local, local, axes)])
+
     def spread_at(self, time_ns: int) -> float:
         """Return s at a time [ns, UTC]."""
         return float(self._interpolate(time_ns, lambda k: self.spread[k]))

@@ -8,6 +8,7 @@ from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.extensions import additions
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator import Estimator, build_estimator
@@ -15,6 +16,7 @@ from replay_kit.estimator.baselines.depth_average import build_depth_average
 from replay_kit.estimator.baselines.etkf import Etkf, TransformState, build_etkf, build_letkf
 from replay_kit.estimator.baselines.gp import build_gp
 from replay_kit.estimator.baselines.whole_flows import build_naive, build_nearest
+from replay_kit.estimator.interface import require_estimator
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,8 +94,9 @@ def build_baseline(
     """
     if name == "depth_average":
         return build_depth_average(ensemble, config, depth)
-    if name not in _BUILDERS:
-        raise ConfigError(
-            f"estimator: expected {_OWN} or one of {', '.join(BASELINES)}, got '{name}'"
-        )
-    return _BUILDERS[name](ensemble, config)
+    if name in _BUILDERS:
+        return _BUILDERS[name](ensemble, config)
+    if name not in (added := additions("estimators", callable, "a function")):
+        known = ", ".join((*BASELINES, *added))
+        raise ConfigError(f"estimator: expected {_OWN} or one of {known}, got '{name}'")
+    return require_estimator(added[name](ensemble, config), f"estimator {name}")

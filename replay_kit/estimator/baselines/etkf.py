@@ -100,9 +100,9 @@ class Etkf(ProfileBaseline[TransformState]):
             bins.values - rows.residual(before),
             bins.values - rows.residual(prior + of_member @ mean),
             bins.values - rows.residual(prior),
-            np.sqrt(rows.expand_variance(cov) + rows.noise.std[:, None] ** 2),
+            np.sqrt(rows.expand_variance(cov, 1.0)),
             square + residual,
-            -0.5 * (square + residual) - half_log_det - 2.0 * rows.noise.half_log_det,
+            -0.5 * (square + residual) - half_log_det - rows.half_log_det,
         )
         return TransformState(mean, transform, bins.observation.time_ns), predictions
 

@@ -10,12 +10,12 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.gaussian import normalised_square
-from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Innovation, Measurement, Observation
+from replay_kit.core.observation import Innovation, LinearMeasurement, Measurement
 from replay_kit.estimator.baselines.columns import HATS, FlowColumns
 from replay_kit.estimator.interface import Estimator
-from replay_kit.estimator.update.screening import Screened, local_velocity, screen_measurement
+from replay_kit.estimator.update.rows import places_of
+from replay_kit.estimator.update.screening import Screened, local_values, screen_measurement
 
 State = TypeVar("State")
 
@@ -32,7 +32,7 @@ class ProfileBins:
         values: shape (n, 2) [m/s], measured, local east and north.
     """
 
-    observation: Observation
+    observation: LinearMeasurement
     screened: Screened
     place: Array
     depth_weights: Array
@@ -144,15 +144,17 @@ def profile_bins(observation: Measurement, grid: Grid) -> ProfileBins:
     Raises:
         EstimatorError: The observation is a mean along a path.
     """
-    if not isinstance(observation, Observation):
+    linear = observation.linear
+    if not linear.at_one_place or len(linear.components) < 2 or linear.weights is not None:
         raise EstimatorError(
-            "a baseline assimilates profiles only, but got a mean along a path; filter observations by Estimator.supports_path_means"
+            "a baseline assimilates profiles only, but got a mean along a path or a single component; "
+            "filter observations by Estimator.supports_path_means"
         )
-    screened = screen_measurement(observation, grid, relative=False)
-    place = to_local(grid.projection, observation.longitude, observation.latitude)
-    weights = depth_weights(HATS, observation.depth[screened.used], grid.levels)
-    local = local_velocity(observation, screened.used, grid)
-    return ProfileBins(observation, screened, np.array(place), weights, local)
+    screened = screen_measurement(linear, grid, relative=False)
+    (place,) = places_of(linear, grid.projection)
+    weights = depth_weights(HATS, linear.depth[screened.used], grid.levels)
+    local, _ = local_values(linear, screened.used, grid.projection)
+    return ProfileBins(linear, screened, place, weights, local)
 
 
 def fit_of(innovation: Array, std: Array, cov: Array) -> tuple[Array, float, float]:

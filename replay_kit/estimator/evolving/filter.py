@@ -11,7 +11,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution
 from replay_kit.core.flow.local import Oscillation
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Innovation, Measurement, PathMean, Reason
+from replay_kit.core.observation import Innovation, Measurement, Reason
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.evolving.observation_operator import (
     LinearObservation,
@@ -149,24 +149,26 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
 
     def candidate(self, state: EvolvingState, observation: Measurement) -> "Candidate | Innovation":
         """Return an observation evaluated against the state at its time, or the innovation of one that cannot be used."""
-        screened = screen_measurement(observation, self.basis.grid)
-        if screened.used.size == 0:
+        screened, rows = self.linearised(observation)
+        if rows is None:
             return screened.unused
         if self.is_late(state, observation.time_ns):
             return screened.rejected(Reason.OUT_OF_ORDER)
-        if is_duplicate(state.last, observation):
+        if is_duplicate(state.last, screened.observation):
             return screened.rejected(Reason.DUPLICATE)
-        rows = self._linearised(screened)
         before = self.predict(state, observation.time_ns)
         predicted = predict_observation(before.means, before.cov, rows.design)
         evaluated, bias_rows = self.evaluated(before, screened, rows, predicted)
         return Candidate(screened, before, rows, evaluated, predicted.cross_covariance, bias_rows)
 
-    def _linearised(self, screened: Screened) -> LinearObservation:
-        observation = screened.observation
-        if isinstance(observation, PathMean):
-            return self.operator.path(observation)
-        return self.operator.profile(observation, screened.used)
+    def linearised(self, observation: Measurement) -> tuple[Screened, LinearObservation | None]:
+        """Return a measurement after screening, and its rows; None without a usable bin."""
+        screened = screen_measurement(observation, self.basis.grid)
+        if screened.used.size == 0:
+            return screened, None
+        if screened.observation.at_one_place:
+            return screened, self.operator.profile(screened.observation, screened.used)
+        return screened, self.operator.path(screened.observation)
 
     def update(
         self, state: EvolvingState, candidate: "Candidate"
@@ -222,10 +224,9 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
 
     def innovation(self, state: EvolvingState, observation: Measurement) -> Array:
         """Return measured minus predicted at the observation's time, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
-        screened = screen_measurement(observation, self.basis.grid)
-        if screened.used.size == 0:
+        screened, rows = self.linearised(observation)
+        if rows is None:
             return screened.scatter(np.empty((0, 2)))
-        rows = self._linearised(screened)
         mean = self._mean_at(state, observation.time_ns)
         return screened.scatter(rows.residual(rows.design @ mean))
 

@@ -21,17 +21,16 @@ from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.evolution import ProcessModel
 from replay_kit.core.flow.local import Oscillation
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import Observation, PathMean
+from replay_kit.core.observation import LinearMeasurement, Measurement
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.update.biases import Biases
 from replay_kit.estimator.update.group_step import (
     ScreenedGroup,
     stack_of,
 )
-from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.profile_stack import ProfileStack
-from replay_kit.estimator.update.rows import BinNoise, Bins, depth_means, mean_noise, profile_noise
-from replay_kit.estimator.update.screening import local_mean, local_velocity, relative_velocities
+from replay_kit.estimator.update.rows import BinNoise, Bins, compress, measurement_noise, places_of
+from replay_kit.estimator.update.screening import local_values, relative_velocities
 
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
 EARTH_ROTATION = 7.292115e-5
@@ -113,15 +112,15 @@ class Oscillations:
         )
         return Oscillation(self.omega[turning], cosine[turning], sine[turning], scale, time_ns)
 
-    def at(self, rows: Array, seconds: float) -> Array:
-        """Return rows, shape (size,), for unknowns given at another time, ``seconds`` later when negative."""
-        pairs = rows.reshape(self.omega.size, 2, self.knots.size)
-        cosine, sine = np.cos(self.omega * seconds)[:, None], np.sin(self.omega * seconds)[:, None]
+    def at(self, rows: Array, seconds: Array) -> Array:
+        """Return rows, shape (P, size), for unknowns given at other times, ``seconds``, shape (P,), later when negative."""
+        pairs = rows.reshape(len(rows), self.omega.size, 2, self.knots.size)
+        angle = np.multiply.outer(seconds, self.omega)[..., None]
+        cosine, sine = np.cos(angle), np.sin(angle)
         # x(t + s) = R(s) x(t), so h x(t + s) = (R(s)' h) x(t)
-        return np.stack(
-            [cosine * pairs[:, 0] - sine * pairs[:, 1], sine * pairs[:, 0] + cosine * pairs[:, 1]],
-            axis=1,
-        ).ravel()
+        first, second = pairs[:, :, 0], pairs[:, :, 1]
+        turned = [cosine * first - sine * second, sine * first + cosine * second]
+        return np.stack(turned, axis=2).reshape(rows.shape)
 
 
 NO_OSCILLATIONS = Oscillations(np.empty(0), np.empty((0, 0)), np.empty(0), (), ())
@@ -203,24 +202,24 @@ class ObservationOperator:
     representation_std: Array
     dive_error: Oscillations = NO_OSCILLATIONS
 
-    def current(self, east: float, north: float, time_ns: int) -> tuple[Array, Array]:
+    def current(self, place: Array, time_ns: int) -> tuple[Array, Array]:
         """Return the current at a place level by level: without the unknowns, shape (Z, 2), and of each of them, (F + B, Z, 2) [m/s]."""
-        offset, modes = self.basis.at_place(np.array([east, north]))
+        offset, modes = self.basis.at_place(place)
         known = offset.T + self.process.mean_at(time_ns) @ modes.T
         return known, self.process.project(modes, time_ns)
 
-    def column(self, at: Observation | ProfileGroup, relative: Array | None) -> tuple[Array, Array]:
+    def column(self, place: Array, time_ns: int, relative: Array | None) -> tuple[Array, Array]:
         """Return the column of water at a place and time, and what its unknowns are of the state's.
 
         Args:
-            at: Has the place and the time.
+            place: shape (2,) [m], local east and north.
+            time_ns: [ns, UTC].
             relative: shape (2,) [m/s], mean velocity relative to the platform; None where it is not stated.
 
         Returns:
             The current of unknowns that are all zero, shape (Z, 2) [m/s], and F, shape (2, q, n), see the module.
         """
-        east, north = to_local(self.basis.grid.projection, at.longitude, at.latitude)
-        known, unknown = self.current(float(east), float(north), at.time_ns)
+        known, unknown = self.current(place, time_ns)
         blocks = (
             unknown.transpose(2, 1, 0),
             np.stack([self.oscillations.factor(c) for c in range(2)]),
@@ -246,51 +245,69 @@ class ObservationOperator:
             ]
         )
 
-    def profile(self, observation: Observation, used: NDArray[np.intp]) -> LinearObservation:
-        """Return the rows of a profile's usable bins."""
-        depth, grid = observation.depth[used], self.basis.grid
-        is_used = np.zeros(observation.depth.size, np.bool_)
+    def profile(self, observation: Measurement, used: NDArray[np.intp]) -> LinearObservation:
+        """Return the rows of a measurement's usable values, all of which lie at one place."""
+        linear, grid = observation.linear, self.basis.grid
+        (place,) = places = places_of(linear, grid.projection)
+        is_used = np.zeros(len(linear.value), np.bool_)
         is_used[used] = True
-        relative = relative_velocities([observation], is_used[None], grid)
-        known, design = self.column(observation, None if relative is None else relative[0])
-        velocity = local_velocity(observation, used, grid)
-        noise = profile_noise(observation, used, self.basis, self.representation_std)
-        joint = self.joint(depth)
-        q, r = np.linalg.qr(noise.whiten @ joint)
-        values = velocity - joint[:, : len(known)] @ known
-        return LinearObservation(q, noise, values, np.vstack([r @ each for each in design]))
+        relative = relative_velocities([linear], is_used[None], grid)
+        known, design = self.column(
+            place, linear.time_ns, None if relative is None else relative[0]
+        )
+        values, components = local_values(linear, used, grid.projection)
+        noise = measurement_noise(linear, used, self.basis, self.representation_std, places)
+        joint = self.joint(linear.depth)
+        joint = joint[used] if linear.weights is None else linear.weights[used] @ joint
+        q, r = compress(noise, joint)
+        about = values - joint[:, : len(known)] @ known @ components.T
+        rows = np.matmul(r, np.tensordot(components, design, axes=1))
+        return LinearObservation(q, noise, about, components, rows.reshape(-1, rows.shape[2]))
 
-    def path(self, mean: PathMean) -> LinearObservation:
-        """Return the rows of a mean along a path: the time-weighted sum over its points, each at its own time.
+    def path(self, observation: Measurement) -> LinearObservation:
+        """Return the rows of sums over several places: each point counts at its own time.
 
-        The unknowns are those at the path's end. Pairs are rotated back to each point's time; process noise within a dive is neglected.
+        The unknowns are those at the measurement's time. Pairs are rotated back to each point's; process noise in between is neglected.
         """
-        grid = self.basis.grid
-        east, north = to_local(grid.projection, mean.longitude, mean.latitude)
-        weights = depth_means(mean, self.basis)
-        knots = mean.weight[:, None] * self.oscillations.weights(mean.depth)
-        known, design, oscillating = (
-            np.zeros(2),
-            np.zeros((self.process.size, 2)),
-            np.zeros((2, self.oscillations.size)),
+        mean, grid, process = observation.linear, self.basis.grid, self.process
+        used, places = np.arange(len(mean.value)), places_of(mean, grid.projection)
+        assert mean.weights is not None, "each value is a sum over places"
+        velocity = self.basis.horizontal.velocity
+        modes, offset = velocity(places, self.basis.modes), velocity(places, self.basis.offset)
+        times_ns = np.broadcast_to(mean.point_time_ns, len(places))
+        shares = process.shares(times_ns)
+        back = (times_ns - mean.time_ns) / _NS
+        at_levels, at_knots = (
+            self.basis.depth_weights(mean.depth),
+            self.oscillations.weights(mean.depth),
         )
-        for k in np.flatnonzero(mean.weight > 0.0):
-            of_known, unknown = self.current(
-                float(east[k]), float(north[k]), int(mean.path_time_ns[k])
-            )
-            known += weights[k] @ of_known
-            design += np.einsum("z,nzc->nc", weights[k], unknown)
-            back = (int(mean.path_time_ns[k]) - mean.time_ns) / _NS
-            for c in range(2):
-                oscillating[c] += self.oscillations.at(knots[k] @ self.oscillations.factor(c), back)
-        noise = mean_noise(
-            mean, self.basis, np.column_stack([east, north]), self.representation_std
-        )
+        known, rows = [], []
+        for weights in mean.weights:
+            levels, knots = weights[:, None] * at_levels, weights[:, None] * at_knots
+            of_known, of_process = process.project_sum(levels, modes, shares)
+            known.append(of_known + np.einsum("pz,cpz->c", levels, offset))
+            turned = [
+                self.oscillations.at(knots @ self.oscillations.factor(c), back).sum(axis=0)
+                for c in range(2)
+            ]
+            rows.append(np.hstack([of_process.T, turned]))
+        noise = measurement_noise(mean, used, self.basis, self.representation_std, places)
+        values, components = local_values(mean, used, grid.projection)
         # an instrument's biases and the error of an inversion are not in it
-        others = np.zeros((2, self.biases.size + self.dive_error.size))
-        rows = np.hstack([design.T, oscillating, others]) / noise.std[0]
+        others = np.zeros((used.size, 2, self.biases.size + self.dive_error.size))
+        design = np.einsum(
+            "ki,cd,idn->ckn",
+            noise.whiten,
+            components,
+            np.concatenate([rows, others], axis=2),
+            optimize=True,
+        )
         return LinearObservation(
-            np.ones((1, 1)), noise, local_mean(mean, grid.projection) - known, rows
+            np.eye(len(noise.whiten)),
+            noise,
+            values - np.array(known) @ components.T,
+            components,
+            design.reshape(-1, design.shape[2]),
         )
 
 
@@ -315,11 +332,14 @@ def column_operator(operator: ObservationOperator, screened: ScreenedGroup) -> C
     Errors of the instrument that are part of the state act through the profiles' mean motion relative to the platform.
     """
     basis, middle = operator.basis, screened.usable
+    place = np.array(to_local(basis.grid.projection, middle.longitude, middle.latitude))
     relative = screened.relative(basis.grid)
-    known, design = operator.column(middle, None if relative is None else relative.mean(axis=0))
+    known, design = operator.column(
+        place, middle.time_ns, None if relative is None else relative.mean(axis=0)
+    )
 
-    def factors(profile: Observation, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
-        noise = profile_noise(profile, used, basis, operator.representation_std, middle)
+    def factors(profile: LinearMeasurement, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
+        noise = measurement_noise(profile, used, basis, operator.representation_std, place[None])
         return operator.joint(profile.depth[used]), noise
 
     stack = stack_of(screened, basis, known, factors)

@@ -12,9 +12,8 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
-from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
+from replay_kit.core.observation import Innovation, LinearMeasurement, Measurement, Reason
 from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
 from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.interface import Stepped
@@ -51,25 +50,19 @@ from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.representation import (
     PosteriorCovariance,
     inflated,
-    predict_path_mean,
+    predict,
+    prefetch,
     select_representation,
 )
 from replay_kit.estimator.update.rows import (
     BinNoise,
-    PathRows,
-    ProfileRows,
+    Rows,
     bin_noise,
-    compress_profile,
-    path_rows,
-    profile_noise,
-    profiles_before_path,
+    measurement_noise,
+    measurement_rows,
+    places_of,
 )
-from replay_kit.estimator.update.screening import (
-    Screened,
-    is_duplicate,
-    local_velocity,
-    screen_measurement,
-)
+from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,8 +178,7 @@ class ReducedBasisEstimator(StaticEstimator):
             made_by: Posterior | None = None
             for index, (screened, rows) in enumerate(block):
                 innovation, posterior = screened.unused, state.posterior
-                known = None
-                if isinstance(rows, ProfileRows):
+                if rows is not None:
                     # what was prefetched holds until the posterior changes its representation or its prior
                     if (
                         made_by is None
@@ -194,24 +186,14 @@ class ReducedBasisEstimator(StaticEstimator):
                         or made_by.prior is not posterior.prior
                     ):
                         made_by = posterior
-                        prefetched = iter(
-                            posterior.prefetch(
-                                profiles_before_path(later for _, later in block[index:])
-                            )
-                        )
-                    known = next(prefetched)
-                elif rows is not None:
-                    made_by = None
-                if rows is not None and is_duplicate(state.last, screened.observation):
-                    innovation = screened.rejected(Reason.DUPLICATE)
-                elif isinstance(rows, ProfileRows) and known is not None:
-                    state, innovation = self._updated(
-                        state, screened, rows, posterior.predict(rows, known)
-                    )
-                elif isinstance(rows, PathRows):
-                    state, innovation = self._updated(
-                        state, screened, rows, predict_path_mean(posterior, rows)
-                    )
+                        prefetched = prefetch(posterior, [each for _, each in block[index:]])
+                    predicted = predict(posterior, rows, prefetched)
+                    if not rows.at_one_place:
+                        made_by = None
+                    if is_duplicate(state.last, screened.observation):
+                        innovation = screened.rejected(Reason.DUPLICATE)
+                    else:
+                        state, innovation = self._updated(state, screened, rows, predicted)
                 yield state, innovation
 
     def _block(self, state: FilterState) -> int:
@@ -228,7 +210,7 @@ class ReducedBasisEstimator(StaticEstimator):
         self,
         state: FilterState,
         screened: Screened,
-        rows: ProfileRows | PathRows,
+        rows: Rows,
         predicted: PredictedObservation[Posterior],
     ) -> tuple[FilterState, Innovation]:
         """Return the state after an observation with a prediction, and the innovation."""
@@ -248,16 +230,12 @@ class ReducedBasisEstimator(StaticEstimator):
         prior = rows.matvec(self.prior_weights)
         return self.inflated(after, inflation), update.to_innovation(screened, prior, inflation)
 
-    def linearised(
-        self, observation: Measurement
-    ) -> tuple[Screened, ProfileRows | PathRows | None]:
+    def linearised(self, observation: Measurement) -> tuple[Screened, Rows | None]:
         """Return a measurement after screening, and its rows; None without a usable bin."""
         screened = screen_measurement(observation, self.basis.grid)
         if screened.used.size == 0:
             return screened, None
-        if isinstance(observation, PathMean):
-            return screened, path_rows(observation, self.basis, self.representation_std)
-        return screened, self.rows(observation, screened.used)
+        return screened, self.rows(screened.observation, screened.used)
 
     def innovation(self, state: FilterState, observation: Measurement) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
@@ -315,22 +293,19 @@ class ReducedBasisEstimator(StaticEstimator):
         flow = self.basis.flow(mean, covariance, self.time_ns if time_ns is None else time_ns)
         return replace(flow, later=constant)
 
-    def rows(self, observation: Observation, used: NDArray[np.intp]) -> ProfileRows:
-        """Return the compressed rows of a profile's usable bins."""
-        place = to_local(self.grid.projection, observation.longitude, observation.latitude)
-        offset, modes = self.basis.at_place(np.array(place, dtype=np.float64))
-        weights = self.basis.depth_weights(observation.depth[used])
-        velocity = local_velocity(observation, used, self.grid)
-        noise, values = self.noise(observation, used), velocity - weights @ offset.T
-        return compress_profile(weights, modes, noise, values)
+    def rows(self, observation: Measurement, used: NDArray[np.intp]) -> Rows:
+        """Return the rows of a measurement's usable bins."""
+        linear = observation.linear
+        return measurement_rows(linear, used, self.basis, self.noise(linear, used))
 
-    def noise(self, observation: Observation, used: NDArray[np.intp]) -> BinNoise:
-        """Return the noise of a profile's usable bins."""
-        if self.error_std is None:
-            return profile_noise(observation, used, self.basis, self.representation_std)
-        common = 0.0 if np.isfinite(observation.common_std) else np.inf
-        own = np.full(used.size, self.error_std)
-        return bin_noise(observation.depth[used], own, np.zeros(used.size), common, 0.0)
+    def noise(self, observation: LinearMeasurement, used: NDArray[np.intp]) -> BinNoise:
+        """Return the noise of a measurement's usable bins; the paper's error is that of a bin, not of a mean over several places."""
+        if self.error_std is None or not observation.at_one_place:
+            places = places_of(observation, self.grid.projection)
+            return measurement_noise(observation, used, self.basis, self.representation_std, places)
+        return bin_noise(
+            np.diag(np.full(used.size, self.error_std**2)), observation.reference == "relative"
+        )
 
     @property
     def basis_size(self) -> tuple[int | None, int | None]:

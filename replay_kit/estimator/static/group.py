@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import Innovation, Measurement, Observation
+from replay_kit.core.observation import (
+    BOTH_COMPONENTS,
+    Innovation,
+    LinearMeasurement,
+    Measurement,
+)
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import Stepped
 from replay_kit.estimator.prior.hybrid import Prior
@@ -25,7 +30,7 @@ from replay_kit.estimator.update.group_step import (
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.posterior import Posterior, PriorCrossCovariance
 from replay_kit.estimator.update.profile_stack import ProfileStack
-from replay_kit.estimator.update.rows import BinNoise, PathRows, ProfileRows
+from replay_kit.estimator.update.rows import BinNoise, ProfileRows, Rows
 from replay_kit.estimator.update.screening import Screened
 from replay_kit.estimator.update.superobservation import (
     Column,
@@ -55,14 +60,12 @@ class StaticEstimator(GroupedEstimator[FilterState], Protocol):
         """Yield the state after each observation, and its innovation."""
         ...
 
-    def linearised(
-        self, observation: Measurement
-    ) -> tuple[Screened, ProfileRows | PathRows | None]:
+    def linearised(self, observation: Measurement) -> tuple[Screened, Rows | None]:
         """Return a measurement after screening, and its rows."""
         ...
 
-    def noise(self, observation: Observation, used: NDArray[np.intp]) -> BinNoise:
-        """Return the noise of a profile's usable bins."""
+    def noise(self, observation: LinearMeasurement, used: NDArray[np.intp]) -> BinNoise:
+        """Return the noise of a measurement's usable bins."""
         ...
 
 
@@ -133,9 +136,7 @@ def group_column(
     return GroupColumn(stack, state, column, prior, predict)
 
 
-def _rows_of(
-    estimator: StaticEstimator, item: Measurement | ProfileGroup
-) -> ProfileRows | PathRows | None:
+def _rows_of(estimator: StaticEstimator, item: Measurement | ProfileGroup) -> Rows | None:
     """Return the rows of a measurement, or those of the profiles of a group as one, with their stated errors."""
     if not isinstance(item, ProfileGroup):
         return estimator.linearised(item)[1]
@@ -150,7 +151,7 @@ def profiles_of(estimator: StaticEstimator, screened: ScreenedGroup) -> tuple[Ar
     east, north = to_local(basis.grid.projection, middle.longitude, middle.latitude)
     offset, modes = basis.at_place(np.array([float(east), float(north)]))
 
-    def factors(profile: Observation, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
+    def factors(profile: LinearMeasurement, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
         return basis.depth_weights(profile.depth[used]), estimator.noise(profile, used)
 
     return modes, stack_of(screened, basis, offset.T, factors)
@@ -160,9 +161,8 @@ def column_rows(basis: Array, r: Array, whole: CombinedRows | None = None) -> Pr
     """Return rows of unit noise as those of a profile."""
     size = len(r)
     noise = BinNoise(np.eye(size), np.eye(size), 0.0)
-    return ProfileRows(
-        np.eye(size), noise, np.zeros((size, 2)) if whole is None else whole.y[..., 0].T, r, basis
-    )
+    values = np.zeros((size, 2)) if whole is None else whole.y[..., 0].T
+    return ProfileRows(np.eye(size), noise, values, BOTH_COMPONENTS, r, basis)
 
 
 def _turned(known: PriorCrossCovariance, r: Array) -> PriorCrossCovariance:

@@ -82,7 +82,7 @@ def predict_jointly(
         bins: For each profile the indices of its bins to predict, at least one in all.
     """
     all_rows = _known_rows(estimator, profiles, bins)
-    log_error = sum(2.0 * rows.noise.half_log_det for rows in all_rows)
+    log_error = sum(rows.half_log_det for rows in all_rows)
     mean = np.concatenate([rows.matvec(estimator.prior_weights) for rows in all_rows])
     covariance = prior_covariance(estimator.prior, all_rows)
     covariance[np.diag_indices_from(covariance)] += 1.0
@@ -102,4 +102,4 @@ def _known_rows(
         for profile, used in zip(profiles, bins, strict=True)
         if used.size
     )
-    return [each for each in rows if each.dof]
+    return [each for each in rows if each.at_one_place and each.dof]

@@ -32,7 +32,7 @@ from replay_kit.estimator.update.evaluation import Assimilation
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import Posterior
-from replay_kit.estimator.update.rows import PathRows, ProfileRows
+from replay_kit.estimator.update.rows import Rows
 
 # Numbers of measurements at which the amplitude is fitted.
 _COUNTS = (8, 16, 32, 48, 64, 96, 128)
@@ -94,9 +94,7 @@ class SpreadFit:
         )
         return replace(self, apart=apart, past=(*self.past, measurement))
 
-    def fitted(
-        self, prior: Prior, mean: Array, rows: Sequence[ProfileRows | PathRows]
-    ) -> "SpreadFit":
+    def fitted(self, prior: Prior, mean: Array, rows: Sequence[Rows]) -> "SpreadFit":
         """Return the same with the amplitude of the measurements that count; after the last fit nothing is kept.
 
         Args:

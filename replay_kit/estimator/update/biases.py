@@ -25,7 +25,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Observation
+from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.update.gate import Gates
 from replay_kit.estimator.update.rows import Bins
 from replay_kit.estimator.update.screening import Screened, relative_velocities
@@ -176,15 +176,15 @@ def unit_bias_rows(screened: Screened, grid: Grid, bins: Bins, innovation: Array
     """Return the effect of an error of one unit on an observation's rows, shape (m, 3); None where the log lacks the platform's motion.
 
     Args:
-        screened: The observation; a mean along a path has no information on the instrument.
+        screened: The observation.
         grid: Has the local axes.
         bins: Rows of its usable bins.
         innovation: shape (n, 2) [m/s], of the usable bins, measured minus predicted.
     """
-    relative = relative_velocities([screened.profile], screened.is_used[None], grid)
+    relative = relative_velocities([screened.observation], screened.is_used[None], grid)
     if relative is None:
         return None
-    depth = screened.profile.depth[screened.used]
+    depth = screened.observation.value_depth[screened.used]
     growing = bins.q.T @ (bins.noise.whiten @ np.abs(depth - depth[0]))
     rows = bias_rows(bins.ones()[None], growing[None], relative, innovation.mean(axis=0)[None])
     return rows.reshape(-1, len(NAMES))
@@ -209,9 +209,9 @@ def bias_rows(ones: Array, growing: Array, relative: Array, innovation: Array) -
     return np.stack([factor[..., None] * rows[:, None] for factor, rows in parts], axis=-1)
 
 
-def scale_error_std(profile: Observation) -> float | None:
+def scale_error_std(profile: LinearMeasurement) -> float | None:
     """Return the error of the platform's velocity [m/s] in a profile that a scale error changes; None for one that it does not."""
-    stated = profile.platform_velocity is not None and np.isfinite(profile.common_std)
+    stated = profile.platform_velocity is not None and profile.reference == "absolute"
     return profile.common_std if stated else None
 
 

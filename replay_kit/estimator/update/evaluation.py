@@ -10,7 +10,7 @@ import scipy.linalg
 from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.gaussian import normalised_square
-from replay_kit.core.observation import Innovation, Measurement
+from replay_kit.core.observation import Innovation, LinearMeasurement
 from replay_kit.estimator.update.biases import BiasScore, scale_error_std, scale_jacobian
 from replay_kit.estimator.update.gate import ConsistencyMonitor, GateResult, Gates, gate_innovations
 from replay_kit.estimator.update.rows import Bins, dependence_inflation
@@ -118,7 +118,7 @@ class Assimilation:
 
     time_ns: int | None = None
     monitor: ConsistencyMonitor = _NEW_MONITOR
-    last: Measurement | None = None
+    last: LinearMeasurement | None = None
     bias_score: BiasScore = _NO_SCORE
 
 
@@ -171,11 +171,11 @@ class ObservationUpdate(Generic[After]):
         """Return the normalised innovation squared of all measured values and their log-likelihood, with the stated errors."""
         square, half_log_det = self.predicted.normalised_square(self.innovation)
         nis = square + self.bins.compress(self.bins.values)[1]
-        return nis, -0.5 * nis - half_log_det - 2.0 * self.bins.noise.half_log_det
+        return nis, -0.5 * nis - half_log_det - self.bins.half_log_det
 
     def scale_jacobian(self, screened: Screened) -> float:
         """Return what a scale error's score lacks of the observation; see ``biases.scale_jacobian``."""
-        std = scale_error_std(screened.profile)
+        std = scale_error_std(screened.observation)
         common = None if std is None else np.array([std])
         ones, inflation = self.bins.ones()[None], np.array([self.inflation])
         return float(scale_jacobian(self.gates, inflation, ones, common)[0])
@@ -209,7 +209,7 @@ class ObservationUpdate(Generic[After]):
         """
         bins = self.bins
         nis, log_likelihood = self._fit()
-        variance = bins.expand_variance(self.predicted.cov) + np.square(bins.noise.std)[:, None]
+        variance = bins.expand_variance(self.predicted.cov, 1.0)
         return replace(
             screened.unused,
             innovation=screened.scatter(bins.residual(self.predicted.mean)),

@@ -14,6 +14,7 @@ from replay_kit.core.observation import (
     Flag,
     GroupTotals,
     Innovation,
+    LinearMeasurement,
     Measurement,
     Observation,
     Reason,
@@ -59,6 +60,7 @@ class ScreenedGroup:
 
     Attributes:
         profiles: In order.
+        linear: The same as estimators see them.
         flags: shape (n, m).
         reasons: shape (n, m).
         used: Positions of those with a usable bin that are no duplicates.
@@ -66,6 +68,7 @@ class ScreenedGroup:
     """
 
     profiles: tuple[Observation, ...]
+    linear: tuple[LinearMeasurement, ...]
     flags: NDArray[np.int8]
     reasons: NDArray[np.int32]
     used: NDArray[np.intp]
@@ -77,24 +80,29 @@ class ScreenedGroup:
         return ProfileGroup(tuple(self.profiles[i] for i in self.used))
 
     @property
+    def usable_linear(self) -> tuple[LinearMeasurement, ...]:
+        """The same as estimators see them."""
+        return tuple(self.linear[i] for i in self.used)
+
+    @property
     def is_used(self) -> NDArray[np.bool_]:
         """Which of their bins are used, shape (n, m)."""
         return usable(self.flags[self.used])
 
     def relative(self, grid: Grid) -> Array | None:
         """Return their mean velocity relative to the platform; see ``relative_velocities``."""
-        return relative_velocities(self.usable.profiles, self.is_used, grid)
+        return relative_velocities(self.usable_linear, self.is_used, grid)
 
     def unused(self, i: int) -> Innovation:
         """Return the innovation of a profile that is not used."""
-        blank = unused_innovation(self.profiles[i], self.flags[i], self.reasons[i])
+        blank = unused_innovation(self.linear[i], self.flags[i], self.reasons[i])
         if i not in self.duplicates:
             return blank
-        profile = self.profiles[i]
-        return Screened(profile, profile, np.empty(0, np.intp), blank).rejected(Reason.DUPLICATE)
+        none = np.empty(0, np.intp)
+        return Screened(self.linear[i], none, blank).rejected(Reason.DUPLICATE)
 
 
-def screen_group(group: ProfileGroup, last: Measurement | None, grid: Grid) -> ScreenedGroup:
+def screen_group(group: ProfileGroup, last: LinearMeasurement | None, grid: Grid) -> ScreenedGroup:
     """Return a group after screening.
 
     Args:
@@ -102,17 +110,17 @@ def screen_group(group: ProfileGroup, last: Measurement | None, grid: Grid) -> S
         last: The last measurement with a usable bin before it; an equal one that follows is a duplicate.
         grid: The region.
     """
-    flags, reasons = screen(group.profiles, grid)
+    linear = tuple(profile.linear for profile in group.profiles)
+    flags, reasons = screen(linear, grid)
     used, duplicates = [], set()
     for i in np.flatnonzero(usable(flags).any(axis=1)).tolist():
-        profile = group.profiles[i]
-        if is_duplicate(last, profile):
+        if is_duplicate(last, linear[i]):
             duplicates.add(i)
             continue
         used.append(i)
-        last = profile
+        last = linear[i]
     return ScreenedGroup(
-        group.profiles, flags, reasons, np.array(used, np.intp), frozenset(duplicates)
+        group.profiles, linear, flags, reasons, np.array(used, np.intp), frozenset(duplicates)
     )
 
 
@@ -127,7 +135,7 @@ def stack_of(
         reference: shape (Z, 2) [m/s], the estimator's reference current at the place.
         factors: See ``profile_stack.Factors``.
     """
-    profiles, used = screened.usable.profiles, screened.is_used
+    profiles, used = screened.usable_linear, screened.is_used
     depth = np.stack([each.depth for each in profiles])
     at, back = np.unique(np.where(used, depth, 0.0), return_inverse=True)
     known = (basis.depth_weights(at) @ reference)[back.reshape(depth.shape)]
@@ -166,7 +174,7 @@ class GroupResult:
         )
         return replace(
             unused_innovation(
-                self.screened.profiles[at], self.screened.flags[at], self.screened.reasons[at]
+                self.screened.linear[at], self.screened.flags[at], self.screened.reasons[at]
             ),
             innovation=before,
             innovation_std=_shown(one, self._std(one))[0],
@@ -203,7 +211,7 @@ class GroupResult:
         )
         values = np.linalg.eigvalsh(self.before.predicted_cov(update.rows.r[None])[0])
         depth = np.mean([each.depth for each in stack.observations], axis=0)
-        members = ProfileGroup(stack.observations)
+        members = ProfileGroup(tuple(screened.profiles[i] for i in at))
         return replace(
             unused_innovation(stack.observations[0], flags, screened.reasons[at[0]]),
             time_ns=members.time_ns,
@@ -316,7 +324,7 @@ def results_of(
             Stepped(screened.profiles[int(screened.used[i])], before, left, result.rejected(i))
         )
     if accepted.size:
-        group = ProfileGroup(result.update.stack.part(accepted).observations)
+        group = ProfileGroup(tuple(screened.profiles[i] for i in screened.used[accepted]))
         found.append(
             Stepped(
                 group if accepted.size > 1 else group.profiles[0],
@@ -447,7 +455,7 @@ class GroupedEstimator(Estimator[State], Protocol[State]):
                 cov = predicted.cov + np.eye(size)
                 jacobian = update.scale_jacobian
                 score = score.updated(innovation[:, 1:], innovation[:, 0], cov, jacobian)
-        seen = screened.profiles[int(screened.used[-1])]
+        seen = screened.usable_linear[-1]
         changed = replace(after, monitor=monitor, bias_score=score, last=seen)
         changed = self.inflated(changed, inflation)
         result = GroupResult(screened, update, at.column, column, at.prior, inflation)

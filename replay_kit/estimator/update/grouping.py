@@ -9,7 +9,7 @@ import numpy as np
 
 from replay_kit.core.arrays import one_by_one
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Observation, PathMean, Source, VehicleState
+from replay_kit.core.observation import Measurement, Observation, Source, VehicleState
 
 #: Share of the error of a bin's mean that the current's difference within a group may have.
 SHARE = 0.25
@@ -102,10 +102,10 @@ class Grouping:
             number**0.5 if self.of_mean else 1.0
         )
 
-    def ends(self, first: Observation, event: VehicleState | PathMean) -> bool:
-        """Return whether something else ends a group that begins with a profile: a mean current, or a position too late."""
+    def ends(self, first: Observation, event: VehicleState | Measurement) -> bool:
+        """Return whether something else ends a group that begins with a profile: another measurement, or a position too late."""
         return (
-            isinstance(event, PathMean)
+            not isinstance(event, VehicleState)
             or not 0.0 <= (event.time_ns - first.time_ns) / _NS <= self.seconds
         )
 

@@ -20,7 +20,7 @@ class GrowingCholesky:
     continued from this one, and a copy is extended. So no state ever changes, and a run of steps copies nothing.
 
     Attributes:
-        basis: shape (capacity, 2, r), G of each profile.
+        basis: shape (capacity, 2, r), G of each profile; zero where it has one component.
         depth: shape (capacity, Z, Z), R of each, padded with rows of zeros where it has fewer than Z.
         slots: shape (2 Z capacity,), position of each row in (profile, component, row of R).
         forward: shape (2 Z capacity, 1 + b), f.
@@ -92,11 +92,16 @@ class GrowingCholesky:
         self, rows: ProfileRows, error_scale: float, before: Array, lower: Array, forward: Array
     ) -> None:
         """Append a profile: its rows over the scale; of L the part left of the diagonal, ``before``, and the diagonal block ``lower``."""
-        n, start, k = len(self.ends) - 1, self.ends[-1], rows.r.shape[0]
-        stop, n_levels = start + 2 * k, self.depth.shape[1]
-        self.basis[n], self.depth[n, :k] = rows.basis, rows.r / error_scale
+        n, start, (k, n_levels), c = (
+            len(self.ends) - 1,
+            self.ends[-1],
+            rows.r.shape,
+            len(rows.basis),
+        )
+        stop = start + c * k
+        self.basis[n, :c], self.depth[n, :k] = rows.basis, rows.r / error_scale
         self.slots[start:stop] = np.add.outer(
-            n_levels * (2 * n + np.arange(2)), np.arange(k)
+            n_levels * (2 * n + np.arange(c)), np.arange(k)
         ).ravel()
         self.forward[start:stop] = forward
         if n % self.panel_profiles == 0:

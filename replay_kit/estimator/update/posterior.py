@@ -201,7 +201,7 @@ def means(posteriors: Sequence[Posterior]) -> Array:
 
 
 def prior_cross_covariances(prior: Prior, profiles: Sequence[ProfileRows]) -> list[Array]:
-    """Return H P0 of each profile, shape (2 k, Z, r); the prior covariance is read once for as many as ``_TOGETHER`` allows."""
+    """Return H P0 of each profile, shape (c k, Z, r); the prior covariance is read once for as many as ``_TOGETHER`` allows."""
     if not profiles:
         return []
     n_modes = profiles[0].basis.shape[1]
@@ -211,11 +211,12 @@ def prior_cross_covariances(prior: Prior, profiles: Sequence[ProfileRows]) -> li
         part = profiles[start : start + together]
         at_levels = prior.matvec_modes(
             np.concatenate([rows.basis for rows in part])
-        )  # (Z, 2 m, Z, r)
-        by_component = at_levels.swapaxes(0, 1).reshape(len(part), 2, n_levels, -1)
+        )  # (Z, sum of c, Z, r)
+        by_component = at_levels.swapaxes(0, 1).reshape(at_levels.shape[1], n_levels, -1)
+        ends = np.cumsum([len(rows.basis) for rows in part])[:-1]
         out += [
             np.matmul(rows.r, of_profile).reshape(-1, n_levels, n_modes)
-            for rows, of_profile in zip(part, by_component, strict=True)
+            for rows, of_profile in zip(part, np.split(by_component, ends), strict=True)
         ]
     return out
 

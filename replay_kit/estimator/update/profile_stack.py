@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import Observation
+from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.update.biases import bias_rows, scale_error_std
-from replay_kit.estimator.update.rows import BinNoise
+from replay_kit.estimator.update.rows import BinNoise, compress
 
 #: Joint factor and noise of a profile's used bins: shapes (m, q) and of m bins.
-Factors = Callable[[Observation, NDArray[np.intp]], tuple[Array, BinNoise]]
+Factors = Callable[[LinearMeasurement, NDArray[np.intp]], tuple[Array, BinNoise]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,10 +45,10 @@ class Layout:
     half_log_det: float
 
 
-def layout_of(observation: Observation, used: NDArray[np.intp], factors: Factors) -> Layout:
+def layout_of(observation: LinearMeasurement, used: NDArray[np.intp], factors: Factors) -> Layout:
     """Return the layout of a profile's used bins."""
     joint, noise = factors(observation, used)
-    q, r = np.linalg.qr(noise.whiten @ joint)
+    q, r = compress(noise, joint)
     n, (known, k), width = observation.depth.size, q.shape, joint.shape[1]
     whiten, unwhiten, wide, square = (
         np.zeros((n, n)),
@@ -94,7 +94,7 @@ class ProfileStack:
         layout: shape (n,), each profile's.
     """
 
-    observations: tuple[Observation, ...]
+    observations: tuple[LinearMeasurement, ...]
     used: NDArray[np.bool_]
     values: Array
     relative: Array | None
@@ -173,7 +173,7 @@ class ProfileStack:
 
 
 def stacked(
-    observations: Sequence[Observation],
+    observations: Sequence[LinearMeasurement],
     used: NDArray[np.bool_],
     values: Array,
     relative: Array | None,

@@ -193,7 +193,7 @@ class ReducedSubspacePosterior(Posterior):
     ) -> "ReducedSubspacePosterior":
         """Return the posterior with M and a updated by half gains, shape (2 k, Z room), and with the rows A of G, shape (2, room)."""
         new = self._flushed() if self.n_pending + len(half_gain) > len(self.pending.rows) else self
-        if new.n_measured + 2 > len(new.measured.rows):
+        if new.n_measured + len(inside) > len(new.measured.rows):
             new = new._compressed()
         return replace(
             new,
@@ -201,7 +201,7 @@ class ReducedSubspacePosterior(Posterior):
             pending=new.pending.appended(new.n_pending, half_gain),
             n_pending=new.n_pending + len(half_gain),
             measured=new.measured.appended(new.n_measured, inside),
-            n_measured=new.n_measured + 2,
+            n_measured=new.n_measured + len(inside),
         )
 
     def _with_room(self, values: Array) -> Array:

@@ -23,8 +23,10 @@ within a few hundred metres) and lies above what rounding leaves in G with all m
 direction of noise.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import takewhile
 
 import numpy as np
 import scipy.linalg
@@ -43,13 +45,18 @@ from replay_kit.estimator.prior.conditioned import (
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
-from replay_kit.estimator.update.posterior import Posterior, directions, nonzero_mode_std
+from replay_kit.estimator.update.posterior import (
+    Posterior,
+    PriorCrossCovariance,
+    directions,
+    nonzero_mode_std,
+)
 from replay_kit.estimator.update.posterior import directions as orthonormal
 from replay_kit.estimator.update.reduced_subspace import (
     ReducedSubspacePosterior,
     to_reduced_subspace,
 )
-from replay_kit.estimator.update.rows import PathRows
+from replay_kit.estimator.update.rows import PathRows, Rows
 
 # Directions for each profile below which the reduced-subspace form is cheaper; at scattered places there are two.
 _FEW = 1.25
@@ -275,13 +282,32 @@ def taken_in_all(
     return found / mode_std, inside.T @ inside + change.T @ matrix @ change
 
 
+def prefetch(posterior: Posterior, rows: Iterable[Rows | None]) -> Iterator[PriorCrossCovariance]:
+    """Return the parts of coming predictions that do not depend on the order of assimilation.
+
+    They end at the first rows of several places, after which there is another prior.
+    """
+    before = takewhile(lambda each: each is None or each.at_one_place, rows)
+    profiles = [each for each in before if each is not None and each.at_one_place]
+    return iter(posterior.prefetch(profiles) if profiles else ())
+
+
+def predict(
+    posterior: Posterior, rows: Rows, prefetched: Iterator[PriorCrossCovariance]
+) -> PredictedObservation[Posterior]:
+    """Return the prediction of rows; of those at one place the next of ``prefetched`` is theirs."""
+    if rows.at_one_place:
+        return posterior.predict(rows, next(prefetched))
+    return predict_path_mean(posterior, rows)
+
+
 def predict_path_mean(posterior: Posterior, rows: PathRows) -> PredictedObservation[Posterior]:
-    """Return the prediction of a mean along a path; its update gives a prior without rows, as these have no single place."""
+    """Return the prediction of sums over several places; its update gives a prior without rows, as these have no single place."""
     before = rows_taken(posterior)
     cross = before.matvec(rows.by_level)
 
     def update(lower: Array, whitened: Array, error_scale: float) -> ObservationSpacePosterior:
-        scaled = np.stack([rows.by_level, cross]).reshape(2, 2, -1) / error_scale
+        scaled = np.stack([rows.by_level, cross]).reshape(2, len(cross), -1) / error_scale
         design, gain = (np.asarray(solve_triangular(lower, each, lower=True)) for each in scaled)
         return before.after_rows(whitened.T @ gain, design, gain)
 

@@ -17,9 +17,8 @@ innovation squared only.
 **A mean along a path** is the exact weighted sum of the basis flows at the path's points.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import takewhile
+from typing import ClassVar, Literal
 
 import numpy as np
 import scipy.linalg
@@ -28,10 +27,15 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import Observation, PathMean
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.basis.modes import Basis
-from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.estimator.update.screening import local_mean
+from replay_kit.estimator.update.screening import local_values
+
+# Between levels the representation error is linear; above and below them that of the nearest holds.
+_LINEAR = DepthFunctions("hat", 0.0)
+# Share of the largest row of R below which a row is rounding.
+_ROUNDING = 1e-10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,62 +68,45 @@ class BinNoise:
         )
 
 
-def bin_noise(
-    depth: Array, own_std: Array, extra_std: Array, common_std: float, correlation_depth: float
-) -> BinNoise:
-    """Return the noise of a profile's bins; see the module.
+def bin_noise(covariance: Array, relative: bool) -> BinNoise:
+    """Return the noise of a measurement's values; see the module.
 
     Args:
-        depth: shape (n,) [m].
-        own_std: shape (n,) [m/s], s.
-        extra_std: shape (n,) [m/s], e.
-        common_std: c [m/s]; inf for a platform of unknown velocity.
-        correlation_depth: L [m]; 0 for independent errors.
+        covariance: shape (n, n) [m^2/s^2], of one component, without the shared error where that is infinite.
+        relative: Whether it is infinite.
     """
-    n = depth.size
-    if correlation_depth > 0.0 and n > 1:
-        correlation = np.exp(-np.abs(depth[:, None] - depth) / correlation_depth)
-        cov = np.outer(own_std, own_std) * correlation + np.diag(extra_std**2)
-        lower = np.asarray(
-            np.linalg.cholesky(cov + (common_std**2 if np.isfinite(common_std) else 0.0)),
-            dtype=np.float64,
-        )
-    else:
-        std = np.hypot(own_std, extra_std)
-        lower = np.diag(std)
-        if 0.0 < common_std < np.inf:
-            lower = np.asarray(
-                np.linalg.cholesky(np.diag(std**2) + common_std**2), dtype=np.float64
-            )
-    whiten = np.asarray(scipy.linalg.solve_triangular(lower, np.eye(n), lower=True))
+    lower = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+    whiten = np.asarray(scipy.linalg.solve_triangular(lower, np.eye(len(lower)), lower=True))
     log_scale = float(np.log(np.diag(lower)).sum())
-    if np.isfinite(common_std):
+    if not relative:
         return BinNoise(whiten, lower, log_scale)
     complement = _orthogonal_complement(whiten.sum(axis=1))
     return BinNoise(complement.T @ whiten, lower @ complement, log_scale)
 
 
-def profile_noise(
-    observation: Observation,
+def measurement_noise(
+    observation: LinearMeasurement,
     used: NDArray[np.intp],
     basis: Basis,
     representation_std: Array,
-    at: Observation | ProfileGroup | None = None,
+    places: Array,
 ) -> BinNoise:
-    """Return the noise of a profile's usable bins.
+    """Return the noise of a measurement's usable values.
 
     Args:
-        observation: The profile.
-        used: Positions of its usable bins.
+        observation: The measurement.
+        used: Positions of its usable values.
         basis: Basis flows.
         representation_std: shape (Z,) [m/s], representation error of the basis, by level.
-        at: Has the place of the representation error; None for the profile's own.
+        places: shape (P, 2) or (1, 2) [m], local east and north, of the representation error.
     """
-    grid, depth, at = basis.grid, observation.depth[used], at or observation
-    place = to_local(grid.projection, at.longitude, at.latitude)
-    (of_levels,) = basis.local_error(np.array([place], dtype=np.float64), representation_std)
-    extra, own = np.interp(depth, grid.levels, of_levels), observation.error_std[used]
-    return bin_noise(depth, own, extra, observation.common_std, observation.correlation_depth)
+    between = depth_weights(_LINEAR, observation.depth, basis.grid.levels)
+    extra = np.sum(between * basis.local_error(places, representation_std), axis=1)
+    if observation.weights is not None:
+        extra = observation.weights @ extra
+    covariance = observation.covariance(used)
+    covariance[np.diag_indices_from(covariance)] += extra[used] ** 2
+    return bin_noise(covariance, observation.reference == "relative")
 
 
 def _orthogonal_complement(vector: Array) -> Array:
@@ -131,6 +118,22 @@ def _orthogonal_complement(vector: Array) -> Array:
     )
 
 
+def compress(noise: BinNoise, functions: Array) -> tuple[Array, Array]:
+    """Return orthonormal columns Q, shape (m, k), and R, shape (k, q), with Q R the whitened functions.
+
+    Differences between values do not determine all functions of depth: what is left of a constant is rounding, and makes no row.
+
+    Args:
+        noise: Of n values, of which m combinations are known.
+        functions: shape (n, q), at the values.
+    """
+    q, r = np.linalg.qr(noise.whiten @ functions)
+    known, bins = noise.whiten.shape
+    size = np.abs(r).max(axis=1)
+    kept = size > _ROUNDING * size.max(initial=0.0) if known < bins else np.ones(len(r), np.bool_)
+    return (q, r) if kept.all() or not kept.any() else (q[:, kept], r[kept])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Bins:
     """A profile's bins and the k rows for each component into which they are compressed.
@@ -138,49 +141,65 @@ class Bins:
     Attributes:
         q: shape (m, k), orthonormal columns.
         noise: Error of the n bins, of which m combinations are known.
-        values: shape (n, 2) [m/s], local axes, measured about the estimator's reference current.
+        values: shape (n, c) [m/s], measured about the estimator's reference current.
+        components: shape (c, 2), of the local axes, that are measured.
     """
 
     q: Array
     noise: BinNoise
     values: Array
+    components: Array
 
     @property
     def dof(self) -> int:
-        """Number of independent measured values in both components."""
-        return 2 * len(self.q)
+        """Number of independent measured values in all components."""
+        return len(self.components) * len(self.q)
+
+    @property
+    def half_log_det(self) -> float:
+        """Half the log-determinant of the error covariance of all components."""
+        return len(self.components) * self.noise.half_log_det
 
     def ones(self) -> Array:
         """Return the rows of a velocity of one in all bins, shape (k,)."""
         return np.asarray(self.q.T @ self.noise.whiten.sum(axis=1))
 
     def compress(self, values: Array) -> tuple[Array, float]:
-        """Return the rows of bin values, shape (2 k,), and the squared norm of the compression residual.
+        """Return the rows of bin values, shape (c k,), and the squared norm of the compression residual.
 
         Args:
-            values: shape (n, 2) [m/s].
+            values: shape (n, c) [m/s].
         """
         whitened = self.noise.whiten @ values
         rows = self.q.T @ whitened
         return rows.T.ravel(), max(float(np.sum(whitened**2) - np.sum(rows**2)), 0.0)
 
     def whitened_residual(self, rows: Array) -> Array:
-        """Return measured minus predicted bins in units of their error, shape (m, 2); ``rows``, shape (2 k,), are the predicted rows."""
-        return np.asarray(self.noise.whiten @ self.values - self.q @ rows.reshape(2, -1).T)
+        """Return measured minus predicted bins in units of their error, shape (m, c); ``rows``, shape (c k,), are the predicted rows."""
+        by_component = rows.reshape(len(self.components), -1)
+        return np.asarray(self.noise.whiten @ self.values - self.q @ by_component.T)
 
     def residual(self, rows: Array) -> Array:
-        """Return measured minus predicted bins, shape (n, 2) [m/s]; see ``whitened_residual``."""
-        return np.asarray(self.noise.unwhiten @ self.whitened_residual(rows))
+        """Return measured minus predicted bins along the local axes, shape (n, 2) [m/s]; see ``whitened_residual``."""
+        return np.asarray(self.noise.unwhiten @ self.whitened_residual(rows) @ self.components)
 
-    def expand_variance(self, cov: Array) -> Array:
-        """Return the variance of the bins, shape (n, 2) [m^2/s^2], that follows from the rows' covariance, shape (2 k, 2 k)."""
+    def expand_variance(self, cov: Array, noise: float = 0.0) -> Array:
+        """Return the variance of the bins along the local axes, shape (n, 2) [m^2/s^2].
+
+        Args:
+            cov: shape (c k, c k), covariance of the rows.
+            noise: Multiple of the bins' error variance to add.
+        """
         k = self.q.shape[1]
         bins = self.noise.unwhiten @ self.q
         by_component = [
-            np.einsum("nk,kl,nl->n", bins, cov[c * k : (c + 1) * k, c * k : (c + 1) * k], bins)
-            for c in range(2)
+            np.einsum("nk,kl,nl->n", bins, cov[start : start + k, start : start + k], bins)
+            for start in range(0, len(cov), k)
         ]
-        return np.column_stack(by_component)
+        variance = np.column_stack(by_component)
+        if noise:
+            variance += noise * np.square(self.noise.std)[:, None]
+        return np.asarray(variance @ self.components**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,36 +208,23 @@ class ProfileRows(Bins):
 
     Attributes:
         r: shape (k, Z), the whitened depth factor.
-        basis: shape (2, r), the modes' velocity at the point.
+        basis: shape (c, r), the modes' velocity at the point along each component.
     """
 
     r: Array
     basis: Array
 
+    at_one_place: ClassVar[Literal[True]] = True
+
     def design(self) -> Array:
-        """Return H, shape (2 k, Z r): all east rows, then all north."""
+        """Return H, shape (c k, Z r), component after component."""
         rows: Array = np.einsum("kz,cm->ckzm", self.r, self.basis)
-        return rows.reshape(2 * self.r.shape[0], -1)
+        return rows.reshape(len(self.basis) * len(self.r), -1)
 
     def matvec(self, weights: Array) -> Array:
-        """Return H times weights, shape (..., 2 k); ``weights`` of shape (..., Z, r)."""
-        rows: Array = self.r @ (weights @ self.basis.T)  # (..., k, 2)
+        """Return H times weights, shape (..., c k); ``weights`` of shape (..., Z, r)."""
+        rows: Array = self.r @ (weights @ self.basis.T)  # (..., k, c)
         return np.swapaxes(rows, -1, -2).reshape(*weights.shape[:-2], -1)
-
-
-def compress_profile(
-    depth_weights: Array, basis: Array, noise: BinNoise, values: Array
-) -> ProfileRows:
-    """Return a profile's compressed rows.
-
-    Args:
-        depth_weights: shape (n, Z), D.
-        basis: shape (2, r), G.
-        noise: Error of the bins, the same for both components.
-        values: shape (n, 2) [m/s], measured about the estimator's reference current.
-    """
-    q, r = np.linalg.qr(noise.whiten @ depth_weights)
-    return ProfileRows(q, noise, values, r, basis)
 
 
 def dependence_inflation(residual: Array, size: NDArray[np.intp]) -> Array:
@@ -243,57 +249,61 @@ def dependence_inflation(residual: Array, size: NDArray[np.intp]) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathRows(Bins):
-    """A mean along a path: one row a component, y = H w + noise of unit variance.
+    """Sums over several places: y = H w + noise of unit variance, one row for each value that is known.
 
     Attributes:
-        by_level: shape (2, Z, r), H.
+        by_level: shape (c k, Z, r), H.
     """
 
     by_level: Array
 
+    at_one_place: ClassVar[Literal[False]] = False
+
     def design(self) -> Array:
-        """Return H, shape (2, Z r)."""
-        return self.by_level.reshape(2, -1)
+        """Return H, shape (c k, Z r)."""
+        return self.by_level.reshape(len(self.by_level), -1)
 
     def matvec(self, weights: Array) -> Array:
-        """Return H times weights, shape (..., 2); ``weights`` of shape (..., Z, r)."""
+        """Return H times weights, shape (..., c k); ``weights`` of shape (..., Z, r)."""
         return np.asarray(np.tensordot(weights, self.by_level, axes=([-2, -1], [1, 2])))
 
 
-def mean_noise(mean: PathMean, basis: Basis, places: Array, representation_std: Array) -> BinNoise:
-    """Return the noise of a mean along a path, as that of one bin.
+#: Rows of a measurement, in one of two forms.
+Rows = ProfileRows | PathRows
+
+
+def places_of(observation: LinearMeasurement, projection: Projection) -> Array:
+    """Return the places of a measurement's points, shape (P, 2) or (1, 2) [m], local east and north."""
+    return np.column_stack(to_local(projection, observation.longitude, observation.latitude))
+
+
+def measurement_rows(
+    observation: LinearMeasurement, used: NDArray[np.intp], basis: Basis, noise: BinNoise
+) -> Rows:
+    """Return the rows of a measurement's usable values, compressed where all of them lie at one place.
 
     Args:
-        mean: The mean.
+        observation: The measurement.
+        used: Positions of its usable values.
         basis: Basis flows.
-        places: shape (m, 2) [m], local east and north, of the points.
-        representation_std: shape (Z,) [m/s], representation error of the basis, by level.
+        noise: Of these values, the same for each component.
     """
-    by_level = basis.local_error(places, representation_std)
-    between = depth_weights(DepthFunctions("hat", 0.0), mean.depth, basis.grid.levels)
-    std = float(np.hypot(mean.used_std, mean.weight @ np.sum(between * by_level, axis=1)))
-    return BinNoise(np.array([[1.0 / std]]), np.array([[std]]), float(np.log(std)))
-
-
-def depth_means(mean: PathMean, basis: Basis) -> Array:
-    """Return the weight of each level at each point in the mean, shape (m, Z); above and below the levels the nearest level holds."""
-    return np.asarray(mean.weight[:, None] * basis.depth_weights(mean.depth))
-
-
-def path_rows(mean: PathMean, basis: Basis, representation_std: Array) -> PathRows:
-    """Return the rows of a mean along a path."""
-    grid = basis.grid
-    places = np.column_stack(to_local(grid.projection, mean.longitude, mean.latitude))
-    by_level = depth_means(mean, basis)
-    noise = mean_noise(mean, basis, places, representation_std)
-    offset = np.einsum("mz,cmz->c", by_level, basis.horizontal.velocity(places, basis.offset))
-    design = by_level.T @ basis.horizontal.velocity(places, basis.modes)
-    return PathRows(
-        np.ones((1, 1)), noise, local_mean(mean, grid.projection) - offset, design / noise.std[0]
-    )
-
-
-def profiles_before_path(rows: Iterable[ProfileRows | PathRows | None]) -> list[ProfileRows]:
-    """Return the profiles up to the first mean along a path, after which there is another prior."""
-    before = takewhile(lambda each: not isinstance(each, PathRows), rows)
-    return [each for each in before if isinstance(each, ProfileRows)]
+    projection = basis.grid.projection
+    values, components = local_values(observation, used, projection)
+    at_points, weights = basis.depth_weights(observation.depth), observation.weights
+    if observation.at_one_place:
+        at_values = at_points[used] if weights is None else weights[used] @ at_points
+        offset, modes = basis.at_place(places_of(observation, projection)[0])
+        q, r = compress(noise, at_values)
+        about = values - at_values @ offset.T @ components.T
+        return ProfileRows(q, noise, about, components, r, components @ modes)
+    assert weights is not None, "each value is a sum over places"
+    places = places_of(observation, projection)
+    at_levels = weights[used, :, None] * at_points  # (n, P, Z)
+    offsets = basis.horizontal.velocity(places, basis.offset)
+    known = np.einsum("npz,dpz,cd->nc", at_levels, offsets, components)
+    modes = basis.horizontal.velocity(places, basis.modes)  # (2, P, r)
+    of_values = np.stack([each.T @ modes for each in at_levels])  # (n, 2, Z, r)
+    design = np.einsum("kn,cd,ndzr->ckzr", noise.whiten, components, of_values, optimize=True)
+    by_level = design.reshape(-1, *design.shape[2:])
+    return PathRows(np.eye(len(noise.whiten)), noise, values - known, components, by_level)

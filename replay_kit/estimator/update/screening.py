@@ -10,10 +10,11 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_local
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.observation import (
+    BOTH_COMPONENTS,
     Flag,
     Innovation,
+    LinearMeasurement,
     Measurement,
-    Observation,
     PathMean,
     Reason,
     usable,
@@ -21,20 +22,21 @@ from replay_kit.core.observation import (
 
 
 def screen(
-    profiles: Sequence[Observation], grid: Grid, relative: bool = True
+    observations: Sequence[Measurement], grid: Grid, relative: bool = True
 ) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
-    """Return flags and reasons of profiles' bins after the region's own checks, shapes (n, m).
+    """Return flags and reasons of measurements' values after the region's own checks, shapes (n, m).
 
     Args:
-        profiles: With as many bins each.
+        observations: With as many values each.
         grid: The region.
         relative: Whether a profile relative to a platform of unknown velocity can be used.
     """
-    flags, reasons, depth, velocity, error_std = (
-        np.stack([getattr(each, name) for each in profiles])
-        for name in ("flags", "reasons", "depth", "velocity", "error_std")
+    measurements = [each.linear for each in observations]
+    flags, reasons, depth, value, error_std = (
+        np.stack([getattr(each, name) for each in measurements])
+        for name in ("flags", "reasons", "value_depth", "value", "error_std")
     )
-    east, north = to_local(grid.projection, *_places(profiles))
+    east, north = to_local(grid.projection, *_places(measurements))
     outside = np.broadcast_to(~inside_grid(grid, east, north)[:, None], flags.shape)
     # the level nearest in depth decides whether a bin is in the forecast's water
     level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
@@ -44,7 +46,7 @@ def screen(
     )
     wet = grid.wet.reshape(grid.levels.size, -1)
     dry = ~outside & ~wet[level, nearest[:, None]]
-    wrong = ~np.isfinite(velocity).all(axis=2) | ~(error_std > 0.0) | ~np.isfinite(error_std)
+    wrong = ~np.isfinite(value).all(axis=2) | ~(error_std > 0.0) | ~np.isfinite(error_std)
     for failed, reason in (
         (depth > grid.levels[-1], Reason.BELOW_GRID),
         (outside, Reason.OUTSIDE_REGION),
@@ -54,7 +56,7 @@ def screen(
         reasons[failed] |= reason
         flags[failed & usable(flags)] = Flag.FAIL
     # relative to a platform of unknown velocity only differences between bins are known, and one bin has none
-    unknown = np.array([not np.isfinite(each.common_std) for each in profiles])
+    unknown = np.array([not np.isfinite(each.common_std) for each in measurements])
     alone = unknown & ((np.count_nonzero(usable(flags), axis=1) < 2) | (not relative))
     reasons[alone] |= np.int32(Reason.PLATFORM_REFERENCE)
     flags[alone[:, None] & usable(flags)] = Flag.FAIL
@@ -67,13 +69,11 @@ class Screened:
 
     Attributes:
         observation: The measurement.
-        profile: The same as values at one place.
         used: shape (n,), positions of its usable bins.
         unused: The innovation to publish if it is not used.
     """
 
-    observation: Measurement
-    profile: Observation
+    observation: LinearMeasurement
     used: NDArray[np.intp]
     unused: Innovation
 
@@ -102,13 +102,13 @@ class Screened:
 
 
 def screen_measurement(observation: Measurement, grid: Grid, relative: bool = True) -> Screened:
-    """Return a measurement after screening; the arguments are those of ``screen``, for a mean along a path too."""
-    profile = observation.as_profile
-    (flags,), (reasons,) = screen([profile], grid, relative)
-    unused = unused_innovation(profile, flags, reasons)
-    if isinstance(observation, PathMean):
-        unused = _with_mean_current(unused, observation, grid.projection)
-    return Screened(observation, profile, np.flatnonzero(usable(flags)), unused)
+    """Return a measurement after screening; the arguments are those of ``screen``."""
+    linear = observation.linear
+    (flags,), (reasons,) = screen([linear], grid, relative)
+    unused = unused_innovation(linear, flags, reasons)
+    if linear.label.mean is not None:
+        unused = _with_mean_current(unused, linear.label.mean, grid.projection)
+    return Screened(linear, np.flatnonzero(usable(flags)), unused)
 
 
 def _with_mean_current(
@@ -134,13 +134,14 @@ def local_mean(mean: PathMean, projection: Projection) -> Array:
 
 
 def unused_innovation(
-    observation: Observation, flags: NDArray[np.int8], reasons: NDArray[np.int32]
+    observation: Measurement, flags: NDArray[np.int8], reasons: NDArray[np.int32]
 ) -> Innovation:
-    """Return the innovation of a profile that has no usable bin."""
-    blank = np.full((observation.depth.size, 2), np.nan)
+    """Return the innovation of a measurement that has no usable value."""
+    depth = observation.linear.value_depth
+    blank = np.full((depth.size, 2), np.nan)
     return Innovation(
         time_ns=observation.time_ns,
-        depth=observation.depth,
+        depth=depth,
         innovation=blank,
         innovation_std=blank,
         residual=blank,
@@ -157,33 +158,43 @@ def unused_innovation(
     )
 
 
-def is_duplicate(last: Measurement | None, observation: Measurement) -> bool:
+def is_duplicate(last: LinearMeasurement | None, observation: Measurement) -> bool:
     """Return whether a measurement equals the last one in every number: logged twice, it holds no new information."""
-    if last is None or type(last) is not type(observation) or last.time_ns != observation.time_ns:
+    if last is None or last.time_ns != observation.time_ns:
         return False
-    names = ("longitude", "latitude", "depth", "velocity")
+    names, linear = ("longitude", "latitude", "depth", "value", "components"), observation.linear
     return all(
-        np.array_equal(getattr(last, name), getattr(observation, name), equal_nan=True)
-        for name in names
+        np.array_equal(getattr(last, name), getattr(linear, name), equal_nan=True) for name in names
     )
 
 
-def _places(profiles: Sequence[Observation]) -> tuple[Array, Array]:
-    """Return longitude and latitude of profiles, shape (n,) each [degrees]."""
-    longitude, latitude = np.array([(each.longitude, each.latitude) for each in profiles]).T
+def _places(measurements: Sequence[LinearMeasurement]) -> tuple[Array, Array]:
+    """Return longitude and latitude of measurements, shape (n,) each [degrees]."""
+    longitude, latitude = np.array([each.middle for each in measurements]).T
     return longitude, latitude
 
 
-def local_velocity(observation: Observation, used: NDArray[np.intp], grid: Grid) -> Array:
-    """Return the velocity of a profile's usable bins along the local axes, shape (n, 2) [m/s]."""
-    place = (grid.projection, observation.longitude, observation.latitude)
-    return np.column_stack(rotate_to_local(*place, *observation.velocity[used].T))
+def local_values(
+    observation: LinearMeasurement, used: NDArray[np.intp], projection: Projection
+) -> tuple[Array, Array]:
+    """Return the values of a measurement, shape (n, c) [m/s], and the components of the local axes that they measure, shape (c, 2).
+
+    Both components become those of the local axes; directions are those at the last point.
+    """
+    place = projection, float(observation.longitude[-1]), float(observation.latitude[-1])
+    value = observation.value[used]
+    if len(observation.components) == 2:
+        true = value @ observation.components
+        return np.column_stack(rotate_to_local(*place, *true.T)), BOTH_COMPONENTS
+    return value, np.column_stack(rotate_to_local(*place, *observation.components.T))
 
 
-def local_velocities(profiles: Sequence[Observation], used: NDArray[np.bool_], grid: Grid) -> Array:
+def local_velocities(
+    profiles: Sequence[LinearMeasurement], used: NDArray[np.bool_], grid: Grid
+) -> Array:
     """Return the velocities of profiles along the local axes, shape (n, m, 2) [m/s]; 0 of bins that are not used."""
     longitude, latitude = _places(profiles)
-    velocity = np.where(used[..., None], np.stack([each.velocity for each in profiles]), 0.0)
+    velocity = np.where(used[..., None], np.stack([each.value for each in profiles]), 0.0)
     turned = rotate_to_local(
         grid.projection, longitude[:, None], latitude[:, None], *np.moveaxis(velocity, -1, 0)
     )
@@ -191,17 +202,17 @@ def local_velocities(profiles: Sequence[Observation], used: NDArray[np.bool_], g
 
 
 def relative_velocities(
-    profiles: Sequence[Observation], used: NDArray[np.bool_], grid: Grid
+    profiles: Sequence[LinearMeasurement], used: NDArray[np.bool_], grid: Grid
 ) -> Array | None:
     """Return the mean velocity of the used bins relative to the platform, shape (n, 2) [m/s], local axes; None where it is not stated."""
     first = profiles[0]
     platform = np.zeros((len(profiles), 2))
     if first.platform_velocity is not None:
         platform = np.array([each.platform_velocity for each in profiles])
-    elif np.isfinite(first.common_std):
+    elif first.reference == "absolute" or len(first.components) < 2:
         return None
     velocity = np.where(
-        used[..., None], np.stack([each.velocity for each in profiles]) - platform[:, None], 0.0
+        used[..., None], np.stack([each.value for each in profiles]) - platform[:, None], 0.0
     )
     mean = velocity.sum(axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]
     return np.column_stack(rotate_to_local(grid.projection, *_places(profiles), *mean.T))

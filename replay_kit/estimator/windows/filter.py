@@ -11,7 +11,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Innovation, Measurement, Observation
+from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.core.region import Region, inside
 from replay_kit.estimator.interface import Estimator, Stepped
 from replay_kit.estimator.prior.amplitude import ScaledPrior
@@ -179,13 +179,12 @@ class WindowedEstimator(Estimator[WindowedState]):
         place = _place(observation)
         if not inside(self.bounds, *place):
             return False
-        if inside(self.first, *place) or not isinstance(observation, Observation):
-            return self._of(self.first).usable(observation) or not inside(self.first, *place)
+        linear = observation.linear
+        if inside(self.first, *place) or not linear.at_one_place:
+            return self._of(self.first).usable(linear) or not inside(self.first, *place)
         levels = self._of(self.first).basis.grid.levels
         return bool(
-            np.any(
-                np.isfinite(observation.velocity).all(axis=1) & (observation.depth <= levels[-1])
-            )
+            np.any(np.isfinite(linear.value).all(axis=1) & (linear.value_depth <= levels[-1]))
         )
 
     def innovation(self, state: WindowedState, observation: Measurement) -> Array:

@@ -31,6 +31,8 @@ _SAMPLES = (
         "dive",
     ),
     *("dead_reckoning", "nav_state"),
+    *("temperature", "conductivity", "altitude", "water_depth", "voltage", "charge_used"),
+    *("waypoint_longitude", "waypoint_latitude"),
     *(
         "start_time",
         "start_longitude",
@@ -101,7 +103,8 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
         elif key in QUANTITIES:
             values[key] = units.in_si(name, stored, QUANTITIES[key], notes, forced.get(key, ""))
     _spread_by_profile(file, chosen, values, notes)
-    notes += _missing(chosen, values)
+    # the cycles of a Slocum each write some of the sensors
+    notes += [] if file.sources else _missing(chosen, values)
     if "declination" in values and np.isfinite(values["declination"]).any():
         notes.append(
             f"{chosen['declination']}: declination {np.nanmedian(values['declination']):g} degrees"

@@ -5,34 +5,46 @@ To add a dialect, write its ``Dialect`` here and add it to ``DIALECTS``.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
+from replay_kit.core.extensions import additions
 from replay_kit.logs.glider.adcp import midas_pings, seaexplorer_pings, seaglider_pings
 from replay_kit.logs.glider.netcdf import NetcdfFile
 from replay_kit.logs.glider.units import (
     ANGLE,
+    CHARGE,
+    CONDUCTIVITY,
+    HEIGHT,
     LATITUDE,
     LENGTH,
     LONGITUDE,
     NUMBER,
     PRESSURE,
     SPEED,
+    TEMPERATURE,
+    VOLTAGE,
     Quantity,
 )
 from replay_kit.logs.reader import Entry
 
 Names = Mapping[str, str]
 
+_PLACES = ("", "gps_", "start_", "end_", "dac_", "waypoint_")
 #: What the reader asks for: samples along the track, fixes before (``start_``), after (``end_``) or at any time (``gps_``), mean
 #: currents (``dac_``), absolute profiles (``profile_``). Times are read apart.
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
-        **{f"{part}longitude": LONGITUDE for part in ("", "gps_", "start_", "end_", "dac_")},
-        **{f"{part}latitude": LATITUDE for part in ("", "gps_", "start_", "end_", "dac_")},
+        **{f"{part}longitude": LONGITUDE for part in _PLACES},
+        **{f"{part}latitude": LATITUDE for part in _PLACES},
         **dict.fromkeys(("depth", "gps_error", "profile_depth"), LENGTH),
+        **dict.fromkeys(("altitude", "water_depth"), HEIGHT),
         "pressure": PRESSURE,
+        "temperature": TEMPERATURE,
+        "conductivity": CONDUCTIVITY,
+        "voltage": VOLTAGE,
+        "charge_used": CHARGE,
         **dict.fromkeys(("heading", "pitch", "roll", "declination"), ANGLE),
         **dict.fromkeys(
             ("dac_east", "dac_north", "dac_error", "profile_east", "profile_north"), SPEED
@@ -187,6 +199,32 @@ _SLOCUM = Dialect(
         **dict.fromkeys(("heading", "pitch", "roll", "declination"), "rad"),
         "pressure": "bar",
     },
+)
+
+#: Slocum's binary files, put together by ``logs/slocum``; the files themselves are recognised by their first bytes.
+SLOCUM_BINARY = replace(
+    _SLOCUM,
+    name="slocum-binary",
+    title="Slocum's binary files",
+    signature="",
+    names={
+        **_SLOCUM.names,
+        "gps_time": "gps_time",
+        "gps_flag": "m_gps_status",
+        "dac_time": "report_time",
+        "dac_east": "m_water_vx",
+        "dac_north": "m_water_vy",
+        "temperature": "sci_water_temp",
+        "conductivity": "sci_water_cond",
+        "altitude": "m_altitude",
+        "water_depth": "m_water_depth",
+        "voltage": "m_battery",
+        "charge_used": "m_coulomb_amphr_total",
+        "waypoint_longitude": "c_wpt_lon",
+        "waypoint_latitude": "c_wpt_lat",
+    },
+    units={},
+    in_parts=True,
 )
 
 # IOOS GliderDAC v2 and v3: a file a profile.
@@ -376,4 +414,6 @@ DIALECTS: tuple[Dialect, ...] = (
 
 def dialect_of(names: Collection[str], attributes: Mapping[str, Any]) -> Dialect | None:
     """Return the dialect of a file with these variables and attributes; None for a file of no known dialect."""
-    return next((dialect for dialect in DIALECTS if dialect.recognises(names, attributes)), None)
+    added = additions("dialects", lambda value: isinstance(value, Dialect), "a Dialect").values()
+    dialects = (*DIALECTS, *added)
+    return next((dialect for dialect in dialects if dialect.recognises(names, attributes)), None)

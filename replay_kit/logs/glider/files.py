@@ -3,7 +3,7 @@
 import gzip
 import re
 import zlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,20 +69,12 @@ def _is_text(path: Path) -> bool:
         return is_seaexplorer(file.read(_HEAD))
 
 
-def grouped(paths: Sequence[Path]) -> list[list[int]]:
-    """Return the positions of files in groups, each one log: all profiles of a GliderDAC mission, all parts of a SeaExplorer's, else one.
+def mission_key(path: Path) -> tuple[str, ...]:
+    """Return the names of a file's dialect and missions, which all its profiles or parts share; none where a mission is one file.
 
     Raises:
-        LogError: A file cannot be read.
+        LogError: The file cannot be read.
     """
-    groups: dict[tuple[str, ...], list[int]] = {}
-    for place, path in enumerate(paths):
-        groups.setdefault(_mission(path) or (str(place),), []).append(place)
-    return list(groups.values())
-
-
-def _mission(path: Path) -> tuple[str, ...]:
-    """Return the names of a file's dialect and missions; none where a mission is one file, or the dialect is not known."""
     if _is_text(path):
         return "seaexplorer", *mission_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
     file = _opened(

@@ -122,12 +122,14 @@ class NetcdfFile:
         attributes: Of the file as a whole, and of its group ``Config``.
         variables: Those read, by name; of a group ``Data/Average`` by their own names.
         names: Of all variables of the file.
+        sources: The files that it was put together from; empty for one file.
     """
 
     path: Path
     attributes: Mapping[str, Any]
     variables: Mapping[str, Stored]
     names: tuple[str, ...]
+    sources: tuple[Path, ...] = ()
 
     def has(self, *names: str) -> bool:
         """Return whether all these variables were read."""

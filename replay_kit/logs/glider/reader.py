@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.message import Message
+from replay_kit.core.message import Loss, Message
 from replay_kit.core.observation import Fix
-from replay_kit.logs.glider.adcp import FROM_SURFACE, INVERTED, earth_ping
+from replay_kit.logs.glider.adcp import INVERTED
 from replay_kit.logs.glider.columns import Columns, joined, read_columns
 from replay_kit.logs.glider.currents import DiveMean, mean_currents
 from replay_kit.logs.glider.dialects import Dialect
 from replay_kit.logs.glider.files import GliderFile, open_glider_file
 from replay_kit.logs.glider.fixes import fixes_of
+from replay_kit.logs.glider.instruments import PROFILES, absolute_profiles, instrument_entries
 from replay_kit.logs.glider.missions import mission_of
 from replay_kit.logs.glider.rows import NetcdfRows
 from replay_kit.logs.reader import Entry, LogFile
 from replay_kit.logs.shared.payloads import (
     FIX,
-    PING,
     by_variable,
     gather,
     location_fix,
@@ -40,10 +40,15 @@ _DAC = "replay_kit.DepthAveragedCurrent"
 class GliderReader(LogFile):
     """The files of one dialect that are one log, read whole: a mission has some ten thousand samples."""
 
-    without_checksum = "values of NetCDF or text files"
+    without_checksum = "values of NetCDF, text or Slocum files"
 
     def __init__(
-        self, files: Sequence[GliderFile], input: int = 0, config: LogConfig | None = None
+        self,
+        files: Sequence[GliderFile],
+        input: int = 0,
+        config: LogConfig | None = None,
+        losses: Sequence[Loss] = (),
+        notes: Sequence[str] = (),
     ) -> None:
         """Read the files.
 
@@ -51,6 +56,8 @@ class GliderReader(LogFile):
             files: The log's files, all of one dialect, in order of time; the log is named after the first.
             input: Position of the log among the run's inputs.
             config: How logs are read.
+            losses: Damage found while the files were opened.
+            notes: What was assumed then.
 
         Raises:
             LogError: A variable has a unit that is not understood.
@@ -58,10 +65,13 @@ class GliderReader(LogFile):
         super().__init__(files[0].content.path, input, config)
         self._dialect = files[0].dialect
         self.format = self._dialect.name
-        notes: list[str] = (
-            [f"{self._dialect.title}: {len(files)} files are one log"] if len(files) > 1 else []
+        self._losses = tuple(losses)
+        self.files = tuple(
+            path for part in files for path in part.content.sources or (part.content.path,)
         )
-        self.files = tuple(part.content.path for part in files)
+        notes = list(notes)
+        if len(self.files) > 1:
+            notes.insert(0, f"{self._dialect.title}: {len(self.files)} files are one log")
         self.mission = _one_mission(files, notes)
         self._columns = joined([read_columns(part.content, self._dialect, notes) for part in files])
         self._fixes, self._lost_fixes = fixes_of(self._columns, notes)
@@ -80,11 +90,14 @@ class GliderReader(LogFile):
         """Yield the log's messages in order of time.
 
         ``/vehicle/fix``: GPS. ``/vehicle/position``: dead-reckoned or interpolated, with the depth, once a minute. ``/adcp``: velocity
-        relative to the glider. ``/adcp/inverted``, ``/adcp/absolute``: absolute profiles. ``/dac``: the mean current of each dive, at the
+        relative to the glider. ``/ctd``, ``/vehicle/altimeter``, ``/vehicle/battery``, ``/vehicle/waypoint``: as
+        ``instrument_entries``. ``/adcp/inverted``, ``/adcp/absolute``: absolute profiles. ``/dac``: the mean current of each dive, at the
         fix after it.
         """
         self.statistics = ReadStatistics()
         self.statistics.notes = self._notes
+        for loss in self._losses:
+            self.statistics.lose(loss.what, loss.offset, loss.bytes)
         for topic, reason, count in self._columns.skipped:
             self._skip(topic, reason, count)
         self._skip(
@@ -96,7 +109,8 @@ class GliderReader(LogFile):
             self._skip("/dac", reason, count)
         # at one time a position comes before the velocities measured there
         yield from self._by_time(
-            [*self._fixes.entries(), *self._positions(), *self._dacs(), *self._adcp]
+            [*self._fixes.entries(), *self._positions(), *self._dacs(), *self._adcp],
+            *instrument_entries(self._columns.samples),
         )
 
     def is_gliders(self) -> bool:
@@ -249,44 +263,3 @@ def open_glider(
     """
     files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
     return GliderReader(files, input, config) if files else NetcdfRows(path, input, config, wanted)
-
-
-#: Topic of the profiles.
-PROFILES = "/adcp/absolute"
-
-
-def absolute_profiles(
-    columns: Columns, means: Sequence[DiveMean], notes: list[str]
-) -> Iterator[Entry]:
-    """Yield the absolute profiles of a mission as pings at the middle of their dives, where the file states it.
-
-    They were referenced to the mean currents: ``computed_from`` and, in the mean currents, ``also_in`` keep them from counting twice.
-    """
-    profile, samples = columns.profile, columns.samples
-    if not profile:
-        return
-    depth = profile["depth"]
-    steps = np.diff(depth)
-    even = bool(steps.size and np.allclose(steps, steps[0]) and steps[0] > 0.0)
-    placed = {mean.middle.time_ns for mean in means if mean.middle is not None}
-    notes.append(
-        "absolute profiles: taken as east and north relative to the earth, each at the middle of its dive"
-    )
-    for k in range(len(profile["east"])):
-        velocity = np.column_stack([profile["east"][k], profile["north"][k]])
-        if not np.isfinite(velocity).all(axis=1).any():
-            continue
-        middle_ns = int(samples["dac_time"][k]) if "dac_time" in samples else 0
-        time_ns = middle_ns if middle_ns in placed else int(samples["time"][k])
-        payload = earth_ping(
-            time_ns,
-            k,
-            int(samples["dive"][k]),
-            velocity,
-            (float(steps[0]) if even else 1.0, float(depth[0])),
-        )
-        payload |= FROM_SURFACE | {
-            "computed_from": ["/dac"],
-            **({} if even else {"cell_distances": depth.tolist()}),
-        }
-        yield time_ns, PROFILES, PING, payload

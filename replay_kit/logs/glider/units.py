@@ -125,6 +125,11 @@ LENGTH = Quantity("m", MappingProxyType(_LENGTHS), -12_000.0, 12_000.0)
 PRESSURE = Quantity("dbar", MappingProxyType(_PRESSURES), -20.0, 12_000.0)
 ANGLE = Quantity("degrees", MappingProxyType(_ANGLES), -360.0, 720.0)
 SPEED = Quantity("m/s", MappingProxyType(_SPEEDS), -5.0, 5.0)
+HEIGHT = Quantity("m", MappingProxyType(_LENGTHS), 0.0, 12_000.0)
+TEMPERATURE = Quantity("degrees Celsius", MappingProxyType({"degc": 1.0}), -5.0, 60.0)
+CONDUCTIVITY = Quantity("S/m", MappingProxyType({"s/m": 1.0, "ms/cm": 0.1}), 0.0, 10.0)
+VOLTAGE = Quantity("V", MappingProxyType({"volts": 1.0, "v": 1.0}), 0.0, 1000.0)
+CHARGE = Quantity("A h", MappingProxyType({"amp-hrs": 1.0}), 0.0, 1e6)
 NUMBER = Quantity("", MappingProxyType({}), -1e9, 1e9)
 
 
@@ -146,8 +151,7 @@ def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit:
         stated = key = unit
     if key == "nmea":
         notes.append(f"{name}: degrees and minutes (ddmm.mmm) converted to degrees")
-        # marks of no fix, such as 69696969, are more degrees than there are
-        values = np.sign(values) * (np.abs(values) // 100.0 + np.abs(values) % 100.0 / 60.0)
+        values = from_minutes(values)
     elif key in quantity.factors:
         if quantity.factors[key] != 1.0:
             notes.append(f"{name}: converted from {stated} to {quantity.unit}")
@@ -162,6 +166,11 @@ def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit:
             f"{name}: {int(odd.sum())} values outside {quantity.low:g}..{quantity.high:g} {quantity.unit} taken as missing"
         )
     return np.where(odd | ~np.isfinite(values), np.nan, values)
+
+
+def from_minutes(values: Array) -> Array:
+    """Return degrees of degrees and minutes (ddmm.mmm); marks of no fix, such as 69696969, become more degrees than there are."""
+    return np.sign(values) * (np.abs(values) // 100.0 + np.abs(values) % 100.0 / 60.0)
 
 
 def _unit_key(unit: str) -> str:

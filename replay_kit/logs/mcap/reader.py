@@ -22,8 +22,9 @@ from replay_kit.logs.mcap.records import (
     file_records,
     parse,
 )
-from replay_kit.logs.mcap.scanner import MESSAGE, Make, McapScanner
-from replay_kit.logs.mcap.summary import Channels, read_summary
+from replay_kit.logs.mcap.scanner import MESSAGE, McapScanner
+from replay_kit.logs.mcap.summary import Channels, Make, read_summary
+from replay_kit.logs.mcap.survey import Survey, overview_of
 from replay_kit.logs.reader import LogFile, OnExtra
 from replay_kit.logs.shared.blocks import Block, Overview
 from replay_kit.logs.shared.statistics import ReadStatistics
@@ -54,19 +55,16 @@ class McapReader(LogFile):
             # the stamp is in the payload
             yield from super().blocks(wanted)
             return
-        from replay_kit.logs.mcap.survey import SurveyScanner
-
         self.statistics = ReadStatistics()
+        survey = Survey(self.statistics, self._decoded, f"{self._clock}_ns", wanted)
         with self._opened() as file:
             self._check_magic(file)
-            yield from SurveyScanner(
-                file, self.statistics, self._decoded, f"{self._clock}_ns", wanted, self._topic
+            yield from McapScanner(
+                file, self.statistics, survey.single, self._topic, bulk=survey
             ).messages()
 
     def overview(self) -> Overview | str:
         """Return what the index at the end of the file says; as ``LogFile.overview``."""
-        from replay_kit.logs.mcap.survey import overview_of
-
         if self._clock != "log":
             return f"the index holds log times alone, and the clock is {self._clock}"
         self.statistics = ReadStatistics()

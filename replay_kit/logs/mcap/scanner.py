@@ -3,7 +3,7 @@
 import os
 import struct
 from collections.abc import Callable, Generator, Iterator
-from typing import BinaryIO, Generic, TypeVar
+from typing import BinaryIO, Generic, Protocol, TypeVar
 
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Statistics
@@ -24,7 +24,8 @@ from replay_kit.logs.mcap.records import (
     parse_chunk,
 )
 from replay_kit.logs.mcap.salvage import Salvage, WholeChunk, goes_on
-from replay_kit.logs.mcap.summary import Channels, read_summary
+from replay_kit.logs.mcap.summary import Channels, Make, read_summary
+from replay_kit.logs.mcap.survey import Columns, columns_of
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: Fixed part of a message record: channel, sequence, log time, publish time. Unpacked here at once, because the library's
@@ -37,8 +38,17 @@ _CHUNK_HEAD = HEAD_SIZE + 40
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
 
 _T = TypeVar("_T")
-#: Makes the scan's value of a message record ``data[start:end]``; None leaves it out.
-Make = Callable[[Channels, bytes, int, int, int], _T | None]
+_Out = TypeVar("_Out", covariant=True)
+
+
+class Bulk(Protocol[_Out]):
+    """Makes one value of all messages of a chunk at once."""
+
+    def takes(self, found: Columns, span: tuple[int, int] | None) -> bool:
+        """Return whether nothing is strange about the messages, whose log times should lie in a span [ns] where one is given."""
+
+    def block(self, channels: Channels, data: bytes, found: Columns, first: int) -> _Out:
+        """Return the value of a chunk's contents, the ordinal of whose first message is given."""
 
 
 class McapScanner(Generic[_T]):
@@ -51,6 +61,7 @@ class McapScanner(Generic[_T]):
         make: Make[_T],
         rename: Callable[[str], str] = str,
         on_extra: Callable[[Record], None] | None = None,
+        bulk: Bulk[_T] | None = None,
     ) -> None:
         """Remember what to do with each kind of record.
 
@@ -61,11 +72,13 @@ class McapScanner(Generic[_T]):
             rename: Gives what a topic of the file is called.
             on_extra: Called with each attachment and metadata record that is whole, an attachment without its body; an exception of
                 ``RECORD_ERRORS`` that it raises is a loss.
+            bulk: Used instead of ``make`` for the contents of chunks that it takes; None for none.
         """
         self._file = file
         self._statistics = statistics
         self._make = make
         self._on_extra = on_extra
+        self._bulk = bulk
         self._size = os.fstat(file.fileno()).st_size
         self._summary = read_summary(file, self._size)
         self._channels = Channels(self._summary, rename)
@@ -251,6 +264,14 @@ class McapScanner(Generic[_T]):
         """
         end = 0
         span = unchecked.span if unchecked else None
+        # one by one where something is strange, so that what is wrong with a message is said of it
+        if self._bulk and (found := columns_of(data)) and self._bulk.takes(found, span):
+            for opcode, start, stop in found.declared:
+                self._declare(opcode, data[start:stop], record.offset)
+            if found.offset.size:
+                first, self._position = self._position, self._position + found.offset.size
+                yield self._bulk.block(self._channels, data, found, first)
+            return len(data)
         make, channels, unpack, size = (
             self._make,
             self._channels,

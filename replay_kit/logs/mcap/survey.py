@@ -1,13 +1,14 @@
 """An MCAP file surveyed without decoding it all.
 
-``SurveyScanner`` decodes some topics only; the others are counted and timed in bulk, chunk by chunk. ``overview_of`` reads the index at the
-end of the file and the first messages of each topic: a few reads, however large the file is.
+``Survey`` decodes some topics only; the others are counted and timed in bulk, chunk by chunk. ``overview_of`` reads the index at the end of
+the file and the first messages of each topic: a few reads, however large the file is.
 """
 
 import os
 import struct
 from collections import defaultdict
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import islice
 from typing import BinaryIO, NamedTuple
 
@@ -22,14 +23,11 @@ from replay_kit.logs.mcap.records import (
     INNER,
     RECORD_ERRORS,
     RECORD_HEAD,
-    Chunk,
-    Record,
     chunk_contents,
     file_records,
     parse_chunk,
 )
-from replay_kit.logs.mcap.scanner import Make, McapScanner
-from replay_kit.logs.mcap.summary import Channels, Sink, Summary, read_summary
+from replay_kit.logs.mcap.summary import Channels, Make, Summary, read_summary
 from replay_kit.logs.shared.blocks import Block, Overview, TopicExtent, block_of
 from replay_kit.logs.shared.statistics import ReadStatistics
 
@@ -45,6 +43,7 @@ MESSAGE_START = np.dtype(
     ]
 )
 _MESSAGE = int(Opcode.MESSAGE)
+_LAST_NS = 2**63 - 1
 _SHORTEST = MESSAGE_START.itemsize - HEAD_SIZE
 
 
@@ -101,113 +100,88 @@ def _heads(data: bytes, offset: list[int]) -> NDArray[np.void]:
     return anywhere[offset]
 
 
-_LAST_NS = np.uint64(2**63 - 1)
-
-
-class SurveyScanner(McapScanner[Block]):
-    """One scan of an open file: a block for each chunk, and for each message outside chunks or in a chunk with a fault."""
+class Survey:
+    """Makes blocks of messages, of which only those of wanted topics are decoded, and of others the first, as a sample."""
 
     def __init__(
         self,
-        file: BinaryIO,
         statistics: ReadStatistics,
         decoded: Make[Message],
         stamp: str,
         wanted: Callable[[str, str], bool],
-        rename: Callable[[str], str],
     ) -> None:
         """Remember what to do with messages.
 
         Args:
-            file: The open file.
-            statistics: Counts messages and losses.
+            statistics: Counts messages.
             decoded: Returns a message decoded and counts it; None when it cannot be.
             stamp: Which stamp orders messages: ``log_ns`` or ``publish_ns``.
-            wanted: Whether the messages of a topic and schema are decoded; of others the first is, as a sample.
-            rename: Gives what a topic of the file is called.
+            wanted: Whether the messages of a topic and schema are decoded.
         """
-
-        def alone(*record: object) -> Block | None:
-            message = decoded(*record)  # type: ignore[arg-type]
-            return None if message is None else block_of([message])
-
-        super().__init__(file, statistics, alone, rename)
+        self._statistics = statistics
         self._decoded = decoded
         self._stamp = stamp
         self._wanted = wanted
         self._sampled: set[tuple[str, str]] = set()
 
-    def _contents(
-        self, data: bytes, record: Record, unchecked: Chunk | None
-    ) -> Generator[Block, None, int]:
-        found = columns_of(data)
-        if found is None or self._strange(found, unchecked):
-            # one by one, so that what is wrong with a message is said of it
-            return (yield from super()._contents(data, record, unchecked))
-        for opcode, start, stop in found.declared:
-            self._declare(opcode, data[start:stop], record.offset)
-        if found.offset.size:
-            yield self._block(data, found)
-        return len(data)
+    def single(
+        self, channels: Channels, data: bytes, start: int, end: int, position: int
+    ) -> Block | None:
+        """Return a block of one message record; None when it cannot be decoded."""
+        message = self._decoded(channels, data, start, end, position)
+        return None if message is None else block_of([message])
 
-    def _strange(self, found: Columns, unchecked: Chunk | None) -> bool:
-        """Return whether a message has a time that cannot be used, or contradicts its chunk where no checksum covers both."""
-        times = found.head["log_ns"]
-        outside = unchecked is not None and np.any(
-            (times < unchecked.start_ns) | (times > unchecked.end_ns)
-        )
-        return bool(outside or np.any(found.head[self._stamp] > _LAST_NS))
+    def takes(self, found: Columns, span: tuple[int, int] | None) -> bool:
+        """Return whether all messages can be used: their times can, and the log times lie in a span [ns] where one is given."""
+        log_ns = found.head["log_ns"]
+        if span is not None and np.any((log_ns < span[0]) | (log_ns > span[1])):
+            return False
+        return not np.any(found.head[self._stamp] > _LAST_NS)
 
-    def _block(self, data: bytes, found: Columns) -> Block:
+    def block(self, channels: Channels, data: bytes, found: Columns, first: int) -> Block:
+        """Return the block of a chunk's contents, of which there is at least one message.
+
+        Args:
+            channels: Declared so far.
+            data: The contents.
+            found: Their records.
+            first: Ordinal in the file of the first message.
+        """
         counts = np.bincount(found.head["channel"])
-        channels = np.flatnonzero(counts)
-        kind = np.searchsorted(channels, found.head["channel"])
-        sinks = [self._channels.sink(channel) for channel in channels.tolist()]
+        numbers = np.flatnonzero(counts)
+        kind = np.searchsorted(numbers, found.head["channel"])
+        sinks = [channels.sink(number) for number in numbers.tolist()]
         wanted = np.array(
             [callable(sink.decode) and self._wanted(sink.topic, sink.schema) for sink in sinks]
         )
-        first = self._position
-        self._position += kind.size
-        messages = list(self._messages(data, found, np.flatnonzero(wanted[kind]), first))
+        decoded = partial(self._messages, channels, data, found, first)
+        messages = list(decoded(np.flatnonzero(wanted[kind])))
         for number in np.flatnonzero(~wanted).tolist():
-            count = int(counts[channels[number]])
-            if (
-                callable(sinks[number].decode)
-                and (sinks[number].topic, sinks[number].schema) not in self._sampled
-            ):
-                sample, tried = self._sample(
-                    sinks[number], data, found, np.flatnonzero(kind == number), first
-                )
-                messages, count = messages + sample, count - tried
-            self._count(sinks[number], count)
+            sink, count = sinks[number], int(counts[numbers[number]])
+            if callable(sink.decode) and (sink.topic, sink.schema) not in self._sampled:
+                before = self._statistics.read[sink.topic]
+                sample = list(islice(decoded(np.flatnonzero(kind == number)), 1))
+                if sample:
+                    self._sampled.add((sink.topic, sink.schema))
+                messages += sample
+                # those tried are counted already
+                count -= self._statistics.read[sink.topic] - before
+            if isinstance(sink.decode, str):
+                self._statistics.undecodable(sink.topic, sink.decode, count)
+            self._statistics.read[sink.topic] += count
         messages.sort(key=lambda message: message.position)
         kinds = tuple((sink.topic, sink.schema) for sink in sinks)
         return Block(kinds, kind, found.head[self._stamp].astype(np.int64), messages)
 
     def _messages(
-        self, data: bytes, found: Columns, rows: NDArray[np.intp], first: int
+        self, channels: Channels, data: bytes, found: Columns, first: int, rows: NDArray[np.intp]
     ) -> Iterator[Message]:
         """Yield the messages of some rows that can be decoded."""
         starts, stops = (found.offset[rows] + HEAD_SIZE).tolist(), found.stop[rows].tolist()
         for row, start, stop in zip(rows.tolist(), starts, stops, strict=True):
-            message = self._decoded(self._channels, data, start, stop, first + row)
+            message = self._decoded(channels, data, start, stop, first + row)
             if message is not None:
                 yield message
-
-    def _sample(
-        self, sink: Sink, data: bytes, found: Columns, rows: NDArray[np.intp], first: int
-    ) -> tuple[list[Message], int]:
-        """Return the first message of a topic that can be decoded, and how many were tried and counted."""
-        before = self._statistics.read[sink.topic]
-        sample = list(islice(self._messages(data, found, rows, first), 1))
-        if sample:
-            self._sampled.add((sink.topic, sink.schema))
-        return sample, self._statistics.read[sink.topic] - before
-
-    def _count(self, sink: Sink, messages: int) -> None:
-        if isinstance(sink.decode, str):
-            self._statistics.undecodable(sink.topic, sink.decode, messages)
-        self._statistics.read[sink.topic] += messages
 
 
 #: A file with fewer messages than this, and fewer bytes of them, is read whole in a second or so.

@@ -5,9 +5,10 @@ The checks of pings ask for bins above the surface, and compare speeds with thos
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 from replay_kit.core.errors import Finding
+from replay_kit.core.extensions import additions
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.instrument import Beams, Noise, Repeats, Stuck
@@ -176,6 +177,14 @@ class SpeedCounts:
     def contradict_ensemble(self) -> bool:
         """Whether most pings are faster or slower than those of the ensemble by far."""
         return self.pings >= _LEAST_PINGS and 2 * max(self.fast, self.slow) > self.pings
+
+
+def added_checks(of_positions: bool) -> tuple[Any, ...]:
+    """Return the checks of positions, or of pings, that installed packages add, in the order of their names."""
+    found = additions(
+        "checks", lambda value: hasattr(value, "after") and hasattr(value, "found"), "a check"
+    )
+    return tuple(one for one in found.values() if hasattr(one, "is_unusable") == of_positions)
 
 
 #: The checks before the first ping, and before the first position, in the order in which findings are reported.

@@ -49,7 +49,9 @@ class Instrument:
 
     raw: RawHistory = field(default_factory=RawHistory)
     sources: SourceStatistics = field(default_factory=SourceStatistics)
-    pings: tuple[checks.PingCheck, ...] = field(default_factory=lambda: checks.PING_CHECKS)
+    pings: tuple[checks.PingCheck, ...] = field(
+        default_factory=lambda: (*checks.PING_CHECKS, *checks.added_checks(of_positions=False))
+    )
     depths: DepthRecord = field(default_factory=DepthRecord)
     is_believed: bool = True
     named: frozenset[str] = frozenset()
@@ -72,7 +74,7 @@ class ConsistencyState:
 
     instruments: Mapping[str, Instrument] = field(default_factory=dict)
     positions: tuple[checks.PositionCheck, ...] = field(
-        default_factory=lambda: checks.POSITION_CHECKS
+        default_factory=lambda: (*checks.POSITION_CHECKS, *checks.added_checks(of_positions=True))
     )
     depths: DepthRecord = field(default_factory=DepthRecord)
     named: frozenset[str] = frozenset()

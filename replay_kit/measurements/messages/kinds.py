@@ -75,6 +75,10 @@ _READERS: Mapping[str, Reader | str] = MappingProxyType(
     {
         "replay_kit.AdcpPing": profiles.adcp_ping,
         "replay_kit.DepthAveragedCurrent": depth_averaged_current,
+        "replay_kit.Ctd": "properties of the water, not used",
+        "replay_kit.Altimeter": "height above the bottom, not used",
+        "replay_kit.Battery": "state of the battery, not used",
+        "replay_kit.Waypoint": "where the glider steers for, not where it is",
         "ds_sensor_msgs.Adcp": profiles.ds_adcp,
         "foxglove.LocationFix": vehicle.location_fix,
         "foxglove_msgs.LocationFix": vehicle.location_fix,

@@ -11,7 +11,7 @@ from typing import Any
 
 from replay_kit.measurements.messages.adcp_ping import COORDINATE_SYSTEMS
 from replay_kit.measurements.messages.fields import number, whole_number
-from replay_kit.measurements.messages.vehicle import Position
+from replay_kit.measurements.messages.vehicle import Position, checked
 
 #: Schema of our own pings.
 PING_SCHEMA = "replay_kit.AdcpPing"
@@ -48,9 +48,12 @@ class StatedPing:
     place: Position | None = None
 
 
-def adcp_ping(payload: Mapping[str, Any]) -> StatedPing:
-    """Return our own ping as it is."""
-    return StatedPing(payload)
+def adcp_ping(payload: Mapping[str, Any]) -> StatedPing | str:
+    """Return our own ping as it is; with ``place``, which tells nothing of a vehicle, or why that is no place."""
+    if not isinstance(stated := payload.get("place"), Mapping):
+        return StatedPing(payload)
+    place = checked(stated.get("lon"), stated.get("lat"), 0.0, False)
+    return place if isinstance(place, str) else StatedPing(payload, place=place)
 
 
 def ds_adcp(payload: Mapping[str, Any]) -> StatedPing | str:

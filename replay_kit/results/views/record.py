@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from mcap.reader import make_reader
 
-from replay_kit.config.earlier import with_current_keys
+from replay_kit.config.file import with_current_keys
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag, Reason

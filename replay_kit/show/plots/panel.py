@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from textwrap import fill
 from typing import Any
 
@@ -87,6 +88,14 @@ def missing(title: str, why: str) -> Panel:
     return Panel(title, draw, 0.45)
 
 
+class ShownFigure(Figure):
+    """A figure that a notebook shows without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        self.savefig(file := BytesIO(), format="png", dpi=120)
+        return file.getvalue()
+
+
 def compose(contents: Panels, columns: int) -> Figure:
     """Return a figure of panels with letters, their common legend and the notes below them.
 
@@ -101,7 +110,7 @@ def compose(contents: Panels, columns: int) -> Figure:
         rows = [contents.panels[k : k + across] for k in range(0, len(contents.panels), across)]
         heights = [max(panel.height for panel in row) * width / across for row in rows]
         shares = any(panel.shares_legend for panel in contents.panels)
-        figure = Figure(figsize=(width, sum(heights)), layout="constrained")
+        figure = ShownFigure(figsize=(width, sum(heights)), layout="constrained")
         grid = figure.add_gridspec(
             len(rows) + shares, across, height_ratios=[*heights, *[_LINE] * shares]
         )

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pkgutil import resolve_name
 
+from replay_kit.core.extensions import additions
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page import page_html
@@ -31,4 +32,7 @@ def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:
         notes: What the reader should know of how it was opened.
     """
     contents = Contents(result, notes)
-    return page_html(f"Report on {result.path.name}", [section(contents) for section in SECTIONS])
+    added = additions("sections", callable, "a function").values()
+    return page_html(
+        f"Report on {result.path.name}", [section(contents) for section in (*SECTIONS, *added)]
+    )

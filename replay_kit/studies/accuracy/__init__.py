@@ -1,7 +1,6 @@
 """``experiment accuracy``: the error of each estimation method against the number of pings."""
 
-from replay_kit.studies.accuracy.made import read_sources
-from replay_kit.studies.accuracy.methods import METHODS
 from replay_kit.studies.accuracy.run import AccuracyJob, AccuracyResult, run_accuracy
+from replay_kit.studies.scoring import METHODS
 
-__all__ = ["METHODS", "AccuracyJob", "AccuracyResult", "read_sources", "run_accuracy"]
+__all__ = ["METHODS", "AccuracyJob", "AccuracyResult", "run_accuracy"]

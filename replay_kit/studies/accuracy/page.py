@@ -3,25 +3,25 @@
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 from html import escape
-from pathlib import Path
 from typing import Any
-
-from rich.console import Console
 
 from replay_kit.show.page import Section
 from replay_kit.studies.accuracy.run import FIGURES, AccuracyResult, AccuracyRow
-from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, series_by
-from replay_kit.studies.reports.flows import LABELS
-from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
+from replay_kit.studies.reports.charts import LABELS, Axis, Chart, Series, chart_figure, series_by
+from replay_kit.studies.reports.page import (
+    PAGE,
+    StudyReport,
+    list_html,
+    study_page,
+    tables_html,
+    words_html,
+)
 from replay_kit.studies.reports.tables import (
     Cell,
     Table,
     answer_of,
-    json_text,
     number,
-    print_tables,
     rows_to_csv,
-    write_files,
 )
 
 _COLUMNS = (
@@ -56,29 +56,16 @@ def to_json(result: AccuracyResult) -> dict[str, Any]:
 
 def row_table(result: AccuracyResult) -> Table:
     """Return the rows as people read them."""
-    made = any(row.members for row in result.rows)
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (
             result.truth if row.truth is None else str(row.truth),
-            *((row.members,) if made else ()),
             row.method,
             row.pings,
             *(number(getattr(row, name)) for name in FIGURES),
         )
         for row in result.rows
     )
-    columns = (_COLUMNS[0], "members", *_COLUMNS[1:]) if made else _COLUMNS
-    return Table("accuracy", "Methods against the number of pings", columns, rows)
-
-
-def print_study(result: AccuracyResult, console: Console) -> None:
-    """Print the rows as a table, and below it why methods failed."""
-    print_tables(console, [row_table(result)])
-    for row in result.rows:
-        if row.failed:
-            console.print(
-                f"{row.method} after {row.pings} pings: {row.failed}", soft_wrap=True, markup=False
-            )
+    return Table("accuracy", "Methods against the number of pings", _COLUMNS, rows)
 
 
 def _row_json(row: AccuracyRow) -> dict[str, Any]:
@@ -86,7 +73,6 @@ def _row_json(row: AccuracyRow) -> dict[str, Any]:
         name
         for name, absent in (
             ("truth", row.truth is None),
-            ("members", not row.members),
             ("failed", not row.failed),
         )
         if absent
@@ -125,16 +111,18 @@ _CHARTS = (
 )
 
 
-def write_study(out: Path, result: AccuracyResult) -> None:
-    """Write ``FILES`` into a folder that exists, each whole or not at all; of an unfinished study all but the page."""
-    page = {} if result.unfinished else {PAGE: accuracy_page(result)}
-    write_files(
-        out,
-        {
-            "accuracy.csv": rows_to_csv(AccuracyRow, result.rows),
-            "accuracy.json": json_text(to_json(result)),
-            **page,
-        },
+def report_of(result: AccuracyResult) -> StudyReport:
+    """Return what the comparison says so far, and why methods failed."""
+    failed = [
+        f"{row.method} after {row.pings} pings: {row.failed}" for row in result.rows if row.failed
+    ]
+    return StudyReport(
+        "accuracy",
+        to_json(result),
+        [row_table(result)],
+        failed,
+        {"accuracy.csv": rows_to_csv(AccuracyRow, result.rows)},
+        None if result.unfinished else lambda: {PAGE: accuracy_page(result)},
     )
 
 

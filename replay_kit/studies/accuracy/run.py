@@ -16,8 +16,6 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import Estimator
-from replay_kit.studies.accuracy.made import KINDS, Sources, made_cases
-from replay_kit.studies.accuracy.methods import METHODS, build_method
 from replay_kit.studies.jobs import (
     EXPECTED_FAILURES,
     Advance,
@@ -29,7 +27,7 @@ from replay_kit.studies.jobs import (
     reason_of,
 )
 from replay_kit.studies.reports.tables import grouped
-from replay_kit.studies.scoring import Score, bound, score
+from replay_kit.studies.scoring import METHODS, Score, bound, build_method, score
 from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import Case, cases
@@ -81,7 +79,6 @@ class AccuracyRow:
         coverage90: Share of components inside their 90 % interval.
         crps: Mean continuous ranked probability score of a component [m/s].
         truth: Position of the member that was the truth, or ``mean`` over all, when several were left out in turn; None otherwise.
-        members: ``given``, ``lags`` or ``times`` where made ensembles are compared; empty otherwise.
         failed: Why there are no figures; empty when there are.
     """
 
@@ -96,7 +93,6 @@ class AccuracyRow:
     coverage90: float = math.nan
     crps: float = math.nan
     truth: int | str | None = None
-    members: str = ""
     failed: str = ""
 
 
@@ -105,7 +101,7 @@ class AccuracyResult:
     """All rows of a study, and what it was run on.
 
     Attributes:
-        rows: By truth, then members, method and number of pings; means over truths come last.
+        rows: By truth, then method and number of pings; means over truths come last.
         ensemble: Its file.
         truth: Its file, or the member left out, or the positions of several.
         modes: Limit on the basis flows of a level; None for all that exist.
@@ -123,10 +119,9 @@ class AccuracyResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Survey:
-    """One truth measured: where estimates are scored, the profiles of each seed, and of which kind the members are."""
+    """One truth measured: where estimates are scored, and the profiles of each seed."""
 
     case: Case
-    kind: str
     at: ScoredPoints
     profiles: tuple[tuple[Observation, ...], ...]
 
@@ -137,7 +132,6 @@ def run_accuracy(
     config: EstimatorConfig,
     job: AccuracyJob,
     progress: Progress = silent,
-    sources: Sources | None = None,
 ) -> Iterator[AccuracyResult]:
     """Yield how well each method estimates a truth: the result so far after each method, then the whole one.
 
@@ -147,7 +141,6 @@ def run_accuracy(
         config: Of the default estimator; the other methods take the settings that apply to them.
         job: What to compare.
         progress: Called with profiles done, profiles in all, and what is being run.
-        sources: What made ensembles are made of, to be compared with the ensemble; None compares none.
 
     A method that fails for a reason of ``EXPECTED_FAILURES`` has rows that state it; the others go on.
 
@@ -158,8 +151,7 @@ def run_accuracy(
     """
     job.check()
     each = list(cases(ensemble, truth, job.leave_out))
-    runs = len(each) * len(job.methods) * (len(KINDS) if sources else 1)
-    advance = Advance(runs * job.seeds * job.pings[-1], progress)
+    advance = Advance(len(each) * len(job.methods) * job.seeds * job.pings[-1], progress)
     in_turn = len(each) > 1
     rows: list[AccuracyRow] = []
 
@@ -171,31 +163,25 @@ def run_accuracy(
 
     calls = (
         (method, survey, config, job.pings, advance)
-        for survey in _surveys(ensemble, each, job, sources)
+        for survey in _surveys(each, job)
         for method in job.methods
     )
     steps = job.seeds * job.pings[-1]
     for (_, survey, *_), of_method in each_counted(_run_method, calls, advance, lambda *_: steps):
-        rows += [
-            replace(row, truth=survey.case.member if in_turn else None, members=survey.kind)
-            for row in of_method
-        ]
+        rows += [replace(row, truth=survey.case.member if in_turn else None) for row in of_method]
         yield result(True)
     if in_turn:
         rows += _means(rows)
     yield result(False)
 
 
-def _surveys(
-    ensemble: Ensemble, each: Sequence[Case], job: AccuracyJob, sources: Sources | None
-) -> Iterator[_Survey]:
+def _surveys(each: Sequence[Case], job: AccuracyJob) -> Iterator[_Survey]:
     for case in each:
         field, at = build_field(case.truth), scored_points(case.ensemble.grid, case.truth)
         profiles = tuple(
             random_observations(field, job.pings[-1], job.noise, seed) for seed in range(job.seeds)
         )
-        for kind, known in made_cases(ensemble, case, sources) if sources else [("", case)]:
-            yield _Survey(known, kind, at, profiles)
+        yield _Survey(case, at, profiles)
 
 
 def _run_method(
@@ -268,10 +254,8 @@ def _row(
 def _means(rows: Sequence[AccuracyRow]) -> list[AccuracyRow]:
     """Return the means over truths, seed by seed where there is one figure for each seed."""
     out = []
-    for (members, method, pings), alike in grouped(
-        rows, lambda row: (row.members, row.method, row.pings)
-    ).items():
-        mean = AccuracyRow(method, pings, truth="mean", members=members)
+    for (method, pings), alike in grouped(rows, lambda row: (row.method, row.pings)).items():
+        mean = AccuracyRow(method, pings, truth="mean")
         lost = [row for row in alike if row.failed]
         if lost:
             # a mean over the truths that are left would not be comparable with the other methods' means

@@ -1,26 +1,27 @@
 """The predictions of dives on the console, as CSV and JSON, and as a page: how far the estimate helped to predict the next dive."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from replay_kit.results.outcome.from_run import surfacings_json
 from replay_kit.show.page import Section
 from replay_kit.show.words import surfacings_sentences
 from replay_kit.studies.dives.run import DivePrediction, DivesResult
 from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure, series_by
-from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
+from replay_kit.studies.reports.page import (
+    PAGE,
+    StudyReport,
+    list_html,
+    study_page,
+    tables_html,
+    words_html,
+)
 from replay_kit.studies.reports.tables import (
     Table,
     answer_of,
-    json_text,
     number,
-    print_tables,
-    write_files,
 )
 from replay_kit.studies.reports.tables import to_csv as table_to_csv
 from replay_kit.workflows.replay.scoring import rms_length
@@ -31,15 +32,8 @@ TITLES = {
 }
 
 
-def print_study(result: DivesResult, console: Console) -> None:
-    """Print what a person reads: errors by dive and method, calibration, surfacings."""
-    print_tables(console, [dive_table(result, kind) for kind in TITLES if result.rmse(kind)])
-    for sentence in sentences_of(result):
-        console.print(sentence, soft_wrap=True)
-
-
 def sentences_of(result: DivesResult) -> list[str]:
-    """Return calibration, surfacings and fitted settings in words; nothing of what the log does not have."""
+    """Return calibration and surfacings in words; nothing of what the log does not have."""
     out = []
     if np.isfinite(result.nis_per_dof):
         covered = result.coverages().values()
@@ -54,11 +48,6 @@ def sentences_of(result: DivesResult) -> list[str]:
     surfacings = surfacings_of(result)
     if surfacings is not None:
         out.append(f"Surfacings: {'; '.join(surfacings_sentences(surfacings))}")
-    if result.fitted:
-        words = ", ".join(
-            f"{name} {value:g}" for name, value in asdict(result.dives[-1].settings).items()
-        )
-        out.append(f"Fitted to the dives before the last: {words}")
     return out
 
 
@@ -114,7 +103,6 @@ def to_json(result: DivesResult) -> dict[str, Any]:
         "surfacings": surfacings_of(result),
         "dives": [_dive_json(dive) for dive in result.dives],
         "ensemble": result.ensemble,
-        "fitted": result.fitted,
         "oscillators": result.oscillators,
         "unfinished": result.unfinished,
     }
@@ -127,7 +115,6 @@ def _dive_json(dive: DivePrediction) -> dict[str, Any]:
         "bins": len(dive.std),
         **{f"rmse_{kind}": rmse_of(dive, kind) for kind in TITLES},
         "nis_per_dof": dive.nis / dive.dof if dive.dof else None,
-        "settings": asdict(dive.settings),
     }
 
 
@@ -136,11 +123,15 @@ _DIVES = Axis("dive [number]")
 _NAMES = {"profiles": "profiles of the current", "mean": "depth-averaged currents"}
 
 
-def write_study(out: Path, result: DivesResult) -> None:
-    """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished predictions all but the page."""
-    page = {} if result.unfinished else {PAGE: dives_page(result)}
-    write_files(
-        out, {"dives.csv": to_csv(result), "dives.json": json_text(to_json(result)), **page}
+def report_of(result: DivesResult) -> StudyReport:
+    """Return what the predictions say so far: errors by dive and method, calibration, surfacings."""
+    return StudyReport(
+        "dives",
+        to_json(result),
+        [dive_table(result, kind) for kind in TITLES if result.rmse(kind)],
+        sentences_of(result),
+        {"dives.csv": to_csv(result)},
+        None if result.unfinished else lambda: {PAGE: dives_page(result)},
     )
 
 
@@ -176,7 +167,7 @@ def dives_page(result: DivesResult) -> str:
         ),
     ]
     answer = to_json(result)
-    options = {name: answer[name] for name in ("ensemble", "fitted", "oscillators", "versions")}
+    options = {name: answer[name] for name in ("ensemble", "oscillators", "versions")}
     return study_page("Each dive predicted from those before it", sections, options)
 
 

@@ -2,30 +2,19 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from replay_kit.config.run import RunConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.gaussian import coverage
-from replay_kit.core.observation import Measurement, Observation
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
-from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
-from replay_kit.estimator.evolving.fit_log import (
-    LogSettings,
-    fit_to_log,
-    fitted_estimator,
-    initial_settings,
-    observed_subspace_estimator,
-    with_errors,
-)
 from replay_kit.studies.dives.forecasts import (
     DiveForecasts,
     Expected,
@@ -49,7 +38,6 @@ class DivePrediction:
 
     Attributes:
         number: Of the dive.
-        settings: Under which it was predicted.
         errors: Measured minus predicted [m/s], by kind and method; without methods for the first dive. ``profiles``: shape (n, 2), at all
             bins; ``mean``: shape (1, 2), of the depth-averaged current.
         std: shape (n, 2) [m/s], of the estimate's.
@@ -61,7 +49,6 @@ class DivePrediction:
     """
 
     number: int
-    settings: LogSettings
     errors: Mapping[str, Mapping[str, Array]]
     std: Array
     nis: float
@@ -78,14 +65,12 @@ class DivesResult:
     Attributes:
         dives: In order; the first is predicted by the prior forecast.
         ensemble: Its file.
-        fitted: Whether settings were fitted to the dives before each.
         oscillators: What oscillated.
         unfinished: Whether more dives were to follow when this was written.
     """
 
     dives: tuple[DivePrediction, ...]
     ensemble: str
-    fitted: bool
     oscillators: tuple[str, ...]
     unfinished: bool = False
 
@@ -137,7 +122,6 @@ def run_dives(
     estimator: EvolvingEstimator,
     dives: Sequence[Dive],
     config: RunConfig,
-    fit: bool,
     source: str,
     progress: Progress = silent,
 ) -> Iterator[DivesResult]:
@@ -147,19 +131,14 @@ def run_dives(
         estimator: As configured.
         dives: In order, at least two.
         config: What the estimator was built with.
-        fit: Whether settings of the profiles' errors and of oscillations are fitted to the dives before.
         source: The ensemble's file.
         progress: Called with dives done, dives in all, and what is being done.
 
     Raises:
         MeasurementError: Nothing of the dives lies in the ensemble's region.
     """
-    small = observed_subspace_estimator(
-        estimator, [event for dive in dives for event in _all_of(dive)]
-    )
-    # with --fit nothing is gated: the likelihood counts every observation with the errors of the settings
-    small, done = replace(small, gating=None) if fit else small, list[DivePrediction]()
-    for prediction in each_call(_predicted, _each_before(small, dives, config.time, fit, progress)):
+    done = list[DivePrediction]()
+    for prediction in each_call(_predicted, _each_before(estimator, dives, progress)):
         done.append(prediction)
         unfinished = len(done) < len(dives)
         if not unfinished and not any(dive.dof or dive.errors["mean"] for dive in done):
@@ -167,52 +146,22 @@ def run_dives(
                 f"{source}: none of the {len(dives)} dives has a bin or a mean current in the ensemble's region; use an ensemble of the "
                 "right place, or --place-ensemble for a study"
             )
-        yield DivesResult(tuple(done), source, fit, config.time.oscillators, unfinished)
+        yield DivesResult(tuple(done), source, config.time.oscillators, unfinished)
 
 
 def _each_before(
-    small: EvolvingEstimator,
-    dives: Sequence[Dive],
-    config: TimeConfig,
-    fit: bool,
-    progress: Progress,
+    estimator: EvolvingEstimator, dives: Sequence[Dive], progress: Progress
 ) -> Iterator[tuple[Any, ...]]:
     """Yield the arguments of ``_predicted`` for each dive; one follows from the other."""
-    settings = initial_settings(small, config)
-    changed = fitted_estimator(small, config, settings)
-    state, known = changed.initial(), before_dives(dives)
+    state, known = estimator.initial(), before_dives(dives)
     for k, dive in enumerate(dives):
         progress(k, len(dives), f"dive {dive.number}")
-        before = [event for earlier in dives[:k] for event in earlier.given]
-        found = fit_to_log(small, config, before, settings) if fit and before else settings
-        if found != settings:
-            settings, changed = found, fitted_estimator(small, config, found)
-            state = _after(changed, changed.initial(), before, settings)
-        elif k:
-            state = _after(changed, state, dives[k - 1].given, settings)
-        usable = _usable(changed, state, dive, settings)
-        known, forecasts = after_dive(known, changed, state, dive, usable)
-        yield changed, state, dives[:k], dive, settings, (usable, forecasts)
-
-
-def _all_of(dive: Dive) -> Iterator[Measurement]:
-    yield from dive.given
-    yield from dive.profiles
-    if dive.mean is not None:
-        yield dive.mean
-
-
-def _usable(
-    estimator: EvolvingEstimator, state: EvolvingState, dive: Dive, settings: LogSettings
-) -> Usable:
-    """Return the profiles of a dive, with the errors of settings, that have a usable bin, and the filter's predictions of them."""
-    profiles = [with_errors(profile, settings) for profile in dive.profiles]
-    expected = [
-        (profile, expect(estimator, state, profile))
-        for profile in profiles
-        if isinstance(profile, Observation)
-    ]
-    return [(profile, found) for profile, found in expected if found is not None]
+        expected = [(profile, expect(estimator, state, profile)) for profile in dive.profiles]
+        usable = [(profile, found) for profile, found in expected if found is not None]
+        known, forecasts = after_dive(known, estimator, state, dive, usable)
+        yield estimator, state, dives[:k], dive, (usable, forecasts)
+        for observation in dive.given:
+            state, _ = estimator.step(state, observation)
 
 
 def _predicted(
@@ -220,16 +169,14 @@ def _predicted(
     state: EvolvingState,
     earlier: Sequence[Dive],
     dive: Dive,
-    settings: LogSettings,
     known: tuple[Usable, DiveForecasts],
 ) -> DivePrediction:
     """Return one dive predicted from the state at its beginning."""
     usable, forecasts = known
-    mean = None if dive.mean is None else expect(estimator, state, with_errors(dive.mean, settings))
+    mean = None if dive.mean is None else expect(estimator, state, dive.mean)
     held = list(withheld(estimator, state, [profile for profile, _ in usable]))
     return DivePrediction(
         number=dive.number,
-        settings=settings,
         errors={
             "profiles": _profile_errors(estimator, earlier, usable, forecasts.error)
             if earlier and usable
@@ -245,20 +192,6 @@ def _predicted(
         withheld=np.concatenate([np.empty(0), *(error for error, _ in held)]),
         withheld_std=np.concatenate([np.empty(0), *(std for _, std in held)]),
     )
-
-
-def _after(
-    estimator: EvolvingEstimator,
-    state: EvolvingState,
-    observations: Sequence[Measurement],
-    settings: LogSettings,
-) -> EvolvingState:
-    """Return the state after observations, at the beginning of another dive."""
-    for is_new, observation in by_dive(observations):
-        state, _ = estimator.step(
-            new_dive(estimator, state) if is_new else state, with_errors(observation, settings)
-        )
-    return new_dive(estimator, state)
 
 
 def _profile_errors(

@@ -3,40 +3,34 @@
 import re
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
-
-from rich.console import Console
 
 from replay_kit.show.page import Section
 from replay_kit.studies.missions.follow import MissionRow
 from replay_kit.studies.missions.run import MissionResult
 from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure
-from replay_kit.studies.reports.page import PAGE, criteria_html, study_page, tables_html, words_html
+from replay_kit.studies.reports.page import (
+    PAGE,
+    StudyReport,
+    criteria_html,
+    study_page,
+    tables_html,
+    words_html,
+)
 from replay_kit.studies.reports.tables import (
     Criterion,
     Table,
     answer_of,
     grouped,
-    json_text,
     limits_text,
     met_text,
-    print_tables,
     rows_to_csv,
-    write_files,
 )
 
 
 def to_json(result: MissionResult) -> dict[str, Any]:
     """Return the JSON object of ``--json``; undefined figures are null."""
     return answer_of(asdict(result), "numpy", "scipy")
-
-
-def print_study(result: MissionResult, console: Console) -> None:
-    """Print a table for each study."""
-    print_tables(console, [study_table(result, study) for study in result.job.studies])
-    for why in result.lost:
-        console.print(f"left out: {why}")
 
 
 def study_table(result: MissionResult, study: str) -> Table:
@@ -61,26 +55,21 @@ def study_table(result: MissionResult, study: str) -> Table:
 
 FILES = ("missions.csv", "missions.json", PAGE)
 _TITLES = {
-    "time": "A truth that changes in time",
-    "relative": "Profiles relative to the vehicle",
-    "dac": "Depth-averaged currents alone",
     "outliers": "Outliers",
     "bias": "Biases of compass and scale",
-    "coverage": "Coverage of the stated errors",
 }
 _CAPTION = "Dots: single missions; diamond: all missions together; bars: the limits required, where there are any."
 
 
-def write_study(out: Path, result: MissionResult) -> None:
-    """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished studies all but the page."""
-    page = {} if result.unfinished else {PAGE: missions_page(result)}
-    write_files(
-        out,
-        {
-            "missions.csv": rows_to_csv(MissionRow, result.rows),
-            "missions.json": json_text(to_json(result)),
-            **page,
-        },
+def report_of(result: MissionResult) -> StudyReport:
+    """Return what the studies say so far: a table each, and the missions that are left out."""
+    return StudyReport(
+        "missions",
+        to_json(result),
+        [study_table(result, study) for study in result.job.studies],
+        [f"excluded: {why}" for why in result.lost],
+        {"missions.csv": rows_to_csv(MissionRow, result.rows)},
+        None if result.unfinished else lambda: {PAGE: missions_page(result)},
     )
 
 
@@ -91,7 +80,7 @@ def missions_page(result: MissionResult) -> str:
             "answer",
             "In words",
             _answer(result),
-            missing=[f"Left out: {why}." for why in result.lost],
+            missing=[f"Excluded: {why}." for why in result.lost],
         )
     ]
     sections += [_section(result, study) for study in result.job.studies]

@@ -1,49 +1,83 @@
 """The figures of the paper, each as PNG and SVG; the same study gives the same bytes."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.estimator.basis.modes import Basis, build_basis
-from replay_kit.studies.accuracy.methods import preset_config
-from replay_kit.studies.paper.figures_flow import glides_3d, glides_top, truth_3d, truth_top
-from replay_kit.studies.paper.run import PaperTables, Shown
+from replay_kit.studies.paper.maps import EAST, NORTH, from_above, glides_top, shape_of, truth_top
+from replay_kit.studies.paper.run import Shown
 from replay_kit.studies.paper.tables import methods_with_modes
-from replay_kit.studies.paper.views import from_above, in_3d, metres, shape_of, slice_3d
-from replay_kit.studies.reports.flows import EAST, FLOW_STYLES, LABELS, NORTH
+from replay_kit.studies.reports.charts import (
+    BLUE,
+    FLOW_STYLES,
+    LABELS,
+    VERMILION,
+    Axis,
+    Chart,
+    FlowStyle,
+    Series,
+    ticks_of,
+)
 from replay_kit.studies.reports.page import Drawn, saved
-from replay_kit.studies.reports.tables import grouped
+from replay_kit.studies.scoring import preset_config
 
 _MODES_SHOWN = (1, 2, 10, 30)
 # What is smaller than this over the largest is rounding, no property of the slices.
 _ROUNDING = 1e-15
+# Points of a line that has a marker at each.
+_FEW = 18
+_STYLES = {style.label: style for style in FLOW_STYLES.values()}
 
 
-def draw(tables: PaperTables, shown: Shown) -> Iterator[tuple[str, Drawn]]:
+def draw(shown: Shown, depth: float, sparse: Chart) -> Iterator[tuple[str, Drawn]]:
     """Yield the name of every figure, and itself as PNG and SVG.
 
     Args:
-        tables: The results.
         shown: Truth, profiles and glides.
+        depth: Of the glides' targets [m].
+        sparse: The error against the number of pings.
     """
     bases = _bases(shown)
     drawn: dict[str, Callable[[], Figure]] = {
-        "singular_values": lambda: _singular_values(bases),
+        "singular_values": lambda: _print_chart(_singular_values(bases)),
         "modes_top": lambda: _modes_top(bases),
-        "modes_3d": lambda: _modes_3d(bases),
-        "truth_3d": lambda: truth_3d(shown),
+        "ping": lambda: _ping(shown),
         "truth_top": lambda: truth_top(shown),
-        "sparse": lambda: _sparse(tables),
-        "glides_3d": lambda: glides_3d(shown),
-        "glides_top": lambda: glides_top(shown, tables.target_depth),
+        "sparse": lambda: _print_chart(sparse),
+        "glides_top": lambda: glides_top(shown, depth),
     }
     for name, make in drawn.items():
         yield name, saved(make, "png", "svg")
+
+
+def _print_chart(chart: Chart) -> Figure:
+    """Return a chart drawn with the styles of the flows that its series are named after."""
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    axes = figure.subplots()
+    for series in chart.series:
+        style = _STYLES.get(series.label) or FlowStyle(series.label, VERMILION, "o")
+        few = style.marker if len(series.x) <= _FEW else None
+        look: Any = {"color": style.colour, "marker": few, "linestyle": style.line}
+        axes.plot(series.x, series.y, label=series.label, **look)
+    if chart.level is not None:
+        axes.axhline(chart.level, color="0.6", linestyle=":")
+    horizontal, vertical = chart.axes
+    axes.set(title=chart.title, xlabel=horizontal.title, ylabel=vertical.title)
+    for k, (axis, drawn) in enumerate(zip(chart.axes, (axes.xaxis, axes.yaxis), strict=True)):
+        if axis.log:
+            drawn.axes.set(**{"xscale" if k == 0 else "yscale": "log"})
+            ticks = ticks_of(chart, k)
+            drawn.set_ticks(ticks, [f"{tick:.10g}" for tick in ticks])
+            drawn.set_minor_locator(NullLocator())
+    axes.grid(alpha=0.3)
+    figure.legend(loc="outside lower center", ncols=2)
+    return figure
 
 
 def _bases(shown: Shown) -> dict[str, Basis]:
@@ -62,27 +96,15 @@ def _bases(shown: Shown) -> dict[str, Basis]:
     return bases
 
 
-def _singular_values(bases: dict[str, Basis]) -> Figure:
-    figure = Figure(figsize=(8.0, 4.6), layout="constrained")
-    axes = figure.subplots()
+def _singular_values(bases: dict[str, Basis]) -> Chart:
+    series = []
     for method, basis in bases.items():
         values = basis.singular_values
-        kept = values[values > _ROUNDING * values[0]]
-        label = f"{LABELS[method]} (largest {kept[0]:.3g})"
-        axes.semilogy(
-            np.arange(1, kept.size + 1),
-            kept / kept[0],
-            color=FLOW_STYLES[method].colour,
-            label=label,
-        )
-    axes.set(
-        title="Singular values: of latents (paper), of velocities in m/s (default)",
-        xlabel="mode",
-        ylabel="singular value / largest",
-    )
-    axes.grid(alpha=0.3)
-    axes.legend()
-    return figure
+        kept = values[values > _ROUNDING * values[0]] / values[0]
+        series.append(Series(LABELS[method], np.arange(1, kept.size + 1).tolist(), kept.tolist()))
+    title = "Singular values: of latents (paper), of velocities in m/s (default)"
+    axes = Axis("mode [number]"), Axis("singular value / largest [1]", log=True)
+    return Chart("singular-values", title, "", axes, tuple(series))
 
 
 def _modes_top(bases: dict[str, Basis]) -> Figure:
@@ -102,34 +124,6 @@ def _modes_top(bases: dict[str, Basis]) -> Figure:
     return figure
 
 
-def _modes_3d(bases: dict[str, Basis]) -> Figure:
-    figure = Figure(figsize=(6.0 * len(bases) + 1.0, 5.8), layout="constrained")
-    colours = Normalize(0.0, 1.0)
-    for k, (method, basis) in enumerate(bases.items(), start=1):
-        levels = basis.grid.levels
-        level = int(np.argmin(np.abs(levels - 0.35 * levels[-1])))
-        above, here, below = (
-            float(levels[np.clip(level + step, 0, levels.size - 1)]) for step in (-1, 0, 1)
-        )
-        depths = np.unique([(above + here) / 2.0, here, (here + below) / 2.0])
-        shares = depth_weights(basis.depth_functions, depths, levels)[:, level]
-        ends = (above, below) if above < below else (0.5 * here, 1.5 * here)
-        axes = in_3d(figure, (1, len(bases), k), basis.grid, ends)
-        mode = _mode(basis, 1)
-        for depth, share in zip(depths[::-1], shares[::-1], strict=True):
-            slice_3d(axes, basis.grid, share * mode, float(depth), colours)
-        axes.set_title(
-            f"{LABELS[method]}: mode 1 of level {metres(here)} m\nat {', '.join(map(metres, depths))} m"
-        )
-    figure.colorbar(
-        ScalarMappable(norm=colours, cmap="viridis"),
-        ax=figure.axes,
-        label="speed / largest of the mode",
-        shrink=0.6,
-    )
-    return figure
-
-
 def _mode(basis: Basis, number: int) -> Array:
     """Return a mode's velocity at the grid's points over its largest speed, shape (J, I, 2); NaN on land."""
     nodes = basis.grid.nodes
@@ -139,36 +133,22 @@ def _mode(basis: Basis, number: int) -> Array:
     return out
 
 
-def _sparse(tables: PaperTables) -> Figure:
-    figure = Figure(figsize=(8.0, 5.4), layout="constrained")
+def _ping(shown: Shown) -> Figure:
+    """Return the components of the first of the profiles with the most bins against depth, and the truth's."""
+    ping = max(shown.observations, key=lambda one: int(np.isfinite(one.velocity).all(axis=1).sum()))
+    projection = shown.truth.grid.projection
+    east, north = to_local(projection, ping.longitude, ping.latitude)
+    local = rotate_to_local(projection, ping.longitude, ping.latitude, *ping.velocity.T)
+    depths = np.linspace(0.0, float(shown.truth.levels[-1]), 200)
+    truth = shown.truth.velocity(float(east), float(north), depths)
+    figure = Figure(figsize=(5.5, 6.0), layout="constrained")
     axes = figure.subplots()
-    for method, rows in grouped(tables.sparse, lambda row: row.method).items():
-        modes = "" if rows[0].modes is None else f", {rows[0].modes} modes"
-        style = FLOW_STYLES[method]
-        errors = [row.rel_error for row in rows]
-        axes.loglog(
-            [row.pings for row in rows],
-            errors,
-            style.line,
-            color=style.colour,
-            marker=style.marker,
-            label=style.label + modes,
-        )
-    counts = sorted({row.pings for row in tables.sparse})
-    axes.set_xticks(counts, [str(n) for n in counts])
-    axes.minorticks_off()
-    errors = [row.rel_error for row in tables.sparse if np.isfinite(row.rel_error)]
-    ticks = [
-        value
-        for value in (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-        if min(errors) / 2 <= value <= 2 * max(errors)
-    ]
-    axes.set_yticks(ticks, [f"{value:g}" for value in ticks])
-    axes.set(
-        title="Error of the estimates on the way through Table II",
-        xlabel="pings",
-        ylabel="RMSE / RMS speed of the truth",
-    )
+    for k, (name, colour, marker) in enumerate((("east", BLUE, "o"), ("north", VERMILION, "s"))):
+        axes.plot(truth[:, k], depths, color=colour, label=f"{name}, truth")
+        look: Any = {"color": colour, "markersize": 5, "markerfacecolor": "white"}
+        axes.plot(local[k], ping.depth, marker, label=f"{name}, measured", **look)
+    axes.invert_yaxis()
     axes.grid(alpha=0.3)
+    axes.set(xlabel="velocity [m/s]", ylabel="depth [m]", title="The bins of one ping")
     figure.legend(loc="outside lower center", ncols=2)
     return figure

@@ -2,21 +2,25 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
-
-from rich.console import Console
 
 from replay_kit.show.page import Section
 from replay_kit.studies.paper import findings
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.paper.run import PaperResult, PaperTables
-from replay_kit.studies.reports.charts import Axis, Chart, chart_figure, misses_chart, series_by
-from replay_kit.studies.reports.flows import LABELS
+from replay_kit.studies.reports.charts import (
+    LABELS,
+    Axis,
+    Chart,
+    chart_figure,
+    misses_chart,
+    series_by,
+)
 from replay_kit.studies.reports.page import (
     PAGE,
     Drawn,
-    picture_figures,
+    StudyReport,
+    picture_figure,
     study_page,
     tables_html,
     words_html,
@@ -24,25 +28,20 @@ from replay_kit.studies.reports.page import (
 from replay_kit.studies.reports.tables import (
     Table,
     answer_of,
-    json_text,
     markdown,
     named_columns,
     number,
-    print_tables,
     rows_to_csv,
-    write_files,
 )
 
 _RUNGS = {"full": "full rank", "members": "one a member"}
 FIGURES = {
     "singular_values": "Singular values of the depth slices, over the largest",
     "modes_top": "Basis flows from above, each over its largest speed",
-    "modes_3d": "One basis flow in 3D: how far it reaches above and below its level",
-    "truth_3d": "The truth, and one ping",
+    "ping": "The bins of one ping, and the truth",
     "truth_top": "The truth from above, and the pings of Table II",
     "sparse": "Relative error against the number of pings",
-    "glides_3d": "Glides planned on each flow and flown in the truth",
-    "glides_top": "The same glides from above",
+    "glides_top": "Glides planned on each flow and flown in the truth, from above",
 }
 
 
@@ -51,14 +50,6 @@ def to_json(result: PaperResult) -> dict[str, Any]:
     return answer_of(
         {**asdict(result[0]), "figures": FIGURES}, "numpy", "scipy", "casadi", "matplotlib"
     )
-
-
-def print_study(result: PaperResult, console: Console) -> None:
-    """Print the tables, and how estimators compare with the default and with the ensemble mean."""
-    tables, _ = result
-    print_tables(console, text_tables(tables))
-    console.print(findings.errors(tables), soft_wrap=True)
-    console.print(findings.sparse_logs(tables)[0], soft_wrap=True)
 
 
 def to_markdown(tables: PaperTables) -> str:
@@ -155,28 +146,32 @@ FILES = (
 )
 
 
-def write_study(out: Path, result: PaperResult) -> None:
-    """Write ``FILES`` into a folder that exists, each whole or not at all; of an unfinished study JSON and the tables that have rows."""
+def report_of(result: PaperResult) -> StudyReport:
+    """Return what the study says so far; its figures are drawn when its files are asked for."""
     tables, shown = result
-    write_files(
-        out,
-        {
-            f"{name}.csv": rows_to_csv(type(rows[0]), rows)
-            for name in _TABLES
-            if (rows := getattr(tables, name))
-        },
-    )
-    write_files(out, {"paper.json": json_text(to_json(result))})
-    if tables.unfinished:
-        return
-    # matplotlib takes half a second to load, and nothing but this needs it
-    from replay_kit.studies.paper.figures import draw
+    csv = {
+        f"{name}.csv": rows_to_csv(type(rows[0]), rows)
+        for name in _TABLES
+        if (rows := getattr(tables, name))
+    }
 
-    pictures = {}
-    for name, picture in draw(tables, shown):
-        write_files(out, {f"{name}.{ending}": content for ending, content in picture.files.items()})
-        pictures[name] = picture
-    write_files(out, {"report.md": to_markdown(tables), PAGE: paper_page(result, pictures)})
+    def pages() -> dict[str, str | bytes]:
+        # matplotlib takes half a second to load, and nothing but this needs it
+        from replay_kit.studies.paper.figures import draw
+
+        pictures = dict(draw(shown, tables.target_depth, _sparse(tables)))
+        files: dict[str, str | bytes] = {
+            f"{name}.{ending}": content
+            for name, picture in pictures.items()
+            for ending, content in picture.files.items()
+        }
+        return {**files, "report.md": to_markdown(tables), PAGE: paper_page(result, pictures)}
+
+    if tables.unfinished:
+        return StudyReport("paper", to_json(result), (), (), csv, None)
+    words = [findings.errors(tables), findings.sparse_logs(tables)[0]]
+    beside = "report.md, paper.json, tables as CSV, figures as PNG and SVG"
+    return StudyReport("paper", to_json(result), text_tables(tables), words, csv, pages, beside)
 
 
 def paper_page(result: PaperResult, pictures: dict[str, Drawn]) -> str:
@@ -184,13 +179,11 @@ def paper_page(result: PaperResult, pictures: dict[str, Drawn]) -> str:
     tables, _ = result
     table1, table2, sparse, table3 = text_tables(tables)
     where, *why = findings.sparse_logs(tables)
-    shown = picture_figures(
-        [
-            (name, caption, pictures[name])
-            for name, caption in FIGURES.items()
-            if name != "sparse" and name in pictures
-        ]
-    )
+    shown = [
+        picture_figure(name, caption, pictures[name])
+        for name, caption in FIGURES.items()
+        if name != "sparse" and name in pictures
+    ]
     misses = {
         LABELS[row.flow]: row.closest_approach for row in tables.table3 if row.closest_approach
     }

@@ -38,15 +38,14 @@ from replay_kit.studies.paper.tables import (
     rungs,
     sparse_rows,
 )
-from replay_kit.studies.reports.flows import AVERAGED, TRUTH
+from replay_kit.studies.reports.charts import AVERAGED, TRUTH
 from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,
     grid_observations,
     random_observations,
 )
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.reachable import Pair, draw_pairs
-from replay_kit.studies.twins.truths import Case, cases, most_distant
+from replay_kit.studies.twins.truths import Case, Pair, cases, draw_pairs, most_distant
 
 NOISE = 0.09  # m/s
 

@@ -15,12 +15,10 @@ from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.basis.slices import cell_size
-from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.jobs import Advance, each_counted
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
-from replay_kit.studies.scoring import bound, miss_figures
-from replay_kit.studies.twins.reachable import Pair
-from replay_kit.studies.twins.truths import Case
+from replay_kit.studies.scoring import bound, build_method, miss_figures
+from replay_kit.studies.twins.truths import Case, Pair
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
 
 # The paper's numbers of modes below the full rank; one for each member comes with them.

@@ -1,98 +1,248 @@
-"""How true the odds of missions are: plans called reached, flown in fresh samples of the estimate and in withheld truths."""
+"""How true the odds of missions are: plans reported as reached, flown in fresh samples of the estimate and in withheld truths."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 import planners
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import NodeKernel
-from replay_kit.studies.planning.job import StudyReport
-from replay_kit.studies.planning.world import Withheld, World, draw_missions
-from replay_kit.studies.reports.tables import NAN, Cell, Criterion, Table, named_columns
-from replay_kit.studies.twins.reachable import Pair
+from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.core.progress import Progress, silent
+from replay_kit.estimator import embed_member
+from replay_kit.studies.jobs import Advance, check_not_negative, check_positive, each_counted
+from replay_kit.studies.reports.tables import NAN
+from replay_kit.studies.scoring import build_method
+from replay_kit.studies.twins.adcp import random_observations
+from replay_kit.studies.twins.field import Field, build_field
+from replay_kit.studies.twins.truths import (
+    SPEED,
+    Case,
+    Pair,
+    draw_reachable,
+    fly_dives,
+    leave_out,
+    members_named,
+)
+from replay_kit.studies.twins.vehicle import random_places
 from replay_kit.workflows.planning.adapters import JUDGING
 
-NAME = "odds"
-# Shares that arrive, least asked for: in fresh samples, in withheld truths.
-_FRESH, _TRUTH = 0.87, 0.8
+# Members that are the truth in turn when none are named.
+_TRUTHS = 20
+# Least and greatest glide angle of a mission, and of the flights that goals are drawn with, so that some of its range is left [degrees].
+_ANGLES, _DRAWN_ANGLES = (15.0, 35.0), (16.0, 25.0)
+# Standard deviation of the headings of such a flight about a common one [rad].
+_SCATTER = 0.3
 # Drift at each surfacing [s].
 _SURFACE_TIME = 600.0
 # Added to the seed of the samples that a plan is judged by.
 _OTHER_SEED = 1_000_003
-_TITLE = (
-    "Missions with headings corrected at each surfacing: share that arrives within the tolerance"
-)
 
 
 @dataclass(frozen=True, slots=True)
-class _Judged:
-    """A mission: its status, the share of the samples that arrives, that of fresh ones, and its miss in the truth [m]."""
+class PlanningJob:
+    """Which truths, and how many missions of what size.
 
-    member: int
+    Attributes:
+        leave_out: Positions of members from 0, with commas between them, or ``all``: each is the truth in turn; None for at most
+            twenty, evenly spread.
+        pairs: Missions, spread over the truths.
+        pings: Given to each estimate.
+        noise: Standard deviation of each component of each bin [m/s].
+        legs: Of each mission that goals are drawn with.
+        depth: Of a mission's dives, at most [m].
+        fresh: Samples that a plan reported as reached is flown in, beside those that judged it.
+        seed: Of all random draws.
+    """
+
+    leave_out: str | None = None
+    pairs: int = 100
+    pings: int = 450
+    noise: float = 0.09
+    legs: int = 10
+    depth: float = 500.0
+    fresh: int = 500
+    seed: int = 0
+
+    def check(self) -> None:
+        """Raise ConfigError when an option is wrong."""
+        counts = ("pairs", "pings", "legs", "fresh", "noise")
+        check_positive(**{name: getattr(self, name) for name in counts})
+        check_not_negative(seed=self.seed)
+
+    def cases(self, ensemble: Ensemble, truth: Ensemble | None) -> list[Case]:
+        """Return the truths with the members that do not know them.
+
+        Args:
+            ensemble: All members.
+            truth: An ensemble of one; None to leave members out.
+
+        Raises:
+            ConfigError: A member does not exist, too few are left, or members are to be left out beside a truth.
+        """
+        if truth is not None:
+            if self.leave_out is not None:
+                raise ConfigError("planning: expected one of --truth and --leave-out")
+            return [Case(None, truth, ensemble)]
+        n_members = ensemble.n_members
+        if self.leave_out is not None:
+            members = members_named(self.leave_out, n_members)
+        else:
+            count = min(_TRUTHS, n_members, self.pairs)
+            members = tuple(int(k) for k in (np.arange(count) + 0.5) * n_members / count)
+        return [leave_out(ensemble, member) for member in members]
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedMission:
+    """A mission.
+
+    Attributes:
+        truth: Position of the member left out; for a truth of its own the number of members.
+        status: Of the plan.
+        stated: Share of the samples that arrives.
+        fresh: That of fresh ones; NaN unless it is reported as reached.
+        miss: Its miss distance in the truth [m]; NaN likewise.
+        tolerance: Miss distance that counts as arrival [m].
+    """
+
+    truth: int
     status: str
     stated: float
     fresh: float
     miss: float
     tolerance: float
 
-    @property
-    def cells(self) -> dict[str, Cell]:
-        return {
-            "truth": self.member,
-            "status": self.status,
-            "arrive in the samples": self.stated,
-            "arrive in fresh samples": self.fresh,
-            "miss in the truth [m]": self.miss,
-        }
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanningResult:
+    """The missions, and what they were planned on.
+
+    Attributes:
+        missions: Truth after truth.
+        ensemble: Its file.
+        truths: Their files, or the members left out in turn.
+        n_members: Of the ensemble.
+        levels: [m].
+        modes: Limit on the basis flows of a level; None for all.
+        job: The options.
+        unfinished: Whether more missions were to follow when this was written.
+    """
+
+    missions: tuple[JudgedMission, ...]
+    ensemble: str
+    truths: tuple[str, ...]
+    n_members: int
+    levels: tuple[float, ...]
+    modes: int | None
+    job: PlanningJob
+    unfinished: bool = False
 
 
-def odds(world: World) -> StudyReport:
-    """Return how many of the missions reported as reached arrive in fresh samples of the estimate, and in the truth."""
-    made = world.each_truth(_of_truth, world.job.pairs)
-    return _report(world, [one for of_truth in made for one in of_truth])
+def run_planning(
+    ensemble: Ensemble,
+    truth: Ensemble | None,
+    config: EstimatorConfig,
+    job: PlanningJob,
+    progress: Progress = silent,
+) -> Iterator[PlanningResult]:
+    """Yield the missions so far after each truth, then all.
+
+    Args:
+        ensemble: All members.
+        truth: An ensemble of one; None to leave members out.
+        config: Everything but the preset.
+        job: The options.
+        progress: Called with missions done, missions in all, and what is being run.
+
+    Raises:
+        ConfigError: An option is wrong.
+        ForecastError: Hardly any mission stays in the truth's water.
+    """
+    job.check()
+    cases, advance, made = job.cases(ensemble, truth), Advance(job.pairs, progress), []
+    result = PlanningResult(
+        (),
+        ensemble.source,
+        tuple(case.truth.source for case in cases),
+        ensemble.n_members,
+        tuple(float(level) for level in ensemble.grid.levels),
+        config.modes,
+        job,
+        unfinished=True,
+    )
+    shares = [len(part) for part in np.array_split(np.arange(job.pairs), len(cases))]
+    calls = (
+        (case, share, config, job, advance)
+        for case, share in zip(cases, shares, strict=True)
+        if share
+    )
+    for _, of_truth in each_counted(_of_truth, calls, advance, lambda _, share, *__: share):
+        made += of_truth
+        yield replace(result, missions=tuple(made))
+    yield replace(result, missions=tuple(made), unfinished=False)
 
 
-def _of_truth(world: World, count: int) -> list[_Judged]:
-    """Return the missions of the one truth of a world."""
-    (withheld,), job = world.truths, world.job
-    flow = withheld.estimate()
-    # a planner knows only the estimate, so its goals are drawn as reachable there
-    pairs = draw_missions(withheld, flow.mean_flow(), count, world.depth, job.legs, job.seed)
+def _of_truth(
+    case: Case, count: int, config: EstimatorConfig, job: PlanningJob, advance: Advance
+) -> list[JudgedMission]:
+    """Return missions planned on an estimate of one truth, and judged."""
+    member = case.ensemble.n_members if case.member is None else case.member
+    field, truth = build_field(case.truth), embed_member(case.truth, 0, config)
+    depth = min(job.depth, float(case.ensemble.grid.levels[-1]))
+    flow = _estimate(case, field, config, job)
+    # a planner knows only the estimate, so its goals are drawn as reachable there; the seed is neither the pings' nor the samples'
+    rng = np.random.default_rng((job.seed, 2, member))
+    grids = flow.grid, case.ensemble.grid
+    pairs = draw_missions(field, flow.mean_flow(), grids, (count, job.legs, depth), rng)
     samples = flow.sample(JUDGING, job.seed), flow.sample(job.fresh, job.seed + _OTHER_SEED)
     made = []
     for pair in pairs:
-        world.advance(f"odds, truth {withheld.member}")
-        made.append(_judged(world, withheld, (flow, *samples), pair))
+        advance(f"odds, truth {member}")
+        made.append(_judged(member, (flow, *samples), as_sample(flow, truth), pair, depth))
     return made
 
 
+def _estimate(case: Case, field: Field, config: EstimatorConfig, job: PlanningJob) -> FlowEstimate:
+    """Return the estimate after profiles at random places."""
+    config = config.model_copy(update={"preset": "default"})
+    estimator = build_method("default", case.ensemble, config)
+    state = estimator.initial()
+    for after, _ in estimator.steps(
+        state, random_observations(field, job.pings, job.noise, job.seed)
+    ):
+        state = after
+    return estimator.flow(state)
+
+
 def _judged(
-    world: World,
-    withheld: Withheld,
-    known: tuple[FlowEstimate, tuple[FlowEstimate, ...], tuple[FlowEstimate, ...]],
+    member: int,
+    known: tuple[FlowEstimate, Sequence[FlowEstimate], Sequence[FlowEstimate]],
+    truth: FlowEstimate,
     pair: Pair,
-) -> _Judged:
+    depth: float,
+) -> JudgedMission:
     """Return a mission planned and judged on (estimate, samples, fresh samples), flown in fresh ones and the truth where it is reached."""
     flow, judging, fresh = known
-    settings = planners.MissionSettings(depth=world.depth, surface_time=_SURFACE_TIME)
-    request = planners.MissionRequest(pair.start, (pair.target,), world.glider, settings)
+    settings = planners.MissionSettings(depth=depth, surface_time=_SURFACE_TIME)
+    glider = planners.Glider(SPEED, None, *_ANGLES)
+    request = planners.MissionRequest(pair.start, (pair.target,), glider, settings)
     plan = planners.plan_mission(flow, request)
     if len(plan.headings_deg) == 0:
-        return _Judged(withheld.member, plan.status, NAN, NAN, NAN, settings.tolerance)
-    judged = planners.with_odds(
-        plan, stated := planners.mission_odds(flow, judging, plan, request), ARRIVING, ACCEPTED_RISK
-    )
+        return JudgedMission(member, plan.status, NAN, NAN, NAN, settings.tolerance)
+    stated = planners.mission_odds(flow, judging, plan, request)
+    status = planners.with_odds(plan, stated, ARRIVING, ACCEPTED_RISK).status
     share, miss = NAN, NAN
-    if judged.status == "reached":
+    if status == "reached":
         share = planners.mission_odds(flow, fresh, plan, request).corrected.reached
-        miss = planners.fly_scenarios(
-            flow, (as_sample(flow, withheld.truth),), plan, pilot=planners.Pilot()
-        ).miss_median
-    return _Judged(
-        withheld.member, judged.status, stated.corrected.reached, share, miss, settings.tolerance
-    )
+        pilot = planners.Pilot()
+        miss = planners.fly_scenarios(flow, (truth,), plan, pilot=pilot).miss_median
+    return JudgedMission(member, status, stated.corrected.reached, share, miss, settings.tolerance)
 
 
 def as_sample(flow: FlowEstimate, truth: FlowEstimate) -> FlowEstimate:
@@ -106,33 +256,36 @@ def as_sample(flow: FlowEstimate, truth: FlowEstimate) -> FlowEstimate:
     return replace(flow.mean_flow(), latent=truth.latent * scale**2)
 
 
-def _report(world: World, made: list[_Judged]) -> StudyReport:
-    reached = [one for one in made if one.status == "reached"]
-    tables: tuple[Table, ...] = (named_columns(NAME, _TITLE, [one.cells for one in made]),)
-    if not reached:
-        words = f"None of {len(made)} missions is reported as reached: in none do {ARRIVING:.0%} of {JUDGING} samples arrive."
-        return StudyReport(NAME, "Odds of missions", tables, (), (words,))
-    fresh, arrived = (
-        np.array([one.fresh for one in reached]),
-        np.array([one.miss <= one.tolerance for one in reached]),
+def draw_missions(
+    field: Field,
+    flow: FlowEstimate,
+    grids: tuple[Grid, ...],
+    size: tuple[int, int, float],
+    rng: np.random.Generator,
+) -> tuple[Pair, ...]:
+    """Return starts and goals at the surface, each goal the end of a mission of random headings flown in a current.
+
+    Args:
+        field: The truth, for places at its wet surface.
+        flow: The current that the missions are flown in.
+        grids: The missions keep to water that is as deep as their dives in all of these, the current's first.
+        size: Number of missions, dives of each, and their depth [m].
+        rng: Draws starts, headings and glide angles.
+
+    Raises:
+        ForecastError: Hardly any mission stays in the water.
+    """
+    count, legs, depth = size
+
+    def fly() -> Array:
+        start = random_places(field, count, rng)
+        headings = rng.uniform(0.0, 2.0 * np.pi, (count, 1)) + _SCATTER * rng.standard_normal(
+            (count, legs)
+        )
+        return fly_dives(
+            flow, start, headings, np.deg2rad(rng.uniform(*_DRAWN_ANGLES, (count, legs))), depth
+        )
+
+    return draw_reachable(
+        fly, grids, count, f"missions of {legs} dives to {depth:g} m", 0.0, water_depth=depth
     )
-    criteria = (
-        Criterion(
-            "share of fresh samples that arrives, mean over the plans reported as reached",
-            float(fresh.mean()),
-            at_least=_FRESH,
-        ),
-        Criterion(
-            "share of the plans reported as reached that arrives in the withheld truth",
-            float(arrived.mean()),
-            at_least=_TRUTH,
-        ),
-    )
-    stated = float(np.mean([one.stated for one in reached]))
-    findings = (
-        f"{len(reached)} of {len(made)} missions are reported as reached, as {ARRIVING:.0%} or more of {JUDGING} samples arrive "
-        f"({stated:.1%} in the mean). In {world.job.fresh} fresh samples {fresh.mean():.1%} arrive in the mean and {fresh.min():.1%} in "
-        f"the worst plan; {float(np.mean(fresh >= _FRESH)):.0%} of the plans have {_FRESH:.0%} or more. In the truth {int(arrived.sum())} "
-        f"of {len(reached)} arrive; the median miss there is {float(np.median([one.miss for one in reached])):.0f} m."
-    )
-    return StudyReport(NAME, "Odds of missions", tables, criteria, (findings,))

@@ -1,208 +1,139 @@
-"""The studies of planning on the console, as CSV, JSON and Markdown, and as a page with its pictures."""
+"""The odds of missions beside how many arrive, for the console, JSON, CSV and Markdown, and as a page."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, fields, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import asdict, fields
 
-from rich.console import Console
+import numpy as np
 
-from replay_kit.show.page import Figure, Section
-from replay_kit.studies.planning.job import PlanningResult, StudyReport
-from replay_kit.studies.reports.charts import chart_figure, misses_chart
+from replay_kit.config.plan import ARRIVING
+from replay_kit.show.page import Section
+from replay_kit.studies.planning.odds import JudgedMission, PlanningResult
+from replay_kit.studies.reports.charts import LABELS, chart_figure, misses_chart
 from replay_kit.studies.reports.page import (
     PAGE,
-    Drawn,
+    StudyReport,
     criteria_html,
-    drawn,
-    picture_figures,
     study_page,
     tables_html,
     words_html,
 )
 from replay_kit.studies.reports.tables import (
+    Criterion,
     Table,
     answer_of,
     criteria_table,
-    grouped,
-    json_text,
     markdown,
-    print_tables,
     to_csv,
-    write_files,
 )
+from replay_kit.workflows.planning.adapters import JUDGING
+
+# Shares that arrive, least asked for: in fresh samples, in withheld truths.
+_FRESH, _TRUTH = 0.87, 0.8
+_HEADING = "Plans flown in truths that the estimates do not know"
+_TITLE = (
+    "Missions with headings corrected at each surfacing: share that arrives within the tolerance"
+)
+_COLUMNS = (
+    "truth",
+    "status",
+    "arrive in the samples",
+    "arrive in fresh samples",
+    "miss in the truth [m]",
+)
+FILES = (PAGE, "report.md", "planning.json", "odds.csv")
 
 
-def to_json(result: PlanningResult) -> dict[str, Any]:
-    """Return the JSON object of ``planning.json`` and ``--json``; undefined figures are null."""
+def report_of(result: PlanningResult) -> StudyReport:
+    """Return what the study says so far; undefined figures are null in JSON."""
+    criteria = criteria_of(result)
+    tables, words = _tables(result, criteria), [findings(result)]
     figures = {
         field.name: getattr(result, field.name)
         for field in fields(result)
-        if field.name not in ("reports", "seconds")
+        if field.name != "missions"
     }
-    studies = {
-        report.study: _study_json(report, result.seconds[report.study]) for report in result.reports
-    }
-    return answer_of(
-        {"studies": studies, **figures, "job": asdict(result.job)},
-        "numpy",
-        "scipy",
-        "casadi",
-        "matplotlib",
+    listed = [dict(zip(_COLUMNS, row, strict=True)) for row in tables[0].rows]
+    answer = answer_of(
+        {
+            "criteria": [{**asdict(one), "met": one.met} for one in criteria],
+            "missions": listed,
+            "findings": words,
+            **figures,
+            "job": asdict(result.job),
+        },
+        *("numpy", "scipy", "casadi"),
+    )
+
+    reached = [one.miss for one in _reached(result)]
+    title = "Miss distances of plans reported as reached"
+    misses = misses_chart("misses", title, {LABELS["default"]: reached} if reached else {})
+
+    def pages() -> dict[str, str]:
+        figures = [chart_figure(misses)] if reached else []
+        parts = [f"# {_HEADING}", conditions(result), *map(markdown, tables), *words]
+        html = words_html([conditions(result)]) + criteria_html(criteria)
+        sections = [
+            Section("answer", "In words", html),
+            Section("odds", "Odds of missions", words_html(words) + tables_html(tables), figures),
+        ]
+        return {
+            "report.md": "\n\n".join(parts) + "\n",
+            PAGE: study_page(_HEADING, sections, answer),
+        }
+
+    csv = {"odds.csv": to_csv(tables[0])}
+    made = None if result.unfinished else pages
+    beside = "report.md, planning.json, odds.csv"
+    return StudyReport("planning", answer, tables, words, csv, made, beside)
+
+
+def _tables(result: PlanningResult, criteria: tuple[Criterion, ...]) -> tuple[Table, ...]:
+    rows = tuple(
+        (one.truth, one.status, one.stated, one.fresh, one.miss) for one in result.missions
+    )
+    return Table("odds", _TITLE, _COLUMNS, rows), criteria_table("Acceptance criteria", criteria)
+
+
+def _reached(result: PlanningResult) -> list[JudgedMission]:
+    return [one for one in result.missions if one.status == "reached"]
+
+
+def criteria_of(result: PlanningResult) -> tuple[Criterion, ...]:
+    """Return the shares of plans reported as reached that arrive beside their limits; none without such a plan."""
+    if not (reached := _reached(result)):
+        return ()
+    fresh = float(np.mean([one.fresh for one in reached]))
+    arrived = float(np.mean([one.miss <= one.tolerance for one in reached]))
+    in_samples = "share of fresh samples that arrives, mean over the plans reported as reached"
+    in_truth = "share of the plans reported as reached that arrives in the withheld truth"
+    return (
+        Criterion(in_samples, fresh, at_least=_FRESH),
+        Criterion(in_truth, arrived, at_least=_TRUTH),
     )
 
 
-def _study_json(report: StudyReport, seconds: float) -> dict[str, Any]:
-    return {
-        "criteria": [{**asdict(one), "met": one.met} for one in report.criteria],
-        "tables": {
-            table.name: [dict(zip(table.columns, row, strict=True)) for row in table.rows]
-            for table in report.tables
-        },
-        "findings": report.findings,
-        "seconds": seconds,
-        **({"failed": report.failed} if report.failed else {}),
-    }
-
-
-def to_markdown(result: PlanningResult) -> str:
-    """Return the studies as Markdown."""
-    parts = ["# Plans flown in truths that the estimates do not know", conditions(result)]
-    for report in result.reports:
-        parts += [
-            f"## {report.title}",
-            *(markdown(table) for table in all_tables(report) if table.shown),
-            *report.findings,
-        ]
-        parts += [
-            f"![{picture.caption}]({picture.name}.png)\n\n*{picture.caption}.*"
-            for picture in report.pictures
-        ]
-    done = {report.study for report in result.reports}
-    if left := [study for study in result.job.studies if study not in done]:
-        parts.append(f"Not done when this was written: {', '.join(left)}.")
-    return "\n\n".join(parts) + "\n"
+def findings(result: PlanningResult) -> str:
+    """Return how many plans are reported as reached, and how many of these arrive, in words."""
+    made, reached = len(result.missions), _reached(result)
+    if not reached:
+        return f"None of {made} missions is reported as reached: in none do {ARRIVING:.0%} of {JUDGING} samples arrive."
+    stated, fresh, miss = np.array([(one.stated, one.fresh, one.miss) for one in reached]).T
+    arrived = sum(one.miss <= one.tolerance for one in reached)
+    return (
+        f"{len(reached)} of {made} missions are reported as reached, as {ARRIVING:.0%} or more of {JUDGING} samples arrive "
+        f"({stated.mean():.1%} in the mean). In {result.job.fresh} fresh samples {fresh.mean():.1%} arrive in the mean and "
+        f"{fresh.min():.1%} in the worst plan; {np.mean(fresh >= _FRESH):.0%} of the plans have {_FRESH:.0%} or more. In the truth "
+        f"{arrived} of {len(reached)} arrive; the median miss there is {np.median(miss):.0f} m."
+    )
 
 
 def conditions(result: PlanningResult) -> str:
-    """Return what the studies were made on."""
-    job, modes = (
-        result.job,
-        "all modes" if result.modes is None else f"at most {result.modes} modes",
-    )
-    levels, truths = (
-        ", ".join(f"{level:.4g}" for level in result.levels),
-        ", ".join(f"`{truth}`" for truth in result.truths),
-    )
+    """Return what the study was made on."""
+    job = result.job
+    modes = "all modes" if result.modes is None else f"at most {result.modes} modes"
+    levels = ", ".join(f"{level:.4g}" for level in result.levels)
+    truths = ", ".join(f"`{truth}`" for truth in result.truths)
     return (
         f"{result.n_members} members of `{result.ensemble}`, levels {levels} m; truths, in turn: {truths}. Each estimate is made from "
-        f"{job.pings} pings at random places, noise {job.noise:g} m/s, with {modes}. Seed {job.seed}. Intervals hold 90 % of the "
-        "medians of resampled cases. Cases of one truth share its estimates, which the intervals do not take into account."
+        f"{job.pings} pings at random places, noise {job.noise:g} m/s, with {modes}. Seed {job.seed}. Missions on one truth share its "
+        "estimate."
     )
-
-
-def print_study(result: PlanningResult, console: Console) -> None:
-    """Print the tables, the criteria, and the findings."""
-    for report in result.reports:
-        print_tables(console, all_tables(report))
-        for finding in report.findings:
-            console.print(finding, soft_wrap=True, markup=not report.failed)
-
-
-def all_tables(report: StudyReport) -> tuple[Table, ...]:
-    """Return the tables of a study, and its criteria as one more."""
-    return (
-        *report.tables,
-        criteria_table(f"Acceptance criteria of {report.study}", report.criteria),
-    )
-
-
-def files_of(studies: Sequence[str]) -> list[str]:
-    """Return patterns of the names of the files that a run of some studies writes."""
-    tables = [f"{study}*.{ending}" for study in studies for ending in ("csv", "png")]
-    return [PAGE, "report.md", "planning.json", *tables]
-
-
-def write_study(out: Path, result: PlanningResult) -> None:
-    """Write all that is done into a folder that exists, each file whole or not at all; existing ones are replaced."""
-    if not result.reports:
-        return
-    pictures = {
-        picture.name: drawn(picture) for report in result.reports for picture in report.pictures
-    }
-    for report in result.reports:
-        write_files(out, {f"{table.name}.csv": to_csv(table) for table in report.tables})
-    write_files(out, {f"{name}.png": picture.files["png"] for name, picture in pictures.items()})
-    write_files(
-        out,
-        {
-            "planning.json": json_text(to_json(result)),
-            "report.md": to_markdown(result),
-            PAGE: planning_page(result, pictures),
-        },
-    )
-
-
-def planning_page(result: PlanningResult, pictures: dict[str, Drawn]) -> str:
-    """Return the page of the studies that are done.
-
-    Args:
-        result: The studies.
-        pictures: Of all of them, by name.
-    """
-    done = {report.study for report in result.reports}
-    missing = [
-        f"Not done when this was written: {study}."
-        for study in result.job.studies
-        if study not in done
-    ]
-    sections = [
-        Section(
-            "answer",
-            "In words",
-            words_html([conditions(result)])
-            + criteria_html(
-                [
-                    replace(one, what=f"{report.title}: {one.what}")
-                    for report in result.reports
-                    for one in report.criteria
-                ]
-            ),
-            missing=missing,
-        )
-    ]
-    sections += [_section(report, pictures) for report in result.reports]
-    return study_page(
-        "Plans flown in truths that the estimates do not know", sections, to_json(result)
-    )
-
-
-def _section(report: StudyReport, pictures: dict[str, Drawn]) -> Section:
-    missing = (f"The study failed: {report.failed}.",) if report.failed else ()
-    figures = (
-        *_misses(report),
-        *picture_figures(
-            [(each.name, each.caption, pictures[each.name]) for each in report.pictures]
-        ),
-    )
-    return Section(
-        report.study,
-        report.title,
-        words_html(report.findings) + tables_html(all_tables(report)),
-        figures,
-        missing,
-    )
-
-
-def _misses(report: StudyReport) -> tuple[Figure, ...]:
-    """Return the distribution of the miss distances, where a study has a table of plans on several flows."""
-    named = [table for table in report.tables if {"planned on", "miss [m]"} <= set(table.columns)]
-    if not named:
-        return ()
-    flow, miss = (named[0].columns.index(name) for name in ("planned on", "miss [m]"))
-    misses = {
-        str(name): [row[miss] for row in rows]
-        for name, rows in grouped(named[0].rows, lambda row: row[flow]).items()
-    }
-    key, title = f"{report.study}-distribution", f"{report.title}: miss distances"
-    return (chart_figure(misses_chart(key, title, misses)),)

@@ -11,8 +11,45 @@ import numpy as np
 
 from replay_kit.show.page import Figure
 from replay_kit.show.page.section import column
-from replay_kit.studies.reports.flows import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from replay_kit.studies.reports.tables import Cell, grouped, to_text
+
+# Okabe and Ito's colours, which colour-blind readers can tell apart too.
+BLACK, GREY, ORANGE, SKY = "#000000", "#8C8C8C", "#E69F00", "#56B4E9"
+GREEN, BLUE, VERMILION, PURPLE = "#009E73", "#0072B2", "#D55E00", "#CC79A7"
+TRUTH, AVERAGED = "truth", "depth_averaged_truth"
+
+
+@dataclass(frozen=True, slots=True)
+class FlowStyle:
+    """How a flow is named and drawn.
+
+    Attributes:
+        label: In tables and legends.
+        colour: Of lines and markers.
+        marker: Of points.
+        line: Style of lines.
+        width: Of lines.
+    """
+
+    label: str
+    colour: str
+    marker: str
+    line: str = "-"
+    width: float = 1.8
+
+
+FLOW_STYLES = {
+    TRUTH: FlowStyle("truth", BLACK, "x", width=3.2),
+    AVERAGED: FlowStyle("depth-averaged truth", GREY, "P", width=2.2),
+    "naive3d": FlowStyle("naive 3D basis", ORANGE, "^"),
+    "paper": FlowStyle("2.5D paper, l = 10 km", VERMILION, "s", "--"),
+    "paper_cells": FlowStyle("2.5D paper, l = 1.16 cells", PURPLE, "D", "--"),
+    "default": FlowStyle("2.5D default", BLUE, "o"),
+    "nearest": FlowStyle("nearest member", GREEN, "v", "-."),
+    "ensemble_mean": FlowStyle("ensemble mean", SKY, "*", "-."),
+}
+LABELS = {name: style.label for name, style in FLOW_STYLES.items()}
+
 
 _COLOURS: tuple[Any, ...] = (BLUE, VERMILION, GREEN, {"$color": "ink"}, PURPLE, ORANGE, SKY, GREY)
 _SYMBOLS = (
@@ -174,13 +211,7 @@ def _axis(chart: Chart, number: int) -> dict[str, Any]:
         }
     out: dict[str, Any] = {"title": {"text": axis.title}}
     if axis.log:
-        values = [
-            value
-            for series in chart.series
-            for value in (series.x, series.y)[number]
-            if 0.0 < value < math.inf
-        ]
-        ticks = _log_ticks(min(values, default=1.0), max(values, default=1.0))
+        ticks = ticks_of(chart, number)
         out |= {
             "type": "log",
             "tickmode": "array",
@@ -188,6 +219,17 @@ def _axis(chart: Chart, number: int) -> dict[str, Any]:
             "ticktext": [f"{tick:.10g}" for tick in ticks],
         }
     return out
+
+
+def ticks_of(chart: Chart, number: int) -> list[float]:
+    """Return the ticks of a logarithmic axis of a chart: 0 the horizontal one, 1 the vertical one."""
+    values = [
+        value
+        for series in chart.series
+        for value in (series.x, series.y)[number]
+        if 0.0 < value < math.inf
+    ]
+    return _log_ticks(min(values, default=1.0), max(values, default=1.0))
 
 
 def _log_ticks(least: float, largest: float) -> list[float]:

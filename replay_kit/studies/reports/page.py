@@ -1,4 +1,4 @@
-"""Parts of a study's page: findings in words, tables, pictures drawn with matplotlib, and how to repeat the study."""
+"""What a study says, for console, JSON and files, and the parts of its page: words, tables, pictures, how to repeat the study."""
 
 import io
 import re
@@ -6,14 +6,27 @@ from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from replay_kit.show.page import Figure, Section, page_html
 from replay_kit.show.page.section import column, items_html, table_html
-from replay_kit.studies.reports.tables import Criterion, Picture, Table, limits_text, plain, to_text
+from replay_kit.studies.reports.tables import (
+    Criterion,
+    Table,
+    json_text,
+    limits_text,
+    plain,
+    print_tables,
+    to_text,
+    write_files,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 PAGE = "index.html"
 _STYLE: Any = {
@@ -24,8 +37,44 @@ _STYLE: Any = {
     "svg.hashsalt": "replay-kit",
     "svg.fonttype": "none",
 }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StudyReport:
+    """What a study says so far.
+
+    Attributes:
+        name: Of its JSON file.
+        answer: Its JSON object; undefined figures are null.
+        tables: Printed, those that have rows.
+        words: Printed below the tables.
+        csv: The text of its tables by the name of the file.
+        pages: Makes the other files by name; None while the study is unfinished.
+        beside: What is in the folder beside the page, for the console; empty for what goes without saying.
+    """
+
+    name: str
+    answer: Mapping[str, Any]
+    tables: Sequence[Table]
+    words: Sequence[str]
+    csv: Mapping[str, str]
+    pages: Callable[[], Mapping[str, str | bytes]] | None
+    beside: str = ""
+
+    def print(self, console: "Console") -> None:
+        """Print it for people."""
+        print_tables(console, self.tables)
+        for text in self.words:
+            console.print(text, soft_wrap=True, markup=False)
+
+    def write(self, out: Path) -> None:
+        """Write its files into a folder that exists, each whole or not at all; existing ones are replaced."""
+        write_files(out, {**self.csv, f"{self.name}.json": json_text(self.answer)})
+        write_files(out, self.pages() if self.pages else {})
+
+
 #: Of what is drawn: where, under which name, coordinates along the axes, and what colours or arrows show.
-_COLUMNS = ("panel", "series", "x", "y", "z", "value", "u", "v")
+_COLUMNS = ("panel", "series", "x", "y", "value", "u", "v")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,23 +83,11 @@ class Drawn:
 
     Attributes:
         files: The picture by file ending, ``png`` or ``svg``.
-        data: Columns of equal length: panel, series, coordinates, values; without rows where only surfaces in 3D are drawn.
+        data: Columns of equal length: panel, series, coordinates, values.
     """
 
     files: Mapping[str, bytes]
     data: Mapping[str, list[Any]]
-
-
-def drawn(picture: Picture) -> Drawn:
-    """Return a picture as PNG."""
-    from matplotlib.figure import Figure
-
-    def make() -> Figure:
-        figure = Figure(figsize=picture.size, layout="constrained")
-        picture.draw(figure)
-        return figure
-
-    return saved(make, "png")
 
 
 def saved(make: Callable[[], Any], *endings: str) -> Drawn:
@@ -93,16 +130,16 @@ def _rows(axes: Any) -> Iterator[tuple[Any, ...]]:
         series: str, place: ArrayLike, value: ArrayLike = (), arrow: ArrayLike = ()
     ) -> tuple[Any, ...]:
         cells: list[Any] = [panel, series]
-        for values, width in ((place, 3), (value, 1), (arrow, 2)):
+        for values, width in ((place, 2), (value, 1), (arrow, 2)):
             known = column(values)
             cells += [*known, *[None] * (width - len(known))]
         return tuple(cells)
 
     for line in axes.lines:
         label = "" if line.get_label().startswith("_") else line.get_label()
-        # those in 3D have a third coordinate
-        points = line.get_data_3d() if hasattr(line, "get_data_3d") else line.get_data()
-        for point in np.column_stack([np.asarray(each, dtype=np.float64) for each in points]):
+        for point in np.column_stack(
+            [np.asarray(each, dtype=np.float64) for each in line.get_data()]
+        ):
             yield row(label, point)
     for each in axes.collections:
         label = "" if each.get_label().startswith("_") else each.get_label()
@@ -140,7 +177,7 @@ def _marked(text: str) -> str:
 
 
 def tables_html(tables: Sequence[Table]) -> str:
-    """Return those tables that are shown as HTML."""
+    """Return those tables that have rows as HTML."""
     return "".join(
         table_html(
             table.columns,
@@ -148,7 +185,7 @@ def tables_html(tables: Sequence[Table]) -> str:
             table.title,
         )
         for table in tables
-        if table.shown and table.rows
+        if table.rows
     )
 
 
@@ -157,20 +194,8 @@ def _cell(text: str) -> str:
     return f"<strong>{escape(text)}</strong>" if text == "NOT MET" else escape(text)
 
 
-def picture_figures(pictures: Sequence[tuple[str, str, Drawn]]) -> tuple[Figure, ...]:
-    """Return finished pictures as figures of a page; those with surfaces in 3D alone, of which no data can be listed, stay files.
-
-    Args:
-        pictures: Of each the name of its file, its caption, and itself.
-    """
-    return tuple(
-        _picture_figure(name, caption, picture)
-        for name, caption, picture in pictures
-        if picture.data
-    )
-
-
-def _picture_figure(name: str, caption: str, picture: Drawn) -> Figure:
+def picture_figure(name: str, caption: str, picture: Drawn) -> Figure:
+    """Return a finished picture as a figure of a page, by the name of its file."""
     title = re.split(r"[,:;]", caption, maxsplit=1)[0]
     image = f"data:image/png;base64,{b64encode(picture.files['png']).decode()}"
     return Figure(

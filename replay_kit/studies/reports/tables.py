@@ -33,14 +33,12 @@ class Table:
         title: What it shows.
         columns: Names with units.
         rows: A cell for each column; NaN where a figure is undefined.
-        shown: Whether it is printed and part of the report, not only a CSV.
     """
 
     name: str
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
-    shown: bool = True
 
 
 def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
@@ -51,11 +49,9 @@ def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list
     return groups
 
 
-def named_columns(
-    name: str, title: str, rows: Sequence[Mapping[str, Cell]], shown: bool = True
-) -> Table:
+def named_columns(name: str, title: str, rows: Sequence[Mapping[str, Cell]]) -> Table:
     """Return the table of at least one row, each a cell for each column by its name."""
-    return Table(name, title, tuple(rows[0]), tuple(tuple(row.values()) for row in rows), shown)
+    return Table(name, title, tuple(rows[0]), tuple(tuple(row.values()) for row in rows))
 
 
 def is_within(value: float, at_least: float, at_most: float) -> bool:
@@ -72,38 +68,17 @@ class Criterion:
         value: Its value.
         at_least: Lower limit; NaN for none.
         at_most: Upper limit; NaN for none.
-        low: Lower end of its 90 % interval; NaN without one.
-        high: Upper end.
     """
 
     what: str
     value: float
     at_least: float = NAN
     at_most: float = NAN
-    low: float = NAN
-    high: float = NAN
 
     @property
     def met(self) -> bool:
         """Whether the value keeps to its limits."""
         return is_within(self.value, self.at_least, self.at_most)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """A picture to be drawn.
-
-    Attributes:
-        name: Of its file.
-        caption: What it shows.
-        size: Width and height [inches].
-        draw: Draws it on a matplotlib figure.
-    """
-
-    name: str
-    caption: str
-    size: tuple[float, float]
-    draw: Callable[[Any], None]
 
 
 def plain(value: Any) -> Any:
@@ -164,9 +139,9 @@ def markdown(table: Table) -> str:
 
 
 def print_tables(console: Console, tables: Sequence[Table]) -> None:
-    """Print those tables that are shown."""
+    """Print those tables that have rows."""
     for table in tables:
-        if table.shown:
+        if table.rows:
             printed = ConsoleTable(*table.columns, title=table.title, title_justify="left")
             for row in table.rows:
                 printed.add_row(*map(to_text, row))
@@ -215,7 +190,6 @@ def criteria_table(title: str, criteria: Sequence[Criterion]) -> Table:
         (
             one.what,
             one.value,
-            f"{to_text(one.low)} to {to_text(one.high)}" if math.isfinite(one.low) else "",
             limits_text(one.at_least, one.at_most),
             met_text(one.met),
         )
@@ -224,9 +198,8 @@ def criteria_table(title: str, criteria: Sequence[Criterion]) -> Table:
     return Table(
         "criteria",
         title,
-        ("figure", "value", "90 % interval", "required", ""),
+        ("figure", "value", "required", ""),
         rows,
-        shown=bool(rows),
     )
 
 

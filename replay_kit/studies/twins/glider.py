@@ -24,27 +24,14 @@ STEP_S = 120
 _STEP_NS = STEP_S * NS_PER_S
 PING_STEPS = 5  # a ping every ten minutes
 SURFACE_STEPS = 2
+# Through water [m/s], below and above the horizontal [degrees], and of a dive where the truth is deeper [m].
+_SPEED, _GLIDE_ANGLE_DEG, _MAX_DEPTH = 0.3, 20.0, 500.0
 _REACHED = 5_000.0  # m; a waypoint this near counts as reached: one dive goes half as far
 _EDGE = 0.1  # of the grid; a surfacing nearer to the edge than this turns the glider to the centre
 
 # Corners of a course over the grid, in fractions of its rows and columns; it starts at any of them and goes round.
 _COURSE = np.array([(0.2, 0.2), (0.8, 0.8), (0.8, 0.2), (0.2, 0.8)])
 _CENTRE = np.array([0.5, 0.5])
-
-
-@dataclass(frozen=True, slots=True)
-class GliderLimits:
-    """How a glider flies.
-
-    Attributes:
-        speed: Through water [m/s].
-        glide_angle_deg: Below and above the horizontal.
-        max_depth: Of a dive [m]; the truth's last level when that is shallower.
-    """
-
-    speed: float = 0.3
-    glide_angle_deg: float = 20.0
-    max_depth: float = 500.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +52,6 @@ def mission(
     pings: int,
     start_ns: int,
     rng: np.random.Generator,
-    limits: GliderLimits = GliderLimits(),
     schedule: Schedule = Schedule(),
 ) -> Mission:
     """Return a glider's mission: dives along a course over the region, a ping every ten minutes, a fix at each surfacing.
@@ -78,7 +64,6 @@ def mission(
         pings: Number of pings.
         start_ns: Time of the first ping [ns, UTC].
         rng: Chooses the corner at which the course starts.
-        limits: How it flies.
         schedule: When it pings, and until when it logs.
 
     Raises:
@@ -91,13 +76,12 @@ def mission(
     while tracks[-1].end_ns <= start_ns + (pings - 1) * schedule.ping_steps * _STEP_NS:
         place = tracks[-1].place[-1]
         aim, target = _aim(field, place, target)
-        tracks.append(_dive(field, place, tracks[-1].end_ns, aim, limits))
+        tracks.append(_dive(field, place, tracks[-1].end_ns, aim))
         tracks.append(_surface(field, tracks[-1].place[-1], tracks[-1].end_ns))
     return _logged(
         field,
         tracks,
         start_ns + np.arange(pings) * schedule.ping_steps * _STEP_NS,
-        limits,
         schedule.to_the_end,
     )
 
@@ -123,26 +107,26 @@ def _aim(field: Field, place: Array, target: int) -> tuple[Array, int]:
     return corner, target
 
 
-def _dive(field: Field, place: Array, start_ns: int, aim: Array, limits: GliderLimits) -> Track:
-    angle = np.deg2rad(limits.glide_angle_deg)
-    bottom = min(limits.max_depth, float(field.grid.levels[-1]))
-    down = np.linspace(0.0, bottom, dive_steps(field, limits) // 2 + 1)
+def _dive(field: Field, place: Array, start_ns: int, aim: Array) -> Track:
+    angle = np.deg2rad(_GLIDE_ANGLE_DEG)
+    bottom = min(_MAX_DEPTH, float(field.grid.levels[-1]))
+    down = np.linspace(0.0, bottom, dive_steps(field) // 2 + 1)
     towards = (aim - place) / np.hypot(*(aim - place))
     return _carried(
         field,
         place,
         start_ns,
         np.concatenate([down, down[-2::-1]]),
-        limits.speed * np.cos(angle) * towards,
+        _SPEED * np.cos(angle) * towards,
     )
 
 
-def dive_steps(field: Field, limits: GliderLimits) -> int:
+def dive_steps(field: Field) -> int:
     """Return how long a dive takes [steps of 120 s], half of them down and half up."""
-    bottom = min(limits.max_depth, float(field.grid.levels[-1]))
+    bottom = min(_MAX_DEPTH, float(field.grid.levels[-1]))
     return 2 * max(
         1,
-        round(bottom / (limits.speed * float(np.sin(np.deg2rad(limits.glide_angle_deg))) * STEP_S)),
+        round(bottom / (_SPEED * float(np.sin(np.deg2rad(_GLIDE_ANGLE_DEG))) * STEP_S)),
     )
 
 
@@ -167,7 +151,6 @@ def _logged(
     field: Field,
     tracks: list[Track],
     pings_ns: NDArray[np.int64],
-    limits: GliderLimits,
     to_the_end: bool,
 ) -> Mission:
     """Return what is logged of dives and stays at the surface."""
@@ -196,7 +179,7 @@ def _logged(
             reckoned = [log_position(field, track.time_ns(k), track.place[k]) for k in moments]
         positions.update((position.time_ns, position) for position in reckoned)
         pitch = (
-            np.where(pinged <= deepest, -limits.glide_angle_deg, limits.glide_angle_deg)
+            np.where(pinged <= deepest, -_GLIDE_ANGLE_DEG, _GLIDE_ANGLE_DEG)
             if deepest
             else np.zeros(pinged.size)
         )

@@ -1,12 +1,20 @@
-"""Which truth an experiment withholds: one of its own, or a member left out of the ensemble."""
+"""Which truth an experiment withholds, one of its own or a member left out of the ensemble, and goals that it can reach."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from replay_kit.core.errors import ConfigError
-from replay_kit.core.grid import Ensemble
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import distance, inside_grid, to_geographic, to_local
+from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.core.plan import Place
+from replay_kit.studies.twins.field import Field
+from replay_kit.studies.twins.vehicle import random_places
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,3 +100,188 @@ def cases(ensemble: Ensemble, truth: Ensemble | None, which: str | None) -> Iter
         yield from (
             leave_out(ensemble, member) for member in members_named(which, ensemble.n_members)
         )
+
+
+SPEED = 0.3  # m/s, through water
+TARGET_DEPTH = 500.0  # m
+# Shortest and longest time to the target's depth [s]: some 13 to 50 km through water, the distances of a glider's waypoints.
+_TIME_TO_DEPTH = (12.0 * 3600.0, 48.0 * 3600.0)
+_STEPS = 100
+_MAX_DRAWS = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A start at the surface and a target that a flight in the truth reaches."""
+
+    start: Place
+    target: Place
+
+    @property
+    def distance(self) -> float:
+        """From the start to the target, horizontal [m]."""
+        return float(
+            distance(
+                self.start.longitude,
+                self.start.latitude,
+                self.target.longitude,
+                self.target.latitude,
+            )
+        )
+
+
+def draw_pairs(
+    field: Field, flow: FlowEstimate, grid: Grid, count: int, seed: int
+) -> tuple[Pair, ...]:
+    """Return starts and targets, each target the end of a random glide flown in the truth that stays in the water.
+
+    Targets are at the paper's depth, or at the deepest level that both grids have.
+
+    Args:
+        field: The truth, for places at its wet surface.
+        flow: The truth as the planner sees it.
+        grid: Of the estimates; a glide has to stay in its water too.
+        count: Number of pairs.
+        seed: Of starts, headings and times to depth.
+
+    Raises:
+        ForecastError: Hardly any glide stays in the water, or there is no level below the surface.
+    """
+    # a stream of its own: with the pings' the starts would be at pinged places
+    rng, depth = (
+        np.random.default_rng((seed, 1)),
+        min(TARGET_DEPTH, float(flow.grid.levels[-1]), float(grid.levels[-1])),
+    )
+    if not depth > 0.0:
+        raise ForecastError(
+            f"a glide needs levels below the surface, but the deepest is at {depth:g} m; choose others with --levels"
+        )
+
+    def fly() -> Array:
+        start = random_places(field, count, rng)
+        heading, duration = (
+            rng.uniform(0.0, 2.0 * np.pi, count),
+            rng.uniform(*_TIME_TO_DEPTH, count),
+        )
+        down = depth / duration
+        along = np.sqrt(SPEED**2 - down**2)
+        through_water = np.column_stack([along * np.sin(heading), along * np.cos(heading), down])
+        return fly_steadily(
+            flow, np.column_stack([start, np.zeros(count)]), through_water, duration, _STEPS
+        )
+
+    what = (
+        f"glides of {_TIME_TO_DEPTH[0] / 3600:g} to {_TIME_TO_DEPTH[1] / 3600:g} h to {depth:g} m"
+    )
+    return draw_reachable(fly, (flow.grid, grid), count, what, depth)
+
+
+def draw_reachable(
+    fly: Callable[[], Array],
+    grids: tuple[Grid, ...],
+    count: int,
+    what: str,
+    target_depth: float,
+    water_depth: float | None = None,
+) -> tuple[Pair, ...]:
+    """Return starts and targets of random flights that stay in the water of all grids.
+
+    Args:
+        fly: Draws and flies some, shape (steps, n, 3) [m], local east, north and depth of the first grid.
+        grids: Whose water they keep to.
+        count: Number of pairs.
+        what: The flights are, for the message.
+        target_depth: Of the targets [m].
+        water_depth: Least depth of the water all along [m]; None for that of each path's points.
+
+    Raises:
+        ForecastError: Hardly any flight stays in the water.
+    """
+    pairs: list[Pair] = []
+    for _ in range(_MAX_DRAWS):
+        paths = fly()
+        longitude, latitude = to_geographic(grids[0].projection, paths[..., 0], paths[..., 1])
+        depth = paths[..., 2] if water_depth is None else np.full(longitude.shape, water_depth)
+        kept = np.flatnonzero(
+            np.all([in_water(grid, longitude, latitude, depth) for grid in grids], axis=0)
+        )
+        starts, targets = (
+            [Place(float(longitude[end, k]), float(latitude[end, k]), at) for k in kept]
+            for end, at in ((0, 0.0), (-1, target_depth))
+        )
+        pairs += map(Pair, starts, targets)
+        if len(pairs) >= count:
+            return tuple(pairs[:count])
+    raise ForecastError(
+        f"found {len(pairs)} of {count} {what} that stay in the truth's water; use a larger region or shorter missions"
+    )
+
+
+def fly_steadily(
+    flow: FlowEstimate, start: Array, through_water: Array, duration: Array, steps: int
+) -> Array:
+    """Return the paths of constant velocities through water, shape (steps + 1, n, 3) [m]: RK4, all at once.
+
+    Args:
+        flow: The current.
+        start: shape (n, 3) [m].
+        through_water: shape (n, 3) [m/s].
+        duration: shape (n,) [s].
+        steps: Of equal time.
+    """
+
+    def over_ground(position: Array) -> Array:
+        return np.column_stack(
+            [through_water[:, :2] + flow.velocity(*position.T), through_water[:, 2]]
+        )
+
+    path = [start]
+    for _ in range(steps):
+        path.append(_rk4(over_ground, path[-1], (duration / steps)[:, None]))
+    return np.array(path)
+
+
+def fly_dives(
+    flow: FlowEstimate, start: Array, headings: Array, angles: Array, depth: float, steps: int = 20
+) -> Array:
+    """Return the paths of missions of one dive a leg in a current, shape (2 L steps + 1, n, 3) [m]: all at once, constant speed.
+
+    Args:
+        flow: The current.
+        start: shape (n, 2) [m], local east and north, at the surface.
+        headings: shape (n, L), clockwise from local north [rad].
+        angles: shape (n, L), below the horizontal in dives, above it in climbs [rad].
+        depth: Of the dives [m].
+        steps: For each dive and each climb.
+    """
+    path = np.column_stack([start, np.zeros(len(start))])[None]
+    for heading, angle in zip(headings.T, angles.T, strict=True):
+        along, down = SPEED * np.cos(angle), SPEED * np.sin(angle)
+        for vertical in (down, -down):
+            through_water = np.column_stack(
+                [along * np.sin(heading), along * np.cos(heading), vertical]
+            )
+            path = np.concatenate(
+                [path, fly_steadily(flow, path[-1], through_water, depth / down, steps)[1:]]
+            )
+    return path
+
+
+def _rk4(rate: Callable[[Array], Array], position: Array, step: Array) -> Array:
+    """Return the positions, shape (n, d), one Runge-Kutta step, shape (n, 1), later."""
+    first = rate(position)
+    second = rate(position + step / 2.0 * first)
+    third = rate(position + step / 2.0 * second)
+    fourth = rate(position + step * third)
+    return position + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+
+
+def in_water(grid: Grid, longitude: Array, latitude: Array, depth: Array) -> NDArray[np.bool_]:
+    """Return which paths, shape (steps, n), stay inside a grid's outline and over its wet points all along, shape (n,)."""
+    east, north = to_local(grid.projection, longitude, latitude)
+    nearest = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])).query(
+        np.stack([east, north], axis=-1)
+    )[1]
+    level = np.clip(np.searchsorted(grid.levels, depth, side="right") - 1, 0, grid.levels.size - 1)
+    wet = grid.wet.reshape(grid.levels.size, -1)[level, nearest]
+    return np.asarray(np.all(wet & inside_grid(grid, east, north), axis=0))

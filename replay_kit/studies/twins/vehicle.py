@@ -15,7 +15,6 @@ from replay_kit.studies.twins.field import Field
 EPOCH = "2018-11-16T00:00:00Z"  # when the truth has no time of its own
 EPOCH_NS = 1_542_326_400_000_000_000
 NS_PER_S, NS_PER_MS = 1_000_000_000, 1_000_000
-DAY_NS = 86_400 * NS_PER_S
 _MAX_DRAWS = 1000
 
 

@@ -115,7 +115,7 @@ def check_missions(missions: Sequence[Mission], overwrite: bool, resume: bool) -
         try:
             for path in mission.files:
                 if not path.exists():
-                    raise LogError(f"{path}: there is no such file; correct its name")
+                    raise LogError(f"{path}: file not found; correct its name")
             check_paths(mission.files, (mission.result, mission.record), overwrite or resume)
         except ReplayKitError as error:
             wrong.append(f"{mission.name}: {error}")

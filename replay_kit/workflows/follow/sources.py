@@ -13,13 +13,15 @@ from replay_kit.core.plan import Place
 from replay_kit.core.text import time_text
 from replay_kit.logs import open_log
 from replay_kit.logs.glider.missions import pattern
-from replay_kit.logs.registry import STREAMS
+from replay_kit.logs.registry import GLIDER_NAMES, STREAMS
 
 #: A first message this much older or younger than those of all other files is a clock's error [ns].
 _FAR_NS = 366 * 86_400 * 10**9
 # How much later than the present a clock may be [ns].
 _AHEAD_NS = 86_400 * 10**9
 _BLOCK = 1 << 20
+# files being written, and the sensor lists of a Slocum, which lie among its files
+_NO_LOGS = (".part", ".cac", ".ccc")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ def look(paths: Iterable[Path], own: Iterable[Path]) -> dict[Path, Stamp]:
             [
                 part
                 for part in path.iterdir()
-                if not part.name.startswith(".") and part.suffix != ".part"
+                if not part.name.startswith(".") and part.suffix.lower() not in _NO_LOGS
             ]
             if path.is_dir()
             else [path]
@@ -68,11 +70,7 @@ def look(paths: Iterable[Path], own: Iterable[Path]) -> dict[Path, Stamp]:
 
 def order(path: Path) -> tuple[bool, list[int], str]:
     """Return what orders the files of a folder, as in a replay of it: gliders' by the numbers in their names, then the others by name."""
-    glider = (
-        path.suffix.lower() in (".nc", ".nc4", ".cdf", ".gz")
-        or ".gli" in path.name
-        or ".pld1" in path.name
-    )
+    glider = GLIDER_NAMES.fullmatch(path.name) is not None
     return not glider, [*map(int, re.findall(r"\d+", path.name))] if glider else [], path.name
 
 

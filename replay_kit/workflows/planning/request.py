@@ -4,11 +4,11 @@ The planners take longer to load than what is wrong takes to be refused.
 """
 
 from math import inf
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 from replay_kit.config.plan import PlanRequest
 from replay_kit.core.errors import ConfigError, PlanError
-from replay_kit.core.objective import ObjectiveName
+from replay_kit.core.objective import is_objective, objective_names
 
 if TYPE_CHECKING:
     from planners import Line, Mooring, Weights
@@ -192,15 +192,14 @@ def check_samples(request: PlanRequest, count: int) -> None:
         )
 
 
-def objective_of(text: str) -> "ObjectiveName | Weights":
+def objective_of(text: str) -> "str | Weights":
     """Return an objective by its name, or weights such as ``time=1,energy=0.02,closest=5``.
 
     Raises:
         ConfigError: It is neither.
     """
-    for name in get_args(ObjectiveName):
-        if text == name:
-            return name  # type: ignore[no-any-return]
+    if is_objective(text):
+        return text
     try:
         pairs = [part.partition("=") for part in text.split(",")]
         weights = {name: float(value) for name, _, value in pairs}
@@ -209,7 +208,7 @@ def objective_of(text: str) -> "ObjectiveName | Weights":
 
         return Weights(**weights)
     except (TypeError, ValueError, PlanError) as error:
-        known = ", ".join(get_args(ObjectiveName))
+        known = ", ".join(objective_names())
         raise ConfigError(
             f"--objective: expected one of {known}, or weights time=A,energy=B,closest=C, got {text!r}"
         ) from error

@@ -184,8 +184,9 @@ def _in_later_window(event: Measurement, forecasts: Forecasts) -> bool:
     ):
         return False
     deepest = forecasts.ensemble.grid.levels[-1]
-    return isinstance(event, PathMean) or bool(
-        np.any(usable(event.flags) & (event.depth <= deepest))
+    linear = event.linear
+    return not linear.at_one_place or bool(
+        np.any(usable(linear.flags) & (linear.value_depth <= deepest))
     )
 
 

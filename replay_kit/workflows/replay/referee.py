@@ -28,9 +28,7 @@ def check_against(job: ReplayJob) -> None:
     seen = {tuple(sorted(path.resolve() for path in ensemble_files(job.ensemble)))}
     for each in job.against:
         if missing := [path for path in ensemble_files(each) if not path.exists()]:
-            raise ForecastError(
-                f"{missing[0]}: expected an ensemble to compare with, but there is no such file; check --against"
-            )
+            raise ForecastError(f"{missing[0]}: file not found; check --against")
         files = tuple(sorted(path.resolve() for path in ensemble_files(each)))
         if files in seen:
             raise ConfigError(

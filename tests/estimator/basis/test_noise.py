@@ -48,8 +48,8 @@ def test_whitening_makes_the_covariance_one(n, common, length, seed):
         rng.uniform(0.02, 0.2, n),
         rng.uniform(0.001, 0.1, n),
     )
-    noise = bin_noise(depth, own, extra, common, length)
     cov = covariance(depth, own, extra, common, length)
+    noise = bin_noise(cov, relative=False)
     np.testing.assert_allclose(noise.whiten @ cov @ noise.whiten.T, np.eye(n), atol=1e-9)
     np.testing.assert_allclose(noise.unwhiten @ noise.unwhiten.T, cov, atol=1e-12)
     np.testing.assert_allclose(noise.std, np.sqrt(np.diag(cov)), rtol=1e-9)
@@ -130,6 +130,19 @@ def test_an_unknown_platform_is_the_limit_of_a_badly_known_one_and_its_speed_doe
     assert said["one"][2].dof == said["limit"][2].dof - 2
     # what is left is about the profile's own mean: it sums to nothing when errors are alike
     assert np.abs(np.nansum(said["one"][2].innovation, axis=0)).max() < 0.5
+
+
+def test_the_gate_of_a_profile_relative_to_its_platform_does_not_depend_on_rounding():
+    """More bins than levels: their differences leave one function of depth undetermined, and no row may be made of its rounding."""
+    estimator = build_estimator(SMALL, EstimatorConfig(modes=8), GatingConfig())
+    (observation,) = synthetic.random_profiles(SMALL.grid, 1, seed=3, speed=0.05)
+    relative = relative_to_a_moving_platform(observation, np.zeros(2))
+    assert relative.depth.size > SMALL.grid.levels.size
+    statistics = [
+        estimator.step(estimator.initial(), replace(relative, error_std=error))[1].gate_statistic
+        for error in relative.error_std * (1.0 + 1e-15 * np.arange(6)[:, None])
+    ]
+    np.testing.assert_allclose(statistics, statistics[0], rtol=1e-9)
 
 
 @pytest.mark.parametrize("wrong", ["nan", "inf", "no error", "error without end"])

@@ -72,7 +72,7 @@ def test_a_profile_errs_by_what_the_basis_leaves_at_its_place(stated):
                 for name in ("velocity", "error_std", "flags", "reasons")
             },
         )
-        noise = estimator.noise(here, np.arange(3))
+        noise = estimator.noise(here.linear, np.arange(3))
         expected = 0.07
         if stated is None:
             modes = estimator.basis.horizontal.velocity(NODES, estimator.basis.modes).reshape(

@@ -8,7 +8,6 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.geodesy import rotate_to_local
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.evolving.fit_log import log_likelihoods
 from replay_kit.estimator.evolving.smoother import smoothed_states
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, LEVELS, forecasts, profiles
 from tests.estimator.evolving.test_extras import faulty
@@ -149,13 +148,3 @@ def test_constant_unknowns_have_at_all_times_the_filter_s_last_values():
         np.testing.assert_allclose(
             smoothed.cov[part, part], state.cov[part, part], rtol=0.0, atol=1e-10
         )
-
-
-def test_the_likelihood_of_a_log_is_that_of_the_filter_s_predictions(estimator, observations):
-    said = [innovation for _, innovation in estimator.steps(estimator.initial(), observations)]
-    assert all(innovation.error_inflation == 1.0 for innovation in said)
-    np.testing.assert_allclose(
-        list(log_likelihoods(estimator, observations)),
-        [innovation.log_likelihood for innovation in said],
-        rtol=1e-12,
-    )

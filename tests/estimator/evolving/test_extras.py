@@ -7,7 +7,7 @@ import pytest
 
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
-from replay_kit.estimator.evolving import build_evolving, fit_log
+from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.build import state_space
 from replay_kit.estimator.evolving.observation_operator import EARTH_ROTATION, oscillations
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
@@ -57,7 +57,7 @@ def test_what_a_row_sees_at_another_time_is_what_the_turned_state_shows_now():
     )
     for seconds in (-7200.0, 0.0, 3600.0):
         later = estimator.state_space.rotated(state, seconds)
-        assert swinging.at(rows, seconds) @ state[part] == pytest.approx(
+        assert swinging.at(rows[None], np.array([seconds]))[0] @ state[part] == pytest.approx(
             rows @ later[part], rel=1e-10
         )
 
@@ -225,47 +225,3 @@ def test_knots_are_as_few_as_are_half_a_depth_length_apart(deepest, count):
         oscillations(config, 30.0, deepest).knots, np.linspace(0.0, deepest, count)
     )
     assert oscillations(TimeConfig(), 30.0, deepest).knots.size == 0
-
-
-def test_settings_of_a_log_are_searched_one_at_a_time_until_none_alone_is_better(monkeypatch):
-    """With a likelihood whose best scale depends on the other settings, one round of the search is not enough."""
-    at = {
-        name: {value: k for k, value in enumerate(ladder)}
-        for name, ladder in fit_log._LADDERS.items()
-    }
-
-    def likelihood(settings):
-        k, std, length = (
-            at[name].get(getattr(settings, name), 0)
-            for name in ("scale", "oscillator_std", "oscillator_depth_length")
-        )
-        return -abs(length - 3) - 0.1 * abs(std - length) - 0.01 * abs(k - std)
-
-    estimator, time = (
-        build_evolving(forecasts(), CONFIG, TimeConfig()),
-        TimeConfig(oscillators=("inertial",)),
-    )
-    monkeypatch.setattr(fit_log, "fitted_estimator", lambda estimator, time, settings: settings)
-    monkeypatch.setattr(
-        fit_log, "log_likelihoods", lambda settings, observations: [likelihood(settings)]
-    )
-    start = replace(
-        fit_log.initial_settings(estimator, time),
-        scale=fit_log._LADDERS["scale"][0],
-        oscillator_std=0.05,
-    )
-    found = fit_log.fit_to_log(estimator, time, [], replace(start, oscillator_depth_length=20.0))
-    others = [
-        replace(found, **{name: value})
-        for name in ("scale", *fit_log._OF_OSCILLATORS)
-        for value in fit_log._LADDERS[name]
-    ]
-    assert likelihood(found) == max(map(likelihood, others))
-    assert likelihood(found) == 0.0
-
-
-def test_a_fit_to_a_log_begins_with_errors_as_stated():
-    start = fit_log.initial_settings(
-        build_evolving(forecasts(), CONFIG, TimeConfig()), TimeConfig()
-    )
-    assert (start.error_factor, start.dive_error_std, start.mean_error_std) == (1.0, 0.0, 0.0)

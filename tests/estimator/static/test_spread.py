@@ -14,7 +14,6 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.prior.amplitude import ScaledPrior, fit_amplitude
 from replay_kit.estimator.static.likelihood import predict_jointly
 from replay_kit.estimator.static.state import SpreadFit
-from replay_kit.estimator.update.rows import path_rows
 from tests import synthetic
 from tests.estimator.runs import after
 
@@ -159,7 +158,7 @@ def test_mean_currents_alone_fit_it_too():
     dives = [path(seed) for seed in range(8)]
     state = after(ESTIMATOR, dives)
     assert state.spread.fitted_to == 8
-    rows = [path_rows(dive, ESTIMATOR.basis, ESTIMATOR.representation_std) for dive in dives]
+    rows = [ESTIMATOR.rows(dive, np.arange(1)) for dive in dives]
     design = np.concatenate([each.design() for each in rows])
     innovation = (
         np.concatenate([(each.values / each.noise.std[0]).ravel() for each in rows])

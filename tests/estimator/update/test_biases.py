@@ -88,7 +88,7 @@ def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
     )
     evidence = BiasScore().updated(units, innovation, cov, 0.0)
     is_used = np.isin(np.arange(profile.depth.size), used)
-    (relative,) = relative_velocities([profile], is_used[None], ENSEMBLE.grid)
+    (relative,) = relative_velocities([profile.linear], is_used[None], ENSEMBLE.grid)
     for k, name in enumerate(NAMES):
         bias = Biases((name,), np.ones(1))
         column = np.hstack([bias.functions(profile.depth[used]) @ f for f in bias.factor(relative)])

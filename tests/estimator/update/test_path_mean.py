@@ -15,8 +15,7 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.prior.amplitude import hybrid_parts
 from replay_kit.estimator.prior.conditioned import ConditionedPrior
-from replay_kit.estimator.update.representation import inflated, predict_path_mean, taken_in_all
-from replay_kit.estimator.update.rows import path_rows
+from replay_kit.estimator.update.representation import inflated, predict, prefetch, taken_in_all
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.representation import error_at
@@ -55,6 +54,10 @@ def dive(seed=0, velocity=(0.1, -0.05), error_std=0.02, n=7, start_ns=0, deepest
     )
 
 
+#: Position of a mean's only value.
+ONLY = np.arange(1)
+
+
 def mean_by_brute_force(flow, path):
     """The flow's mean along the path, point by point."""
     total = np.zeros(2)
@@ -69,7 +72,8 @@ def mean_by_brute_force(flow, path):
 def test_the_operator_is_the_mean_of_any_flow_of_the_basis():
     estimator = build_estimator(SMALL, CONFIG)
     path, rng = dive(), np.random.default_rng(1)
-    rows = path_rows(path, estimator.basis, np.zeros(3))
+    estimator = replace(estimator, representation_std=np.zeros(3))
+    rows = estimator.rows(path, ONLY)
     for _ in range(3):
         weights = rng.standard_normal(3 * estimator.basis.n_modes)
         flow = estimator.flow_of(weights, np.empty((0, 0)), None)
@@ -98,7 +102,7 @@ def test_a_static_estimate_takes_a_mean_as_the_textbook_does(n_profiles):
         )
     ]
     std = float(np.hypot(path.error_std, path.weight @ np.array(of_points)))
-    rows = path_rows(path, estimator.basis, estimator.representation_std)
+    rows = estimator.rows(path, ONLY)
     design, value = rows.design() * std, rows.values.ravel()
     mean, cov, nis, _ = slow.kalman_update(
         state.mean, state.posterior.covariance(), design, value, std**2 * np.eye(2)
@@ -124,16 +128,8 @@ def test_profiles_and_means_in_any_order_are_one_prior_and_all_rows():
     )
     mean, cov = posterior.mean, posterior.covariance()
     for path in (dive(1), None, dive(2)):
-        rows = (
-            estimator.rows(profile, np.arange(2))
-            if path is None
-            else path_rows(path, estimator.basis, estimator.representation_std)
-        )
-        predicted = (
-            posterior.predict(rows, posterior.prefetch([rows])[0])
-            if path is None
-            else predict_path_mean(posterior, rows)
-        )
+        rows = estimator.rows(path or profile, np.arange(2) if path is None else ONLY)
+        predicted = predict(posterior, rows, prefetch(posterior, [rows]))
         innovation = rows.compress(rows.values)[0] - predicted.mean
         posterior = predicted.posterior(predicted.augmented_innovation(innovation, None), 1.5)
         design = rows.design()

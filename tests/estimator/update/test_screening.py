@@ -94,15 +94,15 @@ def test_a_mean_along_a_path_stands_where_half_of_its_time_has_passed():
         source=Source(0, "/dac", 0, 4),
     )
     # exactly half of it with the second point, a little less, and all of it with the last
-    assert mean.as_profile.longitude == 152.1
-    assert replace(mean, weight=np.array([0.25, 0.249, 0.251, 0.25])).as_profile.longitude == 152.2
-    assert replace(mean, weight=np.array([0.0, 0.0, 0.0, 0.4999])).as_profile.longitude == 152.3
-    assert mean.as_profile.depth.tolist() == [50.0]
+    assert mean.linear.middle == (152.1, -40.0)
+    assert replace(mean, weight=np.array([0.25, 0.249, 0.251, 0.25])).linear.middle[0] == 152.2
+    assert replace(mean, weight=np.array([0.0, 0.0, 0.0, 0.4999])).linear.middle[0] == 152.3
+    assert mean.linear.value_depth.tolist() == [50.0]
 
 
 def test_a_profile_is_repeated_in_every_number_or_not_at_all():
     one = synthetic.profile(GRID, 0.0, 0.0, np.array([10.0, np.nan]), np.zeros((2, 2)), time_ns=5)
-    assert is_duplicate(one, replace(one))
+    assert is_duplicate(one.linear, replace(one))
     assert not is_duplicate(None, one)
     for changes in (
         {"time_ns": 6},
@@ -110,7 +110,7 @@ def test_a_profile_is_repeated_in_every_number_or_not_at_all():
         {"depth": np.array([10.0, 20.0])},
         {"velocity": one.velocity + 1e-9},
     ):
-        assert not is_duplicate(one, replace(one, **changes))
+        assert not is_duplicate(one.linear, replace(one, **changes))
 
 
 PROFILE = synthetic.profile(
@@ -120,7 +120,8 @@ PROFILE = synthetic.profile(
 
 def test_the_same_numbers_are_the_same_observation_missing_ones_too():
     assert is_duplicate(
-        PROFILE, replace(PROFILE, velocity=PROFILE.velocity.copy(), depth=PROFILE.depth.copy())
+        PROFILE.linear,
+        replace(PROFILE, velocity=PROFILE.velocity.copy(), depth=PROFILE.depth.copy()),
     )
     assert not is_duplicate(None, PROFILE)
 
@@ -128,4 +129,4 @@ def test_the_same_numbers_are_the_same_observation_missing_ones_too():
 @pytest.mark.parametrize("name", ["time_ns", "longitude", "latitude", "depth", "velocity"])
 def test_one_other_number_makes_another_observation(name):
     other = replace(PROFILE, **{name: getattr(PROFILE, name) + 1})
-    assert not is_duplicate(PROFILE, other)
+    assert not is_duplicate(PROFILE.linear, other)

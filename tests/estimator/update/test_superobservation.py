@@ -100,7 +100,7 @@ def test_the_innovation_of_a_group_errs_by_the_estimate_s_error_once_and_by_the_
         _, alone = estimator.step(estimator.initial(), profile)
         std = np.full(profile.depth.size, np.nan)
         used = np.flatnonzero(np.isfinite(alone.innovation_std[:, 0]))
-        std[used] = estimator.noise(profile, used).std
+        std[used] = estimator.noise(profile.linear, used).std
         noise.append(std)
         of_estimate.append(alone.innovation_std**2 - std[:, None] ** 2)
     seen = np.flatnonzero(np.isfinite(noise).any(axis=0))

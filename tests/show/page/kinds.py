@@ -13,8 +13,7 @@ from replay_kit.show.status.status import status_of
 from replay_kit.studies.accuracy.page import accuracy_page
 from replay_kit.studies.dives.page import dives_page
 from replay_kit.studies.missions.page import missions_page
-from replay_kit.studies.planning.page import planning_page
-from replay_kit.studies.reports.page import drawn
+from replay_kit.studies.planning.page import report_of as planning_report
 from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome
 from tests import synthetic
@@ -78,14 +77,6 @@ def _run(*words: str | Path) -> None:
     assert done.exit_code == 0, done.output
 
 
-def _planning(folder: Path, request: pytest.FixtureRequest) -> str:
-    result = planning_result()
-    return planning_page(
-        result,
-        {picture.name: drawn(picture) for report in result.reports for picture in report.pictures},
-    )
-
-
 def _fleet(folder: Path, request: pytest.FixtureRequest) -> str:
     def replayed(number: int) -> Outcome:
         rms, truth = (
@@ -115,7 +106,9 @@ QUICK: dict[str, Make] = {
     "studies/accuracy": lambda folder, request: accuracy_page(accuracy_result()),
     "studies/dives": lambda folder, request: dives_page(dives_result()),
     "studies/missions": lambda folder, request: missions_page(mission_result()),
-    "studies/planning": _planning,
+    "studies/planning": lambda folder, request: planning_report(planning_result()).pages()[
+        "index.html"
+    ],
     "workflows/fleet": _fleet,
 }
 #: Those that take long to make.

@@ -10,9 +10,8 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.grid import Ensemble
 from replay_kit.studies.accuracy import METHODS, AccuracyJob, run_accuracy
-from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.accuracy.page import to_json
-from replay_kit.studies.scoring import bound
+from replay_kit.studies.scoring import bound, build_method
 from replay_kit.studies.twins.adcp import IDEAL_ERROR_STD, random_observations
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import cases, leave_out, most_distant

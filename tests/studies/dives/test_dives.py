@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
 
 from replay_kit.config.run import EstimatorConfig, RunConfig, load_config
 from replay_kit.config.time import TimeConfig
@@ -13,14 +12,6 @@ from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Flag, usable
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.evolving.dive_error import new_dive, with_dive_error
-from replay_kit.estimator.evolving.fit_log import (
-    fit_to_log,
-    fitted_estimator,
-    initial_settings,
-    log_likelihoods,
-    observed_subspace_estimator,
-)
 from replay_kit.studies.dives import read_dives, run_dives
 from replay_kit.studies.dives.forecasts import (
     after_dive,
@@ -29,7 +20,6 @@ from replay_kit.studies.dives.forecasts import (
     before_dives,
     column,
     conditional,
-    expect,
 )
 from replay_kit.studies.dives.page import to_json
 from replay_kit.studies.twins import Twin, make_twin
@@ -67,23 +57,22 @@ def dives(log):
     return read_dives([log], RunConfig())
 
 
-def legs(n_dives, shared_std, rng):
-    """Two profiles a dive of no current at all, whose errors are partly the dive's own."""
-    alike = np.linalg.cholesky(
-        np.exp(-0.5 * ((DEPTH[:, None] - DEPTH) / 30.0) ** 2) + 1e-9 * np.eye(DEPTH.size)
-    )
-    out = []
-    for dive in range(1, n_dives + 1):
-        shared = shared_std * alike @ rng.standard_normal((DEPTH.size, 2))
-        for leg in range(2):
-            values = shared + 0.03 * rng.standard_normal(shared.shape)
-            time_ns = (3 * dive + leg) * _HOUR_NS
-            out.append(
-                synthetic.profile(
-                    MEMBERS.grid, 2e3 * dive, 500.0 * leg, DEPTH, values, 0.03, time_ns, dive
-                )
-            )
-    return out
+def legs(n_dives, rng):
+    """Two profiles a dive."""
+    return [
+        synthetic.profile(
+            MEMBERS.grid,
+            2e3 * dive,
+            500.0 * leg,
+            DEPTH,
+            0.1 * rng.standard_normal((DEPTH.size, 2)),
+            0.03,
+            (3 * dive + leg) * _HOUR_NS,
+            dive,
+        )
+        for dive in range(1, n_dives + 1)
+        for leg in range(2)
+    ]
 
 
 def test_withheld_values_are_conditioned_as_by_the_precision_matrix():
@@ -98,71 +87,8 @@ def test_withheld_values_are_conditioned_as_by_the_precision_matrix():
         np.testing.assert_allclose(got, expected, rtol=1e-10)
 
 
-def test_the_likelihood_is_that_of_all_bins_of_all_dives_at_once(estimator):
-    profiles = [
-        replace(profile, correlation_depth=20.0)
-        for profile in legs(2, 0.1, np.random.default_rng(1))
-    ]
-    static = replace(
-        estimator,
-        state_space=replace(
-            estimator.state_space, scales=np.full_like(estimator.state_space.scales, np.inf)
-        ),
-    )
-    whole = with_dive_error(static, 0.12, 40.0)
-    mean, cov, values = slow.joint(whole, profiles)
-    dense = multivariate_normal(mean, cov).logpdf(values) + 0.5 * values.size * np.log(2.0 * np.pi)
-    assert sum(log_likelihoods(whole, profiles)) == pytest.approx(dense, rel=1e-9)
-
-
-def test_an_estimator_in_fewer_unknowns_expects_the_same(estimator, dives):
-    observations = [*dives[0].given, *dives[1].given]
-    small = observed_subspace_estimator(estimator, observations)
-    assert small.state_space.size < estimator.state_space.size
-    states = [of.initial() for of in (small, estimator)]
-    for observation in observations:
-        ours, theirs = (
-            expect(of, state, observation)
-            for of, state in zip((small, estimator), states, strict=True)
-        )
-        assert (ours is None) == (theirs is None)
-        if ours is not None and theirs is not None:
-            np.testing.assert_allclose(ours.error, theirs.error, atol=1e-8)
-            np.testing.assert_allclose(ours.cov, theirs.cov, atol=1e-9)
-        states = [
-            of.step(state, observation)[0]
-            for of, state in zip((small, estimator), states, strict=True)
-        ]
-
-
-def test_a_new_dive_knows_nothing_of_its_own_error_and_all_of_the_sea(estimator):
-    whole = with_dive_error(estimator, 0.1, 40.0)
-    state, _ = whole.step(whole.initial(), legs(1, 0.1, np.random.default_rng(2))[0])
-    after, part = new_dive(whole, state), whole.state_space.parts["dive_error"]
-    assert np.any(state.mean[part] != 0.0)
-    assert not after.mean[part].any()
-    np.testing.assert_array_equal(after.cov[part, part], np.eye(part.stop - part.start))
-    np.testing.assert_array_equal(
-        after.cov[: part.start, : part.start], state.cov[: part.start, : part.start]
-    )
-    assert new_dive(estimator, estimator.initial()).mean.size == estimator.state_space.size
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("shared", [0.0, 0.15])
-def test_the_log_says_whether_a_dive_s_profiles_err_alike(estimator, shared):
-    profiles = legs(4, shared, np.random.default_rng(4))
-    small = observed_subspace_estimator(
-        fitted_estimator(estimator, TimeConfig(), initial_settings(estimator, TimeConfig())),
-        profiles,
-    )
-    found = fit_to_log(small, TimeConfig(), profiles, initial_settings(small, TimeConfig()))
-    assert (found.dive_error_std >= 0.1) == (shared > 0.0)
-    assert found.error_factor <= 1.4
-
-
 def test_a_column_is_the_mean_at_each_depth():
-    profiles = legs(2, 0.1, np.random.default_rng(5))
+    profiles = legs(2, np.random.default_rng(5))
     flags = profiles[0].flags.copy()
     flags[3] = Flag.FAIL
     profiles[0] = replace(profiles[0], flags=flags)
@@ -195,7 +121,6 @@ def test_dives_of_a_twin_have_their_parts(dives):
 
 def test_a_dive_is_predicted_from_the_dives_before_it_alone(estimator, dives):
     config = RunConfig()
-    # mean currents take the fit a second each
     dives = [replace(dive, given=dive.profiles[::2]) for dive in dives]
     other = [
         *dives[:2],
@@ -206,15 +131,13 @@ def test_a_dive_is_predicted_from_the_dives_before_it_alone(estimator, dives):
         ),
     ]
     (*partial, ours), (*_, theirs) = (
-        run_dives(estimator, which, config, True, "e.nc") for which in (dives[:3], other)
+        run_dives(estimator, which, config, "e.nc") for which in (dives[:3], other)
     )
     assert [(len(part.dives), to_json(part).get("unfinished")) for part in (*partial, ours)] == [
         (1, True),
         (2, True),
         (3, None),
     ]
-    assert partial[1].dives[1].settings == ours.dives[1].settings
-    assert ours.dives[2].settings == theirs.dives[2].settings
     np.testing.assert_allclose(
         ours.dives[1].errors["profiles"]["estimate"],
         theirs.dives[1].errors["profiles"]["estimate"],
@@ -272,7 +195,6 @@ def test_the_command_says_what_it_found_and_refuses_other_estimators(log, tmp_pa
     assert "Surfacings:" in done.output
     found = json.loads(answer.read_text())
     assert found["oscillators"] == ["inertial", "M2"]
-    assert found["dives"][-1]["settings"]["scale"] == 86400.0
     assert found["rmse"]["profiles"]["estimate"] < found["rmse"]["profiles"]["zero"]
     refused = experiment(f"{command} --config {tmp_path}/paper.toml")
     assert isinstance(refused.exception, ConfigError)
@@ -298,7 +220,6 @@ def test_real_mean_currents_and_surfacings_are_told_as_well_as_by_the_last_one()
         build_evolving(series, config.estimator, config.time),
         read_dives(logs, config),
         config,
-        False,
         "qg",
     )
     rmse = result.rmse("mean")

@@ -23,7 +23,6 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.basis.modes import build_basis
-from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.paper import (
     PaperJob,
     figures,
@@ -33,11 +32,10 @@ from replay_kit.studies.paper import (
 from replay_kit.studies.paper.findings import sparse_logs
 from replay_kit.studies.paper.page import (
     FILES,
-    print_study,
+    report_of,
     text_tables,
     to_json,
     to_markdown,
-    write_study,
 )
 from replay_kit.studies.paper.rows import (
     ErrorRow,
@@ -49,18 +47,18 @@ from replay_kit.studies.paper.rows import (
     over_truths,
 )
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
+from replay_kit.studies.reports.charts import Axis, Chart
 from replay_kit.studies.reports.page import Drawn
 from replay_kit.studies.reports.tables import rows_to_csv
-from replay_kit.studies.scoring import bootstrap_median, bound, miss_figures
-from replay_kit.studies.twins import reachable
+from replay_kit.studies.scoring import bootstrap_median, bound, build_method, miss_figures
+from replay_kit.studies.twins import truths
 from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,
     grid_observations,
     random_observations,
 )
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.reachable import draw_pairs
-from replay_kit.studies.twins.truths import Case, leave_out
+from replay_kit.studies.twins.truths import Case, draw_pairs, leave_out
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
 from tests.show.page.checks import check_figures
@@ -68,6 +66,7 @@ from tests.show.report.html_of import elements, table
 from tests.studies.results import experiment, final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
+AXES = Axis("pings", log=True), Axis("error [1]", log=True)
 CONFIG = EstimatorConfig()
 # one start with coarse steps: plans are tested elsewhere
 PLAN = partial(planners.plan, settings=planners.GlideSettings(n_steps=8, starts=1))
@@ -90,7 +89,7 @@ def study():
 @pytest.fixture(scope="module")
 def folder(study, tmp_path_factory):
     out = tmp_path_factory.mktemp("paper")
-    write_study(out, study[:2])
+    report_of(study[:2]).write(out)
     return out
 
 
@@ -232,7 +231,8 @@ def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch
     )
     assert "cannot be built: Singular matrix" in to_markdown(tables)
     assert to_json((tables, shown))["sparse"][0]["rel_error"] is None
-    assert [name for name, _ in islice(figures.draw(tables, shown), 2)] == [
+    chart = Chart("", "", "", AXES, ())
+    assert [name for name, _ in islice(figures.draw(shown, 150.0, chart), 2)] == [
         "singular_values",
         "modes_top",
     ]
@@ -417,7 +417,7 @@ def test_pairs_stay_in_the_water_of_both_grids(monkeypatch):
     assert not pinged & {round(pair.start.longitude, 6) for pair in pairs}
     # the deepest level is shallower than the paper's targets
     assert all((pair.start.depth, pair.target.depth) == (0.0, 300.0) for pair in pairs)
-    monkeypatch.setattr(reachable, "_MAX_DRAWS", 1)
+    monkeypatch.setattr(truths, "_MAX_DRAWS", 1)
     dry = replace(MEMBERS.grid, wet=np.zeros_like(MEMBERS.grid.wet))
     with pytest.raises(ForecastError, match="larger region"):
         draw_pairs(field, flow, dry, 1, 7)
@@ -485,7 +485,7 @@ def test_all_members_in_turn(tmp_path):
     assert len(partial[0][0].table2[0].rel_error_by_truth) == 1
     assert not tables.unfinished
     # of a study that is not finished the tables are written, and what is not known yet is not
-    write_study(tmp_path, partial[0])
+    report_of(partial[0]).write(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "paper.json",
         "sparse.csv",
@@ -555,7 +555,7 @@ def test_files_say_the_same_numbers(study, folder):
 def test_console_and_report_show_the_rows(study, folder):
     tables = study[0]
     words = io.StringIO()
-    print_study(study[:2], Console(file=words, width=200))
+    report_of(study[:2]).print(Console(file=words, width=200))
     written = (folder / "report.md").read_text()
     for row in (*tables.table1, *tables.table2):
         for text in (words.getvalue(), written):
@@ -570,13 +570,11 @@ def test_console_and_report_show_the_rows(study, folder):
 
 
 LABELS = {
-    "singular_values": ("mode", "singular value / largest"),
+    "singular_values": ("mode [number]", "singular value / largest [1]"),
     "modes_top": ("east [km]", "north [km]", "speed / largest of the mode"),
-    "modes_3d": ("east [km]", "north [km]", "depth [m]"),
-    "truth_3d": ("east [km]", "north [km]", "depth [m]", "speed [m/s]", "velocity [m/s]"),
+    "ping": ("depth [m]", "velocity [m/s]", "east, measured"),
     "truth_top": ("east [km]", "north [km]", "speed [m/s]", "10 pings"),
-    "sparse": ("pings", "RMSE / RMS speed of the truth"),
-    "glides_3d": ("east [km]", "north [km]", "depth [m]", "target"),
+    "sparse": ("pings", "RMSE / RMS speed of the truth [1]"),
     "glides_top": ("east [km]", "north [km]", "target"),
 }
 
@@ -597,7 +595,9 @@ def test_figures_are_drawn_and_labelled(folder, name):
 
 
 def test_the_same_study_gives_the_same_figures(study, folder):
-    ((name, picture),) = islice(figures.draw(*study[:2]), 1)
+    ((name, picture),) = islice(
+        figures.draw(study[1], study[0].target_depth, Chart("", "", "", AXES, ())), 1
+    )
     assert list(picture.files) == ["png", "svg"]
     for ending, content in picture.files.items():
         assert (folder / f"{name}.{ending}").read_bytes() == content, name
@@ -607,8 +607,7 @@ def test_the_page_has_the_tables_the_findings_and_the_figures(study, folder):
     tables = study[0]
     page = (folder / "index.html").read_text()
     found = check_figures(page)
-    # surfaces in 3D alone have no data to list
-    pictures = ["singular-values", "truth-3d", "truth-top", "glides-3d", "glides-top", "modes-top"]
+    pictures = ["singular-values", "ping", "truth-top", "glides-top", "modes-top"]
     assert sorted(found) == sorted(["sparse", "glides", *pictures])
     assert [text for _, text in elements(page, "h2")] == [
         "In words",
@@ -698,7 +697,9 @@ def test_wrong_options_end_with_code_2(ocean, monkeypatch, arguments, said):
 @pytest.mark.full
 def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatch):
     monkeypatch.setattr(
-        figures, "draw", lambda tables, shown: iter([("sparse", Drawn({"png": b"drawn"}, {}))])
+        figures,
+        "draw",
+        lambda shown, depth, sparse: iter([("sparse", Drawn({"png": b"drawn"}, {}))]),
     )
     options = f"--leave-out most-distant --modes 4 --pairs 1 -o {ocean}/full --overwrite --json {ocean}/a.json"
     done = paper(ocean, options)

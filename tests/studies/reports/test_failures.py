@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.errors import ConfigError, EstimatorError, PlanError
+from replay_kit.core.errors import ConfigError, EstimatorError
 from replay_kit.studies.accuracy import AccuracyJob, run_accuracy
 from replay_kit.studies.accuracy import run as accuracy
 from replay_kit.studies.accuracy.page import to_json
-from replay_kit.studies.planning import PlanningJob, run_planning
-from replay_kit.studies.planning import run as planning_run
-from replay_kit.studies.planning.job import StudyReport
-from replay_kit.studies.planning.run import Study
-from replay_kit.studies.reports.tables import Table
+from replay_kit.studies.planning import odds
+from replay_kit.studies.planning.odds import JudgedMission
 from tests import synthetic
 from tests.studies.results import experiment, final
 
@@ -142,92 +139,31 @@ def test_a_command_whose_methods_all_fail_writes_why_and_is_no_success(failing, 
     assert said["results"][0]["failed"] == "LinAlgError: singular"
 
 
-@pytest.fixture
-def studies(monkeypatch):
-    """Makes the studies glides, missions and odds what is given, or fail with an error that is given."""
-
-    def made(**outcomes):
-        def study(name, outcome):
-            def made_up(world):
-                if isinstance(outcome, BaseException):
-                    raise outcome
-                return StudyReport(
-                    name, name, (Table(f"{name}-rows", "Rows", ("n",), ((outcome,),)),)
-                )
-
-            return Study(made_up, lambda job: 1)
-
-        monkeypatch.setattr(
-            planning_run,
-            "STUDIES",
-            {name: study(name, outcome) for name, outcome in outcomes.items()},
-        )
-        return PlanningJob(tuple(outcomes), "1", pairs=1, pings=1)
-
-    return made
-
-
-@pytest.mark.parametrize(
-    "error", [np.linalg.LinAlgError("singular"), PlanError("too little water")]
-)
-def test_a_study_that_fails_says_why_and_the_others_go_on(studies, error):
-    job = studies(glides=1, missions=error, odds=3)
-    kept = list(run_planning(MEMBERS, None, CONFIG, job))
-    result = kept[-1]
-    assert [report.failed for report in result.reports] == [
-        "",
-        f"{type(error).__name__}: {error}",
-        "",
-    ]
-    assert [[report.study for report in each.reports] for each in kept] == [
-        list(job.studies)[:n] for n in range(4)
-    ]
-
-
-@pytest.mark.parametrize("error", [TypeError("wrong"), ConfigError("an option")])
-def test_a_study_with_a_fault_of_the_program_ends_the_run(studies, error):
-    with pytest.raises(type(error)):
-        final(run_planning(MEMBERS, None, CONFIG, studies(glides=1, missions=error)))
-
-
 def planning(ensemble, out, words):
     return experiment(f"planning --ensemble {ensemble} -o {out} --modes 6 {words}")
 
 
-def test_a_planning_run_that_is_killed_leaves_the_studies_that_were_done(
-    studies, ensemble, tmp_path
+def test_a_planning_run_that_is_killed_leaves_the_missions_that_were_done(
+    monkeypatch, ensemble, tmp_path
 ):
-    studies(glides=1, missions=PlanError("no way"), odds=Killed())
+    def made_up(case, *_):
+        if case.member == 2:
+            raise Killed
+        return [JudgedMission(case.member, "reached", 0.95, 0.9, 100.0, 250.0)]
+
+    monkeypatch.setattr(odds, "_of_truth", made_up)
     with pytest.raises(Killed):
-        planning(ensemble, tmp_path / "out", "--leave-out 1 --study glides,missions,odds")
+        planning(ensemble, tmp_path / "out", "--leave-out 1,2 --pairs 2")
     said = json.loads((tmp_path / "out" / "planning.json").read_text())
-    assert list(said["studies"]) == ["glides", "missions"]
-    assert said["studies"]["glides"]["tables"] == {"glides-rows": [{"n": 1}]}
-    assert said["studies"]["missions"]["failed"] == "PlanError: no way"
-    assert "failed" not in said["studies"]["glides"]
-    report = (tmp_path / "out" / "report.md").read_text()
-    assert "The study failed: PlanError: no way" in report
-    assert "Not done when this was written: odds." in report
+    assert (said["unfinished"], [one["truth"] for one in said["missions"]]) == (True, [1])
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "glides-rows.csv",
-        "index.html",
+        "odds.csv",
         "planning.json",
-        "report.md",
     ]
 
 
-def test_a_planning_run_whose_studies_all_fail_is_no_success(studies, ensemble, tmp_path):
-    studies(glides=PlanError("no way"))
-    done = planning(ensemble, tmp_path / "out", "--leave-out 1 --study glides")
-    assert isinstance(done.exception, EstimatorError)
-    assert (
-        json.loads((tmp_path / "out" / "planning.json").read_text())["studies"]["glides"]["failed"]
-        == "PlanError: no way"
-    )
-
-
 def test_a_member_that_is_not_there_makes_no_folder(ensemble, tmp_path):
-    done = planning(ensemble, tmp_path / "out", "--leave-out 77 --study glides")
+    done = planning(ensemble, tmp_path / "out", "--leave-out 77")
     assert isinstance(done.exception, ConfigError)
     assert "--leave-out: expected 0 to 4, got 77" in str(done.exception)
     assert not (tmp_path / "out").exists()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,23 +21,25 @@ from replay_kit.studies.reports.charts import (
     chart_figure,
     misses_chart,
 )
-from replay_kit.studies.reports.page import drawn, saved, words_html
-from replay_kit.studies.reports.tables import Picture, Table, to_csv
+from replay_kit.studies.reports.page import saved, words_html
+from replay_kit.studies.reports.tables import Table, to_csv
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, table, text_of
 from tests.studies.pages import accuracy_result, dives_result, mission_result, planning_result
 
 WRITTEN = [
-    (accuracy.write_study, accuracy_result, ["error", "coverage", "nis"]),
-    (dives.write_study, dives_result, ["errors-profiles", "errors-mean", "surfacings"]),
-    (missions.write_study, mission_result, ["outliers-m-s", "outliers-1", "coverage-1"]),
-    (planning.write_study, planning_result, ["glides-distribution", "glides-misses"]),
+    (accuracy.report_of, accuracy_result, ["error", "coverage", "nis"]),
+    (dives.report_of, dives_result, ["errors-profiles", "errors-mean", "surfacings"]),
+    (missions.report_of, mission_result, ["outliers-m-s", "outliers-1", "bias-1"]),
+    (planning.report_of, planning_result, ["misses"]),
 ]
 
 
-@pytest.mark.parametrize(("write", "result", "keys"), WRITTEN)
-def test_a_page_lies_beside_the_tables_and_is_whole(write, result, keys, tmp_path: Path) -> None:
-    write(tmp_path, result())
+@pytest.mark.parametrize(("report_of", "result", "keys"), WRITTEN)
+def test_a_page_lies_beside_the_tables_and_is_whole(
+    report_of, result, keys, tmp_path: Path
+) -> None:
+    report_of(result()).write(tmp_path)
     page = (tmp_path / "index.html").read_text()
     assert list(check_figures(page)) == keys
     assert [attrs["href"] for attrs, _ in elements(page, "a")] == [
@@ -50,13 +53,13 @@ def test_a_page_lies_beside_the_tables_and_is_whole(write, result, keys, tmp_pat
     (csv, *_) = tmp_path.glob("*.csv")
     assert csv.read_text().count("\n") > 3
     (tmp_path / "again").mkdir()
-    write(tmp_path / "again", result())
+    report_of(result()).write(tmp_path / "again")
     assert (tmp_path / "again" / "index.html").read_text() == page
 
 
-@pytest.mark.parametrize(("write", "result"), [each[:2] for each in WRITTEN[:3]])
-def test_an_unfinished_study_has_no_page(write, result, tmp_path: Path) -> None:
-    write(tmp_path, replace(result(), unfinished=True))
+@pytest.mark.parametrize(("report_of", "result"), [each[:2] for each in WRITTEN])
+def test_an_unfinished_study_has_no_page(report_of, result, tmp_path: Path) -> None:
+    report_of(replace(result(), unfinished=True)).write(tmp_path)
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".csv", ".json"]
 
 
@@ -94,7 +97,7 @@ def test_of_truths_in_turn_the_means_are_shown() -> None:
 
 
 def test_dives_say_how_the_estimate_compares(tmp_path: Path) -> None:
-    dives.write_study(tmp_path, dives_result())
+    dives.report_of(dives_result()).write(tmp_path)
     page = (tmp_path / "index.html").read_text()
     words, rms = text_of(page, "answer"), 100.0 * np.sqrt((2 * 0.1**2 + 2 * 0.2**2) / 2.0)
     assert (
@@ -120,41 +123,36 @@ def test_dives_say_how_the_estimate_compares(tmp_path: Path) -> None:
 
 
 def test_missions_say_what_does_not_keep_to_its_limit(tmp_path: Path) -> None:
-    missions.write_study(tmp_path, mission_result())
+    missions.report_of(mission_result()).write(tmp_path)
     page = (tmp_path / "index.html").read_text()
     words = text_of(page, "answer")
     assert "1 of 2 criteria are met; these are not:" in words
     assert "outliers, gate soften, RMSE over that without outliers: 1.2, required <= 1.05" in words
-    assert "Left out: member 5, seed 0, bias: carried away." in words
+    assert "Excluded: member 5, seed 0, bias: carried away." in words
     assert text_of(page, "outliers").count("NOT MET") == 1
-    values = check_figures(page)["coverage-1"]["tables"]["values"]
-    assert values["limit: value [1]"] == [0.86, 0.94]
-    assert values["each mission: value [1]"] == [0.89, 0.91]
-    assert values["all missions: value [1]"] == [0.9, None]
-    assert check_figures(page)["coverage-1"]["layout"]["yaxis"]["ticktext"] == [
-        "observed places, now:<br>share inside 90 %<br>intervals"
+    values = check_figures(page)["bias-1"]["tables"]["values"]
+    assert values["limit: value [1]"] == [3.0, 9.0]
+    assert values["each mission: value [1]"] == [3.1, 3.3]
+    assert values["all missions: value [1]"] == [3.2, None]
+    assert check_figures(page)["bias-1"]["layout"]["yaxis"]["ticktext"] == [
+        "biased, with bias<br>states: heading over<br>its standard deviation"
     ]
 
 
 def test_plans_say_which_criteria_are_not_met(tmp_path: Path) -> None:
-    planning.write_study(tmp_path, planning_result())
+    report = planning.report_of(planning_result())
+    report.write(tmp_path)
     page = (tmp_path / "index.html").read_text()
     words = text_of(page, "answer")
     assert "1 of 2 criteria are met; these are not:" in words
-    assert "Glides of constant velocity: ratio of medians: 1.4, required <= 1" in words
-    assert "Not done when this was written: missions." in words
-    assert "The study failed: PlanError: too little water." in text_of(page, "odds")
-    assert "<em>truth</em> arrive, see <code>glides_cases</code>." in page
-    values = check_figures(page)["glides-distribution"]["tables"]["values"]
-    # 10 cm is drawn at 1 m
-    assert values["truth: miss distance in the truth [m]"] == [1.0, 1.0, 200.0, 300.0]
-    assert values["truth: share of the plans [1]"] == [0.0, 0.33333, 0.66667, 1.0]
-    drawn = check_figures(page)["glides-misses"]["tables"]["drawn"]
-    # the medians of the two truths against their relative errors
-    assert drawn["x"][-2:] == [0.1, 0.1]
-    assert drawn["y"][-2:] == [2000.0, 300.0]
-    patterns = planning.files_of(("glides",))
-    assert {path for each in patterns for path in tmp_path.glob(each)} == set(tmp_path.iterdir())
+    assert "arrives in the withheld truth: 0.5, required >= 0.8" in words
+    assert "In the truth 1 of 2 arrive; the median miss there is 260 m." in text_of(page, "odds")
+    assert [one["met"] for one in report.answer["criteria"]] == [True, False]
+    assert report.answer["missions"][2]["arrive in fresh samples"] is None
+    assert {path.name for path in tmp_path.iterdir()} == set(planning.FILES)
+    none = replace(planning_result(), missions=planning_result().missions[2:])
+    assert planning.report_of(none).answer["criteria"] == []
+    assert "None of 1 missions is reported as reached" in planning.findings(none)
 
 
 def test_a_chart_says_its_data_in_words_and_fills_short_series() -> None:
@@ -213,7 +211,10 @@ def test_words_are_escaped_and_marked() -> None:
 
 
 def test_what_is_drawn_is_listed() -> None:
-    def draw(figure) -> None:
+    from matplotlib.figure import Figure
+
+    def make() -> Any:
+        figure = Figure(figsize=(4.0, 3.0))
         left, right = figure.subplots(1, 2)
         left.plot([1.0, 2.0], [3.0, np.nan], label="line")
         left.scatter([5.0], [6.0])
@@ -223,8 +224,9 @@ def test_what_is_drawn_is_listed() -> None:
         )
         right.quiver([0.5], [15.0], [0.25], [-0.125])
         figure.colorbar(mesh, ax=right)
+        return figure
 
-    picture = drawn(Picture("name", "Caption", (4.0, 3.0), draw))
+    picture = saved(make, "png")
     assert picture.files["png"][:4] == b"\x89PNG"
     data = picture.data
     assert list(data) == ["panel", "series", "x", "y", "value", "u", "v"]
@@ -240,19 +242,6 @@ def test_what_is_drawn_is_listed() -> None:
         ("", "colours", 1.0, 20.0, 4.0, None, None),
         ("", "arrows", 0.5, 15.0, None, 0.25, -0.125),
     ]
-
-
-def test_a_line_in_3d_has_three_coordinates() -> None:
-    from matplotlib.figure import Figure
-
-    def make():
-        figure = Figure()
-        figure.add_subplot(projection="3d").plot([1.0], [2.0], [3.0], label="path")
-        return figure
-
-    picture = saved(make, "png", "svg")
-    assert list(picture.files) == ["png", "svg"]
-    assert picture.data == {"series": ["path"], "x": [1.0], "y": [2.0], "z": [3.0]}
 
 
 def test_misses_of_no_plan_are_no_line() -> None:

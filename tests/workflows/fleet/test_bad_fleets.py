@@ -27,9 +27,9 @@ ONE = '[[mission]]\nlogs = "twin00.mcap"\n'
             "TWIN00: two missions have this name",
         ),
         (GOOD + ONE + 'name = "../up"\n', 2, "'mission.0.name'"),
-        (GOOD + '[[mission]]\nlogs = "none.mcap"\n', 2, "none.mcap: there is no such file"),
+        (GOOD + '[[mission]]\nlogs = "none.mcap"\n', 2, "none.mcap: file not found"),
         (GOOD + '[[mission]]\neach = "none*.mcap"\n', 3, "none*.mcap: no log has such a name"),
-        (GOOD + ONE + 'truth = "none.nc"\n', 2, "none.nc: there is no such file"),
+        (GOOD + ONE + 'truth = "none.nc"\n', 2, "none.nc: file not found"),
         ('[all]\nensemble = "none*.nc"\n' + ONE, 2, "none*.nc"),
         (ONE, 2, "twin00: no ensemble is given"),
         (
@@ -59,7 +59,7 @@ def test_missions_of_which_some_cannot_begin_are_all_named(table, tmp_path):
     bad.write_text(GOOD + ONE + "".join(f'[[mission]]\nlogs = "none{k}.mcap"\n' for k in range(12)))
     done = invoke(f"fleet {bad} -o {tmp_path}/out")
     assert "12 of 13 missions cannot begin: none0: " in done.stderr
-    assert "none9.mcap: there is no such file; correct its name; and 2 more" in done.stderr
+    assert "none9.mcap: file not found; correct its name; and 2 more" in done.stderr
 
 
 @pytest.mark.parametrize(

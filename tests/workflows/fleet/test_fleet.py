@@ -11,9 +11,8 @@ import pytest
 from rich.console import Console
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.workflows.fleet.page import fleet_page
+from replay_kit.workflows.fleet.page import exit_code, fleet_page, print_fleet, row_of
 from replay_kit.workflows.fleet.run import Outcome, failure, run_fleet, run_mission
-from replay_kit.workflows.fleet.table import exit_code, print_fleet, row_of
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.store import basis as basis_store

@@ -105,5 +105,5 @@ def test_forecasts_that_cannot_be_compared_are_refused_at_once(folder):
         check_against(against(folder / "ensemble.nc"))
     with pytest.raises(ConfigError, match="finished log"):
         check_against(against(folder / "fewer.nc", following=Following(folder)))
-    with pytest.raises(ForecastError, match="no such file"):
+    with pytest.raises(ForecastError, match="file not found; check --against"):
         check_against(against(folder / "missing.nc"))

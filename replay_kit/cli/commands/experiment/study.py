@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from cyclopts import Parameter
 
@@ -15,27 +15,12 @@ from replay_kit.core.paths import check_folder, check_paths, truth_path
 from replay_kit.core.progress import Progress
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from replay_kit.core.grid import Ensemble as Members
+    from replay_kit.studies.reports.page import StudyReport
 
 Result = TypeVar("Result")
-_Written = TypeVar("_Written", contravariant=True)
 # Settings that the estimators of these studies have; name and preset are those that a study compares.
 ESTIMATOR = {"estimator.name", "estimator.preset"}
-
-
-class StudyPage(Protocol[_Written]):
-    """The module ``page`` of a study."""
-
-    def write_study(self, out: Path, result: _Written) -> None:
-        """Write a result, or the part of it that is done, into a folder that exists."""
-
-    def print_study(self, result: _Written, console: "Console") -> None:
-        """Print a result for people."""
-
-    def to_json(self, result: _Written) -> dict[str, Any]:
-        """Return a result as a JSON object."""
 
 
 def parts(names: str) -> Parameter:
@@ -118,24 +103,22 @@ def check_outputs(
 
 
 def run_study(
-    page: StudyPage[Result],
+    report_of: Callable[[Result], "StudyReport"],
     results: Callable[[Progress], Iterator[Result]],
     outputs: Outputs | Report,
     config: RunConfig,
     processes: Processes,
     notes: Sequence[str] = (),
-    beside: str = "",
 ) -> Result:
     """Run a study, write what is done after each part, print the whole result and return it.
 
     Args:
-        page: Writes it.
+        report_of: Returns what a result says.
         results: Yields the results so far; takes what reports progress.
         outputs: Where it is written.
         config: Number of threads.
         processes: Who works.
         notes: On the inputs, printed first.
-        beside: What is in the folder beside the page.
     """
     from replay_kit.workflows.fleet.workers import calls_made_by
 
@@ -144,17 +127,18 @@ def run_study(
         progress(config.output.threads) as advance,
     ):
         for result in results(advance):
+            report = report_of(result)
             if outputs.out is not None:
                 outputs.out.mkdir(exist_ok=True)
-                page.write_study(outputs.out, result)
-            keep_json(outputs.json_file, page.to_json(result))
+                report.write(outputs.out)
+            keep_json(outputs.json_file, report.answer)
     console = console_beside(outputs.json_file)
     for note in notes:
         console.print(f"Note: {note}", soft_wrap=True)
-    page.print_study(result, console)
-    if beside:
-        console.print(f"{outputs.out}: {beside}", soft_wrap=True)
+    report.print(console)
     if outputs.out is not None:
+        if report.beside:
+            console.print(f"{outputs.out}: {report.beside}", soft_wrap=True)
         console.print(f"Page: {outputs.out / 'index.html'}; open it in a browser.", soft_wrap=True)
-    write_json(outputs.json_file, page.to_json(result))
+    write_json(outputs.json_file, report.answer)
     return result

@@ -1,13 +1,17 @@
 """What a replay reads and writes: checked, opened, and scanned for where and when it begins."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+from replay_kit.config.run import RunConfig
 from replay_kit.core.paths import Stamp, check_paths, stamps_of, truth_path
 from replay_kit.core.plan import Place
+from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import logs_in
+from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.region import FoundRegion
 
 
@@ -50,6 +54,8 @@ class ReplayJob:
         region: The part of the forecast that an earlier run of the job found; None finds it, where the settings do not state it.
         against: Other ensembles under which the log's evidence is computed too.
         basis_store: Folder of built estimators that replays share; None builds one for this replay alone.
+        estimator: Makes the estimator of the forecasts and settings; None for that of the settings.
+        provided: Names of the parts that a script gives in place of the settings' own.
     """
 
     logs: tuple[Path, ...]
@@ -67,6 +73,8 @@ class ReplayJob:
     region: FoundRegion | None = None
     against: tuple[Against, ...] = ()
     basis_store: Path | None = None
+    estimator: Callable[[Forecasts, RunConfig], Estimator[Any]] | None = None
+    provided: tuple[str, ...] = ()
 
 
 def check_outputs(

@@ -19,6 +19,8 @@ from replay_kit.workflows.replay.inputs.region import REGION_RECORD, FoundRegion
 _BLOCK = 1 << 20
 #: Key of the bathymetry among the inputs.
 BATHYMETRY = "bathymetry"
+#: Option of a result that names the parts that a script gave, without which it cannot be made again.
+PROVIDED = "provided"
 #: Record of the result of ``plan``: what was asked for.
 PLAN_RECORD = "replay_kit.plan"
 #: Record of a result whose logs may grow: what happened to its inputs.
@@ -132,6 +134,7 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
     return {
         "goal": "" if goal is None else f"{goal.longitude!r},{goal.latitude!r},{goal.depth!r}",
         "include_inputs": str(job.include_inputs).lower(),
+        **({PROVIDED: ", ".join(job.provided)} if job.provided else {}),
         "truth": "" if job.truth is None else Path(job.truth).name,
         "truth_radius_km": "" if job.truth_radius_km is None else repr(job.truth_radius_km),
         "modes": str(flow.n_modes),

@@ -265,6 +265,6 @@ def _correction(mean: PathMean) -> float:
 
 
 def _place_of(measurement: Measurement | ProfileGroup) -> tuple[float, float]:
-    if isinstance(measurement, PathMean):
-        return float(measurement.longitude[-1]), float(measurement.latitude[-1])
-    return measurement.longitude, measurement.latitude
+    last = (np.ravel(along)[-1] for along in (measurement.longitude, measurement.latitude))
+    longitude, latitude = map(float, last)
+    return longitude, latitude

@@ -46,6 +46,8 @@ def built(forecasts: Forecasts, config: RunConfig, job: ReplayJob) -> Estimator[
         LogError: A file of the store is damaged, or of another version.
         ReplayKitError: As of ``build``; or the store cannot be written.
     """
+    if job.estimator is not None:
+        return job.estimator(forecasts, config)
     goal_depth = None if job.goal is None else job.goal.depth
     if job.basis_store is None:
         return build(forecasts, config, goal_depth)

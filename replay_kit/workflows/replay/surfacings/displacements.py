@@ -18,7 +18,7 @@ from replay_kit.core.as_flown import FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Fix, Observation, PathMean, VehicleState
+from replay_kit.core.observation import Fix, Measurement, Observation, VehicleState
 from replay_kit.core.surfacing import Basis, DiveForecast, DiveOutcome, forecast_place
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
 from replay_kit.estimator.next_dive.filter import FIXES_STD
@@ -109,7 +109,7 @@ class GroundState:
 
 def ground_step(
     state: GroundState,
-    event: VehicleState | Observation | PathMean | ProfileGroup,
+    event: VehicleState | Measurement | ProfileGroup,
     flow_at: FlowAt,
     surface_depth: float,
 ) -> tuple[GroundState, tuple[DiveOutcome, ...]]:
@@ -122,7 +122,7 @@ def ground_step(
         surface_depth: [m], shallower than this the vehicle is at the surface.
     """
     first = event.profiles[0] if isinstance(event, ProfileGroup) else event
-    if isinstance(first, PathMean):
+    if not isinstance(first, VehicleState | Observation):
         return state, ()
     if state.surfaced is not None and first.time_ns > state.surfaced[1].time_ns:
         state = concluded(state)

@@ -1,0 +1,177 @@
+"""``info``, ``qc`` and ``convert``: what is in logs, their quality control, one log of several."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from replay_kit.cli.console import console_beside, progress, write_json, write_text
+from replay_kit.cli.options import (
+    ENSEMBLE_HELP,
+    INPUTS,
+    PART_OF_FORECAST,
+    TO_OUTPUTS,
+    Answer,
+    Ending,
+    Log,
+    LogIfAny,
+    option,
+)
+from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.paths import check_paths
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outputs(Answer):
+    """What is written."""
+
+    suggest: Annotated[
+        Path | None,
+        option(
+            "--suggest",
+            "Write a draft mapping for topics of unknown type; - is standard output.",
+            metavar="FILE.toml",
+        ),
+        Ending((".toml",), stream=True),
+    ] = None
+
+
+_Ensemble = Annotated[
+    tuple[Path, ...],
+    option(
+        "--ensemble",
+        f"Ensemble forecast to describe, and to check a log's axes, signs, units and depths against: {ENSEMBLE_HELP}",
+        metavar="FILE...",
+        group=INPUTS,
+    ),
+]
+_Full = Annotated[
+    bool,
+    option(
+        "--full",
+        "Read all of a large MCAP, not only its index and first messages: profiles, positions, late messages, gaps, damage.",
+        group=INPUTS,
+    ),
+]
+
+
+@takes_settings("logs.clock", "logs.system", "logs.remap", "measurements", *PART_OF_FORECAST)
+def info(
+    *logs: LogIfAny,
+    ensemble: _Ensemble = (),
+    full: _Full = False,
+    outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
+    settings: Settings,
+) -> int:
+    """Return 0, or 4 when bytes of a log were lost; logs of which a replay on the ensemble would end with an error end with it."""
+    suggest, json_file = outputs.suggest, outputs.json_file
+    if suggest is not None and json_file is not None and str(suggest) == str(json_file) == "-":
+        raise ConfigError(
+            "--suggest and --json: only one of them can have standard output; give the other a file"
+        )
+    if not logs and not ensemble:
+        raise ConfigError("info: expected a log, or a forecast with --ensemble")
+    check_paths([*logs, settings.file, *ensemble], [suggest, json_file], outputs.overwrite)
+    config = settings.load()
+
+    from replay_kit.measurements import suggestions
+    from replay_kit.show.text import print_lines
+    from replay_kit.workflows.info.inspect import inspect_logs
+    from replay_kit.workflows.info.listing import (
+        asks_for_replay,
+        info_json,
+        next_command,
+        print_infos,
+    )
+
+    with progress() as advance:
+        found = inspect_logs(logs, config, advance, full)
+        forecast = check = None
+        # the libraries that read a forecast take longer to load than a log's index to read
+        if ensemble:
+            from replay_kit.forecast import describe_ensemble
+            from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
+            from replay_kit.workflows.info.import_check import (
+                check_logs,
+                import_check_json,
+                print_import_check,
+            )
+            from replay_kit.workflows.replay.inputs.scan import look_ahead
+
+            advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
+            # as a replay of the logs would read it
+            near_ns = look_ahead(logs, config)[1] if logs else None
+            forecast = describe_ensemble(ensemble, config.forecast, near_ns)
+            check = check_logs(logs, ensemble, config) if logs else None
+    console = console_beside(json_file, suggest)
+    if forecast is not None:
+        print_ensemble(forecast, console)
+    print_infos(found, console, outputs.verbose)
+    if check is not None:
+        print_import_check(check, console)
+    given = [
+        *([] if settings.file is None else ["--config", str(settings.file)]),
+        *settings.words(),
+    ]
+    refusal = check.refusal if check is not None and asks_for_replay(found) else None
+    following = next_command(found, logs, ensemble, given) if logs and refusal is None else []
+    print_lines(console, following)
+    if suggest is not None:
+        write_text(
+            suggest,
+            suggestions(
+                {topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}
+            ),
+        )
+    answer: dict[str, Any] = {"logs": [info_json(log) for log in found]}
+    answer |= {"next": "\n".join(following)} if following else {}
+    answer |= {} if forecast is None else {"forecast": ensemble_json(forecast)}
+    write_json(
+        json_file, answer if check is None else {**answer, "import_check": import_check_json(check)}
+    )
+    if refusal is not None:
+        raise refusal
+    return 4 if any(log.report.losses for log in found) else 0
+
+
+@takes_settings("logs", "measurements")
+def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = Answer()) -> int:
+    """Return the exit code of the report."""
+    check_paths([*logs, settings.file], [answer.json_file], answer.overwrite)
+    config = settings.load()
+
+    from replay_kit.workflows.qc.check import check_quality
+    from replay_kit.workflows.qc.report import print_quality, quality_json
+
+    with progress() as advance:
+        report = check_quality(list(logs), config, lambda time_ns: advance(0, 0, "testing"))
+    print_quality(report, console_beside(answer.json_file))
+    write_json(answer.json_file, quality_json(report))
+    return report.exit_code
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Copy(Answer):
+    """What is written."""
+
+    out: Annotated[
+        Path,
+        option("--out -o", "One log; its ending chooses the format.", metavar="OUT.mcap|OUT.tlog"),
+        Ending((".mcap", ".tlog")),
+    ]
+
+
+@takes_settings("logs.remap", file=False)
+def convert(*logs: Log, outputs: Annotated[Copy, TO_OUTPUTS], settings: Settings) -> int:
+    """Return 0, or 4 when something was lost."""
+    check_paths(logs, [outputs.out, outputs.json_file], outputs.overwrite)
+    config = settings.load()
+
+    from replay_kit.workflows.convert import convert as convert_logs
+    from replay_kit.workflows.convert import convert_json, print_converted
+
+    with progress() as advance:
+        summary = convert_logs(list(logs), outputs.out, outputs.overwrite, config.logs, advance)
+    print_converted(summary, console_beside(outputs.json_file), outputs.verbose)
+    write_json(outputs.json_file, convert_json(summary))
+    return 4 if summary.losses else 0

@@ -1,0 +1,287 @@
+"""``report``, ``status``, ``plot``, ``export`` and ``layout``: a result as a page, on one screen, as figures, tables, in a viewer."""
+
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from replay_kit.cli import reporting
+from replay_kit.cli.console import console_beside, write_json
+from replay_kit.cli.options import (
+    HTML,
+    OUTPUTS,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Answer,
+    Ending,
+    Replacing,
+    argument,
+    option,
+)
+from replay_kit.config.option import PLACE, numbers
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.paths import check_paths
+from replay_kit.core.time import parse_time
+
+
+def report(
+    result: Annotated[
+        Path,
+        argument(
+            "RESULT.mcap",
+            "A result of replay or plan; of a truncated one the readable part is shown.",
+        ),
+    ],
+    /,
+    *,
+    out: Annotated[
+        Path | None,
+        option(
+            "--out -o",
+            "Self-contained HTML page. Default: the result's name with .html.",
+            metavar="REPORT.html",
+        ),
+        HTML,
+    ] = None,
+    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+) -> int:
+    """Return 0."""
+    from replay_kit.workflows.report import page_of
+    from replay_kit.workflows.report import report as write_report
+
+    page = out or page_of(result)
+    size = write_report(result, page, replacing.overwrite)
+    console_beside().print(
+        f"Report: {page} ({size / 1e6:.1f} MB); open it in a browser.", soft_wrap=True
+    )
+    return 0
+
+
+# Columns of the screen, at most where a terminal is wider.
+_WIDTH, _WIDEST = 80, 120
+
+
+def status(
+    *results: Annotated[
+        Path,
+        argument(
+            "RESULT.mcap", "Results of replay, also of a running --follow; one after the other."
+        ),
+    ],
+    html: Annotated[
+        Path | None,
+        option(
+            "--html",
+            "Also write it as a page that reloads itself.",
+            metavar="PAGE.html",
+            group=OUTPUTS,
+        ),
+        HTML,
+    ] = None,
+    now: Annotated[
+        str | None,
+        option(
+            "--now",
+            "Time relative to which ages are stated, ISO 8601 UTC, or 'clock'. Default: the end of the result.",
+            metavar="TIME",
+        ),
+    ] = None,
+    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+) -> int:
+    """Return 0; alarms are shown, and are no failure."""
+    if len(results) > 1 and html is not None:
+        raise ConfigError("--html: expected one result, got several; write a page for each")
+    check_paths(results, [html, answer.json_file], answer.overwrite or html is not None)
+    moment = _moment(now)
+
+    from replay_kit.workflows.status import read_status, write_page
+
+    each = [read_status(path, moment) for path in results]
+    if not reporting.current().quiet and str(answer.json_file) != "-":
+        from replay_kit.show.status.text import status_text
+
+        width = (
+            min(shutil.get_terminal_size((_WIDTH, 24)).columns, _WIDEST)
+            if sys.stdout.isatty()
+            else _WIDTH
+        )
+        text = "\n".join(status_text(found, width) for found in each)
+        reporting.keep(text)
+        sys.stdout.write(text)
+    if html is not None:
+        write_page(each[0], html)
+    figures = [found.figures for found in each]
+    write_json(answer.json_file, {"results": figures} if len(results) > 1 else figures[0])
+    return 0
+
+
+def _moment(text: str | None) -> int | None:
+    """Return a time of an option [ns, UTC]; None without it."""
+    if text is None:
+        return None
+    if text == "clock":
+        import time
+
+        return time.time_ns()
+    try:
+        return parse_time(text)
+    except ConfigError as error:
+        raise ConfigError(f"--now: {error}, or clock for the present time") from error
+
+
+_PICTURES = Ending((".png", ".svg", ".pdf"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """What a figure shows, and how wide it is."""
+
+    at: Annotated[
+        str | None,
+        option(
+            "--at",
+            "Place of series; depth of map and plan [degrees, degrees, m].",
+            metavar="LON,LAT,DEPTH",
+        ),
+        PLACE,
+    ] = None
+    columns: Annotated[
+        Literal[1, 2],
+        option("--columns", "Width in journal columns: 85 or 175 mm."),
+    ] = 2
+
+
+def plot(
+    result: Annotated[
+        Path,
+        argument(
+            "RESULT.mcap",
+            "A result of replay or plan; of a truncated one the readable part is shown.",
+        ),
+    ],
+    figure: Annotated[
+        Literal["map", "section", "series", "dac", "trust", "plan"],
+        argument("FIGURE", "Kind of figure."),
+    ],
+    /,
+    *,
+    out: Annotated[
+        Path,
+        option(
+            "--out -o",
+            "Figure; its ending selects the format.",
+            metavar="F.png|svg|pdf",
+            group=OUTPUTS,
+        ),
+        _PICTURES,
+    ],
+    look: Annotated[Look, TO_OPTIONS] = Look(),
+    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+) -> int:
+    """Return 0."""
+    check_paths([result], [out], replacing.overwrite)
+    longitude, latitude, depth = numbers(look.at or "0,0,0", "--at", PLACE.form)
+    at = None if look.at is None else (longitude, latitude, depth)
+
+    from replay_kit.core.atomic import atomic_file
+    from replay_kit.show.plots import drawn
+    from replay_kit.show.plots.style import saved
+    from replay_kit.workflows.report import opened
+
+    with opened(result) as contents:
+        content = saved(drawn(contents, figure, at, look.columns), out.suffix.lower())
+    with atomic_file(out) as file:
+        file.write(content)
+    console_beside(None).print(f"Figure: {out}", soft_wrap=True)
+    return 0
+
+
+_FILES = Ending((".nc", ".csv", ".kml", ".geojson"))
+_TABLES = Literal["series", "track", "section", "dives", "innovations", "surfacings", "plans"]
+
+
+def export(
+    result: Annotated[
+        Path,
+        argument(
+            "RESULT.mcap",
+            "A result of replay or plan; of a truncated one the readable part is exported.",
+        ),
+    ],
+    /,
+    *,
+    out: Annotated[
+        Path,
+        option(
+            "--out -o",
+            "File; its ending selects the format.",
+            metavar="X.nc|csv|kml|geojson",
+            group=OUTPUTS,
+        ),
+        _FILES,
+    ],
+    at: Annotated[
+        list[str] | None,
+        option(
+            "--at",
+            "Place of a series of the current [degrees, degrees, m]; may be repeated.",
+            metavar="LON,LAT,DEPTH",
+        ),
+        PLACE,
+    ] = None,
+    table: Annotated[
+        _TABLES | None,
+        option(
+            "--table",
+            "Export only this table. Default: all; in CSV the series with --at, else the track.",
+        ),
+    ] = None,
+    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+) -> int:
+    """Return 0."""
+    check_paths([result], [out], replacing.overwrite)
+    places = [numbers(text, "--at", PLACE.form) for text in at or ()]
+
+    from replay_kit.show.export import export as write
+    from replay_kit.workflows.report import opened
+
+    with opened(result) as contents:
+        rows = write(contents, out, [(place[0], place[1], place[2]) for place in places], table)
+    console = console_beside(None)
+    for note in contents.notes:
+        console.print(note, soft_wrap=True)
+    console.print(
+        f"{out}: " + ", ".join(f"{name} {count} rows" for name, count in rows.items()),
+        soft_wrap=True,
+    )
+    return 0
+
+
+def layout(
+    result: Annotated[Path, argument("RESULT.mcap", "A result of replay.")],
+    /,
+    *,
+    out: Annotated[
+        Path,
+        option(
+            "--out -o",
+            "Layout file to import into the viewer.",
+            metavar="LAYOUT.json",
+            group=OUTPUTS,
+        ),
+        Ending((".json",)),
+    ],
+    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+) -> int:
+    """Return 0."""
+    check_paths([result], [out], replacing.overwrite)
+
+    from replay_kit.workflows.layout import write_layout
+
+    count = write_layout(result, out)
+    console_beside().print(
+        f"{out}: {count} panels; import it in Foxglove or Lichtblick, and open {result} there.",
+        soft_wrap=True,
+    )
+    return 0

@@ -1,0 +1,81 @@
+"""Additions by installed packages: entry points in groups named ``replay_kit.KIND``.
+
+A package adds a value of a kind under a name of its choice. It is loaded when a value of its kind is first needed, and a package that
+cannot be loaded ends the run: a result must not depend on whether an addition happened to load.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
+
+from replay_kit.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+#: ``logs``: function ``open(path, input, config, wanted)`` that returns a ``LogFile``, or None for a file that is not its own.
+#: ``dialects``: ``Dialect`` of glider files. ``estimators``: function of an ``Ensemble`` and the ``EstimatorConfig`` that returns an
+#: ``Estimator``; its name is that of ``--estimator``. ``checks``: ``PingCheck`` or ``PositionCheck``. ``sections``: function of the
+#: report's ``Contents`` that returns a ``Section``. ``objectives``: ``Objective`` of missions; its name is that of ``--objective``.
+Kind = Literal["logs", "dialects", "estimators", "checks", "sections", "objectives"]
+
+
+def names_of(kind: Kind) -> tuple[str, ...]:
+    """Return the names of the additions of a kind; none of them is loaded."""
+    return tuple(point.name for point in _points(kind))
+
+
+def additions(kind: Kind, fits: Callable[[Any], bool], expected: str) -> Mapping[str, Any]:
+    """Return the additions of a kind by their names.
+
+    Args:
+        kind: What they are.
+        fits: Whether a value is of the kind.
+        expected: What it should be, for the error.
+
+    Raises:
+        ConfigError: A package cannot be loaded, or adds something else, or a name that another one adds.
+    """
+    found: dict[str, Any] = {}
+    for point in _points(kind):
+        value = _loaded(point)
+        if not fits(value):
+            raise ConfigError(
+                f"{_words(point)}: expected {expected}, got {type(value).__name__}; correct the package, or uninstall it"
+            )
+        if point.name in found:
+            raise ConfigError(
+                f"{_words(point)}: another package adds this name too; uninstall one of them"
+            )
+        found[point.name] = value
+    return MappingProxyType(found)
+
+
+@cache
+def _points(kind: Kind) -> "tuple[EntryPoint, ...]":
+    """Return the entry points of a kind in the order of their names: that of installed packages is not the same everywhere."""
+    # here, because it takes as long to load as the whole command line
+    from importlib.metadata import entry_points
+
+    found = entry_points(group=f"replay_kit.{kind}")
+    return tuple(sorted(found, key=lambda point: (point.name, point.value)))
+
+
+@cache
+def _loaded(point: "EntryPoint") -> Any:
+    try:
+        return point.load()
+    # a module may raise anything while it is imported
+    except Exception as error:
+        words = " ".join(str(error).split())[:200]
+        raise ConfigError(
+            f"{_words(point)}: cannot be imported: {type(error).__name__}: {words}; correct the package, or uninstall it"
+        ) from error
+
+
+def _words(point: "EntryPoint") -> str:
+    package = (
+        "" if point.dist is None else f" of the package {point.dist.name} {point.dist.version}"
+    )
+    return f"{point.group}: {point.name} = {point.value}{package}"

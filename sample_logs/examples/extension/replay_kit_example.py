@@ -1,0 +1,73 @@
+"""One addition of each kind to replay-kit, which finds them by the entry points in ``pyproject.toml``."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from planners.mission.values import Objective, Weights
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.errors import Finding
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Observation
+from replay_kit.estimator import Estimator
+from replay_kit.estimator.baselines.builders import build_ensemble_mean
+from replay_kit.logs.glider.dialects import Dialect
+from replay_kit.measurements.consistency.summary import PingSummary
+from replay_kit.results.views.contents import Contents
+from replay_kit.show.page.section import Section
+
+#: EGO, the French gliders' form.
+EGO = Dialect(
+    "ego",
+    "EGO",
+    "juld current_east current_north",
+    {
+        "time": "juld",
+        "longitude": "longitude",
+        "latitude": "latitude",
+        "depth": "glider_depth",
+        "dive": "phase_number",
+        "dac_east": "current_east",
+        "dac_north": "current_north",
+    },
+)
+
+
+def build_persistence(ensemble: Ensemble, config: EstimatorConfig) -> Estimator:
+    """Return an estimator that keeps the mean of the forecast, whatever is measured: what others must beat."""
+    return build_ensemble_mean(ensemble, config)
+
+
+@dataclass(frozen=True, slots=True)
+class RepeatedTimes:
+    """How many pings in a row have one time."""
+
+    last_ns: int = -1
+    repeated: int = 0
+
+    def after(self, ping: Observation, summary: PingSummary) -> Self:
+        """Return the count after a ping."""
+        return type(self)(ping.time_ns, self.repeated + 1 if ping.time_ns == self.last_ns else 0)
+
+    def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
+        """Return that the clock stands still."""
+        if self.repeated < 3:
+            return None
+        evidence = f"{self.repeated} pings of one time"
+        return Finding(
+            "clock stands still", ping.time_ns, evidence, "a stopped clock", "mend the log"
+        )
+
+
+REPEATED_TIMES = RepeatedTimes()
+
+
+def depths_section(contents: Contents) -> Section:
+    """Return the deepest position in words."""
+    deepest = np.nanmax(contents.track.depth)
+    return Section("depths", "Depths", f"<p>The deepest position lies at {deepest:.0f} m.</p>")
+
+
+#: The mission with the fewest surfacings: each is a risk.
+SURFACINGS = Objective(Weights(time=1.0), lambda found: float(len(found.yo_depths)))

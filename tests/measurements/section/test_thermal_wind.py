@@ -1,0 +1,244 @@
+"""The geostrophic shear across a line of profiles, against its slow twin, made density fields and repeats of a real line."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import gsw
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.measurements.section import geostrophic_shear, section_of
+from replay_kit.measurements.section.hydrography import GRAVITY, RHO0, Profile, level_anomalies
+from replay_kit.measurements.section.noise import _evidence, garrett_munk, rossby_radius
+from replay_kit.measurements.section.thermal_wind import (
+    depth_weights,
+    geopotential_matrix,
+    place_of,
+    slope_weights,
+)
+from tests.places import DATA
+from tests.reference import thermal_wind as twin
+
+DAY_NS = 86_400 * 10**9
+LATITUDE = 40.0
+LEVELS = np.arange(0.0, 815.0, 10.0)
+
+
+def line(
+    n: int = 12,
+    length: float = 60e3,
+    tilt: float = 1e-3,
+    noise: float = 0.0,
+    latitude: float = LATITUDE,
+    north: float = 0.0,
+    seed: int = 1,
+    slant: float = 0.0,
+) -> list[Profile]:
+    """Return casts whose isopycnals rise by a share of the way towards the end of a line, towards east where ``north`` is 0."""
+    rng, depth = np.random.default_rng(seed), np.arange(0.0, 820.0, 5.0)
+    unit = np.array([np.cos(north), np.sin(north)])
+    made = []
+    for k, along in enumerate(np.linspace(-0.5 * length, 0.5 * length, n)):
+        way = along + slant * (depth - depth.mean())
+        longitude, latitudes = to_geographic(
+            Projection(-60.0, latitude), way * unit[0], way * unit[1]
+        )
+        heave = tilt * way + noise * rng.standard_normal() * np.sin(np.pi * depth / 800.0)
+        temperature = 4.0 + 14.0 * np.exp(-(depth + heave) / 300.0)
+        salinity = np.full(depth.size, 35.0)
+        absolute = gsw.SA_from_SP(salinity, depth, longitude, latitudes)
+        pressure = gsw.p_from_z(-depth, latitudes)
+        made.append(
+            Profile(
+                np.full(depth.size, k * DAY_NS // 12, dtype=np.int64),
+                longitude,
+                latitudes,
+                depth,
+                gsw.t_from_CT(absolute, temperature, pressure),
+                salinity,
+            )
+        )
+    return made
+
+
+def expected(tilt: float) -> np.ndarray:
+    """Return the shear of the made field on the levels, from its thermal wind by differences, minus its mean."""
+    density = [
+        1.0
+        / gsw.specvol(
+            gsw.SA_from_SP(35.0, gsw.p_from_z(-LEVELS, LATITUDE), -60.0, LATITUDE),
+            4.0 + 14.0 * np.exp(-(LEVELS + tilt * way) / 300.0),
+            gsw.p_from_z(-LEVELS, LATITUDE),
+        )
+        for way in (-100.0, 100.0)
+    ]
+    # f dv/dz = -g / rho0 drho/dx, z upwards
+    by_depth = GRAVITY / RHO0 * (density[1] - density[0]) / 200.0 / gsw.f(LATITUDE)
+    layers = 0.5 * (by_depth[1:] + by_depth[:-1]) * np.diff(LEVELS)
+    found = np.concatenate([[0.0], np.cumsum(layers)])
+    return found - depth_weights(LEVELS) @ found
+
+
+def test_isopycnals_that_rise_to_the_east_give_their_thermal_wind() -> None:
+    (shear,) = geostrophic_shear(section_of(line(length=20e3)), 0.1)
+    assert np.array_equal(shear.levels, LEVELS)
+    # a mean over the line of the exponential's curvature, and the reference density, are left
+    assert shear.velocity == pytest.approx(expected(1e-3), abs=0.01 * np.abs(expected(1e-3)).max())
+    # dense water rises to the east: on the northern side the current above is to the south
+    assert shear.velocity[0] < 0.0
+    assert shear.direction == pytest.approx(0.5 * np.pi, abs=1e-6)
+    assert depth_weights(LEVELS) @ shear.velocity == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_current_is_the_same_whichever_way_the_line_is_run() -> None:
+    there, back = (
+        geostrophic_shear(section_of(profiles), 0.1)[0]
+        for profiles in (line(noise=5.0), line(noise=5.0)[::-1])
+    )
+    assert np.cos(there.direction - back.direction) == pytest.approx(-1.0)
+    assert back.velocity == pytest.approx(-there.velocity, rel=1e-9)
+    assert back.covariance == pytest.approx(there.covariance, rel=1e-6)
+
+
+def test_in_the_south_the_same_density_drives_the_opposite_current() -> None:
+    north, south = (
+        geostrophic_shear(section_of(line(latitude=at, length=20e3)), 0.1)[0]
+        for at in (40.0, -40.0)
+    )
+    assert south.velocity == pytest.approx(-north.velocity, abs=0.01 * np.abs(north.velocity).max())
+
+
+def test_the_slant_of_a_glider_is_taken_out() -> None:
+    (cast,) = geostrophic_shear(section_of(line(length=40e3)), 0.1)
+    (slanted,) = geostrophic_shear(section_of(line(length=40e3, slant=2.0)), 0.1)
+    assert slanted.velocity == pytest.approx(cast.velocity, abs=0.02 * np.abs(cast.velocity).max())
+
+
+def test_a_short_line_states_a_large_error() -> None:
+    errors = [
+        geostrophic_shear(section_of(line(n, length, noise=7.0)), 0.1)[0].standard_error.max()
+        for n, length in ((5, 8e3), (9, 20e3), (13, 40e3))
+    ]
+    assert errors[0] > 2.0 * errors[1] > 2.0 * errors[2]
+
+
+def test_a_long_line_is_cut_into_windows() -> None:
+    found = geostrophic_shear(section_of(line(60, 300e3, noise=3.0)), 0.1)
+    assert len(found) > 1
+    assert sum(shear.profiles for shear in found) == 60
+    assert np.all(np.diff([shear.along for shear in found]) > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda made: made[:3], "expected at least 4 profiles, got 3"),
+        (lambda made: [*made, *made[:6]], "expected a straight line"),
+        (lambda made: made[:1] * 5, "expected a straight line"),
+        (lambda made: [replace(each, salinity=np.full(164, np.nan)) for each in made], "got 0"),
+    ],
+)
+def test_what_is_no_line_is_refused(change, words) -> None:
+    with pytest.raises(MeasurementError, match=words):
+        section_of(change(line()))
+
+
+def test_near_the_equator_it_is_refused() -> None:
+    with pytest.raises(MeasurementError, match=r"at least 5 degrees, got 3\.0"):
+        geostrophic_shear(section_of(line(latitude=3.0)), 0.1)
+
+
+def test_the_parts_agree_with_their_slow_twins() -> None:
+    rng = np.random.default_rng(3)
+    levels, n = np.sort(rng.uniform(0.0, 900.0, 9)), 8
+    anomaly = rng.standard_normal((n, 9)) * 1e-7
+    for row in anomaly:
+        assert geopotential_matrix(levels) @ row == pytest.approx(
+            twin.geopotential(row, levels), rel=1e-11
+        )
+    along = np.sort(rng.uniform(0.0, 50e3, n))
+    root = rng.standard_normal((n, n))
+    covariance = root @ root.T + n * np.eye(n)
+    values = rng.standard_normal((n, 2))
+    weights = slope_weights(along, covariance)
+    assert weights @ values[:, 0] == pytest.approx(
+        twin.slope(along, values[:, 0], covariance), rel=1e-9
+    )
+    # a straight line is seen as it is, wherever the weights lie
+    assert weights @ along == pytest.approx(1.0)
+    assert along[0] < place_of(along, weights) < along[-1]
+    trend, prior = np.stack([np.ones(n), along - along.mean()], axis=1), np.array([0.5, 2.0])
+    first = _evidence(covariance, trend, values, prior)[0]
+    second = _evidence(covariance + np.eye(n), trend, values, prior)[0]
+    for k in range(2):
+        by_hand = [
+            twin.log_evidence(each, trend, values[:, k], prior[k], 2.2)
+            for each in (covariance, covariance + np.eye(n))
+        ]
+        assert second[k] - first[k] == pytest.approx(by_hand[1] - by_hand[0], rel=1e-6)
+
+
+def test_a_hole_is_filled_from_its_own_profile_and_the_level_s_line() -> None:
+    along = np.linspace(0.0, 30e3, 6)
+    volume = 1e-3 + 1e-11 * along[:, None] * np.array([1.0, 2.0, 3.0])
+    volume[2] += 1e-8
+    holed = volume.copy()
+    holed[2, 1] = np.nan
+    whole = level_anomalies(volume, np.zeros((6, 3)), along)
+    filled = level_anomalies(holed, np.zeros((6, 3)), along)
+    assert np.isfinite(filled).all()
+    assert filled[2, 1] == pytest.approx(whole[2, 1], abs=0.6e-8)
+    assert filled[:, [0, 2]] == pytest.approx(whole[:, [0, 2]], abs=1e-12)
+
+
+def test_waves_and_rossby_radius_have_the_size_that_the_open_ocean_has() -> None:
+    n2 = np.full(LEVELS.size, 2.7e-5)
+    waves = garrett_munk(LEVELS, n2, geopotential_matrix(LEVELS))
+    assert np.linalg.eigvalsh(waves).min() > -1e-12 * np.trace(waves)
+    # some millimetres of dynamic height
+    assert 0.002 < np.sqrt(np.diag(waves)).mean() / GRAVITY < 0.02
+    assert 20e3 < rossby_radius(LEVELS, n2, float(gsw.f(40.0)), 4000.0) < 60e3
+
+
+def test_repeats_of_a_real_line_agree_within_their_stated_errors() -> None:
+    files = sorted((DATA / "sections").glob("section*.nc"), key=lambda path: int(path.stem[7:]))
+    if len(files) < 11:
+        pytest.skip("the repeats of a line across a passage are not present")
+    found = [geostrophic_shear(section_of(_casts(path)), 0.1)[0] for path in files]
+    inside, misfits = [], []
+    for a, b in pairwise(found):
+        at = np.flatnonzero(np.isin(a.levels, [60, 150, 300, 500, 750, 900]))
+        sign = np.sign(np.cos(a.direction - b.direction))
+        difference = a.velocity[at] - sign * b.velocity[at]
+        both = a.covariance[np.ix_(at, at)] + b.covariance[np.ix_(at, at)]
+        inside += (np.abs(difference) < 1.645 * np.sqrt(np.diag(both))).tolist()
+        misfits.append(difference @ np.linalg.solve(both, difference) / at.size)
+    assert 0.85 <= np.mean(inside) <= 0.97
+    assert 0.4 < np.mean(misfits) < 1.3
+
+
+def _casts(path) -> list[Profile]:
+    with xr.open_dataset(path) as data:
+        ordered = data.sortby("distance")
+        depth, made = ordered.depth.values, []
+        for k in range(ordered.sizes["date"]):
+            cast = ordered.isel(date=k)
+            latitude, longitude = float(cast.lat), float(cast.lon)
+            pressure = gsw.p_from_z(-depth, latitude)
+            absolute = gsw.SA_from_SP(cast.salinity.values, pressure, longitude, latitude)
+            conservative = gsw.CT_from_pt(absolute, cast.potential_temperature.values)
+            made.append(
+                Profile(
+                    np.full(depth.size, int(cast.date.values.astype("datetime64[ns]").astype(int))),
+                    np.full(depth.size, longitude),
+                    np.full(depth.size, latitude),
+                    depth,
+                    gsw.t_from_CT(absolute, conservative, pressure),
+                    cast.salinity.values,
+                )
+            )
+    return made
