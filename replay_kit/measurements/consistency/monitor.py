@@ -30,6 +30,9 @@ from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 
+# After any of these the instrument's depth is known to be wrong, or its time.
+_OF_DEPTHS = {findings.DEPTH, findings.DEPTHS, findings.CLOCK}
+
 #: What is checked.
 Checked = VehicleState | Observation | PathMean
 
@@ -220,7 +223,7 @@ def _after_ping(
     else:
         instrument = _measured(instrument, raw, ping, summary)
         found += _of_ping(instrument, ping)
-        if instrument.depths.is_due and not instrument.named & {findings.DEPTHS, findings.CLOCK}:
+        if instrument.depths.is_due and not instrument.named & _OF_DEPTHS:
             of_depths = found_of_depths(instrument.depths, state.depths, topic)
             found += [] if of_depths is None else [of_depths]
     if found:
