@@ -116,15 +116,23 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class RawValues:
-    """What is remembered of a ping's velocities before any rotation.
+    """What is remembered of a ping as the instrument gave it, before any rotation.
 
     Attributes:
-        kind: ``zero`` when all are zero, ``constant`` when all cells are equal, else ``varied``.
+        kind: ``zero`` when all velocities are zero, ``constant`` when all cells are equal, else ``varied``.
         digest: Equal for equal velocities; empty with too few of them.
+        texture: shape (n - 2, k), second differences along the profile of each component or beam [m/s]; None with too few cells.
+        along_beams: Whether the velocities were along beams.
+        depth: Of the transducer, by the ping's own pressure [m]; NaN where it states none.
+        error_velocity: Mean over the profile of what no velocity explains in the beams [m/s]; NaN where it is not known.
     """
 
     kind: Literal["varied", "constant", "zero"] = "varied"
     digest: bytes = b""
+    texture: Array | None = field(default=None, compare=False)
+    along_beams: bool = False
+    depth: float = math.nan
+    error_velocity: float = math.nan
 
 
 #: Of a ping that has too few of them.

@@ -9,7 +9,7 @@ checked against the ensembles of all seas, and, of each seed, with another noise
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import lru_cache
 from statistics import median
 
 import numpy as np
@@ -28,11 +28,11 @@ from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import mission as glider_mission
 from replay_kit.studies.twins.messages import Flight, measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, survey
-from tests.benchmarks.fault_kinds import FAULTS, Edit, Fault
+from tests.benchmarks.fault_kinds import FAULTS, Fault, in_beams
 from tests.benchmarks.measure import Row, row
 from tests.places import DATA, SAMPLES
 
-_SEEDS, _PINGS, _TINY_PINGS = 5, 400, 60
+_SEEDS, _PINGS, _TINY_PINGS = 5, 250, 60
 # m/s: of the platform's stated velocity; of the bins of the seeds' twins
 _PLATFORM_STD, _NOISE = 0.03, (0.09, 0.05, 0.15, 0.09, 0.25)
 
@@ -67,7 +67,7 @@ def rows(tiny: bool) -> list[Row]:
     counts = {"sound": 0, "unfit": 0, "mute": 0}
     for seed in range(1 if tiny else _SEEDS):
         for log in sound_logs(seas, seed, tiny):
-            events = list(_events(log, 0.0, None))
+            events = list(_events(log))
             for sea, (speeds, _) in seas.items():
                 state = _after(events, speeds)
                 counts["sound" if log.ensemble is speeds else "unfit"] += 1
@@ -103,15 +103,15 @@ def _row(fault: Fault, runs: list[tuple[tuple[str, ...], int]]) -> Row:
 
 def named(log: Log, fault: Fault) -> tuple[tuple[str, ...], int]:
     """Return the names of what was found in a log with a fault, and the pings until it was named as expected; 0 when it was not."""
-    state = _after(_events(log, fault.heading, fault.edit), log.ensemble, fault.expected)
+    state = _after(_events(log, fault), log.ensemble, fault.expected)
     names = tuple(finding.name for finding in state.findings)
     return names, max(1, state.pings) if set(names) & set(fault.expected) else 0
 
 
-def _events(log: Log, heading: float, edit: Edit | None) -> Iterator[Checked]:
-    """Yield what is checked of a log, with a compass that is off by some degrees and a fault."""
-    measured, messages = initial_state(), iter(log.messages(heading))
-    for message in messages if edit is None else edit(messages):
+def _events(log: Log, fault: Fault | None = None) -> Iterator[Checked]:
+    """Yield what is checked of a log, with a fault."""
+    measured, messages = initial_state(), iter(_messages(log, fault))
+    for message in messages if fault is None else fault.edit(messages):
         measured, events = interpret(measured, message, log.config)
         yield from (
             event for event in events if isinstance(event, VehicleState | Observation | PathMean)
@@ -121,6 +121,15 @@ def _events(log: Log, heading: float, edit: Edit | None) -> Iterator[Checked]:
         for event in finish(measured, log.config)
         if isinstance(event, VehicleState | Observation | PathMean)
     )
+
+
+def _messages(log: Log, fault: Fault | None) -> Iterable[Message]:
+    """Return the messages of a log whose compass is off, from some hour on."""
+    if fault is None or not fault.heading:
+        return log.messages(0.0)
+    sound, wrong = list(log.messages(0.0)), log.messages(fault.heading)
+    until_ns = sound[0].time_ns + int(fault.from_hour * 3.6e12)
+    return [a if a.time_ns < until_ns else b for a, b in zip(sound, wrong, strict=True)]
 
 
 def _after(
@@ -175,8 +184,10 @@ def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
                     _logged(flight, moves),
                     speeds,
                     vehicle,
-                    (180,) if tiny else (30, 90, 180),
+                    (180,) if tiny else (30, 60, 90, 180),
                 )
+                if moves:
+                    yield Log(f"{label} in beams", _in_beams(flight), speeds, "beams")
                 if tiny and vehicle == "glider":
                     return
     dives = sorted((DATA / "seaglider").glob("p1710*.nc"))
@@ -196,10 +207,16 @@ def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
             yield Log(f"{vehicle} dives", lambda heading: messages, speeds, vehicle, (), config)
 
 
+def _in_beams(flight: Flight) -> Callable[[float], Sequence[Message]]:
+    """Return a flight's messages with pings in beam coordinates."""
+    of = _logged(flight, True)
+    return lru_cache(1)(lambda heading: tuple(in_beams(iter(of(heading)))))
+
+
 def _logged(flight: Flight, moves: bool) -> Callable[[float], Sequence[Message]]:
     """Return a flight's messages by the error of the compass, with the platform's motion if it ``moves``."""
 
-    @cache
+    @lru_cache(8)
     def messages(heading: float) -> Sequence[Message]:
         bias = float(heading)
         return tuple(

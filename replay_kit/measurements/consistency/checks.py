@@ -11,7 +11,12 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.extensions import additions
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.position_checks import PositionRun, SeparatePlaces
+from replay_kit.measurements.consistency.instrument import Beams, Noise, Repeats, Stuck
+from replay_kit.measurements.consistency.position_checks import (
+    Displacements,
+    PositionRun,
+    SeparatePlaces,
+)
 from replay_kit.measurements.consistency.summary import MOST_SPEED, PingSummary
 
 # Share of the pings above the surface, and the number of them, from which depths are wrong.
@@ -183,5 +188,17 @@ def added_checks(of_positions: bool) -> tuple[Any, ...]:
 
 
 #: The checks before the first ping, and before the first position, in the order in which findings are reported.
-PING_CHECKS: tuple[PingCheck, ...] = (DepthCounts(), SpeedCounts())
-POSITION_CHECKS: tuple[PositionCheck, ...] = (PositionRun(), SeparatePlaces())
+PING_CHECKS: tuple[PingCheck, ...] = (
+    DepthCounts(),
+    SpeedCounts(),
+    Repeats(),
+    Noise(),
+    Beams(),
+    Stuck(),
+)
+POSITION_CHECKS: tuple[PositionCheck, ...] = (
+    PositionRun(),
+    SeparatePlaces(),
+    Displacements(),
+    Repeats(),
+)

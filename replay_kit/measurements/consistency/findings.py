@@ -2,29 +2,50 @@
 
 from collections.abc import Sequence
 
-from replay_kit.core.errors import Finding
+from replay_kit.core.errors import Finding, Severity
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.core.text import place_text, time_text
-from replay_kit.measurements.consistency.pairs import Explanation
+from replay_kit.measurements.consistency.pairs import SCALES, Explanation
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.tracks import Passages
 
 DEAD = "dead or stale instrument"
 COMPASS = "compass or instrument turned"
 CONTRADICTION = "two sources of the current contradict each other"
+UNDECIDED = "two sources of the current contradict each other, and the cause is not certain"
 UNIT = "unit of the velocities"
-KNOTS = "velocities in knots"
+SCALE = "scale of the velocities"
+OFFSET = "constant offset between two sources of the current"
+DRIFT = "drift between two sources of the current"
 DEPTH = "depths above the surface"
+DEPTHS = "depth of the instrument and depth of the vehicle"
+CLOCK = "clock of the instrument"
+ERRORS = "stated errors"
+BEAM = "a beam of the instrument"
+MEANS = "mean currents"
+DUPLICATES = "messages logged twice"
 FROZEN = "frozen positions"
+DISPLACED = "displaced positions"
 PLACES = "positions of several missions"
 TRACKS = "these logs hold two tracks that no one vehicle can join"
 ENSEMBLE_UNIT = "unit of the ensemble"
 ENSEMBLE = "log and ensemble contradict each other"
+FORECAST = "components or unit of the forecast"
+PREFERRED = "the gate prefers one source of the current to another"
 MISFIT = "the forecast does not fit this water"
 MISFIT_OF_MOVED = "the ensemble that was moved here does not fit this water"
+#: What two sources of the current may be found to be; while none of them is known to be right, the gate rejects neither.
+OF_SOURCES = frozenset({CONTRADICTION, UNDECIDED, SCALE, OFFSET, DRIFT})
 # Scale from which no slip but that of a unit explains a ratio.
 _GROSS = 8.0
+# What measurements.velocity_unit can be.
+_STATED = ("knots", "cm/s", "mm/s")
+# Probability below which a cause is not given, and from which rivals are not.
+_LEAST_SHARE, _SURE = 0.01, 0.99
+
+#: Causes with their probabilities, the likeliest first.
+Rivals = Sequence[tuple[str, float]]
 
 OF_MOTION = "changes of the measured velocity follow those of the platform's velocity"
 OF_TRACK = "the platform's stated velocity contradicts that of its positions"
@@ -43,31 +64,84 @@ def dead(history: RawHistory, ping: Observation) -> Finding:
     )
 
 
-def unit(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
-    """Return the finding of velocities in another unit than the mean currents'."""
-    scale, name = explanation.map.scale, explanation.map.unit
-    gross, stated, about = scale >= _GROSS, f' = "{name}"' if name else "", "" if name else "about "
+def of_sources(explanation: Explanation, rivals: Rivals, mean: PathMean, topic: str) -> Finding:
+    """Return the finding of profiles and mean currents, or drifts, of which either may be wrong.
+
+    Args:
+        explanation: What explains the profiles by the other source.
+        rivals: Causes with their probabilities, the likeliest first.
+        mean: The last one of the other source.
+        topic: Of the profiles.
+    """
+    fault, other = explanation.fault, _SOURCE[mean.kind]
+    severity: Severity = "inconsistent"
+    name, evidence, cause, advice = (
+        CONTRADICTION,
+        f"profiles of {topic} and {other}: the profiles look {_names(explanation)}",
+        f"the axes or signs of the profiles, or those of the {other}",
+        f"the gate is relaxed for both; check their frames and withhold the wrong one (--without {mean.kind}, or profiles)",
+    )
+    if fault.kind in SCALES:
+        gross, about = fault.scale >= _GROSS, "" if fault.unit else "about "
+        name, severity = (UNIT, "unusable") if gross else (SCALE, severity)
+        evidence = (
+            f"{topic}: the profiles are {about}{fault.scale:.4g} times as fast as the {other}"
+        )
+        of = "velocities" if fault.scale > 1.0 else other
+        units = [each.unit for each in (fault, *explanation.alike) if each.unit]
+        cause = f"a wrong unit or scale of the profiles, or of the {other}"
+        if units:
+            cause = f"the {of} are in {' or '.join(units)}, taken for m/s"
+        stated = f' = "{fault.unit}"' if fault.unit in _STATED and fault.scale > 1.0 else ""
+        advice = f"state measurements.velocity_unit{stated}, or check both sources"
+    elif fault.kind in ("offset", "drift"):
+        name, unit = (OFFSET, "m/s") if fault.kind == "offset" else (DRIFT, "m/s an hour")
+        east, north = explanation.amount
+        evidence = f"profiles of {topic} less {other}: {east:+.3f} east, {north:+.3f} north {unit}"
+        cause = f"the velocity of the platform that is in the profiles, an instrument's offset, or the flight model behind the {other}"
+    if rivals[0][1] < _SURE:
+        cause = f"{cause}; {_odds(rivals)}"
+    evidence, since_ns = f"{evidence} ({_strength(explanation)})", explanation.since_ns
+    return Finding(name, since_ns or mean.time_ns, evidence, cause, advice, severity)
+
+
+def undecided(best: Explanation, rivals: Rivals, mean: PathMean, topic: str) -> Finding:
+    """Return the finding of profiles and mean currents that contradict each other in a way that several causes explain."""
+    other = _SOURCE[mean.kind]
     return Finding(
-        UNIT if gross else KNOTS,
-        mean.time_ns,
-        f"{topic}: the profiles are {about}{scale:.4g} times as fast as the {_SOURCE[mean.kind]} ({_strength(explanation)})",
-        f"the velocities are in {name}, taken for m/s"
-        if name
-        else "a wrong unit or scale of the profiles",
-        f"state measurements.velocity_unit{stated}, or check both sources",
-        "unusable" if gross else "inconsistent",
+        UNDECIDED,
+        best.since_ns or mean.time_ns,
+        f"profiles of {topic} and {other}: {best.pairs} pairs are not of one current (likelihood ratio e^{best.gain:.0f})",
+        f"not known yet, as the current and the heading hardly change; {_odds(rivals)}",
+        f"the gate is relaxed for both; check both, and withhold the wrong one (--without {mean.kind}, or profiles)",
     )
 
 
-def contradiction(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
-    """Return the finding of two sources of which either may be wrong."""
-    other = _SOURCE[mean.kind]
+def _odds(rivals: Rivals) -> str:
+    chances = (f"{one} {100.0 * share:.0f} %" for one, share in rivals if share >= _LEAST_SHARE)
+    return f"odds of the causes: {', '.join(chances)}"
+
+
+def equal_means(mean: PathMean, since_ns: int, number: int) -> Finding:
+    """Return the finding of mean currents that are equal to the last digit, dive after dive."""
+    east, north = mean.velocity
     return Finding(
-        CONTRADICTION,
-        mean.time_ns,
-        f"profiles of {topic} and {other}: the profiles look {_names(explanation)} ({_strength(explanation)})",
-        f"the axes or signs of the profiles, or those of the {other}",
-        f"the gate is relaxed for both; check their frames and withhold the wrong one (--without {mean.kind}, or profiles)",
+        MEANS,
+        since_ns,
+        f"{mean.source.topic}: {number} dives in a row have the mean current {east:g} east, {north:g} north m/s",
+        "a mean current that was never computed, and is logged as zero or as the last one",
+        "withhold them (--without dac), or compute them from dead reckoning",
+    )
+
+
+def too_fast(reason: str, number: int) -> Finding:
+    """Return the finding of a log whose mean currents are faster than any current, and are all skipped for that."""
+    return Finding(
+        SCALE,
+        0,
+        f"all {number} mean currents were skipped ({reason})",
+        "mean currents in cm/s or mm/s, taken for m/s",
+        "correct their unit, or withhold them (--without dac)",
     )
 
 
@@ -75,10 +149,10 @@ def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Fin
     """Return the finding of an instrument that is turned."""
     return Finding(
         COMPASS,
-        time_ns,
+        explanation.since_ns or time_ns,
         f"{topic}: {what}; relative to the vehicle the profiles look {_names(explanation)} ({_strength(explanation)})",
-        "the compass, the sign of the heading or of the declination, or how the instrument is mounted",
-        "its profiles are not used, the estimate is rebuilt without them; correct the heading or the mounting and replay again",
+        "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted",
+        "its profiles are not used, the estimate is rebuilt without them; correct the instrument's settings and replay again",
         distrusts=True,
     )
 
@@ -132,6 +206,30 @@ def ensemble_contradicts(evidence: str, time_ns: int = 0) -> Finding:
     )
 
 
+def forecast_fault(explanation: Explanation) -> Finding:
+    """Return the warning that a forecast looks as if its file were wrong; a forecast without skill may look so by chance."""
+    return Finding(
+        FORECAST,
+        0,
+        f"the forecast's means along the paths of dives, against the mean currents: {_names(explanation)} ({_strength(explanation)})",
+        "exchanged components, a sign or a unit in the forecast's file; or an eddy that is elsewhere than forecast",
+        "check the names, signs and units of the forecast's velocities",
+        "warning",
+    )
+
+
+def preferred(rejected: str, kept: str, evidence: str) -> Finding:
+    """Return the finding of a gate that rejects most measurements of one source, by its kind, and keeps those of another."""
+    words = {"profiles": "the profiles", **_SOURCE}
+    return Finding(
+        PREFERRED,
+        0,
+        f"{words[rejected]} were rejected and {words[kept]} kept: {evidence}",
+        f"{words[rejected]} and {words[kept]} are not of one current: either may be wrong, or its stated error is too small",
+        f"check both, and withhold the wrong one (--without {rejected} or {kept})",
+    )
+
+
 def forecast_misfit(evidence: str, moved: bool) -> Finding:
     """Return the finding that most measurements are none of those that the forecast expects.
 
@@ -162,7 +260,7 @@ def forecast_misfit(evidence: str, moved: bool) -> Finding:
 
 
 def _names(explanation: Explanation) -> str:
-    return ", or ".join(each.name for each in (explanation.map, *explanation.alike))
+    return ", or ".join(each.name for each in (explanation.fault, *explanation.alike))
 
 
 def _strength(explanation: Explanation) -> str:

@@ -13,15 +13,25 @@ import numpy as np
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements.consistency import checks, findings
+from replay_kit.measurements.consistency.causes import (
+    LEAST_DIVES,
+    LEAST_MEANS,
+    LEAST_MOTIONS,
+    TURNED,
+    cause_of_pairs,
+)
+from replay_kit.measurements.consistency.depths import (
+    Depth,
+    DepthRecord,
+    can_compare,
+    found_of_depths,
+)
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 
-# Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
-_LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 1
-# Log-likelihood ratios: of a turn relative to the vehicle; and by which it must be likelier than other causes.
-_TURN_GAIN, _LIKELIER = 7.0, 2.0
-_ANY, _TURNED, _UNIT = ("turn", "mirror", "unit"), ("turn", "mirror"), ("unit",)
+# After any of these the instrument's depth is known to be wrong, or its time.
+_OF_DEPTHS = {findings.DEPTH, findings.DEPTHS, findings.CLOCK}
 
 #: What is checked.
 Checked = VehicleState | Observation | PathMean
@@ -35,6 +45,7 @@ class Instrument:
         raw: Of its raw values.
         sources: Of its profiles and other measurements of the current.
         pings: What each check of pings remembers.
+        depths: By its pressure.
         is_believed: Whether its profiles are used.
         named: Names of what was found.
     """
@@ -44,6 +55,7 @@ class Instrument:
     pings: tuple[checks.PingCheck, ...] = field(
         default_factory=lambda: (*checks.PING_CHECKS, *checks.added_checks(of_positions=False))
     )
+    depths: DepthRecord = field(default_factory=DepthRecord)
     is_believed: bool = True
     named: frozenset[str] = frozenset()
 
@@ -55,7 +67,9 @@ class ConsistencyState:
     Attributes:
         instruments: By topic.
         positions: What each check of positions remembers.
+        depths: Of the vehicle, at its positions.
         named: Names of what was found of the positions.
+        equal_means: The last mean current of a dive, and since when and how often it has come without another between.
         pings: Pings judged.
         absolute_pings: Number of those that are not relative to a platform of unknown velocity.
         findings: What was found, in order.
@@ -65,7 +79,9 @@ class ConsistencyState:
     positions: tuple[checks.PositionCheck, ...] = field(
         default_factory=lambda: (*checks.POSITION_CHECKS, *checks.added_checks(of_positions=True))
     )
+    depths: DepthRecord = field(default_factory=DepthRecord)
     named: frozenset[str] = frozenset()
+    equal_means: tuple[tuple[float, float], int, int] = ((math.nan, math.nan), 0, 0)
     pings: int = 0
     absolute_pings: int = 0
     findings: tuple[Finding, ...] = ()
@@ -76,27 +92,47 @@ class ConsistencyState:
         believed = [
             instrument for instrument in self.instruments.values() if instrument.is_believed
         ]
-        return any(findings.CONTRADICTION in instrument.named for instrument in believed)
+        return any(findings.OF_SOURCES & instrument.named for instrument in believed)
 
     @property
     def can_tell_directions(self) -> bool:
         """Whether anything in the log shows, or has shown, that directions are right or wrong."""
         return any(
-            instrument.named & {findings.COMPASS, findings.CONTRADICTION}
+            instrument.named & {findings.COMPASS, *findings.OF_SOURCES}
             or _tell_directions(instrument.sources)
             for instrument in self.instruments.values()
         )
 
 
+def unknowable(state: ConsistencyState) -> tuple[str, ...]:
+    """Return which faults of the profiles nothing in a log shows, and what would, as sentences; none for a log without profiles."""
+    instruments = list(state.instruments.values())
+    if not instruments:
+        return ()
+    found = []
+    sources = [instrument.sources for instrument in instruments]
+    if not any(len(each.current.pairs) + len(each.drift.pairs) >= LEAST_MEANS for each in sources):
+        found.append(
+            "an offset, a drift or a scale of the profiles (an offset cancels in profiles relative to the platform)"
+            if not state.absolute_pings
+            else f"an offset, a drift or a scale of the profiles ({LEAST_MEANS} mean currents of dives, or drifts, beside them would tell)"
+        )
+    if not any(can_compare(instrument.depths, state.depths) for instrument in instruments):
+        found.append(
+            "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell)"
+        )
+    return tuple(f"cannot be known here: {each}" for each in found)
+
+
 def _tell_directions(sources: SourceStatistics) -> bool:
-    means = sources.current.tell_directions(_LEAST_MEANS) or sources.drift.tell_directions(
-        _LEAST_MEANS
+    means = sources.current.tell_directions(LEAST_MEANS) or sources.drift.tell_directions(
+        LEAST_MEANS
     )
     motions = any(
-        each.tell_directions(_LEAST_MOTIONS)
+        each.tell_directions(LEAST_MOTIONS)
         for each in (sources.blocks, sources.motion, sources.track)
     )
-    return means or motions or sources.vehicle.tell_directions(_LEAST_DIVES)
+    return means or motions or sources.vehicle.tell_directions(LEAST_DIVES)
 
 
 def check(
@@ -118,11 +154,27 @@ def check(
     if isinstance(event, VehicleState):
         return _after_position(state, event), event
     if isinstance(event, PathMean):
+        state = _after_equal_mean(state, event)
         for topic, instrument in state.instruments.items():
             after, found = _after_mean(instrument, event, topic)
-            state = _with(state, topic, after, found)
+            if not (found and findings.MEANS in state.named):
+                state = _with(state, topic, after, found)
         return state, event
     return _after_ping(state, event, summary or summaries([event], ensemble)[0], through_water)
+
+
+def _after_equal_mean(state: ConsistencyState, mean: PathMean) -> ConsistencyState:
+    """Return the state after a mean current, which no two dives have to the last digit."""
+    if mean.kind != "dac":
+        return state
+    velocity, since_ns, number = state.equal_means
+    number = number + 1 if velocity == mean.velocity else 1
+    since_ns = since_ns if number > 1 else mean.time_ns
+    state = replace(state, equal_means=(mean.velocity, since_ns, number))
+    if number < LEAST_MEANS or findings.MEANS in state.named:
+        return state
+    found = findings.equal_means(mean, since_ns, number)
+    return replace(state, named=state.named | {found.name}, findings=(*state.findings, found))
 
 
 def _with(
@@ -138,11 +190,13 @@ def _with(
 def _after_position(state: ConsistencyState, vehicle: VehicleState) -> ConsistencyState:
     positions = tuple(each.after(vehicle) for each in state.positions)
     found = _new((each.found(vehicle, state.named) for each in positions), state.named)
+    depths = state.depths.after(Depth(vehicle.time_ns, vehicle.depth, vehicle.dead_reckoned))
     if not found:
-        return replace(state, positions=positions)
+        return replace(state, positions=positions, depths=depths)
     return replace(
         state,
         positions=positions,
+        depths=depths,
         named=state.named | {each.name for each in found},
         findings=state.findings + found,
     )
@@ -169,6 +223,9 @@ def _after_ping(
     else:
         instrument = _measured(instrument, raw, ping, summary)
         found += _of_ping(instrument, ping)
+        if instrument.depths.is_due and not instrument.named & _OF_DEPTHS:
+            of_depths = found_of_depths(instrument.depths, state.depths, topic)
+            found += [] if of_depths is None else [of_depths]
     if found:
         named = frozenset(finding.name for finding in found)
         distrusted = any(finding.distrusts for finding in found)
@@ -199,7 +256,8 @@ def _measured(
         instrument.sources if summary.near is None else instrument.sources.after_ping(summary.near)
     )
     after = tuple(each.after(ping, summary) for each in instrument.pings)
-    return Instrument(raw, sources, after, instrument.is_believed, instrument.named)
+    depths = instrument.depths.after_ping(ping.time_ns, ping.raw.depth)
+    return Instrument(raw, sources, after, depths, instrument.is_believed, instrument.named)
 
 
 def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
@@ -213,7 +271,7 @@ def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
             (sources.motion, findings.OF_MOTION),
             (sources.track, findings.OF_TRACK),
         ):
-            explanation = statistics.explanation(_TURNED, _LEAST_MOTIONS)
+            explanation = statistics.explanation(TURNED, LEAST_MOTIONS)
             if explanation is not None:
                 return [*found, findings.turned(explanation, what, ping.time_ns, ping.source.topic)]
     return found
@@ -227,26 +285,15 @@ def _after_mean(
     instrument = replace(instrument, sources=sources)
     if not instrument.is_believed:
         return instrument, ()
-    vehicle = sources.vehicle.explanation(
-        _TURNED, _LEAST_DIVES, _TURN_GAIN
-    ) or sources.blocks.explanation(_TURNED, _LEAST_MOTIONS)
     current = sources.drift if mean.kind == "drift" else sources.current
-    contradiction = current.explanation(_UNIT, _LEAST_UNITS) or current.explanation(
-        _ANY, _LEAST_MEANS
-    )
-    rival = current.best_gain() if current.pairs else 0.0
-    if vehicle is not None and vehicle.gain > rival + _LIKELIER:
-        finding = findings.turned(vehicle, findings.OF_VEHICLE, mean.time_ns, topic)
-        return replace(instrument, is_believed=False, named=instrument.named | {finding.name}), (
-            finding,
-        )
-    if contradiction is None:
+    finding = cause_of_pairs(sources, current, mean, topic)
+    # that something is wrong may come before what it is
+    known = (findings.OF_SOURCES - {findings.UNDECIDED}) | {findings.COMPASS}
+    if finding is None or finding.name in instrument.named or known & instrument.named:
         return instrument, ()
-    of = findings.unit if contradiction.map.kind == "unit" else findings.contradiction
-    finding = of(contradiction, mean, topic)
-    if finding.name in instrument.named:
-        return instrument, ()
-    return replace(instrument, named=instrument.named | {finding.name}), (finding,)
+    believed = not finding.distrusts
+    named = instrument.named | {finding.name}
+    return replace(instrument, is_believed=believed, named=named), (finding,)
 
 
 def unused(ping: Observation, reason: Reason) -> Observation:

@@ -1,212 +1,211 @@
-"""Two measurements of one vector, compared: does a rotation, a mirror or a unit explain one by the other much better than equality?
+"""Two measurements of one vector, compared: which hypothesis explains one by the other much better than equality, and since when?
 
-Pairs (a, b) of horizontal vectors should be equal. With independent Gaussian errors whose common variance is not known (a conjugate prior
-of ``floor`` with two degrees of freedom) the density of the a with M a = b, the variance integrated out, gives the log-likelihood ratio of
-a matrix M to equality,
+Pairs (a, b) of horizontal vectors should be equal. Each of ``usual_faults.hypotheses`` says what a may be instead: M a = b + e for a
+turn, a mirror or a scale, a = b + x c + e for an offset (x = 1) or a drift (x the time since it began). With Gaussian errors e whose
+common variance is not known (a conjugate prior of ``floor`` with two degrees of freedom), that share a bias of v0 times that variance, and
+a c of which each component has v times that variance, the density of the a with all of them integrated out gives the log-likelihood ratio
+of a hypothesis to equality,
 
-    (K + 1) ln[(sum |a - b|^2 + floor) / (sum |M a - b|^2 + floor)] + K ln |det M|,
+    (K + 1) ln[(Q(a - b) + floor) / (Q(r) + floor)] + K ln |det M| - ln(v det G / (K + 1 / v0)),
 
-which depends on the pairs by their number K and a few sums of products. As outliers could carry it, at least two thirds of the pairs must
-agree with M better than with equality, each alone; and as pairs of poor data are explained by nothing, M must halve their RMS difference.
+r what a hypothesis leaves, M a - b or a - b, Q the sum of its squares less its regression on the bias and on x, and G the normal matrix of
+that regression (without x the last term is zero). A fault that began during the log explains the pairs since then;
+those before are equal. All beginnings are compared, each as likely before. As outliers could carry a ratio, at least two thirds of the
+pairs must agree with the hypothesis better than with equality, each alone; and as pairs of poor data are explained by nothing, it must
+halve their RMS difference.
+
+References:
+    Bernardo and Smith (1994), Bayesian Theory, section 5.4 (conjugate linear regression); Willsky and Jones (1976), IEEE Trans. Automat.
+    Contr. 21 (a generalised likelihood ratio over the time of a change).
 """
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.measurements.consistency.usual_faults import Hypothesis, hypotheses
 
 #: Log-likelihood ratio from which a contradiction is named: odds of 8,000 to one.
 LEAST_GAIN = 9.0
-# Share of the pairs that must favour M by themselves.
+# Share of the pairs that must favour a hypothesis by themselves.
 _MAJORITY = 2.0 / 3.0
-# Factor by which M must reduce the sum of squared differences.
+# Factor by which a hypothesis must reduce the sum of squared differences.
 _LEAST_RATIO = 4.0
-# Maps whose gains differ by less are equally likely: a slip of axes or signs, or a turn, is then the likelier cause.
+# Hypotheses whose gains differ by less are equally likely: a slip of axes or signs, or a turn, is then the likelier cause.
 _ALIKE = 3.0
 # Pairs remembered: what is correlated over a long log is not more evidence without end.
 _MOST_PAIRS = 128
-# degrees; smaller turns are biases of a compass, which the estimator can estimate, and not faults
-_LEAST_TURN, _STEP = 20, 10
-KNOTS = 1.943844
-# Ten stands for any factor between those of units.
-_SCALES = ((KNOTS, "knots"), (10.0, ""), (100.0, "cm/s"), (1000.0, "mm/s"))
-_MIRRORS = {
-    0: "the sign of north is wrong",
-    90: "east and north are exchanged",
-    180: "the sign of east is wrong",
-}
-
-
-@dataclass(frozen=True, slots=True)
-class LinearMap:
-    """A matrix M that may explain one vector by another, true = M logged.
-
-    Attributes:
-        name: What the logged vectors are.
-        kind: ``turn``, ``mirror`` or ``unit``.
-        angle: A turn's, clockwise [degrees]; a mirror's, twice that of its axis from east to north; 0 for a unit.
-        scale: How many times too large the logged vectors are; 1 but for a unit.
-        unit: Its name; empty for a turn, a mirror or a scale that is no unit's.
-    """
-
-    name: str
-    kind: str
-    angle: int = 0
-    scale: float = 1.0
-    unit: str = ""
-
-    @property
-    def is_slip(self) -> bool:
-        """Whether it is an exchange of axes or of signs."""
-        return self.angle == 180 or (self.kind == "mirror" and self.angle in _MIRRORS)
-
-
-@cache
-def linear_maps() -> tuple[tuple[LinearMap, ...], Array]:
-    """Return the maps examined, and their matrices, shape (m, 2, 2)."""
-    turns = [
-        LinearMap(_turn_name(angle), "turn", angle)
-        for angle in range(_LEAST_TURN, 361 - _LEAST_TURN, _STEP)
-    ]
-    mirrors = [LinearMap(_mirror_name(angle), "mirror", angle) for angle in range(0, 360, _STEP)]
-    units = [
-        LinearMap(
-            f"in {unit}" if unit else "several times too fast", "unit", scale=scale, unit=unit
-        )
-        for scale, unit in _SCALES
-    ]
-    maps = (*turns, *mirrors, *units)
-    return maps, np.array([_matrix(each) for each in maps])
-
-
-def _matrix(each: LinearMap) -> Array:
-    cosine, sine = math.cos(math.radians(each.angle)), math.sin(math.radians(each.angle))
-    if each.kind == "mirror":
-        return np.array([[cosine, sine], [sine, -cosine]])
-    # what was turned clockwise is turned back counter-clockwise
-    return np.array([[cosine, -sine], [sine, cosine]]) / each.scale
-
-
-def _turn_name(angle: int) -> str:
-    return f"turned by {angle if angle <= 180 else angle - 360:+d} degrees clockwise" + (
-        ", both signs wrong" if angle == 180 else ""
-    )
-
-
-def _mirror_name(angle: int) -> str:
-    return (
-        _MIRRORS.get(angle)
-        or f"mirrored about the bearing {(90.0 - 0.5 * angle) % 180.0:g} degrees"
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Explanation:
-    """The map that explains pairs best, and by how much.
-
-    Pairs of nearly one direction cannot tell a turn from a mirror: of maps that explain them equally well the likelier cause is named.
-
-    Attributes:
-        map: What the first vectors of the pairs are.
-        alike: Slips that explain the pairs as well.
-        gain: Log-likelihood ratio to equality.
-        favoured: Share of the pairs that favour it.
-        pairs: Number of pairs.
-    """
-
-    map: LinearMap
-    alike: tuple[LinearMap, ...]
-    gain: float
-    favoured: float
-    pairs: int
+# m/s, and m/s an hour: how large an offset and a drift are before any pair
+_OFFSET_STD, _DRIFT_STD = 0.3, 0.03
+# m/s; of a bias that all pairs share: of a flight model, of water that is not quite the same
+_BIAS_STD = 0.03
+# m/s; a smaller offset, or a drift that comes to less, is a bias that sound sources have: of a flight model, of a compass
+_LEAST_OFFSET = 0.12
+_HOUR_NS = 3.6e12
+#: Kinds of hypotheses by which the first vectors are faster or slower than the second ones.
+SCALES = ("unit", "scale")
 
 
 class Pair(NamedTuple):
-    """Two measurements a and b of one vector, east and north [m/s], and the share of a pair that they count for."""
+    """Two measurements a and b of one vector, east and north [m/s], the share of a pair that they count for, and their time [ns, UTC]."""
 
     a_east: float
     a_north: float
     b_east: float
     b_north: float
     weight: float = 1.0
-
-    def products(self) -> "_Sums":
-        """Return the weighted products on which the likelihood ratio depends."""
-        a, n, b, m, w = self
-        return _Sums(
-            w,
-            w * (a * a + n * n),
-            w * (b * b + m * m),
-            w * (a * b + n * m),
-            w * (a * m - n * b),
-            w * (a * b - n * m),
-            w * (n * b + a * m),
-        )
+    time_ns: int = 0
 
 
-class _Sums(NamedTuple):
-    """Sums over pairs: weights, a'a, b'b; of b'M a the parts with cosine and sine, for turns and for mirrors."""
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """The hypothesis that explains pairs best, and by how much.
 
-    weight: float
-    first: float
-    second: float
-    turn_cosine: float
-    turn_sine: float
-    mirror_cosine: float
-    mirror_sine: float
+    Pairs of nearly one direction cannot tell a turn from a mirror: of hypotheses that explain them equally well the likelier is named.
+
+    Attributes:
+        fault: What the first vectors of the pairs are.
+        alike: Other slips, or other scales of a scale, that explain the pairs as well, and what explains them still better.
+        gain: Log-likelihood ratio to equality.
+        favoured: Share of the pairs since it began that favour it.
+        pairs: Number of pairs since it began.
+        since_ns: Time of the first of them [ns, UTC]; 0 where all are.
+        amount: Of an offset [m/s] or a drift [m/s an hour], east and north; zero for any other.
+    """
+
+    fault: Hypothesis
+    alike: tuple[Hypothesis, ...]
+    gain: float
+    favoured: float
+    pairs: int
+    since_ns: int = 0
+    amount: tuple[float, float] = (0.0, 0.0)
 
 
-_NO_SUMS = _Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+class _Fits(NamedTuple):
+    """How well each hypothesis, begun with each pair, explains pairs: arrays of shape (K, h), a row for each beginning.
+
+    Attributes:
+        gain: Log-likelihood ratio to equality.
+        ratio: Factor by which the sum of squared differences since the beginning is reduced.
+        favoured: Share of the pairs since then that favour it.
+        amount: shape (K, h, 2), of what is added.
+    """
+
+    gain: Array
+    ratio: Array
+    favoured: Array
+    amount: Array
+
+
+@cache
+def _table() -> tuple[Array, Array, NDArray[np.str_]]:
+    """Return the hypotheses' matrices, scales and kinds."""
+    table = hypotheses()
+    return (
+        np.array([each.matrix for each in table]),
+        np.array([each.scale for each in table]),
+        np.array([each.kind for each in table]),
+    )
+
+
+def _since(values: Array) -> Array:
+    """Return sums over the pairs from each one on."""
+    return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
 
 
 @dataclass(frozen=True, slots=True)
 class PairStatistics:
-    """The latest pairs, and their sums of products.
+    """The latest pairs.
 
     Attributes:
         floor: Twice the variance of a component that is expected of a - b [m^2/s^2].
         pairs: Latest pairs, oldest first.
-        sums: Of their products.
+        misfit: Sum of their squared differences [m^2/s^2].
+        number: Number of pairs so far, with those that are forgotten.
     """
 
     floor: float
     pairs: tuple[Pair, ...] = ()
-    sums: _Sums = _NO_SUMS
+    misfit: float = 0.0
+    number: int = 0
 
     def with_pair(self, pair: Pair) -> "PairStatistics":
         """Return the statistics with one more pair; the oldest is forgotten when there are many."""
-        pairs, sums = (
-            (*self.pairs, pair),
-            _Sums(*map(sum, zip(self.sums, pair.products(), strict=True))),
-        )
+        pairs, misfit = (*self.pairs, pair), self.misfit + _squared(pair)
         if len(pairs) > _MOST_PAIRS:
-            sums = _Sums(
-                *(total - part for total, part in zip(sums, pairs[0].products(), strict=True))
-            )
-            pairs = pairs[1:]
-        return PairStatistics(self.floor, pairs, sums)
+            misfit, pairs = max(misfit - _squared(pairs[0]), 0.0), pairs[1:]
+        return PairStatistics(self.floor, pairs, misfit, self.number + 1)
 
-    def ratios(self) -> Array:
-        """Return the factor by which each map reduces the sum of squared differences, shape (m,)."""
-        sums, (maps, matrices) = self.sums, linear_maps()
-        mirror, scale = np.array([(each.kind == "mirror", each.scale) for each in maps]).T
-        # b'M a: the first column of M holds cosine and sine over the scale
-        product = np.where(mirror > 0.0, sums.mirror_cosine, sums.turn_cosine) * matrices[:, 0, 0]
-        product += np.where(mirror > 0.0, sums.mirror_sine, sums.turn_sine) * matrices[:, 1, 0]
-        mapped = sums.first / scale**2 + sums.second - 2.0 * product
-        return np.asarray(self._as_logged / (np.maximum(mapped, 0.0) + self.floor))
-
-    def gains(self) -> Array:
-        """Return the log-likelihood ratio of each map to equality, shape (m,)."""
-        scale = np.array([each.scale for each in linear_maps()[0]])
-        return np.asarray(
-            (self.sums.weight + 1.0) * np.log(self.ratios())
-            - 2.0 * self.sums.weight * np.log(scale)
+    def fits(self) -> _Fits:
+        """Return how well each hypothesis explains the pairs."""
+        (matrices, scale, kind), values = _table(), np.array(self.pairs, np.float64)
+        first, second, weight = values[:, :2], values[:, 2:4], values[:, 4]
+        hours, count = (values[:, 5] - values[0, 5]) / _HOUR_NS, _since(weight)[:, None]
+        difference, bias = first - second, 2.0 * _BIAS_STD**2 / self.floor
+        logged = np.sum(difference**2, axis=1)
+        of_pairs, of_differences = count[0, 0], _since(weight[:, None] * difference)
+        mapped = np.moveaxis(first @ matrices.swapaxes(1, 2) - second, 0, 1)
+        left = np.sum(mapped**2, axis=2)
+        since = _since(weight[:, None] * left)
+        favoured = _since(weight[:, None] * (left < logged[:, None]))
+        as_logged = _since(weight * logged)[:, None]
+        # the sums of what a hypothesis leaves, of which the common bias takes its share
+        sums = (of_differences[0] - of_differences)[:, None] + _since(
+            weight[:, None, None] * mapped
         )
+        share = bias / (1.0 + bias * of_pairs)
+        misfit = as_logged[0] - as_logged + since - share * np.sum(sums**2, axis=2)
+        equal = float(as_logged[0, 0] - share * np.sum(of_differences[0] ** 2))
+        penalty, amount = 2.0 * count * np.log(scale), np.zeros((*left.shape, 2))
+        for name, std, power in (("offset", _OFFSET_STD, 0), ("drift", _DRIFT_STD, 1)):
+            at, v = int(np.flatnonzero(kind == name)[0]), 2.0 * std**2 / self.floor
+            # a drift began with the pair before the first that it moved
+            began = np.concatenate([[2.0 * hours[0] - hours[min(1, len(hours) - 1)]], hours[:-1]])
+            x = np.triu((hours[None, :] - began[:, None]) ** power)
+            # the regression on the bias and on x: its normal matrix, and its right side
+            both, squares, moments = x @ weight, x**2 @ weight + 1.0 / v, (x * weight) @ difference
+            det = (of_pairs + 1.0 / bias) * squares - both**2
+            c = ((of_pairs + 1.0 / bias) * moments - both[:, None] * of_differences[0]) / det[:, None]  # fmt: skip
+            b = (squares[:, None] * of_differences[0] - both[:, None] * moments) / det[:, None]
+            amount[:, at] = c
+            misfit[:, at] = as_logged[0, 0] - np.sum(b * of_differences[0] + c * moments, axis=1)
+            mine = weight * np.sum((difference - c[:, None] * x[..., None]) ** 2, axis=2)
+            since[:, at] = np.triu(mine).sum(axis=1)
+            favoured[:, at] = np.triu(weight * (mine < weight * logged)).sum(axis=1)
+            # the conjugate prior grows with the errors; an offset of metres per second is none, however large these are
+            far = np.sum(c**2, axis=1) / (2.0 * std**2)
+            penalty[:, at] = np.log(bias * v * det / (1.0 + bias * of_pairs)) + far
+        misfit = np.maximum(misfit, 0.0) + self.floor
+        gain = (of_pairs + 1.0) * np.log((equal + self.floor) / misfit) - penalty
+        # of all beginnings within the log each is as likely before
+        gain[1:] -= math.log(len(gain))
+        ratio = (as_logged + self.floor) / (np.maximum(since, 0.0) + self.floor)
+        return _Fits(gain, ratio, favoured / count, amount)
+
+    def causes(self, kinds: Sequence[str], least_pairs: int) -> dict[str, float]:
+        """Return the logarithm of the odds of each cause of some kinds, all its hypotheses together, to equality; none without pairs.
+
+        Args:
+            kinds: Of hypotheses.
+            least_pairs: Number of pairs that a fault which began during the log must explain.
+        """
+        found: dict[str, float] = {}
+        if not self.pairs:
+            return found
+        gains = self.fits().gain[: max(1, len(self.pairs) - least_pairs + 1)]
+        of_each = np.logaddexp.reduce(gains, axis=0)
+        for each, gain in zip(hypotheses(), of_each.tolist(), strict=True):
+            if each.kind in kinds:
+                more = gain + math.log(each.prior)
+                found[each.cause] = float(np.logaddexp(found.get(each.cause, -math.inf), more))
+        return found
 
     def tell_directions(self, least_pairs: int) -> bool:
         """Return whether these pairs, which agree, would contradict each other if the first vectors were turned by a right angle.
@@ -214,69 +213,75 @@ class PairStatistics:
         Args:
             least_pairs: Number of pairs before which nothing would be said.
         """
-        ratio = (self.sums.first + self.sums.second + self.floor) / self._as_logged
-        return (
-            len(self.pairs) >= least_pairs
-            and ratio >= _LEAST_RATIO
-            and (self.sums.weight + 1.0) * math.log(ratio) >= LEAST_GAIN
-        )
-
-    def best_gain(self) -> float:
-        """Return the largest gain of any map, as if there were as many units as turns and mirrors: of many maps one fits by chance."""
-        gains, units = self.gains(), np.array([each.kind == "unit" for each in linear_maps()[0]])
-        return float(
-            max(gains[~units].max(), gains[units].max() + math.log((~units).sum() / units.sum()))
-        )
-
-    @property
-    def _as_logged(self) -> float:
-        return (
-            max(self.sums.first + self.sums.second - 2.0 * self.sums.turn_cosine, 0.0) + self.floor
-        )
-
-    def _may_be_explained(self, kinds: tuple[str, ...]) -> bool:
-        """Return whether any map may halve the RMS difference: whether the best turn, mirror or scale does, which costs little to know."""
-        sums = self.sums
-        best = max(
-            math.hypot(sums.turn_cosine, sums.turn_sine),
-            math.hypot(sums.mirror_cosine, sums.mirror_sine),
-        )
-        least = sums.first - 2.0 * best + sums.second
-        if "unit" in kinds and sums.first > 0.0:
-            least = min(least, sums.second - sums.turn_cosine**2 / sums.first)
-        return self._as_logged >= _LEAST_RATIO * (max(least, 0.0) + self.floor)
+        if len(self.pairs) < least_pairs:
+            return False
+        values = np.array(self.pairs, np.float64)
+        squares = float(values[:, 4] @ np.sum(values[:, :4] ** 2, axis=1))
+        ratio = (squares + self.floor) / (self.misfit + self.floor)
+        weight = float(values[:, 4].sum())
+        return ratio >= _LEAST_RATIO and (weight + 1.0) * math.log(ratio) >= LEAST_GAIN
 
     def explanation(
         self, kinds: tuple[str, ...], least_pairs: int, least_gain: float = LEAST_GAIN
     ) -> Explanation | None:
-        """Return the best map of some kinds, when it explains the pairs much better than equality; else None.
+        """Return the best hypothesis of some kinds, when it explains the pairs much better than equality; else None.
 
         Args:
-            kinds: Of maps, the likelier first.
+            kinds: Of hypotheses, the likelier first.
             least_pairs: Number of pairs before which nothing is said.
             least_gain: Log-likelihood ratio below which nothing is said.
         """
-        if len(self.pairs) < least_pairs or not self._may_be_explained(kinds):
+        weight = len(self.pairs) + 1.0
+        # scales below 1 gain by their determinant, so that the bound needs a margin; pairs that agree are the rule
+        if len(self.pairs) < least_pairs or weight * math.log1p(self.misfit / self.floor) < least_gain:  # fmt: skip
             return None
-        (maps, matrices), gains = linear_maps(), self.gains()
-        values = np.array(self.pairs)
-        first, second, weight = values[:, :2], values[:, 2:4], values[:, 4]
-        misfit = np.sum((first @ matrices.swapaxes(1, 2) - second) ** 2, axis=2)
-        favoured = (misfit < np.sum((first - second) ** 2, axis=1)) @ weight / weight.sum()
-        allowed = (
-            np.array([each.kind in kinds for each in maps])
-            & (favoured >= _MAJORITY)
-            & (self.ratios() >= _LEAST_RATIO)
-        )
-        best = float(np.max(gains, initial=-np.inf, where=allowed))
+        fits, table, (_, _, kind) = self.fits(), hypotheses(), _table()
+        allowed = np.isin(kind, kinds) & (fits.favoured >= _MAJORITY) & (fits.ratio >= _LEAST_RATIO)
+        allowed[len(self.pairs) - least_pairs + 1 :] = False
+        size = np.hypot(*np.moveaxis(fits.amount, 2, 0))
+        hours = (self.pairs[-1].time_ns - self.pairs[0].time_ns) / _HOUR_NS
+        allowed &= (kind != "offset") | (size >= _LEAST_OFFSET)
+        allowed &= (kind != "drift") | (size * hours >= _LEAST_OFFSET)
+        gain = np.where(allowed, fits.gain, -np.inf)
+        best, since = float(gain.max()), gain.argmax(axis=0)
         if best < least_gain:
             return None
-        alike = [k for k in np.flatnonzero(allowed) if gains[k] > best - _ALIKE]
-        # turns before mirrors in the order of kinds asked for, and slips before any other
-        chosen = min(
-            alike, key=lambda k: (not maps[k].is_slip, kinds.index(maps[k].kind), -gains[k])
+        gains = gain.max(axis=0)
+        near = np.flatnonzero(gains > best - _ALIKE).tolist()
+
+        def likeliest(k: int) -> tuple[bool, int, float]:
+            # turns before mirrors in the order of kinds asked for, and slips before any other
+            return not table[k].is_slip, kinds.index(table[k].kind), -gains[k]
+
+        chosen, *alike = sorted(near, key=likeliest)
+        scaled = table[chosen].kind in SCALES
+        others = tuple(
+            table[k]
+            for k in alike
+            if gains[k] == best or (table[k].kind in SCALES if scaled else table[k].is_slip)
         )
-        others = tuple(maps[k] for k in alike if k != chosen and maps[k].is_slip)
+        j = int(since[chosen])
+        east, north = fits.amount[j, chosen].tolist()
         return Explanation(
-            maps[chosen], others, float(gains[chosen]), float(favoured[chosen]), len(self.pairs)
+            table[chosen],
+            others,
+            float(gains[chosen]),
+            float(fits.favoured[j, chosen]),
+            len(self.pairs) - j,
+            self.pairs[j].time_ns if j else 0,
+            (east, north),
         )
+
+
+def _squared(pair: Pair) -> float:
+    return pair.weight * ((pair.a_east - pair.b_east) ** 2 + (pair.a_north - pair.b_north) ** 2)
+
+
+def odds(causes: Mapping[str, float]) -> list[tuple[str, float]]:
+    """Return the probability of each of some causes, the likeliest first, by the logarithms of their posterior odds to none."""
+    if not causes:
+        return []
+    ranked = sorted(causes.items(), key=lambda each: -each[1])
+    shares = np.exp(np.array([gain - ranked[0][1] for _, gain in ranked]))
+    total = float(shares.sum())
+    return [(name, share / total) for (name, _), share in zip(ranked, shares.tolist(), strict=True)]

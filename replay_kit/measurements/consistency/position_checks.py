@@ -1,13 +1,15 @@
-"""The checks of positions: a vehicle that dives and stays on one spot to the last digit, and places that no one vehicle can join."""
+"""The checks of positions: one spot to the last digit in dives, fixes out of reach, and places that no one vehicle can join."""
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.text import place_text, time_text
 from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency.tracks import apart
 
 # s, m and positions for which an unchanged position is that of a dead receiver
 _FROZEN_TIME, _FROZEN_DEPTH, _FROZEN_FIXES = 600.0, 20.0, 4
@@ -83,6 +85,125 @@ class PositionRun:
             and self.last_ns - self.since_ns >= _FROZEN_TIME * 1e9
             and self.deepest - self.shallowest > _FROZEN_DEPTH
         )
+
+
+# m, m/s and s: error of two positions, least and greatest speed that a vehicle reaches, how many times as fast as its steps so far, and the
+# longest time over which it is judged
+_ERROR, _LEAST_SPEED, _FASTER, _LONGEST_STEP = 300.0, 2.0, 4.0, 6 * 3600.0
+# m; by how much a fix may put right what was dead-reckoned for hours
+_MOVED = 15e3
+# Displaced positions before which nothing is said, steps and gaps that are remembered, and gaps that show how well positions are reckoned.
+_LEAST_DISPLACED, _REMEMBERED, _LEAST_GAPS = 3, 32, 3
+
+
+@dataclass(frozen=True, slots=True)
+class Displacements:
+    """Positions beyond what the vehicle reaches: a few, after which the track goes on, or all from some time on.
+
+    A fix is judged by the dead-reckoned position before it, as far as those before were right, and else by the fix before it.
+
+    Attributes:
+        last: Last position that was reached.
+        fix: Last measured one.
+        beyond: Positions since then that were not reached, oldest first.
+        speeds: Of the latest steps [m/s].
+        gaps: From dead-reckoned positions to the fixes after them, beyond the way in between [m].
+        displaced: Number of times that the track went on after positions beyond reach.
+        far: Greatest distance of those [m].
+        moved: The first position of those from which the track never came back; None while there is none.
+        reached: Number of positions that were reached.
+    """
+
+    last: VehicleState | None = None
+    fix: VehicleState | None = None
+    beyond: tuple[VehicleState, ...] = ()
+    speeds: tuple[float, ...] = ()
+    gaps: tuple[float, ...] = ()
+    displaced: int = 0
+    far: float = 0.0
+    moved: VehicleState | None = None
+    reached: int = 1
+
+    def after(self, vehicle: VehicleState) -> "Displacements":
+        """Return what is remembered after a position; logs that alternate are left to ``LogTracks``."""
+        last = self.last
+        if last is None or last.source.input != vehicle.source.input:
+            return Displacements(vehicle, None if vehicle.dead_reckoned else vehicle, moved=self.moved)  # fmt: skip
+        seconds = (vehicle.time_ns - last.time_ns) * 1e-9
+        if seconds <= 0.0:
+            return self
+        if seconds > _LONGEST_STEP:
+            return replace(self, last=vehicle, fix=None, beyond=())
+        if self._reaches(last, vehicle):
+            return self._reached(last, vehicle, seconds)
+        away = replace(self, beyond=(*self.beyond, vehicle))
+        if len(away.beyond) < _LEAST:
+            return away
+        if all(self._reaches(*pair) for pair in pairwise(away.beyond)):
+            # it stays there
+            there = replace(self, last=vehicle, fix=None, beyond=(), reached=_LEAST)
+            far = apart(last, away.beyond[0])
+            if self.reached < _LEAST or far < _MOVED:
+                # what came first was wrong fixes, or dead reckoning that a fix put right
+                return there
+            return replace(there, far=far, moved=self.moved or away.beyond[0])
+        return replace(away, beyond=away.beyond[1:])
+
+    def _reached(
+        self, last: VehicleState, vehicle: VehicleState, seconds: float
+    ) -> "Displacements":
+        way = apart(last, vehicle)
+        far = max((apart(last, one) for one in self.beyond), default=0.0)
+        reckoned = last.dead_reckoned and not vehicle.dead_reckoned
+        gap = max(way - self._fastest * seconds, 0.0)
+        return Displacements(
+            vehicle,
+            self.fix if vehicle.dead_reckoned else vehicle,
+            (),
+            (*self.speeds, way / seconds)[-_REMEMBERED:] if seconds >= 60.0 else self.speeds,
+            (*self.gaps, gap)[-_REMEMBERED:] if reckoned else self.gaps,
+            self.displaced + bool(self.beyond),
+            max(self.far, far),
+            self.moved,
+            self.reached + 1,
+        )
+
+    @property
+    def _fastest(self) -> float:
+        """The speed that the vehicle reaches [m/s]."""
+        typical = sorted(self.speeds)[len(self.speeds) // 2] if self.speeds else _FASTEST
+        return min(max(_FASTER * typical, _LEAST_SPEED), _FASTEST)
+
+    def _reaches(self, start: VehicleState, end: VehicleState) -> bool:
+        seconds = abs(end.time_ns - start.time_ns) * 1e-9
+        error = _ERROR
+        if start.dead_reckoned and not end.dead_reckoned:
+            if len(self.gaps) < _LEAST_GAPS:
+                before = self.fix
+                return before is None or self._reaches(before, end)
+            error += _FASTER * sorted(self.gaps)[len(self.gaps) // 2]
+        return apart(start, end) <= error + self._fastest * seconds
+
+    def found(self, vehicle: VehicleState, named: frozenset[str]) -> Finding | None:
+        """Return that positions are displaced, if they are."""
+        if findings.DISPLACED in named or not (self.moved or self.displaced >= _LEAST_DISPLACED):
+            return None
+        if self.moved is not None:
+            evidence = f"the track goes on {self.far / 1e3:.3g} km away, farther than the vehicle reaches, and does not come back"
+        else:
+            evidence = f"{self.displaced} times positions are out of reach, up to {self.far / 1e3:.3g} km away, and the track comes back"
+        return Finding(
+            findings.DISPLACED,
+            vehicle.time_ns if self.moved is None else self.moved.time_ns,
+            f"{evidence} (at most {self._fastest:.1f} m/s)",
+            "a receiver that errs, a wrong datum, or positions of another vehicle",
+            "pings at positions beyond reach are not used; check the receiver, and give a log with the right positions",
+        )
+
+    @property
+    def is_unusable(self) -> bool:
+        """Whether the last position is beyond what the vehicle reaches, until others confirm it."""
+        return bool(self.beyond)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,22 +23,23 @@ _WORDS = {
 }
 
 
-def raw_values(velocity: Array) -> RawValues:
-    """Return what is remembered of a ping's velocities, shape (n, k), NaN where missing."""
+def raw_values(velocity: Array, along_beams: bool = False) -> RawValues:
+    """Return what is remembered of a ping's velocities, shape (n, k), NaN where missing; the depth of its pressure comes later."""
     known = velocity[:, :2]
     finite = np.isfinite(known)
     if not finite.all():
         known = known[finite.all(axis=1)]
     elif len(known) >= _LEAST_CELLS and known[0, 0] != known[1, 0]:
         # as of all pings of a living instrument but a few
-        return RawValues("varied", _digest(velocity))
+        return RawValues("varied", _digest(velocity), np.diff(velocity, 2, axis=0), along_beams)
     zero = len(known) >= _LEAST_ZEROS and not known.any()
     if len(known) < _LEAST_CELLS and not zero:
         return NO_RAW_VALUES
     kind: Literal["varied", "constant", "zero"] = (
         "constant" if (known == known[0]).all() else "varied"
     )
-    return RawValues("zero" if zero else kind, _digest(velocity))
+    texture = np.diff(velocity, 2, axis=0) if len(velocity) >= _LEAST_CELLS else None
+    return RawValues("zero" if zero else kind, _digest(velocity), texture, along_beams)
 
 
 def _digest(velocity: Array) -> bytes:

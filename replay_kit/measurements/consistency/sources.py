@@ -101,14 +101,14 @@ class SourceStatistics:
             return replace(self, pings=pings, last=ping, before=None)
         platform, track, motion = last.platform or over_ground, self.track, self.motion
         if last.platform is not None:
-            track = track.with_pair(Pair(*platform, *over_ground, 0.5))
+            track = track.with_pair(Pair(*platform, *over_ground, 0.5, last.time_ns))
         if last.relative or self.through_water:
             return replace(self, pings=pings, last=ping, track=track, before=None)
         relative = _difference(last.velocity, platform)
         if self.before is not None:
             # neighbouring changes share a ping
             changes = _difference(relative, self.before[0]), _difference(self.before[1], platform)
-            motion = motion.with_pair(Pair(*changes[0], *changes[1], 0.5))
+            motion = motion.with_pair(Pair(*changes[0], *changes[1], 0.5, last.time_ns))
         return replace(
             self, pings=pings, last=ping, track=track, motion=motion, before=(relative, platform)
         )
@@ -124,26 +124,34 @@ class SourceStatistics:
         absolute = [ping for ping in pings if not ping.relative]
         if mean.kind == "drift":
             profiles = _mean([ping.velocity for ping in absolute]) if absolute else None
-            return (
-                self
-                if profiles is None
-                else replace(self, drift=self.drift.with_pair(Pair(*profiles, *mean.velocity, 0.5)))
-            )
+            if profiles is None:
+                return self
+            pair = Pair(*profiles, *mean.velocity, 0.5, int(mean.path_time_ns[0]))
+            return replace(self, drift=self.drift.with_pair(pair))
         current, vehicle, half_hours = self.current, self.vehicle, self.blocks
+        began_ns = int(mean.path_time_ns[0])
         if (along := mean_along(absolute, mean)) is not None:
-            current = current.with_pair(Pair(*along, *mean.velocity))
+            current = current.with_pair(Pair(*along, *mean.velocity, 1.0, began_ns))
             if ways := self._ways(absolute, mean):
                 platform, stated = (
                     _mean([way for _, way in ways]),
                     _mean([ping.platform or way for block, way in ways for ping in block]),
                 )
                 vehicle = vehicle.with_pair(
-                    Pair(*_difference(along, stated), *_difference(mean.velocity, platform))
+                    Pair(
+                        *_difference(along, stated),
+                        *_difference(mean.velocity, platform),
+                        1.0,
+                        began_ns,
+                    )
                 )
         for block, way in self._ways([ping for ping in pings if ping.relative], mean):
             half_hours = half_hours.with_pair(
                 Pair(
-                    *_mean([ping.velocity for ping in block]), *_difference(mean.velocity, way), 0.5
+                    *_mean([ping.velocity for ping in block]),
+                    *_difference(mean.velocity, way),
+                    0.5,
+                    block[0].time_ns,
                 )
             )
         return replace(self, current=current, vehicle=vehicle, blocks=half_hours)

@@ -87,7 +87,7 @@ class LogTracks:
         return replace(
             self,
             fixes={**self.fixes, fix.source.input: fix},
-            speed=max(self.speed, _apart(before, fix) / seconds),
+            speed=max(self.speed, apart(before, fix) / seconds),
         )
 
     def _reaches(self, start: VehicleState, end: VehicleState) -> bool:
@@ -96,7 +96,7 @@ class LogTracks:
             min(max(_FASTER * self.speed, _LEAST_SPEED), _MOST_SPEED) if self.speed else _MOST_SPEED
         )
         error = _ERROR + _CLOCK * min(self.speed, _MOST_SPEED)
-        return _apart(start, end) <= error + fastest * abs(end.time_ns - start.time_ns) * 1e-9
+        return apart(start, end) <= error + fastest * abs(end.time_ns - start.time_ns) * 1e-9
 
     @property
     def two_vehicles(self) -> Passages | None:
@@ -117,7 +117,7 @@ class LogTracks:
         return max(of_wrong, key=lambda passages: passages.beyond, default=None)
 
 
-def _apart(one: VehicleState, other: VehicleState) -> float:
+def apart(one: VehicleState, other: VehicleState) -> float:
     """Return how far apart two positions are [m], to a few percent: there may be millions of them."""
     east, north = metres_per_degree(0.5 * (one.latitude + other.latitude))
     degrees = (other.longitude - one.longitude + 180.0) % 360.0 - 180.0

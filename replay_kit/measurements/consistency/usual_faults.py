@@ -1,13 +1,15 @@
-"""Faults that a log may have been made with and that a comparison with the ensemble shows, and how each is undone.
+"""The usual faults of velocities and depths: one table of hypotheses, and how each fault is undone.
 
+``hypotheses`` is the table: what velocities may be instead of right. ``pairs.py`` compares all of them with each other, and with none,
+where two sources measured one current; the comparison with an ensemble takes those that leave speeds as they are, and the faults of depth.
 Every fault turns true velocities or depths into those logged; ``undo`` is its inverse. What a fault needs to know beside the profile
-is in a ``Sounding``. Units, and depths above the surface, need no such comparison: ``monitor.py`` names them.
+is in a ``Sounding``.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -15,13 +17,36 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
-from replay_kit.measurements.consistency.pairs import linear_maps
 from replay_kit.measurements.events import MALFORMED
 from replay_kit.measurements.messages.fields import number
 from replay_kit.measurements.messages.kinds import statement
 from replay_kit.measurements.messages.mavlink import PingFrame, declination_in
 from replay_kit.measurements.messages.profiles import StatedPing
 
+# degrees; smaller turns are biases of a compass, which the estimator can estimate, and not faults
+_LEAST_TURN, _STEP = 20, 10
+KNOTS = 1.943844
+# Factors from m/s to the units for which m/s are mistaken. Ten and two stand for any factor between those of units.
+_SCALES = ((KNOTS, "knots"), (2.0, ""), (1.0 / 0.3048, "ft/s"), (3.6, "km/h"), (10.0, ""), (100.0, "cm/s"), (1000.0, "mm/s"))  # fmt: skip
+_CAUSES = {
+    "turn": "wrong directions",
+    "mirror": "wrong directions",
+    "unit": "a wrong scale",
+    "scale": "a wrong scale",
+    "offset": "a constant offset",
+    "drift": "a drift",
+}
+# Slips of axes and units are the usual ones. Those of one cause share it: turns with mirrors, units with scales.
+_PRIORS = {"turn": 0.4, "mirror": 0.4, "unit": 0.4, "scale": 0.4, "offset": 0.15, "drift": 0.05}
+#: The cause of units and other scales.
+SCALE_CAUSE = _CAUSES["unit"]
+# Smaller ones are not told from a vehicle's error of its own speed, where velocities are relative to it.
+_LEAST_UNIT = 3.0
+_MIRRORS = {
+    0: "the sign of north is wrong",
+    90: "east and north are exchanged",
+    180: "the sign of east is wrong",
+}
 # degrees; a smaller declination is within a compass' error
 _LEAST_DECLINATION = 1.0
 # By kind and angle of the slip.
@@ -34,6 +59,97 @@ _ADVICE = {
         180,
     ): "check whether directions are where the current comes from, or velocities are the vehicle's through the water",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """What the first vectors of pairs may be instead of equal to the second ones.
+
+    A turn, a mirror or a scale is a matrix M with true = M logged; an offset or a drift is added to the true ones.
+
+    Attributes:
+        name: What the logged vectors are.
+        kind: ``turn``, ``mirror``, ``unit`` (of a factor of 3 and more), ``scale`` (of a smaller one), ``offset`` or ``drift``.
+        angle: A turn's, clockwise [degrees]; a mirror's, twice that of its axis from east to north; else 0.
+        scale: How many times as fast the first vectors are as the second ones.
+        unit: That of the first vectors, or of the second ones where the scale is below 1; empty for a scale that is no unit's.
+    """
+
+    name: str
+    kind: str
+    angle: int = 0
+    scale: float = 1.0
+    unit: str = ""
+
+    @property
+    def is_slip(self) -> bool:
+        """Whether it is an exchange of axes or of signs."""
+        return self.angle == 180 or (self.kind == "mirror" and self.angle in _MIRRORS)
+
+    @property
+    def cause(self) -> str:
+        """What it has in common with hypotheses that are no rivals of it."""
+        return _CAUSES[self.kind]
+
+    @property
+    def prior(self) -> float:
+        """Its probability before any pair, given that something is wrong: of directions half is that of the slips."""
+        of_cause = _PRIORS[self.kind]
+        if self.kind in ("turn", "mirror"):
+            return of_cause * (0.125 if self.is_slip else 0.5 / 65.0)
+        return of_cause * (0.5 / len(_SCALES) if self.kind in ("unit", "scale") else 1.0)
+
+    @property
+    def matrix(self) -> Array:
+        """Its matrix M, shape (2, 2); that of equality for what is added."""
+        cosine, sine = math.cos(math.radians(self.angle)), math.sin(math.radians(self.angle))
+        if self.kind == "mirror":
+            return np.array([[cosine, sine], [sine, -cosine]])
+        # what was turned clockwise is turned back counter-clockwise
+        return np.array([[cosine, -sine], [sine, cosine]]) / self.scale
+
+
+def kinds_of(cause: str, among: Sequence[str]) -> tuple[str, ...]:
+    """Return the kinds of hypotheses of a cause, of some kinds, in their order."""
+    return tuple(kind for kind in among if _CAUSES[kind] == cause)
+
+
+@cache
+def hypotheses() -> tuple[Hypothesis, ...]:
+    """Return the table: turns, mirrors, scales of the first vectors and of the second ones, an offset and a drift."""
+    turns = [
+        Hypothesis(_turn_name(angle), "turn", angle)
+        for angle in range(_LEAST_TURN, 361 - _LEAST_TURN, _STEP)
+    ]
+    mirrors = [Hypothesis(_mirror_name(angle), "mirror", angle) for angle in range(0, 360, _STEP)]
+    scales = [
+        Hypothesis(
+            f"in {unit}" if unit else "several times too fast",
+            "unit" if scale >= _LEAST_UNIT else "scale",
+            scale=scale,
+            unit=unit,
+        )
+        for scale, unit in _SCALES
+    ]
+    slower = [
+        replace(each, name=f"{each.name}, of the other source", scale=1.0 / each.scale)
+        for each in scales
+    ]
+    added = [Hypothesis(f"off by {_CAUSES[kind]}", kind) for kind in ("offset", "drift")]
+    return (*turns, *mirrors, *scales, *slower, *added)
+
+
+def _turn_name(angle: int) -> str:
+    return f"turned by {angle if angle <= 180 else angle - 360:+d} degrees clockwise" + (
+        ", both signs wrong" if angle == 180 else ""
+    )
+
+
+def _mirror_name(angle: int) -> str:
+    return (
+        _MIRRORS.get(angle)
+        or f"mirrored about the bearing {(90.0 - 0.5 * angle) % 180.0:g} degrees"
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,10 +203,10 @@ def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
     Args:
         soundings: The log's profiles.
     """
-    slips = [(each, matrix) for each, matrix in zip(*linear_maps(), strict=True) if each.is_slip]
     faults = [
-        Fault(each.name, _ADVICE[each.kind, each.angle], partial(_mapped, matrix))
-        for each, matrix in slips
+        Fault(each.name, _ADVICE[each.kind, each.angle], partial(_mapped, each.matrix))
+        for each in hypotheses()
+        if each.is_slip
     ]
     stated = [
         abs(sounding.declination) for sounding in soundings if math.isfinite(sounding.declination)

@@ -173,7 +173,7 @@ def resolve_ping(
     Raises:
         MeasurementError: The ping does not say what turns its velocities to the earth's axes.
     """
-    raw = raw_values(ping.velocity)
+    raw = raw_values(ping.velocity, ping.coordinate_system == "beam")
     ping = with_bottom_track(ping, state.bottom, source.time_ns, config.max_speed)
     ping = earth_referenced(ping, config)
     absolute = ping.reference == "earth"

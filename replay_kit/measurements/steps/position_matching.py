@@ -258,6 +258,20 @@ def observed(
     ]
 
 
+def _with_sensors(raw: RawValues, ping: AdcpPing, top: float) -> RawValues:
+    """Return what is remembered of a ping with its own depth, where it has a pressure, and its mean error velocity, of solved beams."""
+    error = ping.quality.error_velocity
+    solved = ping.measured_system == "beam" and not isinstance(error, str)
+    if not solved and not math.isfinite(ping.pressure):
+        return raw
+    known = error[np.isfinite(error)] if solved and not isinstance(error, str) else np.empty(0)
+    return replace(
+        raw,
+        depth=top if math.isfinite(ping.pressure) else math.nan,
+        error_velocity=float(known.mean()) if known.size else math.nan,
+    )
+
+
 def _together(
     placed: Sequence[PlacedPing], tops: Sequence[float], config: MeasurementConfig
 ) -> Iterator[list[Event]]:
@@ -289,7 +303,7 @@ def _together(
             common_std,
             ping.correlation_depth if ping.correlation_depth >= 0.0 else config.correlation_depth,
             platform_velocity,
-            raw=waiting.raw,
+            raw=_with_sensors(waiting.raw, ping, tops[i]),
             position_std=each.position_std,
         )
         carriers = [Used(source.topic)] * (waiting.n_messages - 1)

@@ -25,6 +25,8 @@ from replay_kit.measurements.vehicle.dives import dive_begins
 _SAME_FIX_NS = 60 * 10**9
 # s; a shorter drift is the error of its fixes
 _LEAST_DRIFT_NS = 120 * 10**9
+#: Why a mean current is not used that no current is.
+TOO_FAST = "depth-averaged current: faster than measurements.max_speed"
 # m; the depth of the current that moves a drifting vehicle
 _DRIFT_DEPTH = 0.5
 
@@ -84,7 +86,7 @@ def stated_mean(
         config: The errors of currents that state none, and the fastest that is believed.
     """
     if not _believed(mean.velocity, config):
-        return dives, "depth-averaged current: faster than measurements.max_speed"
+        return dives, TOO_FAST
     dives = replace(dives, stated=True)
     if (
         mean.end is not None

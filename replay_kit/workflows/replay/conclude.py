@@ -43,7 +43,12 @@ def conclude(
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
     planning, (found, blind) = (
         session.planning,
-        conclusions(session.monitoring, session.statistics.profiles, session.config),
+        conclusions(
+            session.monitoring,
+            session.statistics.profiles,
+            session.config,
+            session.statistics.messages.skipped,
+        ),
     )
     outside = tuple(
         note for note in inputs.forecasts.notes if "outside" in note or "is no forecast" in note

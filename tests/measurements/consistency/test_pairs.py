@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from replay_kit.measurements.consistency.pairs import LEAST_GAIN, Pair, PairStatistics, linear_maps
+from replay_kit.measurements.consistency.pairs import LEAST_GAIN, Pair, PairStatistics
+from replay_kit.measurements.consistency.usual_faults import hypotheses
 
 FLOOR = 2.0 * 0.05**2
-ALL = ("turn", "mirror", "unit")
+ALL, ADDED = ("turn", "mirror", "unit", "scale"), ("offset", "drift")
 
 
 def statistics(a, b, weight=1.0):
@@ -16,44 +17,72 @@ def statistics(a, b, weight=1.0):
     return found
 
 
+def of_whole_log(found):
+    """Gains of the hypotheses that add nothing, begun with the first pair."""
+    return found.fits().gain[0, [each.kind not in ADDED for each in hypotheses()]]
+
+
 def currents(n=12, seed=0):
     return 0.3 * np.random.default_rng(seed).standard_normal((n, 2))
 
 
 def slow_gains(a, b, weight):
-    """Return the gains by their definition, pair by pair."""
-    _, matrices = linear_maps()
-    count = weight * len(a)
-    logged = (
-        weight * sum(np.sum((first - second) ** 2) for first, second in zip(a, b, strict=True))
-        + FLOOR
-    )
-    gains = []
-    for matrix in matrices:
-        mapped = (
-            weight
-            * sum(
-                np.sum((matrix @ first - second) ** 2) for first, second in zip(a, b, strict=True)
-            )
-            + FLOOR
-        )
-        gains.append(
-            (count + 1.0) * np.log(logged / mapped) + count * np.log(abs(np.linalg.det(matrix)))
-        )
+    """Return the gains by their definition: Student densities of all differences at once, with a bias that they share."""
+    k = len(a)
+    covariance = np.eye(k) / weight + 2.0 * 0.03**2 / FLOOR
+    gains, inverse = [], np.linalg.inv(covariance)
+
+    def squares(matrix):
+        left = a @ matrix.T - b
+        return float(np.trace(left.T @ inverse @ left)) + FLOOR
+
+    for matrix in [each.matrix for each in hypotheses() if each.kind not in ADDED]:
+        ratio = np.log(squares(np.eye(2)) / squares(matrix))
+        gains.append((weight * k + 1.0) * ratio + weight * k * np.log(abs(np.linalg.det(matrix))))
     return np.array(gains)
+
+
+def slow_gain_of_added(a, b, hours, std, begin):
+    """Return the gain of an offset or a drift of some basis by the densities of all differences at once."""
+    k, v = len(a), 2.0 * std**2 / FLOOR
+    equal = np.eye(k) + 2.0 * 0.03**2 / FLOOR
+    moved = equal + v * np.outer(hours, hours)
+    d = a - b
+
+    def density(covariance):
+        squares = float(np.trace(d.T @ np.linalg.inv(covariance) @ d)) + FLOOR
+        return -(k + 1.0) * np.log(squares) - np.linalg.slogdet(covariance)[1]
+
+    c = v * hours @ np.linalg.inv(moved) @ d
+    far = float(np.sum(c**2)) / (2.0 * std**2)
+    return density(moved) - density(equal) - far - (np.log(k) if begin else 0.0)
+
+
+@pytest.mark.parametrize("begin", [0, 3])
+@pytest.mark.parametrize(("kind", "std"), [("offset", 0.3), ("drift", 0.03)])
+def test_the_gain_of_what_is_added_is_that_of_the_definition(kind, std, begin):
+    a, b, hours = currents(8), currents(8, seed=1), 2.5 * np.arange(8.0)
+    found = PairStatistics(FLOOR)
+    for one, other, hour in zip(a, b, hours, strict=True):
+        found = found.with_pair(Pair(*one, *other, 1.0, int(hour * 3.6e12)))
+    since = hours - hours[begin] + 2.5 if kind == "drift" else np.ones(8)
+    basis = np.where(np.arange(8) >= begin, since, 0.0)
+    at = [each.kind for each in hypotheses()].index(kind)
+    expected = slow_gain_of_added(a, b, basis, std, begin)
+    assert found.fits().gain[begin, at] == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("weight", [1.0, 0.5])
 def test_the_gains_are_those_of_the_definition(weight):
     a, b = currents(7), currents(7, seed=1)
-    assert statistics(a, b, weight).gains() == pytest.approx(
+    assert of_whole_log(statistics(a, b, weight)) == pytest.approx(
         slow_gains(a, b, weight), rel=1e-9, abs=1e-9
     )
 
 
 def test_the_maps_undo_what_their_names_say():
-    maps, matrices = linear_maps()
-    names = {each.name: matrix for each, matrix in zip(maps, matrices, strict=True)}
+    maps = hypotheses()
+    names = {each.name: each.matrix for each in maps}
     # north, logged as east, was turned clockwise by 90 degrees
     assert names["turned by +90 degrees clockwise"] @ [1.0, 0.0] == pytest.approx([0.0, 1.0])
     assert names["turned by -20 degrees clockwise"] @ [
@@ -78,21 +107,25 @@ def test_the_maps_undo_what_their_names_say():
 
 @pytest.mark.parametrize(
     "name",
-    [each.name for each in linear_maps()[0] if each.name != "turned by +20 degrees clockwise"],
+    [
+        each.name
+        for each in hypotheses()
+        if each.kind not in ADDED and each.name != "turned by +20 degrees clockwise"
+    ],
 )
 def test_each_map_is_named_when_it_is_what_happened(name):
-    maps, matrices = linear_maps()
+    maps = hypotheses()
     number = next(k for k, each in enumerate(maps) if each.name == name)
     b = currents(60)
-    found = statistics(b @ np.linalg.inv(matrices[number]).T, b).explanation(ALL, 3)
+    found = statistics(b @ np.linalg.inv(maps[number].matrix).T, b).explanation(ALL, 3)
     assert found is not None
     assert found.gain >= LEAST_GAIN
     assert found.favoured == 1.0
     assert found.pairs == 60
-    assert found.map.kind == maps[number].kind
-    step = abs(found.map.angle - maps[number].angle)
+    assert found.fault.kind == maps[number].kind
+    step = abs(found.fault.angle - maps[number].angle)
     assert min(step, 360 - step) <= 10
-    assert found.map.scale == maps[number].scale
+    assert found.fault.scale == maps[number].scale
 
 
 def test_equal_sources_with_noise_are_never_explained_by_anything():
@@ -107,7 +140,7 @@ def test_equal_sources_with_noise_are_never_explained_by_anything():
 
 def test_nothing_is_said_before_the_least_number_of_pairs():
     b = currents(3)
-    assert statistics(-b, b).explanation(ALL, 3).map.angle == 180
+    assert statistics(-b, b).explanation(ALL, 3).fault.angle == 180
     assert statistics(-b, b).explanation(ALL, 4) is None
     assert statistics(-b, b).explanation(("unit",), 3) is None
 
@@ -116,8 +149,9 @@ def test_a_few_outliers_do_not_outvote_the_others():
     b = np.full((9, 2), 0.1)
     outliers = np.array([[5.0, 0.0]] * 4)
     # the outliers alone are turned; of the thirteen pairs they are less than two thirds
-    found = statistics(np.vstack([b, -outliers]), np.vstack([b, outliers]))
-    assert found.gains().max() > LEAST_GAIN
+    mixed = np.random.default_rng(0).permutation(13)
+    found = statistics(np.vstack([b, -outliers])[mixed], np.vstack([b, outliers])[mixed])
+    assert of_whole_log(found).max() > LEAST_GAIN
     assert found.explanation(ALL, 3) is None
 
 
@@ -127,10 +161,10 @@ def test_pairs_that_no_map_halves_are_not_explained():
     turned = b @ np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
     # the turn explains much, and leaves more than a quarter of the squared differences
     poor = statistics(turned + 0.6 * rng.standard_normal(b.shape), b)
-    assert poor.gains().max() > LEAST_GAIN
+    assert of_whole_log(poor).max() > LEAST_GAIN
     assert poor.explanation(ALL, 3) is None
     assert (
-        statistics(turned + 0.1 * rng.standard_normal(b.shape), b).explanation(ALL, 3).map.angle
+        statistics(turned + 0.1 * rng.standard_normal(b.shape), b).explanation(ALL, 3).fault.angle
         == 40
     )
 
@@ -138,7 +172,7 @@ def test_pairs_that_no_map_halves_are_not_explained():
 def test_pairs_of_one_direction_name_the_slip_and_turns_before_mirrors():
     b = np.array([[0.0, 0.3], [0.01, 0.3], [-0.01, 0.28], [0.0, 0.31]])
     found = statistics(-b, b).explanation(("turn", "mirror"), 3)
-    assert found.map.name == "turned by +180 degrees clockwise, both signs wrong"
+    assert found.fault.name == "turned by +180 degrees clockwise, both signs wrong"
     assert [each.name for each in found.alike] == ["the sign of north is wrong"]
 
 
@@ -147,4 +181,4 @@ def test_old_pairs_are_forgotten():
     found = statistics(np.vstack([b, -b]), np.vstack([b, b]))
     fresh = statistics(-b[-128:], b[-128:])
     assert len(found.pairs) == 128
-    assert found.gains() == pytest.approx(fresh.gains(), rel=1e-9)
+    assert of_whole_log(found) == pytest.approx(of_whole_log(fresh), rel=1e-9)

@@ -1,15 +1,23 @@
 """The consistency stage: each event is checked before it is used, and what is found changes what the estimate is made of."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement, PathMean, VehicleState
 from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
+from replay_kit.measurements.consistency.monitor import (
+    Checked,
+    ConsistencyState,
+    check,
+    unknowable,
+)
+from replay_kit.measurements.consistency.pairs import Pair, PairStatistics
 from replay_kit.measurements.consistency.summary import (
     EnsembleSpeeds,
     PingSummary,
@@ -17,12 +25,17 @@ from replay_kit.measurements.consistency.summary import (
     odd_ensemble_speeds,
 )
 from replay_kit.measurements.consistency.tracks import LogTracks
+from replay_kit.measurements.vehicle.mean_current import TOO_FAST
 from replay_kit.workflows.replay.stages.counts import ProfileCounts
 from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, assimilate
 
 _UNDETERMINED = "nothing here can tell whether directions are right"
 # Observations before which nothing is said of the forecast.
 _LEAST_OBSERVATIONS = 3
+# m/s; of a forecast. Dives and hypotheses by which its file is judged.
+_FORECAST_STD, _LEAST_DIVES, _OF_FILE = 0.1, 8, ("turn", "mirror", "unit", "scale")
+# Rejected measurements of one source before which nothing is said.
+_LEAST_REJECTED = 5
 # Measurements beyond the gate that are remembered.
 _MOST_GATED = 256
 _SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"
@@ -37,12 +50,16 @@ class MonitoringState:
         means: Mean currents so far, from which an estimate without profiles is rebuilt.
         gated: Latest measurements that the gate rejected, before two sources were known to contradict each other.
         tracks: Positions, by the log that they are of.
+        decisions: By kind of measurement, how many the gate was asked for, and how many it rejected.
+        forecast: Pairs of the prior forecast's mean along the path of a dive and its mean current.
     """
 
     checks: ConsistencyState = field(default_factory=ConsistencyState)
     means: tuple[PathMean, ...] = ()
     gated: tuple[Measurement, ...] = ()
     tracks: LogTracks = field(default_factory=LogTracks)
+    decisions: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    forecast: PairStatistics = field(default_factory=lambda: PairStatistics(2.0 * _FORECAST_STD**2))
 
     @property
     def explains_no_profile(self) -> bool:
@@ -87,7 +104,7 @@ def monitor(
     checks, checked = check(state.checks, event, speeds, through_water, summary)
     means = _with_mean(state.means, event)
     if checks.findings is state.checks.findings:
-        return MonitoringState(checks, means, state.gated, state.tracks), checked, ()
+        return replace(state, checks=checks, means=means), checked, ()
     new = tuple(
         _as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :]
     )
@@ -111,7 +128,7 @@ def require_one_vehicle(state: MonitoringState, names: Sequence[str]) -> None:
 
 
 def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState:
-    """Return the state that remembers which measurements of some steps the gate rejected."""
+    """Return the state that remembers what the gate did in some steps, and the forecast's mean currents beside those measured."""
     done = [
         (step.event, step.assimilation.innovation)
         for step in steps
@@ -121,7 +138,22 @@ def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState
         event for event, found in done if found.gate_statistic > found.gate and not found.accepted
     ]
     more = tuple(event for event in gated if isinstance(event, Measurement))
-    return replace(state, gated=(state.gated + more)[-_MOST_GATED:]) if more else state
+    decisions, forecast = dict(state.decisions), state.forecast
+    for event, found in done:
+        if found.decision == "unusable":
+            continue
+        kind = event.kind if isinstance(event, PathMean) else "profiles"
+        asked, rejected = decisions.get(kind, (0, 0))
+        decisions[kind] = asked + found.profiles, rejected + found.profiles * (not found.accepted)
+        if kind == "dac" and found.mean_current is not None and found.prior_innovation.size:
+            measured, predicted = found.mean_current, found.mean_current - found.prior_innovation[0]
+            if np.isfinite(predicted).all():
+                (east, north), (u, v) = predicted.tolist(), measured.tolist()
+                forecast = forecast.with_pair(Pair(east, north, u, v, 0.5, event.time_ns))
+    if not done:
+        return state
+    gated_now = (state.gated + more)[-_MOST_GATED:] if more else state.gated
+    return replace(state, gated=gated_now, decisions=decisions, forecast=forecast)
 
 
 def readmitted(
@@ -201,7 +233,10 @@ def rebuilt(counts: ProfileCounts, steps: Sequence[Step]) -> ProfileCounts:
 
 
 def conclusions(
-    state: MonitoringState, counts: ProfileCounts, config: RunConfig
+    state: MonitoringState,
+    counts: ProfileCounts,
+    config: RunConfig,
+    skipped: Mapping[tuple[str, str], int] | None = None,
 ) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
     """Return all findings of a run, and what its measurements cannot tell.
 
@@ -209,13 +244,21 @@ def conclusions(
         state: At the end of the run.
         counts: Of its measurements.
         config: Its settings.
+        skipped: Number of messages that were not used, by topic and reason.
     """
     if config.consistency.on_failure == "ignore":
         return (), ("no consistency check was made (consistency.on_failure)",)
     found, blind = state.checks.findings, []
+    fast = sum(count for (_, reason), count in (skipped or {}).items() if reason == TOO_FAST)
+    if fast and not any(mean.kind == "dac" for mean in state.means):
+        found += (findings.too_fast(TOO_FAST, fast),)
+    if not found and (of_gate := _preferred(state)) is not None:
+        found += (of_gate,)
+    if not found and (of_file := state.forecast.explanation(_OF_FILE, _LEAST_DIVES)) is not None:
+        found += (findings.forecast_fault(of_file),)
     of_forecast = _of_forecast(counts, config.forecast.place)
     # faults of the log explain that it does not fit
-    if all(finding.name == findings.ENSEMBLE for finding in found):
+    if all(finding.name in (findings.ENSEMBLE, findings.FORECAST) for finding in found):
         found += tuple(
             finding for finding in of_forecast if not found or finding.name != findings.ENSEMBLE
         )
@@ -223,7 +266,18 @@ def conclusions(
         blind.append(_undetermined(state))
     if state.checks.pings and not state.checks.absolute_pings:
         blind.append(_SHEAR_ALONE)
-    return found, tuple(blind)
+    return found, (*blind, *unknowable(state.checks))
+
+
+def _preferred(state: MonitoringState) -> Finding | None:
+    """Return that the gate rejected most measurements of one source in favour of another, if it did."""
+    shares = {kind: rejected / asked for kind, (asked, rejected) in state.decisions.items()}
+    for kind, (asked, rejected) in state.decisions.items():
+        others = [other for other in shares if other != kind and shares[other] < 0.5]
+        if rejected >= _LEAST_REJECTED and 2 * rejected > asked and others:
+            evidence = f"{rejected} of {asked} rejected"
+            return findings.preferred(kind, min(others, key=lambda other: shares[other]), evidence)
+    return None
 
 
 def _undetermined(state: MonitoringState) -> str:

@@ -1,0 +1,114 @@
+"""What an instrument repeats, its noise and its beams: named on what is wrong, and silent on what is sound."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.core.observation import RawValues
+from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency.monitor import ConsistencyState, check
+from replay_kit.measurements.consistency.raw import raw_values
+from tests.measurements.samples import profile, vehicle
+
+CELLS, STEP_NS = 12, 600 * 10**9
+
+
+def pings(number, noise=0.05, stated=0.05, seed=0, **raw):
+    """Profiles of a diving vehicle whose current grows with depth, with the raw values of their bins."""
+    rng = np.random.default_rng(seed)
+    for k in range(number):
+        depth = 60.0 * (k % 6) + 10.0 * np.arange(1.0, CELLS + 1.0)
+        velocity = np.stack([0.1 + 1e-4 * depth, -5e-5 * depth], axis=1)
+        velocity = velocity + noise * rng.standard_normal((CELLS, 2))
+        raw_of = replace(raw_values(velocity), **raw)
+        yield profile(velocity, depth, stated, k * STEP_NS, raw=raw_of)
+
+
+def names(events):
+    state = ConsistencyState()
+    for event in events:
+        state, _ = check(state, event)
+    return [finding.name for finding in state.findings]
+
+
+@pytest.mark.parametrize(
+    ("stated", "named"),
+    [(0.05, []), (0.01, []), (0.4, []), (0.005, [findings.ERRORS]), (5.0, [findings.ERRORS])],
+)
+def test_stated_errors_are_named_when_the_bins_scatter_otherwise(stated, named):
+    assert names(pings(45, stated=stated)) == named
+
+
+def test_correlated_errors_say_nothing_of_the_noise():
+    assert names(replace(each, correlation_depth=30.0) for each in pings(45, stated=5.0)) == []
+
+
+def stuck(noise, begin=10):
+    rng, kept = np.random.default_rng(1), None
+    for k, each in enumerate(pings(40)):
+        if k < begin:
+            kept = each.velocity
+            yield each
+        else:
+            velocity = kept + noise * rng.standard_normal(kept.shape)
+            yield replace(each, velocity=velocity, raw=raw_values(velocity))
+
+
+def test_an_instrument_that_repeats_one_shape_with_noise_is_named_with_the_time():
+    state = ConsistencyState()
+    for each in stuck(0.01):
+        state, _ = check(state, each)
+    (finding,) = state.findings
+    assert (finding.name, finding.distrusts) == (findings.DEAD, True)
+    assert 8 * STEP_NS <= finding.since_ns <= 12 * STEP_NS
+    assert names(pings(40)) == []
+
+
+def along_beams(change):
+    rng = np.random.default_rng(2)
+    for each in pings(40):
+        beams = 0.05 * rng.standard_normal((CELLS, 4))
+        change(beams, rng)
+        raw = RawValues("varied", b"", np.diff(beams, 2, axis=0), along_beams=True)
+        yield replace(each, raw=raw)
+
+
+def test_a_beam_that_is_noisy_or_dead_is_named_by_its_number():
+    def noisy(beams, rng):
+        beams[:, 2] += rng.standard_normal(CELLS)
+
+    def dead(beams, rng):
+        beams[:, 1] = 0.0
+
+    for change, number in ((noisy, 3), (dead, 2)):
+        state = ConsistencyState()
+        for each in along_beams(change):
+            state, _ = check(state, each)
+        (finding,) = state.findings
+        assert finding.name == findings.BEAM
+        assert f"beam {number} scatters" in finding.evidence
+    assert names(along_beams(lambda beams, rng: None)) == []
+
+
+@pytest.mark.parametrize(("error", "named"), [(0.02, []), (0.3, [findings.BEAM])])
+def test_beams_that_contradict_each_other_in_all_cells_are_named(error, named):
+    def with_error():
+        for each in along_beams(lambda beams, rng: None):
+            yield replace(each, raw=replace(each.raw, error_velocity=error))
+
+    assert names(with_error()) == named
+
+
+def test_messages_that_come_twice_are_a_warning_and_those_of_two_logs_are_not():
+    places = [vehicle(600.0 * k, 150.0 + 1e-3 * k) for k in range(40)]
+    twice = [one for one in places for _ in range(2)]
+    state = ConsistencyState()
+    for one in twice:
+        state, _ = check(state, one)
+    assert [(each.name, each.severity) for each in state.findings] == [
+        (findings.DUPLICATES, "warning")
+    ]
+    other = [one for k, one in enumerate(places) for one in (one, vehicle(600.0 * k, log=1))]
+    assert findings.DUPLICATES not in names(other)
+    assert names(places) == []
