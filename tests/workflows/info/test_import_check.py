@@ -218,7 +218,8 @@ def test_an_ensemble_in_another_unit_is_named_and_the_log_is_not_blamed(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("fault", "name"), [("knots", "scale of the velocities"), ("frozen positions", "frozen positions")]
+    ("fault", "name"),
+    [("knots", "scale of the velocities"), ("frozen positions", "frozen positions")],
 )
 def test_info_names_what_a_replay_names(tmp_path, glider, fault, name):
     edit = next(known.edit for known in FAULTS if known.name == fault)
