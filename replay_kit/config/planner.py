@@ -179,7 +179,7 @@ class PlannerConfig(Section):
         else:
             least, most = _ends(value)
         if not 0.0 < least <= most < inf:
-            raise ValueError(f"expected a number above 0, or a range as 100:700, got {value!r}")
+            raise ValueError("expected a number above 0, or a range as 100:700")
         return value
 
     @model_validator(mode="after")

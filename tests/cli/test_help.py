@@ -105,7 +105,7 @@ def test_the_common_options_of_a_long_list_come_first() -> None:
             "--levels",
             "--members",
         ),
-        *("--place-ensemble", "--modes", "--without"),
+        *("--place-ensemble", "--modes", "--without", "--speed", "--depth"),
     }
     # a short list has no such heading
     assert headings(invoke(["synthesize", "--help"]).stdout) == [

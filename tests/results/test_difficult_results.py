@@ -123,7 +123,7 @@ def test_each_is_shown_and_exported(
         # a section without a figure says why
         for attrs, text in elements(page, "section"):
             assert len(text) > 60, attrs
-        assert all(figure["traces"] for figure in figures(page).values())
+        assert all(figure["traces"] or figure.get("map") for figure in figures(page).values())
         for kind in KINDS:
             figure = drawn(contents, kind, columns=1)
             assert figure.axes

@@ -32,7 +32,7 @@ def test_the_library_opens_it() -> None:
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["status", OLD], 0, "an earlier version made the result"),
+        (["status", OLD, "-v"], 0, "an earlier version made the result"),
         (["report", OLD, "-o", "{}/r.html"], 0, "open it in a browser"),
         (["plot", OLD, "map", "-o", "{}/r.png"], 0, "Figure:"),
         (["export", OLD, "-o", "{}/r.csv"], 0, "track 25 rows"),

@@ -202,8 +202,11 @@ class Displacements:
 
     @property
     def is_unusable(self) -> bool:
-        """Whether the last position is beyond what the vehicle reaches, until others confirm it."""
-        return bool(self.beyond)
+        """Whether the last position is beyond what the vehicle reaches, in a log that is known to have such positions.
+
+        Before that is named nothing is left out for it: a log with few positions may only seem to jump.
+        """
+        return bool(self.beyond) and (self.moved is not None or self.displaced >= _LEAST_DISPLACED)
 
 
 @dataclass(frozen=True, slots=True)

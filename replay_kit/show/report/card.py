@@ -137,7 +137,6 @@ def _fact(title: str, value: str, below: str = "") -> str:
 def _surfacing(contents: Contents) -> str:
     """Return time and ellipse of the next surfacing: of the plan, else as the last dive."""
     plan, expected = contents.last_plan, contents.outcome.expected_surfacings or {}
-    now = max((int(contents.track.time_ns[-1]),) if contents.track.time_ns.size else (0,))
     if plan is not None and plan.legs:
         table, count = contents.result.surfacings, len(plan.legs)
         done = int((table["planned_time"] == plan.row.name).sum()) if len(table) else 0
@@ -155,8 +154,10 @@ def _surfacing(contents: Contents) -> str:
         keys = [f"expected_surfacings.next.ellipse_90.{name}_m" for name in ("major", "minor")]
     else:
         return ""
-    ahead = (time - now) / 1e9
-    when = f"in {hours_text(ahead)}" if ahead >= 0.0 else f"{hours_text(ahead)} ago"
+    when = ""
+    if contents.track.time_ns.size:
+        ahead = (time - int(contents.track.time_ns[-1])) / 1e9
+        when = f"in {hours_text(ahead)}, " if ahead >= 0.0 else f"{hours_text(-ahead)} ago, "
     size = "unknown"
     if None not in axes:
         texts = [
@@ -164,7 +165,7 @@ def _surfacing(contents: Contents) -> str:
         ]
         size = f"± {' × '.join(texts)} km"
     return (
-        f'<div class="facts">{_fact("Next surfacing (UTC)", shown, f"{when}, {basis}")}'
+        f'<div class="facts">{_fact("Next surfacing (UTC)", shown, f"{when}{basis}")}'
         f"{_fact('Within (90 %)', size, 'semi-axes of the ellipse')}</div>"
     )
 

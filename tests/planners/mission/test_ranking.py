@@ -174,6 +174,7 @@ def test_an_added_objective_ranks_the_missions_that_are_found(solved, monkeypatc
         return float(len(found.yo_depths))
 
     monkeypatch.setitem(OBJECTIVES, "rest", Objective(Weights(time=1.0), surfacings))
+    monkeypatch.setattr("planners.mission.values.is_objective", OBJECTIVES.__contains__)
     asked = with_settings(task, objective="rest", legs=None)
     assert best_of(task, [few, many]) is many
     assert best_of(asked, [many, few]) is few
@@ -183,7 +184,5 @@ def test_an_added_objective_ranks_the_missions_that_are_found(solved, monkeypatc
         best_departure([replace(plan, settings=which.request.settings) for plan in plans])
         for which in (task, asked)
     ] == [1, 0]
-    with pytest.raises(
-        PlanError, match=r"expected one of time, energy, closest.*, rest, or weights"
-    ):
+    with pytest.raises(PlanError, match=r"expected one of time, energy, closest.*, or weights"):
         with_settings(task, objective="speed")

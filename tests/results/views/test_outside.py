@@ -13,7 +13,7 @@ from replay_kit.show.figures.map_layers import coastline
 from replay_kit.show.plots import drawn
 from replay_kit.show.report import report_html
 from tests.results.cases import turned, write
-from tests.show.report.html_of import figures, unpacked
+from tests.show.report.html_of import figures, text_of, unpacked
 from tests.synthetic_flow import synthetic_flow
 
 
@@ -74,16 +74,9 @@ def test_the_page_calls_them_outside_the_forecast(contents) -> None:
     figure = figures(report_html(contents().result))["current-map"]
     outside = np.isfinite(unpacked(figure["packed"]["outside"]))
     np.testing.assert_array_equal(outside, contents().slices.outside)
-    field, land, beyond = (trace for trace in figure["traces"] if trace["type"] == "heatmap")
-    assert land["z"] == {"$op": "dry", "of": [field["z"]["of"][0]["of"][0], beyond["z"]]}
-    assert beyond["z"] == {"$field": "outside", "at": []}
-    said = [trace["hovertemplate"] for trace in (land, beyond)]
-    assert said == [
-        "land, or below the bottom<extra></extra>",
-        "outside the forecast<extra></extra>",
-    ]
-    (hatching,) = figure["layout"]["shapes"]
-    assert (hatching["name"], hatching["layer"]) == ("outside the forecast", "below")
+    assert figure["map"]["dry"] == "land, or below the bottom"
+    said = text_of(report_html(contents().result), "map")
+    assert "Grey: land, or below the bottom. Hatched: outside the forecast." in said
 
 
 def test_the_figures_hatch_them(contents) -> None:
@@ -108,8 +101,6 @@ def test_without_an_estimate_nothing_is_called_land_that_may_lie_outside(content
     result = contents(estimate=False)
     said = "land, below the bottom, or outside the forecast"
     figure = figures(report_html(result.result))["current-map"]
-    _, land = (trace for trace in figure["traces"] if trace["type"] == "heatmap")
-    assert land["hovertemplate"] == f"{said}<extra></extra>"
-    assert {"coast, or edge of the forecast"} < {trace.get("name") for trace in figure["traces"]}
-    assert figure["layout"]["shapes"] == []
+    assert figure["map"]["dry"] == said
+    assert "outside" not in figure["packed"]
     assert f"Grey: {said}." in " ".join(drawn(result, "map").get_supxlabel().split())

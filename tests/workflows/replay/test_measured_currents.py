@@ -134,7 +134,7 @@ def test_the_summary_states_the_correction(replayed):
 def test_status_table_and_page_name_both(replayed, tmp_path):
     result = str(replayed[0] / "out.mcap")
     east, north = dive(DIVES - 1).velocity
-    status = " ".join(invoke(["status", result]).output.split())
+    status = " ".join(invoke(["status", result, "-v"]).output.split())
     assert f"dive {DIVES} measured {100.0 * np.hypot(east, north):.1f} ± 1.0 cm/s toward" in status
     assert f"dive {DIVES} corrected for the flight model's error" in status
     said = json.loads(invoke(["status", result, "--json", "-"]).stdout)["current"]
