@@ -271,6 +271,8 @@ def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
             (sources.motion, findings.OF_MOTION),
             (sources.track, findings.OF_TRACK),
         ):
+            if not statistics.is_due:
+                continue
             explanation = statistics.explanation(TURNED, LEAST_MOTIONS)
             if explanation is not None:
                 return [*found, findings.turned(explanation, what, ping.time_ns, ping.source.topic)]

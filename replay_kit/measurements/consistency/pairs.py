@@ -41,6 +41,8 @@ _LEAST_RATIO = 4.0
 _ALIKE = 3.0
 # Pairs remembered: what is correlated over a long log is not more evidence without end.
 _MOST_PAIRS = 128
+# Of pairs that come with pings, after how many all of them are judged again.
+_JUDGED_EACH = 16
 # m/s, and m/s an hour: how large an offset and a drift are before any pair
 _OFFSET_STD, _DRIFT_STD = 0.3, 0.03
 # m/s; of a bias that all pairs share: of a flight model, of water that is not quite the same
@@ -142,6 +144,11 @@ class PairStatistics:
         if len(pairs) > _MOST_PAIRS:
             misfit, pairs = max(misfit - _squared(pairs[0]), 0.0), pairs[1:]
         return PairStatistics(self.floor, pairs, misfit, self.number + 1)
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the pairs are to be judged: after each of the first, then now and then, as it takes milliseconds."""
+        return self.number <= _JUDGED_EACH or self.number % _JUDGED_EACH == 0
 
     def fits(self) -> _Fits:
         """Return how well each hypothesis explains the pairs."""
