@@ -70,7 +70,7 @@ def opened(
     tab.route("**/*", lambda route: (asked.append(route.request.url), route.abort()))
     # set, not visited: every request is aborted
     tab.set_content(page)
-    if "<script" in page:
+    if 'id="figures"' in page:
         tab.wait_for_selector("body[data-ready]", timeout=120_000)
     yield tab
     assert said == []
