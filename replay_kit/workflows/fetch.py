@@ -1,8 +1,10 @@
 """Forecasts given by address become files: cut to what logs need, fetched once, and found again without a link."""
 
+import hashlib
+import json
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +26,10 @@ from replay_kit.forecast.remote.fetch import (
     covers,
     cuts_of,
     limits_of,
-    prints_of,
     receive,
     with_files,
 )
-from replay_kit.forecast.remote.kept import Answer, Kept, key_of
+from replay_kit.forecast.remote.kept import Copy, Kept, key_of
 from replay_kit.forecast.remote.parts import Wanted
 from replay_kit.workflows.replay.inputs.job import Against, ReplayJob
 from replay_kit.workflows.replay.inputs.region import (
@@ -70,10 +71,10 @@ class Request:
         return [job.goal for job in self.jobs if job.goal is not None]
 
     @property
-    def key(self) -> dict[str, Any]:
-        """What decides which part is fetched."""
+    def key(self) -> str:
+        """Hash of what decides which part is fetched."""
         config = self.config
-        return {
+        decisive = {
             "addresses": [key_of(address) for address in self.addresses],
             "forecast": config.forecast.model_dump(mode="json"),
             "time": config.time.model_dump(mode="json"),
@@ -84,6 +85,7 @@ class Request:
                 for reach in self.reaches
             ],
         }
+        return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
 
     @property
     def deepest(self) -> float | None:
@@ -218,19 +220,19 @@ def fetch(request: Request) -> Fetched:
     """
     config = request.config.forecast
     kept = cache_of(config)
-    answer = kept.find(request.key)
-    if config.offline:
-        return _of_answer(request, answer) if answer is not None else _covering(request, kept)
+    held = kept.find(request.addresses, request.key)
+    if held is None and config.offline:
+        return _fetched(request, _covering(request, kept), (None,) * len(request.jobs))
     with asking(limits_of(config)) as session:
-        if answer is not None and _is_current(request, answer, session):
-            return _of_answer(request, answer)
-        wanted, regions = wanted_of(request, session)
-        cuts = cuts_of(request.ensemble, wanted, config, session)
-        files, prints = receive(cuts, wanted, config, session, kept)
-    records = [None if region is None else region.to_record() for region in regions]
-    answer = Answer(files, prints, asdict(wanted), tuple(records))
-    kept.remember(request.key, answer)
-    return replace(_of_answer(request, answer), asked=True)
+        if held is None or not (config.offline or _is_current(request, held, session)):
+            wanted, regions = wanted_of(request, session)
+            records = [None if region is None else region.to_record() for region in regions]
+            cuts = cuts_of(request.ensemble, wanted, config, session)
+            why = {"request": request.key, "regions": records}
+            files = receive(cuts, wanted, config, session, kept, why)
+            return replace(_fetched(request, files, regions), asked=True)
+    found = [None if one is None else from_record(one) for one in held[0][1]["regions"]]
+    return _fetched(request, [path for path, _ in held], found)
 
 
 def price(request: Request) -> list[dict[str, Any]]:
@@ -242,7 +244,7 @@ def price(request: Request) -> list[dict[str, Any]]:
     config = request.config.forecast
     with asking(limits_of(config)) as session:
         wanted, _ = wanted_of(request, session)
-        return cost(cuts_of(request.ensemble, wanted, config, session), session)[0]
+        return cost(cuts_of(request.ensemble, wanted, config, session), session)
 
 
 def copy_whole(source: Path, out: Path) -> None:
@@ -251,24 +253,19 @@ def copy_whole(source: Path, out: Path) -> None:
         shutil.copyfileobj(held, file)
 
 
-def _is_current(request: Request, answer: Answer, session: Session) -> bool:
-    """Return whether the data sets of an answer are still as they were."""
-    held = {**answer.wanted, "region": _region(answer.wanted["region"])}
-    cuts = cuts_of(request.ensemble, Wanted(**held), request.config.forecast, session)
-    return prints_of(cuts, session) == answer.prints
+def _is_current(request: Request, held: Sequence[Copy], session: Session) -> bool:
+    """Return whether the data sets of files are still as they were."""
+    wanted = Wanted(**{each.name: held[0][1]["wanted"][each.name] for each in fields(Wanted)})
+    cuts = cuts_of(request.ensemble, wanted, request.config.forecast, session)
+    prints = [cut.fingerprint(cut.served, session) for cut in cuts]
+    return prints == [record["print"] for _, record in held]
 
 
-def _region(values: Any) -> Region | None:
-    if values is None:
-        return None
-    west, south, east, north = map(float, values)
-    return west, south, east, north
-
-
-def _of_answer(request: Request, answer: Answer) -> Fetched:
-    files = dict(zip(request.addresses, answer.files, strict=True))
-    regions = tuple(None if record is None else from_record(record) for record in answer.regions)
-    return Fetched(with_files(request.ensemble, files), regions, answer.files, asked=False)
+def _fetched(
+    request: Request, files: Sequence[Path], regions: Sequence[FoundRegion | None]
+) -> Fetched:
+    local = with_files(request.ensemble, dict(zip(request.addresses, files, strict=True)))
+    return Fetched(local, tuple(regions), tuple(files), asked=False)
 
 
 def wanted_of(request: Request, session: Session) -> tuple[Wanted, tuple[FoundRegion | None, ...]]:
@@ -308,14 +305,14 @@ def _reached(region: FoundRegion, reach: Reach) -> Region:
     return around(reach.places, max(high * 111_195.0, across))
 
 
-def _covering(request: Request, kept: Kept) -> Fetched:
+def _covering(request: Request, kept: Kept) -> list[Path]:
     """Return files that were fetched for something else and hold what is needed; the part that the logs need is found in them.
 
     Raises:
         ForecastError: There are none.
     """
     places = np.concatenate([reach.places for reach in request.reaches])
-    files, span = {}, request.span
+    files, span = [], request.span
     for address in request.addresses:
         copies = kept.copies(address)
         chosen = next(
@@ -333,6 +330,5 @@ def _covering(request: Request, kept: Kept) -> Fetched:
                 f"({held or f'none of this address in {kept.folder}'}); fetch it while there is a link: replay-kit fetch LOG... --ensemble "
                 "ADDRESS, or with --region W,S,E,N --start TIME --end TIME"
             )
-        files[address] = chosen
-    everything = with_files(request.ensemble, files)
-    return Fetched(everything, (None,) * len(request.jobs), tuple(files.values()), asked=False)
+        files.append(chosen)
+    return files

@@ -71,7 +71,7 @@ def fetch(
     check_paths([*logs, settings.file], [outputs.out, outputs.json_file], outputs.overwrite)
     config, console = settings.load(), console_beside(outputs.json_file)
 
-    from replay_kit.forecast.remote.record import record_of
+    from replay_kit.forecast.remote.kept import record_of
     from replay_kit.workflows.fetch import copy_whole, request_of
     from replay_kit.workflows.fetch import fetch as fetch_request
     from replay_kit.workflows.replay.inputs.job import ReplayJob

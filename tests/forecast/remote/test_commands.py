@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.forecast.remote.record import record_of
+from replay_kit.forecast.remote.kept import record_of
 from replay_kit.results import read_recorded
 from tests.command import invoke
 from tests.forecast.remote.servers import Files, griddap, opendap, serving, zarr_objects

@@ -11,7 +11,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.version import __version__
-from replay_kit.forecast.remote.record import record_of
+from replay_kit.forecast.remote.kept import record_of
 from replay_kit.results.losses import iso_time
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
