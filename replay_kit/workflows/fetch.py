@@ -279,6 +279,8 @@ def wanted_of(request: Request, session: Session) -> tuple[Wanted, tuple[FoundRe
     if stated is not None or config.forecast.place:
         region = None if stated in (None, EVERYWHERE) else stated
         return Wanted(region, request.deepest, *span), (None,) * len(request.jobs)
+    # refuses a forecast of other times before values are received for the margin
+    cuts_of(request.ensemble, Wanted(None, None, *span), config.forecast, session)
     found, boxes = list[FoundRegion | None](), list[Region | None]()
     for job, reach in zip(request.jobs, request.reaches, strict=True):
         one = None

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import re
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import xarray as xr
 from replay_kit.forecast.remote.kept import record_of
 from replay_kit.results import read_recorded
 from tests.command import invoke
+from tests.forecast.remote.conftest import sea
 from tests.forecast.remote.servers import Files, griddap, opendap, serving, zarr_objects
 from tests.forecast.remote.test_forms import needs
 from tests.places import SAMPLES
@@ -106,6 +108,21 @@ def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemb
     assert "expected an address, such as https://" in refused.stderr
     other = invoke(["experiment", "accuracy", "--ensemble", files.url, "--leave-out", "1"])
     assert "fetch the forecast first: replay-kit fetch --ensemble http://127.0.0.1" in other.stderr
+
+
+def test_another_year_or_ocean_is_said_before_the_margin_is_measured(tmp_path):
+    """The margin needs the correlation length, hence values."""
+    for east, year, words in ((149, 2010, "the forecast is of 2010"), (9, 2018, "covers")):
+        ds = sea(times=2, shape=(60, 80)).assign_coords(
+            lon=("lon", east + 0.1 * np.arange(80), {"units": "degrees_east"}),
+            lat=("lat", -43.0 + 0.1 * np.arange(60), {"units": "degrees_north"}),
+            time=np.array([f"{year}-11-16", f"{year}-11-17"], "M8[ns]"),
+        )
+        with serving(Files(zarr_objects(ds, zarr_format=2))) as files:
+            done = invoke(["fetch", LOG, "--ensemble", files.url, f"--forecast.cache={tmp_path}"])
+        assert done.exit_code == 3
+        assert words in done.stderr
+        assert not [path for path in files.asked if re.match(r"[uv]o/\d", path)]
 
 
 def test_a_fleet_fetches_what_its_missions_share_once(tmp_path, ensemble, monkeypatch):
