@@ -1,7 +1,6 @@
 """Forecasts given by address become files: cut to what logs need, fetched once, and found again without a link."""
 
 import hashlib
-import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -74,18 +73,17 @@ class Request:
     def key(self) -> str:
         """Hash of what decides which part is fetched."""
         config = self.config
-        decisive = {
-            "addresses": [key_of(address) for address in self.addresses],
-            "forecast": config.forecast.model_dump(mode="json"),
-            "time": config.time.model_dump(mode="json"),
-            "estimator": [config.estimator.name, config.estimator.preset],
-            "goals": [repr(job.goal) for job in self.jobs],
-            "reaches": [
-                [reach.places.tolist(), reach.deepest, reach.first_ns, reach.last_ns]
+        decisive = [
+            *(key_of(address) for address in self.addresses),
+            *(part.model_dump_json() for part in (config.forecast, config.time)),
+            *(config.estimator.name, config.estimator.preset),
+            *(job.goal for job in self.jobs),
+            *(
+                (reach.places.tolist(), reach.deepest, reach.first_ns, reach.last_ns)
                 for reach in self.reaches
-            ],
-        }
-        return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
+            ),
+        ]
+        return hashlib.sha256(repr(decisive).encode()).hexdigest()[:32]
 
     @property
     def deepest(self) -> float | None:
@@ -179,37 +177,30 @@ def _joined(requests: Sequence[Request]) -> Request:
 
 def _sharing(requests: Sequence[Request]) -> list[list[int]]:
     """Return which requests are answered together: those whose common box is hardly larger than their own boxes."""
-    boxes = [_box(request) for request in requests]
-    groups: list[tuple[list[int], Region | None, float]] = []
-    for number, box in enumerate(boxes):
-        own = 0.0 if box is None else _area(box)
-        for k, (members, other, areas) in enumerate(groups):
-            both = (
-                None
-                if box is None or other is None
-                else around([*_corners(box), *_corners(other)], 0.0)
-            )
-            if both is None or _area(both) <= 1.5 * (own + areas):
-                groups[k] = [*members, number], both, areas + own
+    groups: list[list[int]] = []
+    for number, request in enumerate(requests):
+        for group in groups:
+            own = [requests[k] for k in group] + [request]
+            if _area(own) <= 1.5 * sum(_area([one]) for one in own):
+                group.append(number)
                 break
         else:
-            groups.append(([number], box, own))
-    return [members for members, _, _ in groups]
+            groups.append([number])
+    return groups
 
 
-def _box(request: Request) -> Region | None:
-    """Return the box of the places of a request, and half a degree around."""
-    places = request.reaches[0].places
-    return around(places, 55_000.0) if len(places) else None
+def _area(requests: Sequence[Request]) -> float:
+    """Return the area of the places of requests, and half a degree around [square degrees]."""
+    places = np.concatenate([reach.places for one in requests for reach in one.reaches])
+    if not len(places):
+        return 0.0
+    box = around(places, 55_000.0)
+    return width(box) * (box[3] - box[1])
 
 
 def _corners(box: Region) -> list[tuple[float, float]]:
     west, south, east, north = box
     return [(west, south), (west + 0.5 * width(box), south), (east, north)]
-
-
-def _area(box: Region) -> float:
-    return width(box) * (box[3] - box[1])
 
 
 def fetch(request: Request) -> Fetched:

@@ -173,7 +173,9 @@ def test_another_ocean_and_another_year_are_said_before_values_are_received(aske
         assert "the forecast covers 152.000..155.900 E" in words
         words = refused(asker, files.url, logs={"start": "2024-01-01", "end": "2024-01-02"})
         assert "the forecast is of 2018-11-15 00:00:00Z to 2018-11-18" in words
-        assert not [path for path in files.asked if path.startswith(("uo/0", "vo/0", "uo/1", "vo/1"))]
+        assert not [
+            path for path in files.asked if path.startswith(("uo/0", "vo/0", "uo/1", "vo/1"))
+        ]
 
 
 def test_more_than_allowed_is_not_received(asker, objects):
