@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+from scipy.io import netcdf_file
 
 from replay_kit.core.atomic import sync
 from replay_kit.core.errors import ConfigError
@@ -94,15 +95,31 @@ class Kept:
 def record_of(path: Path) -> dict[str, Any] | None:
     """Return where a file was fetched from, when, and what of it; None for a file that was not."""
     try:
-        with path.open("rb") as stream:
-            if stream.read(4)[1:] != b"HDF":
-                return None
-        with h5py.File(path, "r") as file:
-            text = file.attrs.get(RECORD)
-        found = None if text is None else json.loads(text)
-        return found if isinstance(found, dict) else None
-    except (OSError, ValueError, RuntimeError, TypeError):
+        found = json.loads(attributes_of(path).get(RECORD, "null"))
+    except ValueError:
         return None
+    return found if isinstance(found, dict) else None
+
+
+def attributes_of(path: Path) -> dict[str, str]:
+    """Return the global attributes of a NetCDF file that are texts; none of a file of another kind."""
+    try:
+        with path.open("rb") as stream:
+            mark = stream.read(4)
+        held: dict[str, object] = {}
+        if mark[1:] == b"HDF":
+            with h5py.File(path, "r") as file:
+                held = {name: file.attrs[name] for name in file.attrs}
+        elif mark[:3] == b"CDF":
+            with netcdf_file(path, mmap=False) as classic:
+                held = dict(classic._attributes)
+    except (OSError, ValueError, LookupError, RuntimeError, TypeError, OverflowError):
+        return {}
+    texts = {
+        name: text.decode("utf-8", "replace") if isinstance(text, bytes) else text
+        for name, text in held.items()
+    }
+    return {name: text for name, text in texts.items() if isinstance(text, str)}
 
 
 def key_of(address: Address) -> str:
