@@ -26,12 +26,22 @@ _GAP = np.full((1, 2), np.nan)
 _EDGE = "paper"
 
 
-def track_layer(contents: Contents) -> Layer:
-    """Return the track with its begin and end."""
+def track_layer(contents: Contents, time_ns: int | None = None) -> Layer:
+    """Return the track with its begin and end.
+
+    Args:
+        contents: Of the result.
+        time_ns: The end [ns, UTC]; None for that of the log.
+    """
     track = contents.track
-    if track.time_ns.size == 0:
+    size = (
+        track.time_ns.size
+        if time_ns is None
+        else int(np.searchsorted(track.time_ns, time_ns, "right"))
+    )
+    if size == 0:
         return Layer()
-    kept = thinned(track.time_ns.size, POSITIONS)
+    kept = thinned(size, POSITIONS)
     table = {
         "time": track.time_ns[kept].astype("datetime64[ns]"),
         "longitude": track.longitude[kept],
