@@ -188,7 +188,7 @@ def _velocities(
             values[here] = _evaluate(flow.at(time), *at[here].T)
     kept = (column.reshape(depth.shape)[()] for column in values.T)
     dates = (value.reshape(depth.shape).astype("datetime64[ns]")[()] for value in (asked, held))
-    return Velocities(longitude[()], latitude[()], depth[()], *dates, *kept, flow.about)
+    return Velocities(longitude[()], latitude[()], depth[()], *dates, *kept, about=flow.about)
 
 
 def _evaluate(flow: FlowField, longitude: Array, latitude: Array, depth: Array) -> Array:
