@@ -54,7 +54,7 @@ class Velocities:
     v: Array
     u_standard_error: Array
     v_standard_error: Array
-    about: Mapping[str, str] = field(default_factory=dict)
+    about: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
     def __repr__(self) -> str:
         """Return where and when, and the velocities with their standard errors."""
