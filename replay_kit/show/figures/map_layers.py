@@ -34,14 +34,11 @@ def track_layer(contents: Contents, time_ns: int | None = None) -> Layer:
         time_ns: The end [ns, UTC]; None for that of the log.
     """
     track = contents.track
-    size = (
-        track.time_ns.size
-        if time_ns is None
-        else int(np.searchsorted(track.time_ns, time_ns, "right"))
-    )
-    if size == 0:
+    end_ns = np.iinfo(np.int64).max if time_ns is None else time_ns
+    known = int(np.searchsorted(track.time_ns, end_ns, "right"))
+    if known == 0:
         return Layer()
-    kept = thinned(size, POSITIONS)
+    kept = thinned(known, POSITIONS)
     table = {
         "time": track.time_ns[kept].astype("datetime64[ns]"),
         "longitude": track.longitude[kept],
