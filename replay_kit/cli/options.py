@@ -61,10 +61,21 @@ def option(
         least: Least number accepted; None for no bound.
     """
     validator = () if least is None else (Number(gte=least),)
+
+    def converted(_: type, tokens: Sequence[Token]) -> float:
+        # the models of settings take as long to load as the help
+        from replay_kit.config.section import in_unit
+
+        try:
+            return float(str(in_unit(tokens[0].value, help)))
+        except ValueError as error:
+            raise ValueError("expected a number, or a duration such as 90s, 36h, 2d") from error
+
     made = Parameter(
         name=names.split(),
         help=help,
         metavar=metavar,
+        converter=converted if "[s]" in help or "[d]" in help else None,
         validator=validator,
         allow_leading_hyphen=metavar is not None,
     )

@@ -384,6 +384,10 @@ class OutputConfig(Section):
         le=1024,
         description="Number of BLAS threads; another number changes the last bits of the results.",
     )
+    metadata: dict[str, str] = Field(
+        default_factory=dict,
+        description="Global attributes (ACDD) of the NetCDF files written, that only a person knows: creator_name, license, ...",
+    )
 
 
 class RunConfig(Section):

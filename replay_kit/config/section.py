@@ -11,6 +11,14 @@ _UNIT = re.compile(r"\[(s|min|h|d)\]")
 _DURATION = re.compile(r"\s*\d+(\.\d*)?\s*(s|min|h|d)\s*")
 
 
+def in_unit(value: object, description: str) -> object:
+    """Return a duration, such as 36h, in the unit that a description states in brackets; anything else as it is."""
+    unit = _UNIT.search(description)
+    if unit and isinstance(value, str) and _DURATION.fullmatch(value):
+        return parse_duration(value) / parse_duration(f"1{unit[1]}")
+    return value
+
+
 class Section(BaseModel):
     """A table of settings."""
 
@@ -28,10 +36,7 @@ class Section(BaseModel):
     @classmethod
     def _in_unit(cls, name: str, value: object) -> object:
         setting = cls.model_fields.get(name)
-        unit = _UNIT.search(setting.description or "") if setting else None
-        if unit and isinstance(value, str) and _DURATION.fullmatch(value):
-            return parse_duration(value) / parse_duration(f"1{unit[1]}")
-        return value
+        return in_unit(value, setting.description or "") if setting else value
 
     def __str__(self) -> str:
         """Return the same as ``repr``."""

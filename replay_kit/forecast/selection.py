@@ -212,6 +212,8 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
             f"{found.source}: --members lags needs a time that all forecasts hold; they hold {spans}"
         )
     wanted = wanted_time(config, near_ns)
+    if config.lead is not None:
+        wanted = _time_of_lead(found, config.lead, common)
     time = (
         common[-1]
         if wanted is None
@@ -232,6 +234,22 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
         None,
         (note, "lagged forecasts are usually underdispersive"),
     )
+
+
+def _time_of_lead(found: Collection, lead: float, common: NDArray[np.datetime64]) -> int:
+    """Return the time [ns, UTC] for which a lead of the newest run is valid, which all runs must hold."""
+    run = found.blocks[-1].parts[0].ds
+    if "lead" not in run.coords:
+        raise ForecastError(
+            f"{found.source}: a lead was given, but these runs state times alone; choose one with forecast.time"
+        )
+    time = run["time"].values[np.argmin(np.abs(run["lead"].values.astype(float) - lead))]
+    if time not in common:
+        raise ForecastError(
+            f"{found.source}: lead {lead:g} of the newest run is valid {_date(time)}; expected {_date(common[0])} to {_date(common[-1])}, "
+            "which all runs hold: choose another lead, or leave runs out"
+        )
+    return int(time.astype("M8[ns]").astype(np.int64))
 
 
 def _of_season(

@@ -106,7 +106,7 @@ def dated_leads(ds: xr.Dataset, lead: str, config: ForecastConfig) -> list[tuple
 
 
 def runs_of(ds: xr.Dataset, dims: Sequence[Hashable]) -> list[xr.Dataset]:
-    """Return the runs of a dataset with a dimension of starts and one of leads, each with the times it is valid for; else itself.
+    """Return the runs of a dataset with a dimension of starts and one of leads, each with its times and their ``lead``; else itself.
 
     Args:
         ds: Its dates are decoded.
@@ -123,6 +123,7 @@ def runs_of(ds: xr.Dataset, dims: Sequence[Hashable]) -> list[xr.Dataset]:
         .rename_dims({lead: "time"})
         .assign_coords(
             time=("time", times.astype("M8[ns]"), {"standard_name": "time"}),
+            lead=("time", ds[lead].values),
             forecast_reference_time=((), ds[start].values[k], named),
         )
         for k, times in enumerate(valid)

@@ -1,8 +1,9 @@
 """Forecasts given by address become files: cut to what logs need, fetched once, and found again without a link."""
 
+import hashlib
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,10 @@ from replay_kit.forecast.remote.fetch import (
     covers,
     cuts_of,
     limits_of,
-    prints_of,
     receive,
     with_files,
 )
-from replay_kit.forecast.remote.kept import Answer, Kept, key_of
+from replay_kit.forecast.remote.kept import Copy, Kept, key_of
 from replay_kit.forecast.remote.parts import Wanted
 from replay_kit.workflows.replay.inputs.job import Against, ReplayJob
 from replay_kit.workflows.replay.inputs.region import (
@@ -70,20 +70,20 @@ class Request:
         return [job.goal for job in self.jobs if job.goal is not None]
 
     @property
-    def key(self) -> dict[str, Any]:
-        """What decides which part is fetched."""
+    def key(self) -> str:
+        """Hash of what decides which part is fetched."""
         config = self.config
-        return {
-            "addresses": [key_of(address) for address in self.addresses],
-            "forecast": config.forecast.model_dump(mode="json"),
-            "time": config.time.model_dump(mode="json"),
-            "estimator": [config.estimator.name, config.estimator.preset],
-            "goals": [repr(job.goal) for job in self.jobs],
-            "reaches": [
-                [reach.places.tolist(), reach.deepest, reach.first_ns, reach.last_ns]
+        decisive = [
+            *(key_of(address) for address in self.addresses),
+            *(part.model_dump_json() for part in (config.forecast, config.time)),
+            *(config.estimator.name, config.estimator.preset),
+            *(job.goal for job in self.jobs),
+            *(
+                (reach.places.tolist(), reach.deepest, reach.first_ns, reach.last_ns)
                 for reach in self.reaches
-            ],
-        }
+            ),
+        ]
+        return hashlib.sha256(repr(decisive).encode()).hexdigest()[:32]
 
     @property
     def deepest(self) -> float | None:
@@ -177,37 +177,30 @@ def _joined(requests: Sequence[Request]) -> Request:
 
 def _sharing(requests: Sequence[Request]) -> list[list[int]]:
     """Return which requests are answered together: those whose common box is hardly larger than their own boxes."""
-    boxes = [_box(request) for request in requests]
-    groups: list[tuple[list[int], Region | None, float]] = []
-    for number, box in enumerate(boxes):
-        own = 0.0 if box is None else _area(box)
-        for k, (members, other, areas) in enumerate(groups):
-            both = (
-                None
-                if box is None or other is None
-                else around([*_corners(box), *_corners(other)], 0.0)
-            )
-            if both is None or _area(both) <= 1.5 * (own + areas):
-                groups[k] = [*members, number], both, areas + own
+    groups: list[list[int]] = []
+    for number, request in enumerate(requests):
+        for group in groups:
+            own = [requests[k] for k in group] + [request]
+            if _area(own) <= 1.5 * sum(_area([one]) for one in own):
+                group.append(number)
                 break
         else:
-            groups.append(([number], box, own))
-    return [members for members, _, _ in groups]
+            groups.append([number])
+    return groups
 
 
-def _box(request: Request) -> Region | None:
-    """Return the box of the places of a request, and half a degree around."""
-    places = request.reaches[0].places
-    return around(places, 55_000.0) if len(places) else None
+def _area(requests: Sequence[Request]) -> float:
+    """Return the area of the places of requests, and half a degree around [square degrees]."""
+    places = np.concatenate([reach.places for one in requests for reach in one.reaches])
+    if not len(places):
+        return 0.0
+    box = around(places, 55_000.0)
+    return width(box) * (box[3] - box[1])
 
 
 def _corners(box: Region) -> list[tuple[float, float]]:
     west, south, east, north = box
     return [(west, south), (west + 0.5 * width(box), south), (east, north)]
-
-
-def _area(box: Region) -> float:
-    return width(box) * (box[3] - box[1])
 
 
 def fetch(request: Request) -> Fetched:
@@ -218,19 +211,19 @@ def fetch(request: Request) -> Fetched:
     """
     config = request.config.forecast
     kept = cache_of(config)
-    answer = kept.find(request.key)
-    if config.offline:
-        return _of_answer(request, answer) if answer is not None else _covering(request, kept)
+    held = kept.find(request.addresses, request.key)
+    if held is None and config.offline:
+        return _fetched(request, _covering(request, kept), (None,) * len(request.jobs))
     with asking(limits_of(config)) as session:
-        if answer is not None and _is_current(request, answer, session):
-            return _of_answer(request, answer)
-        wanted, regions = wanted_of(request, session)
-        cuts = cuts_of(request.ensemble, wanted, config, session)
-        files, prints = receive(cuts, wanted, config, session, kept)
-    records = [None if region is None else region.to_record() for region in regions]
-    answer = Answer(files, prints, asdict(wanted), tuple(records))
-    kept.remember(request.key, answer)
-    return replace(_of_answer(request, answer), asked=True)
+        if held is None or not (config.offline or _is_current(request, held, session)):
+            wanted, regions = wanted_of(request, session)
+            records = [None if region is None else region.to_record() for region in regions]
+            cuts = cuts_of(request.ensemble, wanted, config, session)
+            why = {"request": request.key, "regions": records}
+            files = receive(cuts, wanted, config, session, kept, why)
+            return replace(_fetched(request, files, regions), asked=True)
+    found = [None if one is None else from_record(one) for one in held[0][1]["regions"]]
+    return _fetched(request, [path for path, _ in held], found)
 
 
 def price(request: Request) -> list[dict[str, Any]]:
@@ -242,7 +235,7 @@ def price(request: Request) -> list[dict[str, Any]]:
     config = request.config.forecast
     with asking(limits_of(config)) as session:
         wanted, _ = wanted_of(request, session)
-        return cost(cuts_of(request.ensemble, wanted, config, session), session)[0]
+        return cost(cuts_of(request.ensemble, wanted, config, session), session)
 
 
 def copy_whole(source: Path, out: Path) -> None:
@@ -251,24 +244,19 @@ def copy_whole(source: Path, out: Path) -> None:
         shutil.copyfileobj(held, file)
 
 
-def _is_current(request: Request, answer: Answer, session: Session) -> bool:
-    """Return whether the data sets of an answer are still as they were."""
-    held = {**answer.wanted, "region": _region(answer.wanted["region"])}
-    cuts = cuts_of(request.ensemble, Wanted(**held), request.config.forecast, session)
-    return prints_of(cuts, session) == answer.prints
+def _is_current(request: Request, held: Sequence[Copy], session: Session) -> bool:
+    """Return whether the data sets of files are still as they were."""
+    wanted = Wanted(**{each.name: held[0][1]["wanted"][each.name] for each in fields(Wanted)})
+    cuts = cuts_of(request.ensemble, wanted, request.config.forecast, session)
+    prints = [cut.fingerprint(cut.served, session) for cut in cuts]
+    return prints == [record["print"] for _, record in held]
 
 
-def _region(values: Any) -> Region | None:
-    if values is None:
-        return None
-    west, south, east, north = map(float, values)
-    return west, south, east, north
-
-
-def _of_answer(request: Request, answer: Answer) -> Fetched:
-    files = dict(zip(request.addresses, answer.files, strict=True))
-    regions = tuple(None if record is None else from_record(record) for record in answer.regions)
-    return Fetched(with_files(request.ensemble, files), regions, answer.files, asked=False)
+def _fetched(
+    request: Request, files: Sequence[Path], regions: Sequence[FoundRegion | None]
+) -> Fetched:
+    local = with_files(request.ensemble, dict(zip(request.addresses, files, strict=True)))
+    return Fetched(local, tuple(regions), tuple(files), asked=False)
 
 
 def wanted_of(request: Request, session: Session) -> tuple[Wanted, tuple[FoundRegion | None, ...]]:
@@ -282,6 +270,8 @@ def wanted_of(request: Request, session: Session) -> tuple[Wanted, tuple[FoundRe
     if stated is not None or config.forecast.place:
         region = None if stated in (None, EVERYWHERE) else stated
         return Wanted(region, request.deepest, *span), (None,) * len(request.jobs)
+    # refuses a forecast of other times before values are received for the margin
+    cuts_of(request.ensemble, Wanted(None, None, *span), config.forecast, session)
     found, boxes = list[FoundRegion | None](), list[Region | None]()
     for job, reach in zip(request.jobs, request.reaches, strict=True):
         one = None
@@ -308,14 +298,14 @@ def _reached(region: FoundRegion, reach: Reach) -> Region:
     return around(reach.places, max(high * 111_195.0, across))
 
 
-def _covering(request: Request, kept: Kept) -> Fetched:
+def _covering(request: Request, kept: Kept) -> list[Path]:
     """Return files that were fetched for something else and hold what is needed; the part that the logs need is found in them.
 
     Raises:
         ForecastError: There are none.
     """
     places = np.concatenate([reach.places for reach in request.reaches])
-    files, span = {}, request.span
+    files, span = [], request.span
     for address in request.addresses:
         copies = kept.copies(address)
         chosen = next(
@@ -333,6 +323,5 @@ def _covering(request: Request, kept: Kept) -> Fetched:
                 f"({held or f'none of this address in {kept.folder}'}); fetch it while there is a link: replay-kit fetch LOG... --ensemble "
                 "ADDRESS, or with --region W,S,E,N --start TIME --end TIME"
             )
-        files[address] = chosen
-    everything = with_files(request.ensemble, files)
-    return Fetched(everything, (None,) * len(request.jobs), tuple(files.values()), asked=False)
+        files.append(chosen)
+    return files

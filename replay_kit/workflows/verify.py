@@ -22,7 +22,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
-from replay_kit.forecast.remote.record import CACHE
+from replay_kit.forecast.remote.kept import CACHE
 from replay_kit.results import (
     CONTRACT_VERSION,
     Difference,

@@ -14,7 +14,7 @@ from replay_kit.config.run import LogConfig
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert
 from tests.command import invoke
-from tests.places import ROOT
+from tests.places import ROOT, SAMPLES
 
 WRITTEN = {
     "--out",
@@ -291,3 +291,16 @@ def test_short_and_long_names_are_one_option_and_flags_and_lists_may_come_again(
     again = ["--remap", "/a=/b", "--remap", "/c=/d", "--overwrite", "--overwrite"]
     done = invoke(["convert", str(log), "-o", str(tmp_path / "o.mcap"), *again])
     assert done.exit_code == 0, done.exception
+
+
+def test_durations_of_options_take_units(tmp_path):
+    same = []
+    for k, interval in enumerate(("10min", "600")):
+        out = tmp_path / f"{k}.mcap"
+        words = ["--vehicle", "glider", "--pings", "2", "--interval", interval, "-o", str(out)]
+        assert invoke(["twin", "--truth", str(SAMPLES / "truth.nc"), *words]).exit_code == 0
+        same.append(out.read_bytes())
+    assert same[0] == same[1]
+    done = invoke(["twin", "--truth", "t.nc", "--interval", "10 parsecs", "-o", "x.mcap"])
+    assert done.exit_code == 2
+    assert "expected a number, or a duration such as 90s, 36h, 2d" in done.stderr

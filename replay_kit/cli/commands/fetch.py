@@ -1,5 +1,6 @@
 """``fetch``: the part of a forecast on a server that a replay needs, received beforehand."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -71,7 +72,7 @@ def fetch(
     check_paths([*logs, settings.file], [outputs.out, outputs.json_file], outputs.overwrite)
     config, console = settings.load(), console_beside(outputs.json_file)
 
-    from replay_kit.forecast.remote.record import record_of
+    from replay_kit.forecast.remote.kept import record_of
     from replay_kit.workflows.fetch import copy_whole, request_of
     from replay_kit.workflows.fetch import fetch as fetch_request
     from replay_kit.workflows.replay.inputs.job import ReplayJob
@@ -113,15 +114,15 @@ def print_price(ensemble: tuple[Path, ...], config: "RunConfig", console: "Conso
     return _price(request_of(ReplayJob((), ensemble), config), console)
 
 
-def with_local_forecast(job: "ReplayJob", config: "RunConfig") -> "ReplayJob":
-    """Return a job whose forecasts are files: what is at an address is fetched."""
-    if not addresses_in(job.ensemble) and not any(addresses_in((each,)) for each in job.against):
-        return job
+def local_forecasts(jobs: Sequence[tuple["ReplayJob", "RunConfig"]]) -> list["ReplayJob"]:
+    """Return jobs whose forecasts are files: what is at an address is fetched, a box that jobs share once."""
+    if not any(addresses_in(each) for job, _ in jobs for each in (job.ensemble, *job.against)):
+        return [job for job, _ in jobs]
     # loads a client of servers
     from replay_kit.workflows.fetch import with_local_forecasts
 
     with progress():
-        return with_local_forecasts([(job, config)])[0]
+        return with_local_forecasts(jobs)
 
 
 def local_ensemble(
@@ -132,5 +133,5 @@ def local_ensemble(
         return ensemble
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
-    found = with_local_forecast(ReplayJob(logs, ensemble), config).ensemble
-    return tuple(path for group in as_groups(found, "ensemble") for path in group)
+    (job,) = local_forecasts([(ReplayJob(logs, ensemble), config)])
+    return tuple(path for group in as_groups(job.ensemble, "ensemble") for path in group)

@@ -1,9 +1,10 @@
 """``fleet``: many missions, each an ordinary replay, on the processes of this machine or of a cluster."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from replay_kit.cli.commands.fetch import local_forecasts
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,
@@ -97,7 +98,6 @@ def fleet(
     from replay_kit.workflows.fleet.missions import (
         check_missions,
         missions_of,
-        with_local_forecasts,
     )
     from replay_kit.workflows.fleet.page import PAGE, TABLE
     from replay_kit.workflows.fleet.workers import check_workers
@@ -113,8 +113,8 @@ def fleet(
     # before the results are checked, and the workers asked whether they see it
     out.mkdir(exist_ok=True)
     try:
-        with progress():
-            each = with_local_forecasts(each)
+        local = local_forecasts([(mission.job, mission.config) for mission in each])
+        each = tuple(replace(mission, job=job) for mission, job in zip(each, local, strict=True))
         check_missions(each, outputs.overwrite, resume)
         check_paths(missions, (out / TABLE, out / PAGE), outputs.overwrite or resume)
         with progress() as advance:

@@ -38,7 +38,7 @@ class Following:
         float | None,
         option(
             "--until-idle",
-            "Stop --follow after this many seconds without new data. Default: never.",
+            "Stop --follow after this long without new data [s]. Default: never.",
             metavar="SECONDS",
             least=0.0,
         ),

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.commands.fetch import with_local_forecast
+from replay_kit.cli.commands.fetch import local_forecasts
 from replay_kit.cli.commands.following import Following
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
 from replay_kit.cli.options import (
@@ -183,7 +183,7 @@ def replay(
         check_outputs(
             job, also_read=[settings.file], also_written=[outputs.json_file, outputs.smooth]
         )
-    job = with_local_forecast(job, config)
+    (job,) = local_forecasts([(job, config)])
     if following.follow:
         return following.run(job, config, console, outputs.page, outputs.json_file)
     if dry_run:

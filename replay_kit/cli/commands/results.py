@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.fetch import with_local_forecast
+from replay_kit.cli.commands.fetch import local_forecasts
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
 from replay_kit.cli.options import (
     INPUTS,
@@ -95,7 +95,7 @@ def smooth(
     from replay_kit.workflows.smooth import smooth as smooth_logs
 
     job = ReplayJob(logs, inputs.ensemble, outputs.out, overwrite=outputs.overwrite)
-    job = with_local_forecast(job, config)
+    (job,) = local_forecasts([(job, config)])
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     with part_named(outputs.out), progress() as advance:
         summary = smooth_logs(job, config, advance)

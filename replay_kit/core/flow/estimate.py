@@ -104,13 +104,12 @@ class FlowEstimate(FlowField):
             return datasets[0]
         import xarray as xr
 
-        from replay_kit.core.flow.cf import attributes, encoded
+        from replay_kit.core.flow.cf import described, encoded
         from replay_kit.core.flow.lossless import history
 
         many = xr.concat(datasets, "time", combine_attrs="drop_conflicts")
-        return encoded(
-            many.assign_attrs(attributes(many.attrs["title"], history("to_dataset", self)))
-        )
+        made_by = history("to_dataset", self)
+        return encoded(described(many, many.attrs["title"], made_by, self.about))
 
     def to_pandas(self, **axes: ArrayLike) -> pd.DataFrame:
         """Return ``to_xarray(**axes)`` as a table with a row a point and time where the flow is known."""

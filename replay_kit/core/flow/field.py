@@ -12,8 +12,8 @@ members are all this one value, as ``FlowEstimate``.
 # keeps the signatures in help() short: the names of types, not what they stand for
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
 
@@ -57,6 +57,7 @@ class FlowField:
         time_ns: Time it holds for [ns, UTC]; None when unknown.
         later: Makes the estimate for another time [ns, UTC] from it, as ``evolution`` does; None when the flow has no model of time.
         local: Current about the vehicle beside the flow, which no velocity here includes; None where none is known.
+        about: Global attributes that datasets of it have beside their own: what its inputs are cited by, who made it.
     """
 
     grid: Grid
@@ -68,6 +69,7 @@ class FlowField:
     time_ns: int | None
     later: Callable[[Self, int], Self] | None = None
     local: LocalCurrent | None = None
+    about: Mapping[str, str] = field(default_factory=dict)
 
     def at(self, time_ns: int) -> Self:
         """Return the estimate for a time [ns, UTC]; where the current changes, its uncertainty grows with time.

@@ -1,6 +1,7 @@
 """Flows from the files that ``FlowEstimate.save`` writes, and from the attachment ``estimate.nc`` of a result MCAP."""
 
 import io
+import json
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -150,13 +151,14 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
         time_ns=_time_ns(dataset),
         later=constant if attrs.get("evolution") == "constant" else None,
         local=_local(attrs, values),
+        about=json.loads(str(attrs.get("replay_kit_about", "{}"))),
     )
     if attrs.get("evolution") != "process":
         return flow
     evolution = _evolution(dataset, values)
     # where nothing was observed the unknowns hold at any time, and the flow may have none
     at = int(evolution.process.times_ns[0]) if flow.time_ns is None else flow.time_ns
-    return replace(evolution.flow(flow, at), time_ns=flow.time_ns)
+    return replace(evolution.flow(flow, at), time_ns=flow.time_ns, about=flow.about)
 
 
 def _horizontal(

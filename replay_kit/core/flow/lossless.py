@@ -12,6 +12,7 @@ Of symmetric matrices the file has the lower half, row by row. The covariance of
 numbers (``factors.py``).
 """
 
+import json
 from io import BytesIO
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from xarray.backends import H5NetCDFStore
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.atomic import atomic_file
-from replay_kit.core.flow.cf import CF_TIME, CONVENTIONS, Encoding
+from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, Encoding, described
 from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.factors import CovarianceFactors, half_of
 from replay_kit.core.flow.field import FlowField
@@ -110,13 +111,9 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
         "depth_function_length": flow.depth_functions.length,
         **numbers_of_functions,
     }
-    attrs = {
-        "Conventions": CONVENTIONS,
-        "title": "Ocean current estimate without loss",
-        "history": history("save", flow),
+    attrs: dict[str, object] = {
         "replay_kit_format": FORMAT,
         "replay_kit_format_version": np.int32(FORMAT_VERSION),
-        "source": f"replay-kit {__version__}",
         "horizontal_functions": kind,
         "depth_function_kind": flow.depth_functions.kind,
         "evolution": "constant"
@@ -144,7 +141,15 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
             attrs["evolution_time"] = str(evolution.time_ns)
     if flow.local is not None:
         attrs["local_time"] = str(flow.local.time_ns)
-    return xr.Dataset(variables, attrs=attrs)
+    if flow.about:
+        attrs["replay_kit_about"] = json.dumps(dict(flow.about))
+    made_by = history("save", flow)
+    return described(
+        xr.Dataset(variables, attrs=attrs),
+        "Ocean current estimate without loss",
+        made_by,
+        flow.about,
+    )
 
 
 def _horizontal(functions: HorizontalFunctions) -> tuple[str, _Values, dict[str, float]]:
@@ -289,7 +294,12 @@ def _standard(flow: FlowField) -> dict[str, dict[str, str]]:
         "north": {"units": "m"},
     }
     if flow.time_ns is not None:
-        named["time"] = {"standard_name": "time", **CF_TIME, EXACT_TIME: str(int(flow.time_ns))}
+        named["time"] = {
+            "standard_name": "time",
+            **CF_TIME,
+            **LEAP_SECONDS,
+            EXACT_TIME: str(int(flow.time_ns)),
+        }
     return named
 
 

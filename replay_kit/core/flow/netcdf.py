@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.cf import Encoding, attributes, encoded, encoding_of
+from replay_kit.core.flow.cf import Encoding, described, encoded, encoding_of
 from replay_kit.core.flow.covariance import quadratic_form
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.field import FlowField
@@ -82,9 +82,7 @@ def to_dataset(
         else wet_at(flow.grid, east, north, levels[:, None, None])
     )
     dims, coords = _coordinates(flow, lon, lat, levels)
-    dataset = xr.Dataset(
-        coords=coords, attrs=attributes("Ocean current estimate", history("to_dataset", flow))
-    )
+    dataset = xr.Dataset(coords=coords)
     for component, name in enumerate(_COMPONENTS):
         ancillary = {}
         if variance is not None:
@@ -96,7 +94,8 @@ def to_dataset(
             np.where(wet, velocity[component].reshape(wet.shape), np.nan),
             ATTRIBUTES[name] | ancillary,
         )
-    return encoded(dataset)
+    made_by = history("to_dataset", flow)
+    return encoded(described(dataset, "Ocean current estimate", made_by, flow.about))
 
 
 def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> NDArray[np.bool_]:

@@ -1,7 +1,7 @@
 """Velocities of a flow, or of the estimates of several windows, at places in degrees and along tracks."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.cf import attributes, encoded
+from replay_kit.core.flow.cf import described, encoded
 from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.field import FlowField
 from replay_kit.core.flow.netcdf import ATTRIBUTES, wet_at
@@ -42,6 +42,7 @@ class Velocities:
         v: Northward velocity [m/s].
         u_standard_error: [m/s]; NaN when the flow has no uncertainty.
         v_standard_error: [m/s].
+        about: Global attributes of its dataset, as the flow's.
     """
 
     longitude: Array
@@ -53,6 +54,7 @@ class Velocities:
     v: Array
     u_standard_error: Array
     v_standard_error: Array
+    about: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
     def __repr__(self) -> str:
         """Return where and when, and the velocities with their standard errors."""
@@ -97,10 +99,13 @@ class Velocities:
         values = {
             name: ("point", np.ravel(getattr(self, name)), ATTRIBUTES[name]) for name in names
         }
-        attrs = attributes(
-            "Ocean current estimate at points", f"replay-kit {__version__}: Velocities.to_xarray"
+        dataset = described(
+            xr.Dataset(values).set_coords(names[:5]),
+            "Ocean current estimate at points",
+            f"replay-kit {__version__}: Velocities.to_xarray",
+            {"featureType": "point", **self.about},
         )
-        return encoded(xr.Dataset(values, attrs=attrs).set_coords(names[:5]))
+        return encoded(dataset)
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a table with a row a point."""
@@ -183,7 +188,7 @@ def _velocities(
             values[here] = _evaluate(flow.at(time), *at[here].T)
     kept = (column.reshape(depth.shape)[()] for column in values.T)
     dates = (value.reshape(depth.shape).astype("datetime64[ns]")[()] for value in (asked, held))
-    return Velocities(longitude[()], latitude[()], depth[()], *dates, *kept)
+    return Velocities(longitude[()], latitude[()], depth[()], *dates, *kept, about=flow.about)
 
 
 def _evaluate(flow: FlowField, longitude: Array, latitude: Array, depth: Array) -> Array:

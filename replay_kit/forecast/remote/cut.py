@@ -20,8 +20,8 @@ from replay_kit.forecast.blocks import Collection
 from replay_kit.forecast.members import kind_of
 from replay_kit.forecast.names import SEA_LEVEL, find_depth
 from replay_kit.forecast.remote.datasets import Served, Session, fingerprint
+from replay_kit.forecast.remote.kept import RECORD
 from replay_kit.forecast.remote.parts import Parts, Wanted, parts_of
-from replay_kit.forecast.remote.record import RECORD
 
 # Values received at once [bytes].
 _PIECE = 1 << 25

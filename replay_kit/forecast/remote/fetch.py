@@ -1,7 +1,7 @@
 """Forecasts fetched: what it costs is said first, then received, checked and kept."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,9 +21,8 @@ from replay_kit.forecast.names import find_time
 from replay_kit.forecast.remote.client import Limits
 from replay_kit.forecast.remote.cut import Cut, check_same, plan_cuts, write_cut
 from replay_kit.forecast.remote.datasets import Session
-from replay_kit.forecast.remote.kept import Kept, key_of
+from replay_kit.forecast.remote.kept import CACHE, Kept, key_of
 from replay_kit.forecast.remote.parts import Wanted
-from replay_kit.forecast.remote.record import CACHE
 
 _LOG = logging.getLogger(__name__)
 # Without --max-download no more is received [bytes].
@@ -63,13 +62,8 @@ def cuts_of(
     return tuple(cuts[address] for address in addresses_in(given))
 
 
-def prints_of(cuts: Sequence[Cut], session: Session) -> tuple[str, ...]:
-    """Return the fingerprints of the data sets of cuts."""
-    return tuple(cut.fingerprint(cut.served, session) for cut in cuts)
-
-
-def cost(cuts: Sequence[Cut], session: Session) -> tuple[list[dict[str, Any]], float]:
-    """Return what each cut holds and costs, and the bytes of all.
+def cost(cuts: Sequence[Cut], session: Session) -> list[dict[str, Any]]:
+    """Return what each cut holds and costs.
 
     Raises:
         ForecastError: The server cannot be asked.
@@ -78,7 +72,6 @@ def cost(cuts: Sequence[Cut], session: Session) -> tuple[list[dict[str, Any]], f
     for cut in cuts:
         name = (cut.current or cut.names)[0]
         dims = cut.served.ds.variables[name].dims
-        received = cut.received(session)
         rows.append(
             {
                 "address": str(cut.served.address),
@@ -87,10 +80,10 @@ def cost(cuts: Sequence[Cut], session: Session) -> tuple[list[dict[str, Any]], f
                 "shape": dict(zip(map(str, dims), cut.shape(name), strict=True)),
                 "chunks": cut.served.chunks(name),
                 "bytes": cut.values,
-                "download_bytes": received,
+                "download_bytes": cut.received(session),
             }
         )
-    return rows, sum(row["download_bytes"] for row in rows)
+    return rows
 
 
 def cost_text(row: dict[str, Any]) -> str:
@@ -107,15 +100,28 @@ def cost_text(row: dict[str, Any]) -> str:
 
 
 def receive(
-    cuts: Sequence[Cut], wanted: Wanted, config: ForecastConfig, session: Session, kept: Kept
-) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Return the files of cuts, received and kept, and the fingerprints of their data sets.
+    cuts: Sequence[Cut],
+    wanted: Wanted,
+    config: ForecastConfig,
+    session: Session,
+    kept: Kept,
+    why: Mapping[str, object],
+) -> tuple[Path, ...]:
+    """Return the files of cuts, received and kept.
+
+    Args:
+        cuts: What is received.
+        wanted: What was asked for.
+        config: Settings of the forecast.
+        session: By which it is received.
+        kept: Where.
+        why: What the records repeat of the request.
 
     Raises:
         ForecastError: It is more than is allowed, the server fails, or the data change meanwhile.
     """
-    rows, total = cost(cuts, session)
-    values = sum(row["bytes"] for row in rows)
+    rows = cost(cuts, session)
+    values, total = (sum(row[key] for row in rows) for key in ("bytes", "download_bytes"))
     for row in rows:
         _LOG.warning("fetching %s", cost_text(row))
     if total > session.limits.bytes:
@@ -128,11 +134,11 @@ def receive(
             f"{rows[0]['address']}: {values / 1e6:.4g} MB of values cost {total / 1e6:.4g} MB, because of the chunks of the store; if that "
             f"is meant, ask for it: --max-download {int(total / 1e6 * 1.1) + 1}"
         )
-    prints = prints_of(cuts, session)
+    prints = [cut.fingerprint(cut.served, session) for cut in cuts]
     files, done, size = [], 0.0, float(values)
     for cut, before in zip(cuts, prints, strict=True):
         first = session.received
-        record = _record(cut, wanted, config)
+        record = {**_record(cut, wanted, config), **why, "print": before}
 
         def write(part: Path, cut: Cut = cut, before: str = before, record: Any = record) -> None:
             nonlocal done
@@ -157,7 +163,7 @@ def receive(
         absent = 0 if cut.served.store is None else getattr(cut.served.store, "absent", 0)
         more = f", {absent} absent chunks read as missing values" if absent else ""
         _LOG.warning("received %.4g MB%s: %s", (session.received - first) / 1e6, more, files[-1])
-    return tuple(files), prints
+    return tuple(files)
 
 
 def covers(
@@ -214,7 +220,7 @@ def _record(cut: Cut, wanted: Wanted, config: ForecastConfig) -> dict[str, objec
         "address": str(cut.served.address),
         "key": key_of(cut.served.address),
         "form": cut.served.form,
-        "fetched": datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+        "fetched": datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z"),
         "wanted": {**asdict(wanted), **settings},
         "times": times,
     }

@@ -1,6 +1,6 @@
-"""Forecasts that were fetched, kept under the hash of their contents, and what was asked for when they were.
+"""Forecasts that were fetched, each under the hash of its contents, with a record of where it came from, when, what of it, and for whom.
 
-The folder holds ``NAME-HASH.nc``, each whole or absent, and ``HASH.json`` for each request: which files answered it.
+The folder holds ``NAME-HASH.nc``, each whole or absent. The record is an attribute of the file, which every result that used it repeats.
 """
 
 import hashlib
@@ -8,34 +8,25 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+import h5py
+from scipy.io import netcdf_file
 
 from replay_kit.core.atomic import sync
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import Address
-from replay_kit.forecast.remote.record import record_of
 
-_BLOCK, _DIGITS = 1 << 20, 12
+#: Attribute of a file that was cut from a forecast on a server: where it came from, as JSON.
+RECORD = "replay_kit_fetched"
+#: Folder of fetched forecasts, where the settings state none.
+CACHE = Path.home() / ".cache" / "replay-kit"
+_DIGITS = 12
 
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What a request was answered with.
-
-    Attributes:
-        files: Files of its addresses, in order.
-        prints: Fingerprints of their data sets.
-        wanted: What was asked of the servers, by which they can be asked again.
-        regions: For each log, or set of logs, the record of the part of the forecast that it needs; None where that is all.
-    """
-
-    files: tuple[Path, ...]
-    prints: tuple[str, ...]
-    wanted: Mapping[str, Any]
-    regions: tuple[Mapping[str, str] | None, ...]
+#: A file, and its record.
+Copy = tuple[Path, dict[str, Any]]
 
 
 class Kept:
@@ -48,32 +39,31 @@ class Kept:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def find(self, request: Mapping[str, Any]) -> Answer | None:
-        """Return what a request was answered with before; None where it was not, or a file is gone or damaged."""
-        try:
-            held = json.loads(self._name(request).read_text(encoding="utf-8"))
-            files = tuple(self.folder / name for name in held["files"])
-            if not all(path.stem.endswith(_hash(path)[:_DIGITS]) for path in files):
-                return None
-            return Answer(files, tuple(held["prints"]), held["wanted"], tuple(held["regions"]))
-        except (OSError, ValueError, LookupError, TypeError, AttributeError):
-            return None
+    def find(self, addresses: Sequence[Address], request: str) -> tuple[Copy, ...] | None:
+        """Return the newest files of addresses that a request was answered with; None where one is gone or damaged."""
+        found = [
+            next(
+                (
+                    copy
+                    for copy in self.copies(address)
+                    if copy[1].get("request") == request
+                    and copy[0].stem.endswith(_hash(copy[0])[:_DIGITS])
+                ),
+                None,
+            )
+            for address in addresses
+        ]
+        return None if None in found else tuple(copy for copy in found if copy is not None)
 
-    def remember(self, request: Mapping[str, Any], answer: Answer) -> None:
-        """Keep what a request was answered with."""
-        held = {**asdict(answer), "files": [path.name for path in answer.files]}
-        self._whole(self._name(request), lambda part: part.write_text(json.dumps(held), "utf-8"))
-
-    def copies(self, address: Address) -> list[tuple[Path, dict[str, Any]]]:
+    def copies(self, address: Address) -> list[Copy]:
         """Return the files of an address with their records, the newest first."""
-        found = []
-        for path in self.folder.glob("*.nc"):
-            record = record_of(path)
-            if record is not None and record.get("key") == key_of(address):
-                found.append((path, record))
-        return sorted(
-            found, key=lambda pair: (str(pair[1].get("fetched")), pair[0].name), reverse=True
-        )
+        each = ((path, record_of(path)) for path in self.folder.glob("*.nc"))
+        found = [
+            (path, record)
+            for path, record in each
+            if record is not None and record.get("key") == key_of(address)
+        ]
+        return sorted(found, key=lambda copy: (str(copy[1].get("fetched")), copy[0]), reverse=True)
 
     def add(self, name: str, write: Callable[[Path], None]) -> Path:
         """Return a file that a function has written, under the hash of its contents; a failure leaves nothing.
@@ -83,18 +73,6 @@ class Kept:
             write: Writes it.
         """
         readable = "".join(c if c.isalnum() or c in "._-" else "-" for c in name)[:60].strip(".-")
-
-        def named(part: Path) -> Path:
-            return self.folder / f"{readable or 'forecast'}-{_hash(part)[:_DIGITS]}.nc"
-
-        return self._whole(named, write)
-
-    def _name(self, request: Mapping[str, Any]) -> Path:
-        text = json.dumps(request, sort_keys=True)
-        return self.folder / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
-
-    def _whole(self, name: Path | Callable[[Path], Path], write: Callable[[Path], object]) -> Path:
-        """Write a file beside its name, and rename it once it is whole."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             handle, text = tempfile.mkstemp(".part", "fetch-", self.folder)
@@ -106,12 +84,42 @@ class Kept:
         part = Path(text)
         try:
             write(part)
-            target = name if isinstance(name, Path) else name(part)
+            target = self.folder / f"{readable or 'forecast'}-{_hash(part)[:_DIGITS]}.nc"
             os.replace(part, target)
             sync(self.folder)
         finally:
             part.unlink(missing_ok=True)
         return target
+
+
+def record_of(path: Path) -> dict[str, Any] | None:
+    """Return where a file was fetched from, when, and what of it; None for a file that was not."""
+    try:
+        found = json.loads(attributes_of(path).get(RECORD, "null"))
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def attributes_of(path: Path) -> dict[str, str]:
+    """Return the global attributes of a NetCDF file that are texts; none of a file of another kind."""
+    try:
+        with path.open("rb") as stream:
+            mark = stream.read(4)
+        held: dict[str, object] = {}
+        if mark[1:] == b"HDF":
+            with h5py.File(path, "r") as file:
+                held = {name: file.attrs[name] for name in file.attrs}
+        elif mark[:3] == b"CDF":
+            with netcdf_file(path, mmap=False) as classic:
+                held = dict(classic._attributes)
+    except (OSError, ValueError, LookupError, RuntimeError, TypeError, OverflowError):
+        return {}
+    texts = {
+        name: text.decode("utf-8", "replace") if isinstance(text, bytes) else text
+        for name, text in held.items()
+    }
+    return {name: text for name, text in texts.items() if isinstance(text, str)}
 
 
 def key_of(address: Address) -> str:
@@ -121,8 +129,5 @@ def key_of(address: Address) -> str:
 
 
 def _hash(path: Path) -> str:
-    digest = hashlib.sha256()
     with path.open("rb") as stream:
-        while block := stream.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
+        return hashlib.file_digest(stream, "sha256").hexdigest()

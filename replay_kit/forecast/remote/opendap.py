@@ -18,6 +18,7 @@ from xarray.core import indexing
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import public
+from replay_kit.forecast.remote.answers import is_page
 from replay_kit.forecast.remote.client import METADATA, Client
 
 # Type, as it is sent (XDR), and as NetCDF has it.
@@ -232,7 +233,8 @@ def read_dods(answer: bytes, name: str, where: str) -> np.ndarray:
     head, mark, data = answer.partition(b"\nData:")
     if not mark:
         said = re.search(rb'message\s*=\s*"((?:[^"\\]|\\.)*)"', answer)
-        what = _text(said[1]) if said else "no data"
+        page = "a page of the web, as of a login" if is_page(answer) else "no data"
+        what = _text(said[1]) if said else page
         raise ForecastError(f"{public(where)}: the server answers: {what[:200]}; ask for less")
     data = data[data.index(b"\n") + 1 :] if b"\n" in data[:3] else b""
     at = 0

@@ -150,11 +150,19 @@ def _of_times(
     # members made of the fields of other times need them all
     if kind in MADE and kind != "lags":
         return {}
+    runs = valid_times(ds, dims)
+    # of runs that are no members it is the start
+    dated = kind == "lags" if runs is not None else time is not None
+    chosen = (parse_time(config.time),) * 2 if config.time and dated else None
     if lead is not None and config.lead is not None:
         nearest = int(np.argmin(np.abs(ds[lead].values.astype(float) - config.lead)))
-        return {lead: (slice(nearest, nearest + 1),)}
-    if (runs := valid_times(ds, dims)) is not None:
-        return _of_runs(*runs, wanted)
+        if kind != "lags" or runs is None:
+            return {lead: (slice(nearest, nearest + 1),)}
+        # that of the newest run
+        chosen = (int(runs[0][:, nearest].max()),) * 2
+    span = chosen or (wanted.first_ns, wanted.last_ns)
+    if runs is not None:
+        return _of_runs(*runs, span)
     dim = time or lead
     if dim is None:
         return {}
@@ -162,8 +170,7 @@ def _of_times(
         times = ds[time].values.astype("M8[ns]").astype(np.int64)
     else:
         times = np.array([valid for _, valid in dated_leads(ds, str(lead), config)], np.int64)
-    chosen = config.time if time is not None else None
-    first, last = (parse_time(chosen),) * 2 if chosen else (wanted.first_ns, wanted.last_ns)
+    first, last = span
     if not times.size or first is None or last is None:
         return {}
     if not chosen and (last < times.min() - _DAY_NS or first > times.max() + _DAY_NS):
@@ -182,13 +189,14 @@ def _of_times(
 
 
 def _of_runs(
-    valid: np.ndarray, dims: tuple[str, str], wanted: Wanted
+    valid: np.ndarray, dims: tuple[str, str], span: tuple[int | None, int | None]
 ) -> dict[str, tuple[slice, ...]]:
     """Return the starts and leads of which a time valid then is needed, or is the nearest to one that is."""
-    if wanted.first_ns is None or wanted.last_ns is None:
+    first, last = span
+    if first is None or last is None:
         return {}
     step = np.diff(valid, axis=1).max(initial=0)
-    needed = (valid > wanted.first_ns - step) & (valid < wanted.last_ns + step)
+    needed = (valid > first - step) & (valid < last + step)
     kept = [np.flatnonzero(needed.any(axis=axis)) for axis in (1, 0)]
     if not kept[0].size:
         return {}

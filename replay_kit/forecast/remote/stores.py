@@ -82,12 +82,12 @@ class ServedStore(Store):
         return await asyncio.to_thread(self._read, key, _WHOLE, self.most) is not None
 
     async def set(self, key: str, value: Buffer) -> None:
-        """Refuse to write."""
-        raise NotImplementedError
+        """Refuse to write, as a store that is read only does."""
+        self._check_writable()
 
     async def delete(self, key: str) -> None:
-        """Refuse to delete."""
-        raise NotImplementedError
+        """Refuse to delete, as a store that is read only does."""
+        self._check_writable()
 
     async def list(self) -> AsyncIterator[str]:
         """Yield the keys that are known."""

@@ -174,7 +174,8 @@ def export(
     names = shown if table is None else [table]
     tables = {name: TABLES[name](contents, places) for name in names}
     if ending == ".nc":
-        write_netcdf(tables, contents.projection, path)
+        about = {} if contents.estimate is None else contents.estimate.about
+        write_netcdf(tables, contents.projection, path, about)
     else:
         with atomic_file(path) as file:
             file.write(_text(tables, ending, contents).encode())

@@ -14,7 +14,7 @@ from pandas.api.types import (
     is_numeric_dtype,
 )
 
-from replay_kit.core.flow.cf import attributes, encoding_of
+from replay_kit.core.flow.cf import described, encoding_of
 from replay_kit.core.flow.lossless import write_dataset
 from replay_kit.core.flow.netcdf import ATTRIBUTES
 from replay_kit.core.grid import Projection
@@ -46,18 +46,21 @@ _COMPONENTS = {
 }
 
 
-def write_netcdf(tables: Mapping[str, pd.DataFrame], projection: Projection, path: Path) -> None:
+def write_netcdf(
+    tables: Mapping[str, pd.DataFrame], projection: Projection, path: Path, about: Mapping[str, str]
+) -> None:
     """Write tables; the file appears whole or not at all.
 
     Args:
         tables: By name; those without rows are left out.
         projection: The local frame of what is along local axes.
         path: The file.
+        about: Further global attributes.
 
     Raises:
         ConfigError: The file cannot be written.
     """
-    dataset = to_dataset(tables, projection)
+    dataset = to_dataset(tables, projection, about)
     encoding = encoding_of(dataset)
     for name, variable in dataset.variables.items():
         if variable.dtype.kind == "f" and variable.ndim:
@@ -65,14 +68,12 @@ def write_netcdf(tables: Mapping[str, pd.DataFrame], projection: Projection, pat
     write_dataset(dataset, path, encoding)
 
 
-def to_dataset(tables: Mapping[str, pd.DataFrame], projection: Projection) -> xr.Dataset:
+def to_dataset(
+    tables: Mapping[str, pd.DataFrame], projection: Projection, about: Mapping[str, str]
+) -> xr.Dataset:
     """Return tables as one CF dataset; see ``write_netcdf``."""
     attrs = {
-        **attributes(
-            "Ocean current estimate: series, track, section, dives, innovations, surfacings and plans",
-            f"replay-kit {__version__}: export",
-        ),
-        "comment": "Components of innovations are along the axes of the local frame (azimuthal equidistant, WGS84); others are true.",
+        "local_frame": "Components of innovations are along the axes of the local frame (azimuthal equidistant, WGS84); others are true.",
         "local_frame_longitude": projection.longitude,
         "local_frame_latitude": projection.latitude,
     }
@@ -82,13 +83,18 @@ def to_dataset(tables: Mapping[str, pd.DataFrame], projection: Projection) -> xr
             continue
         coordinates = [f"{table}_{name}" for name in _COORDINATES if name in rows]
         for column in rows:
-            dataset[f"{table}_{column}"] = (
-                table,
-                _values(rows[column]),
-                _attributes(table, str(column)),
-            )
+            values, attributes = _values(rows[column]), _attributes(table, str(column))
+            # counts and flags
+            if values.dtype.kind == "i":
+                attributes.setdefault("units", "1")
+            dataset[f"{table}_{column}"] = (table, values, attributes)
         dataset = dataset.set_coords(coordinates)
-    return dataset
+    return described(
+        dataset,
+        f"Ocean current estimate: {', '.join(map(str, dataset.dims))}",
+        f"replay-kit {__version__}: export",
+        about,
+    )
 
 
 def _values(column: pd.Series) -> Any:

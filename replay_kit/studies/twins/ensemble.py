@@ -13,6 +13,7 @@ import xarray as xr
 from replay_kit.core.arrays import Array
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.flow.cf import described
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.paths import check_paths
@@ -297,11 +298,13 @@ def _dataset(values: Array, seed: int, what: str) -> xr.Dataset:
             np.arange(len(values), dtype=np.int32),
             {"standard_name": "realization", "units": "1"},
         )
-    attributes = {
-        "Conventions": "CF-1.8",
-        "title": f"synthetic {what}: eddies and a meandering jet",
-        "source": f"replay-kit twin, seed {seed}",
-        "history": f"replay-kit synthesize, seed {seed}",
-        "comment": "Synthetic, no real ocean. Horizontal divergence is zero by construction.",
-    }
-    return xr.Dataset(variables, coordinates, attributes)
+    return described(
+        xr.Dataset(variables, coordinates),
+        f"synthetic {what}: eddies and a meandering jet",
+        f"replay-kit synthesize, seed {seed}",
+        {
+            "summary": f"Synthetic {what}, no real ocean: eddies and a meandering jet, without horizontal divergence by construction.",
+            "source": f"replay-kit twin, seed {seed}",
+            "processing_level": "synthetic",
+        },
+    )

@@ -2,14 +2,14 @@
 
 import glob
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
 from replay_kit.config.fleet import FleetTable, MissionEntry
 from replay_kit.config.run import RunConfig, laid_over, load_config
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
-from replay_kit.core.paths import Address, addresses_in, check_paths, path_of, truth_path
+from replay_kit.core.paths import Address, check_paths, path_of, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import logs_in
@@ -173,23 +173,6 @@ def _logs(entry: MissionEntry, folder: Path) -> Iterator[tuple[str, tuple[Path, 
         raise LogError(
             f"{', '.join(without)}: no log has such a name in {folder.absolute()}; correct the pattern"
         )
-
-
-def with_local_forecasts(missions: Sequence[Mission]) -> tuple[Mission, ...]:
-    """Return missions whose forecasts are files; a box that several need of an address is fetched once.
-
-    Raises:
-        ForecastError: A forecast cannot be fetched.
-    """
-    jobs = [(mission.job, mission.config) for mission in missions]
-    if not any(addresses_in(job.ensemble) for job, _ in jobs):
-        return tuple(missions)
-    # loads a client of servers
-    from replay_kit.workflows.fetch import with_local_forecasts as fetched
-
-    return tuple(
-        replace(mission, job=job) for mission, job in zip(missions, fetched(jobs), strict=True)
-    )
 
 
 def _source(folder: Path, text: str) -> Path:

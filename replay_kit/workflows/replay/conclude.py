@@ -9,11 +9,13 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast import ensemble_files
+from replay_kit.logs.registry import logs_in
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
 from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.replay.checks import require_usable
 from replay_kit.workflows.replay.inputs.opened import Prepared, open_truth
+from replay_kit.workflows.replay.inputs.provenance import cited
 from replay_kit.workflows.replay.referee import name_of, rival_inputs
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
@@ -39,7 +41,9 @@ def conclude(
         inputs.forecasts.ensemble.grid,
         session.config,
     )
-    flow = session.conclude()
+    logs = [file for path in job.logs for file in logs_in(path)]
+    about = cited((*logs, *ensemble_files(job.ensemble)), session.config)
+    flow = replace(session.conclude(), about=about)
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
     planning, (found, blind) = (
         session.planning,

@@ -221,7 +221,7 @@ def test_a_failed_write_leaves_nothing(flow, tmp_path):
 
 def test_dataset_says_what_cf_asks(flow):
     dataset = to_dataset(flow)
-    assert dataset.attrs["Conventions"] == "CF-1.8"
+    assert dataset.attrs["Conventions"] == "CF-1.8, CF-1.11, ACDD-1.3"
     assert dataset.u.dims == ("depth", "y", "x")
     for name, standard_name in (
         ("u", "eastward_sea_water_velocity"),
@@ -241,6 +241,7 @@ def test_dataset_says_what_cf_asks(flow):
         "units": "m",
         "positive": "down",
         "axis": "Z",
+        "coverage_content_type": "coordinate",
     }
     assert dataset.longitude.attrs["units"] == "degrees_east"
     assert dataset.latitude.attrs["units"] == "degrees_north"

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from itertools import chain, repeat
 from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
@@ -82,6 +83,9 @@ class _Handler(BaseHTTPRequestHandler):
             return
         objects = files.objects
         data = objects(path) if callable(objects) else objects.get(path.partition("?")[0])
+        if fault == "flood" and data is not None:
+            self._flood(data)
+            return
         if data is None:
             self._send(404, b"<html>not found</html>", whole)
             return
@@ -90,6 +94,15 @@ class _Handler(BaseHTTPRequestHandler):
         if fault == "short":
             data = data[: len(data) // 2]
         self._part(data, whole, cut=fault == "cut")
+
+    def _flood(self, data: bytes) -> None:
+        """Send 10 GB, without a word of how much it will be."""
+        self.send_response(200)
+        self.end_headers()
+        self.close_connection = True
+        for block in chain([data], repeat(bytes(1 << 20), 10_000)):
+            self.wfile.write(block)
+            self.files.sent += len(block)
 
     def _part(self, data: bytes, whole: bool, cut: bool) -> None:
         more = (

@@ -1,7 +1,9 @@
 """Servers that hang, lie, break off, lead elsewhere or change their data: the sound forecast, or an error in words and no half file."""
 
+import re
 import threading
 import time
+from functools import cache
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
@@ -12,8 +14,9 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.paths import Address, path_of
 from replay_kit.forecast.remote.answers import check_leads
 from replay_kit.forecast.remote.client import Client, Limits
+from replay_kit.forecast.remote.kept import record_of
 from tests.forecast.remote.conftest import left_over, refused, sea
-from tests.forecast.remote.servers import Files, opendap, serving, zarr_objects
+from tests.forecast.remote.servers import Files, griddap, opendap, serving, zarr_objects
 from tests.forecast.remote.test_forms import needs
 
 pytestmark = pytest.mark.filterwarnings("ignore:Consolidated metadata is currently not part")
@@ -170,7 +173,9 @@ def test_another_ocean_and_another_year_are_said_before_values_are_received(aske
         assert "the forecast covers 152.000..155.900 E" in words
         words = refused(asker, files.url, logs={"start": "2024-01-01", "end": "2024-01-02"})
         assert "the forecast is of 2018-11-15 00:00:00Z to 2018-11-18" in words
-        assert not [path for path in files.asked if path.startswith(("uo/0", "vo/0"))]
+        assert not [
+            path for path in files.asked if path.startswith(("uo/0", "vo/0", "uo/1", "vo/1"))
+        ]
 
 
 def test_more_than_allowed_is_not_received(asker, objects):
@@ -214,17 +219,82 @@ def test_an_error_of_a_data_server_is_told_in_its_words(asker):
         assert "the answer ends after" in refused(asker, files.url + "/forecast")
 
 
-def _from(url):
-    """Return what another server answers."""
+def _from(url, depth=1):
+    """Return what another server answers, the last parts of its address before what is asked for; each answer is asked for once."""
 
+    @cache
     def objects(path):
         try:
-            with urlopen(f"{url.rpartition('/')[0]}/{path}") as answer:
+            with urlopen(f"{url.rsplit('/', depth)[0]}/{path}") as answer:
                 return answer.read()
         except HTTPError:
             return None
 
     return objects
+
+
+@pytest.fixture(scope="module")
+def grids():
+    """Answers of griddap: a forecast, and the same data set later, with other values."""
+    needs("xpublish_erddap")
+    with griddap(sea()) as first, griddap(2 * sea()) as later:
+        yield _from(first, 2), _from(later, 2)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("close", "no whole answer in 3 attempts: the connection was closed"),
+        ("hang", "no whole answer in 2 attempts: the server was silent for too long"),
+        ("cut", "no whole answer in 3 attempts: the connection was closed"),
+        ("503", "no whole answer in 3 attempts: status 503; it says: out of order"),
+        ("403", "status 403: it refuses access"),
+        ("html", "the server answers: a page of the web, as of a login"),
+        ("short", "the answer ends after"),
+        ("absent", "the server answers: no data"),
+        ("flood", "the server sends more, where .* MB were expected at most; it was not read on"),
+        ("redirect", "which is in a private network; this is refused"),
+    ],
+)
+def test_a_faulty_griddap_is_an_error_in_words(asker, grids, fault, words):
+    asker.state.limits = Limits(silence=0.3 if fault == "hang" else 5.0, attempts=3, pause=0.001)
+    # the values, once the axes were told
+    files = Files(grids[0], lambda path, number: fault if ".dods?uo" in path else "")
+    inner = Files(grids[0])
+    with serving(inner), serving(files):
+        files.redirect = inner.url + "/griddap/forecast"
+        with pytest.raises(ForecastError, match=words):
+            asker(files.url + "/griddap/forecast")
+    assert inner.asked == []
+    # of 10 GB no more than what fits into the pipes
+    assert files.sent < 2e7
+    assert not left_over(asker.folder)
+    assert not list(asker.folder.glob("*.nc"))
+
+
+def test_a_griddap_that_closes_every_third_connection_gives_the_sound_forecast(asker, grids):
+    asker.state.limits = Limits(attempts=5, pause=0.001)
+    files = Files(grids[0], lambda path, number: "close" if number % 3 == 0 else "")
+    with serving(files):
+        np.testing.assert_array_equal(asker(files.url + "/griddap/forecast", None).uo, sea().uo)
+        assert record_of(asker.state.fetched.files[0])["form"] == "ERDDAP griddap"
+
+
+def test_a_griddap_that_changes_between_two_requests_is_refused(asker, grids):
+    files = Files({})
+    files.objects = lambda path: grids[any(".dods?vo" in each for each in files.asked)](path)
+    with serving(files), pytest.raises(ForecastError, match="the data changed while they were"):
+        asker(files.url + "/griddap/forecast")
+    assert not list(asker.folder.glob("*"))
+
+
+def test_another_year_of_griddap_is_said_before_values_are_received(asker, grids):
+    with serving(Files(grids[0])) as files:
+        address = files.url + "/griddap/forecast"
+        assert "the forecast covers 152.000..155.900 E" in refused(asker, address, "-30,40,-29,41")
+        words = refused(asker, address, logs={"start": "2024-01-01", "end": "2024-01-02"})
+        assert "the forecast is of 2018-11-15 00:00:00Z to 2018-11-18" in words
+        assert not [path for path in files.asked if re.search(r"dods\?[uv]o", path)]
 
 
 def _random_runs(asker, objects, url_of, runs):

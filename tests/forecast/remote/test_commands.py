@@ -2,14 +2,16 @@
 
 import json
 import logging
+import re
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.forecast.remote.record import record_of
+from replay_kit.forecast.remote.kept import record_of
 from replay_kit.results import read_recorded
 from tests.command import invoke
+from tests.forecast.remote.conftest import sea
 from tests.forecast.remote.servers import Files, griddap, opendap, serving, zarr_objects
 from tests.forecast.remote.test_forms import needs
 from tests.places import SAMPLES
@@ -108,9 +110,25 @@ def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemb
     assert "fetch the forecast first: replay-kit fetch --ensemble http://127.0.0.1" in other.stderr
 
 
+def test_another_year_or_ocean_is_said_before_the_margin_is_measured(tmp_path):
+    """The margin needs the correlation length, hence values."""
+    for east, year, words in ((149, 2010, "the forecast is of 2010"), (9, 2018, "covers")):
+        ds = sea(times=2, shape=(60, 80)).assign_coords(
+            lon=("lon", east + 0.1 * np.arange(80), {"units": "degrees_east"}),
+            lat=("lat", -43.0 + 0.1 * np.arange(60), {"units": "degrees_north"}),
+            time=np.array([f"{year}-11-16", f"{year}-11-17"], "M8[ns]"),
+        )
+        with serving(Files(zarr_objects(ds, zarr_format=2))) as files:
+            done = invoke(["fetch", LOG, "--ensemble", files.url, f"--forecast.cache={tmp_path}"])
+        assert done.exit_code == 3
+        assert words in done.stderr
+        assert not [path for path in files.asked if re.match(r"[uv]o/\d", path)]
+
+
 def test_a_fleet_fetches_what_its_missions_share_once(tmp_path, ensemble, monkeypatch):
     from replay_kit.config.fleet import load_fleet
-    from replay_kit.workflows.fleet.missions import missions_of, with_local_forecasts
+    from replay_kit.workflows.fetch import with_local_forecasts
+    from replay_kit.workflows.fleet.missions import missions_of
 
     files = Files(zarr_objects(ensemble, zarr_format=2))
     with serving(files):
@@ -128,9 +146,10 @@ logs = ["{SAMPLES / "glider.mcap"}"]
 """
         )
         table = load_fleet(tmp_path / "table.toml")
-        each = with_local_forecasts(missions_of(table, tmp_path, None, tmp_path / "out"))
-    assert len({mission.job.ensemble for mission in each}) == 1
+        missions = missions_of(table, tmp_path, None, tmp_path / "out")
+        each = with_local_forecasts([(mission.job, mission.config) for mission in missions])
+    assert len({job.ensemble for job in each}) == 1
     (file,) = (tmp_path / "cache").glob("*.nc")
-    assert each[0].job.ensemble == ((file,),)
+    assert each[0].ensemble == ((file,),)
     # once for its size, twice for its state, once for its values
     assert files.counts["uo/0.0.0.0"] <= 5

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.forecast.remote.record import record_of
+from replay_kit.forecast.remote.kept import record_of
 from tests.forecast.remote.conftest import refused, sea
 from tests.forecast.remote.servers import Files, griddap, opendap, serving, zarr_objects
 

@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_ensemble
 from tests.forecast.remote.conftest import sea
 from tests.forecast.remote.servers import Files, serving, zarr_objects
@@ -46,10 +47,22 @@ def test_lags_of_a_store_of_runs(tmp_path, asker, start):
     with serving(Files(zarr_objects(ds, zarr_format=2))) as files:
         span = {"start": "2018-11-14T00:00Z", "end": "2018-11-14T06:00Z"}
         part = asker(files.url, members="lags", logs=span)
+        file = asker.state.fetched.files[0]
+        # of the newest start, although the log is of another time
+        asker(files.url, members="lags", lead=1.0, logs=span)
+    box = {"region": (153.0, -39.5, 154.5, -38.5), "time": None, "lead": 1.0}
+    ahead = [
+        read_ensemble(path, config.model_copy(update=box))
+        for path in (tmp_path / "runs.nc", asker.state.fetched.files[0])
+    ]
+    assert ahead[0].time_ns == ahead[1].time_ns == found.time_ns + 86_400 * 10**9
+    np.testing.assert_array_equal(ahead[0].velocity, ahead[1].velocity)
+    with pytest.raises(ForecastError, match="lead 4 of the newest run is valid 2018-11-18"):
+        read_ensemble(tmp_path / "runs.nc", config.model_copy(update=box | {"lead": 4.0}))
     # the last start's first leads, the first start's last ones
     assert dict(part.sizes)[start] == 5
     again = read_ensemble(
-        asker.state.fetched.files[0],
+        file,
         config.model_copy(update={"region": (153.0, -39.5, 154.5, -38.5)}),
     )
     assert again.n_members == 5

@@ -53,7 +53,7 @@ class Missions:
         float,
         option(
             "--days",
-            "Duration of a mission [days]; a truth that changes may end it sooner.",
+            "Duration of a mission [d]; a truth that changes may end it sooner.",
             metavar="DAYS",
         ),
     ] = 20.0

@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.version import __version__
-from replay_kit.forecast.remote.record import record_of
+from replay_kit.forecast.remote.kept import attributes_of, record_of
 from replay_kit.results.losses import iso_time
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
@@ -150,6 +151,27 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
         "kernel_length_north_m": repr(flow.horizontal.kernel.length_north),
         "kernel_speed": repr(flow.horizontal.kernel.speed),
     }
+
+
+def cited(files: Iterable[Path], config: RunConfig) -> dict[str, str]:
+    """Return global attributes for what is made of files: the DOI of each that states one, and what the settings state.
+
+    Args:
+        files: The inputs; NetCDF-4 files among them are asked.
+        config: ``output.metadata`` counts.
+    """
+    found: dict[str, list[str]] = {}
+    for path in files:
+        attributes = attributes_of(path)
+        for key in ("doi", "DOI", "id", "references"):
+            if doi := re.search(r"10\.\d{4,9}/[^\s,;\"]+", attributes.get(key, "")):
+                found.setdefault(f"https://doi.org/{doi[0]}", []).append(path.name)
+                break
+    texts = [
+        f"{doi} ({names[0]}{f' and {len(names) - 1} more' if names[1:] else ''})"
+        for doi, names in found.items()
+    ]
+    return {**({"references": "; ".join(texts)} if texts else {}), **config.output.metadata}
 
 
 def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str, str]]:
