@@ -24,6 +24,7 @@ from replay_kit.estimator.update.group_step import (
     GroupColumn,
     GroupedEstimator,
     ScreenedGroup,
+    group_misfit,
     screen_group,
     stack_of,
 )
@@ -48,6 +49,10 @@ class StaticEstimator(GroupedEstimator[FilterState], Protocol):
     @property
     def prior_weights(self) -> Array:
         """Mean of the prior, shape (Z, r)."""
+        ...
+
+    def by_level(self, mean: Array) -> Array:
+        """Return weights, shape (Z, r)."""
         ...
 
     def initial_with(self, spread: SpreadFit | None) -> FilterState:
@@ -132,8 +137,11 @@ def group_column(
     def predict(rows: CombinedRows) -> PredictedObservation[Posterior]:
         return posterior.predict(column_rows(basis, rows.r, rows), _turned(known, rows.r))
 
+    def against(other: FilterState) -> Array:
+        return group_misfit(stack, identity.matvec(estimator.by_level(other.mean)))
+
     prior = identity.matvec(estimator.prior_weights)
-    return GroupColumn(stack, state, column, prior, predict)
+    return GroupColumn(stack, state, column, prior, predict, against)
 
 
 def _rows_of(estimator: StaticEstimator, item: Measurement | ProfileGroup) -> Rows | None:

@@ -292,9 +292,7 @@ class Follower:
         if self._options.report is not None:
             report(self._out, self._options.report, overwrite=True, summary=summary)
 
-    def _estimator(
-        self, job: ReplayJob, forecasts: Forecasts, config: RunConfig
-    ) -> Estimator[Any]:
+    def _estimator(self, job: ReplayJob, forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
         """Return the estimator of a forecast: built once, for all replays until the next one."""
         if self._built is None or self._built[0] is not forecasts:
             self._built = forecasts, built(forecasts, config, job)

@@ -5,13 +5,14 @@ forecast of that dive is made. Of a log without mean currents dives are expected
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.frozen import replace
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation, PathMean, usable
