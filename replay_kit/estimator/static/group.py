@@ -29,7 +29,7 @@ from replay_kit.estimator.update.group_step import (
     stack_of,
 )
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.estimator.update.posterior import Posterior, PriorCrossCovariance
+from replay_kit.estimator.update.posterior import Posterior
 from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.rows import BinNoise, ProfileRows, Rows
 from replay_kit.estimator.update.screening import Screened
@@ -135,7 +135,7 @@ def group_column(
     column = Column(np.column_stack([predicted.mean, predicted.bias_sensitivity]), predicted.cov)
 
     def predict(rows: CombinedRows) -> PredictedObservation[Posterior]:
-        return posterior.predict(column_rows(basis, rows.r, rows), _turned(known, rows.r))
+        return posterior.predict(column_rows(basis, rows.r, rows), known.turned(rows.r))
 
     def against(other: FilterState) -> Array:
         return group_misfit(stack, identity.matvec(estimator.by_level(other.mean)))
@@ -171,13 +171,3 @@ def column_rows(basis: Array, r: Array, whole: CombinedRows | None = None) -> Pr
     noise = BinNoise(np.eye(size), np.eye(size), 0.0)
     values = np.zeros((size, 2)) if whole is None else whole.y[..., 0].T
     return ProfileRows(np.eye(size), noise, values, BOTH_COMPONENTS, r, basis)
-
-
-def _turned(known: PriorCrossCovariance, r: Array) -> PriorCrossCovariance:
-    """Return what was computed of the unknowns of a column for rows of them."""
-    size = len(r)
-    cross = np.concatenate([np.tensordot(r, part, axes=1) for part in np.split(known.cross, 2)])
-    solved = known.solved
-    if solved.size:
-        solved = np.hstack([solved[:, :size] @ r.T, solved[:, size:] @ r.T])
-    return PriorCrossCovariance(cross, solved, known.n_solved)
