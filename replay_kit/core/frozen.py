@@ -7,7 +7,10 @@ from operator import attrgetter
 from types import MemberDescriptorType
 from typing import TYPE_CHECKING, Any
 
+__all__ = ["replace"]
+
 if TYPE_CHECKING:
+    # checks the names and types of changes
     from dataclasses import replace
 else:
 
@@ -35,13 +38,12 @@ def _parts(
     kind: type[Any],
 ) -> tuple[Callable[[Any], tuple[Any, ...]], Mapping[str, Callable[[Any, Any], None]]] | None:
     """Return what reads all fields of a class, and what writes each; None where constructing a value does more than hold them."""
-    names = [field.name for field in dataclasses.fields(kind) if field.init]
-    slots = [getattr(kind, name, None) for name in names]
-    plain = all(isinstance(slot, MemberDescriptorType) for slot in slots)
-    if not plain or len(names) != len(dataclasses.fields(kind)) or hasattr(kind, "__post_init__"):
-        return None
-    if len(names) < 2:
-        return None
-    return attrgetter(*names), {
-        name: slot.__set__ for name, slot in zip(names, slots, strict=True) if slot is not None
+    fields = dataclasses.fields(kind)
+    slots = {field.name: getattr(kind, field.name, None) for field in fields if field.init}
+    puts = {
+        name: slot.__set__ for name, slot in slots.items() if isinstance(slot, MemberDescriptorType)
     }
+    # of one name ``attrgetter`` returns no tuple
+    if not 1 < len(puts) == len(fields) or hasattr(kind, "__post_init__"):
+        return None
+    return attrgetter(*puts), puts
