@@ -13,7 +13,7 @@ there the posterior stays in factors, in all directions if need be.
 Directions are counted at 32, 64, 128 ... profiles; two for each profile is the most, and a glider's track has about half a direction for
 each after 450. The covariance of all weights is computed when ``FlowEstimate.weight_cov`` is first read, as is the mean.
 
-The cost of products with P0, L and M for one ping is reading them: 80 MB of parts of a hybrid prior at full rank, and more of L. A profile's
+Products with P0, L and M for one ping cost reading them: 80 MB of parts of a hybrid prior at full rank, and more of L. A profile's
 products do not depend on the values measured before it, so ``steps`` computes them for sixteen coming profiles at once
 (``PriorCrossCovariance``), and ``means`` those of neighbouring states together. Single steps give the same result to rounding.
 
