@@ -120,6 +120,7 @@ class Session:
         )
         self._buffer: list[VehicleState | Measurement] = []
         self._n_observations = 0
+        self._uncounted: list[Event] = []
         prior = estimator.initial()
         self.restore(ReplayState(EstimationState(prior, prior)))
 
@@ -138,6 +139,16 @@ class Session:
             self.flight,
             self.last_ns,
         )
+
+    @property
+    def statistics(self) -> RunStatistics:
+        """What was counted."""
+        self._count()
+        return self._statistics
+
+    @statistics.setter
+    def statistics(self, counted: RunStatistics) -> None:
+        self._statistics, self._uncounted = counted, []
 
     @property
     def problem(self) -> PlanningProblem | None:
@@ -181,9 +192,9 @@ class Session:
             pings: What ``summarised`` gives of its profiles and those that follow; None for these events alone.
         """
         pings = self.summarised(events) if pings is None else pings
-        self.statistics = self.statistics.after_events(
-            event for event in events if not isinstance(event, self._inputs) and not _aside(event)
-        )
+        self._uncounted += [event for event in events if self._is_counted(event)]
+        if len(self._uncounted) >= _BUFFERED:
+            self._count()
         for given in events:
             if (
                 isinstance(given, PathMean)
@@ -205,6 +216,18 @@ class Session:
                     self.assimilate_buffer()
             elif isinstance(event, PathMean):
                 self._expect(forecast_mean(self.forecasts, event))
+
+    def _count(self) -> None:
+        """Count the events that wait for it: many take little more time than one."""
+        if self._uncounted:
+            self._statistics = self._statistics.after_events(self._uncounted)
+            self._uncounted = []
+
+    def _is_counted(self, event: Event) -> bool:
+        """Return whether an event goes no further; a mean current beside profiles that were computed from it is no loss."""
+        return not isinstance(event, self._inputs) and not (
+            isinstance(event, PathMean) and event.beside_profiles
+        )
 
     def _corrected(self, event: Event) -> Event:
         """Return an event as the estimate is given it: of a mean current without the flight model's error, from which it can be rebuilt."""
@@ -321,11 +344,6 @@ class Session:
     def _write(self, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
         if self.writer is not None:
-            for output in outputs:
-                with self.clock.stage("write"):
+            with self.clock.stage("write"):
+                for output in outputs:
                     write(self.writer, output)
-
-
-def _aside(event: Event) -> bool:
-    """Return whether an event is a mean current beside profiles that were computed from it: not used, it is no loss."""
-    return isinstance(event, PathMean) and event.beside_profiles

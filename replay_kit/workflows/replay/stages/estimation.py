@@ -7,10 +7,11 @@ log is cut into blocks.
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.frozen import replace
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
@@ -98,15 +99,16 @@ def assimilate(
             continue
         members = len(item.profiles) if isinstance(item, ProfileGroup) else 1
         while members:
-            event, before, after, innovation = results.popleft()
+            event, before, after, innovation, against = results.popleft()
             members -= len(event.profiles) if isinstance(event, ProfileGroup) else 1
             if event.dive != state.dive:
                 state = replace(state, current=before, dive_start=before, dive=event.dive)
-            dive_innovation = (
-                estimator.group_innovation(state.dive_start, event)
-                if isinstance(event, ProfileGroup)
-                else estimator.innovation(state.dive_start, event)
-            )
+            if against is not None:
+                dive_innovation = against(state.dive_start)
+            elif isinstance(event, ProfileGroup):
+                dive_innovation = estimator.group_innovation(state.dive_start, event)
+            else:
+                dive_innovation = estimator.innovation(state.dive_start, event)
             dive_std = None
             if isinstance(event, PathMean) and event.kind == "dac":
                 # profiles of the dive itself make the estimate surer than it was before the dive
