@@ -159,9 +159,7 @@ def _registered(writer: Writer, channel: Channel, topic: str, schema: int) -> in
     )
 
 
-def _of_vehicle(
-    vehicle: VehicleRecord, name: str, values: Mapping[str, str]
-) -> dict[str, str]:
+def _of_vehicle(vehicle: VehicleRecord, name: str, values: Mapping[str, str]) -> dict[str, str]:
     """Return a record of the run as one of the vehicle's alone: its logs among the inputs, and its goal."""
     if name == _INPUTS:
         return {

@@ -325,7 +325,7 @@ class Follower:
     def _region(self, job: ReplayJob, near_ns: int | None) -> FoundRegion | None:
         """Return the part of the forecast that the first replay needed; None where it read all, or what the settings state."""
         if not self._memory.region:
-            found = find_region(job.logs, job.ensemble, self._config, near_ns, job.goal)
+            found = find_region(job.logs, job.ensemble, self._config, near_ns, job.goals)
             self._remember(region=json.dumps(None if found is None else found.to_record()))
         record = json.loads(self._memory.region)
         return None if record is None else from_record(record)

@@ -22,7 +22,7 @@ from replay_kit.logs import merge
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import Event, finish, initial_state, interpret_block
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
-from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.opened import forecasts_of
 from replay_kit.workflows.replay.inputs.scan import check_span, open_readers, positions_of
 from replay_kit.workflows.replay.stages.consistency import (
@@ -113,6 +113,7 @@ def require_usable(
     reports: Sequence[LogReport],
     grid: Grid,
     config: RunConfig,
+    first_input: int = 0,
 ) -> None:
     """Raise MeasurementError when logs that were read to their end are of two vehicles, or give nothing of what was asked for.
 
@@ -122,8 +123,10 @@ def require_usable(
         reports: Of the logs.
         grid: Of the forecast.
         config: The run's settings.
+        first_input: Of these logs among those of all vehicles.
     """
-    require_one_vehicle(monitoring, [report.path for report in reports])
+    names = [report.path for report in reports]
+    require_one_vehicle(monitoring, [*[""] * first_input, *names])
     if not monitoring.explains_no_profile:
         statistics.require_usable(reports, grid)
     statistics.require_left_out(config.measurements.without)
@@ -190,7 +193,9 @@ def _in_later_window(event: Measurement, forecasts: Forecasts) -> bool:
     )
 
 
-def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunConfig) -> RunConfig:
+def with_planner_kind(
+    job: ReplayJob | Vehicle, readers: Sequence[LogReader], config: RunConfig
+) -> RunConfig:
     """Return the settings with what a replay with a goal plans: for a glider's logs a mission, where no kind is chosen.
 
     Args:
@@ -204,7 +209,9 @@ def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunC
     return config.model_copy(update={"planner": config.planner.resolved(gliders)})
 
 
-def check_goal(planner: Planner, flow: HasGrid, job: ReplayJob, config: RunConfig) -> None:
+def check_goal(
+    planner: Planner, flow: HasGrid, job: ReplayJob | Vehicle, config: RunConfig
+) -> None:
     """Raise PlanError when the goal is outside the region or on land, and say so when the whole log is outside the region too."""
     assert job.goal is not None
     try:

@@ -10,9 +10,11 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.plan import Place
 from replay_kit.core.version import __version__
 from replay_kit.forecast.remote.record import record_of
 from replay_kit.results.losses import iso_time
+from replay_kit.results.vehicles import VehicleRecord
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import REGION_RECORD, FoundRegion
@@ -117,6 +119,21 @@ def run_metadata(
     }
 
 
+def vehicles_record(job: ReplayJob) -> dict[str, str]:
+    """Return the vehicles of a job by their names: the keys of their logs, and their goals."""
+    found, number = {}, 0
+    for vehicle in job.vehicles:
+        logs = () if vehicle.why_not else vehicle.logs
+        keys = tuple(f"log{number + k}" for k in range(len(logs)))
+        goal, number = _goal_text(vehicle.goal), number + len(logs)
+        found[vehicle.name] = VehicleRecord(vehicle.name, keys, goal, vehicle.why_not).to_text()
+    return found
+
+
+def _goal_text(goal: Place | None) -> str:
+    return "" if goal is None else f"{goal.longitude!r},{goal.latitude!r},{goal.depth!r}"
+
+
 def forecast_times(forecasts: Forecasts) -> dict[str, str]:
     """Return the first and the last time of the forecast that is used, and whether the estimate goes through time; empty without times."""
     times = [ensemble.time_ns for ensemble in forecasts.series if ensemble.time_ns is not None]
@@ -137,9 +154,8 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
         job: The run.
         flow: Its estimate.
     """
-    goal = job.goal
     return {
-        "goal": "" if goal is None else f"{goal.longitude!r},{goal.latitude!r},{goal.depth!r}",
+        "goal": _goal_text(job.goal),
         "include_inputs": str(job.include_inputs).lower(),
         **({PROVIDED: ", ".join(job.provided)} if job.provided else {}),
         "truth": "" if job.truth is None else Path(job.truth).name,

@@ -8,6 +8,7 @@ log is cut into blocks.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any
 
 from replay_kit.core.arrays import Array
@@ -69,63 +70,127 @@ class Step:
     assimilation: Assimilation | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Contributor:
+    """What gives measurements to an estimate: one vehicle of it.
+
+    Attributes:
+        estimator: Assimilates its measurements; those of all have states of one kind.
+        state: The estimate, the same for all, with what is the vehicle's own.
+    """
+
+    estimator: Estimator[Any]
+    state: EstimationState
+
+
 def assimilate(
     estimator: Estimator[Any],
     state: EstimationState,
     events: Sequence[VehicleState | Measurement],
     last: bool = True,
 ) -> tuple[EstimationState, list[Step]]:
-    """Return the state after a block of events, and a step for each of those that wait no longer.
+    """Return the state after a block of events of one vehicle; see ``assimilate_together``."""
+    own = [(0, event) for event in events]
+    (after,), steps = assimilate_together([Contributor(estimator, state)], own, last)
+    return after, [step for _, step in steps]
+
+
+def assimilate_together(
+    vehicles: Sequence[Contributor],
+    events: Sequence[tuple[int, VehicleState | Measurement]],
+    last: bool = True,
+) -> tuple[list[EstimationState], list[tuple[int, Step]]]:
+    """Return the states after a block of events, and a step for each of those that wait no longer, with its vehicle.
 
     Args:
-        estimator: Assimilates the measurements of the block together.
-        state: Before the block.
-        events: In the order of the log.
+        vehicles: With their states before the block, all of one estimate.
+        events: Each with the number of its vehicle: together in order of time, those of each in the order of its log.
         last: Whether nothing may wait for what follows.
     """
-    items, waiting = grouped(estimator.grouping, state.waiting, events)
+    items, waiting = _in_turn(vehicles, events, last)
+    states = [
+        replace(vehicle.state, waiting=left)
+        for vehicle, left in zip(vehicles, waiting, strict=True)
+    ]
+    current, steps = vehicles[0].state.current, list[tuple[int, Step]]()
+    # measurements of vehicles with one estimator are assimilated together
+    for _, of_estimator in groupby(items, key=lambda item: id(vehicles[item[0]].estimator)):
+        own = list(of_estimator)
+        estimator = vehicles[own[0][0]].estimator
+        # Any: only an estimator that supports mean currents along paths is given some
+        given: list[Any] = [item for _, item in own if not isinstance(item, VehicleState)]
+        results = deque(estimator.group_steps(current, given))
+        weights = iter(estimator.weights([each.after for each in results]))
+        for vehicle, item in own:
+            if isinstance(item, VehicleState):
+                steps.append((vehicle, Step(item, current, current)))
+                continue
+            members = len(item.profiles) if isinstance(item, ProfileGroup) else 1
+            while members:
+                event, before, current, innovation = results.popleft()
+                members -= len(event.profiles) if isinstance(event, ProfileGroup) else 1
+                if event.dive != states[vehicle].dive:
+                    states[vehicle] = replace(states[vehicle], dive_start=before, dive=event.dive)
+                found = _assimilation(
+                    estimator, states[vehicle].dive_start, before, event, innovation
+                )
+                step = Step(event, before, current, replace(found, weights=next(weights)))
+                steps.append((vehicle, step))
+    return [replace(state, current=current) for state in states], steps
+
+
+def _assimilation(
+    estimator: Estimator[Any],
+    dive_start: Any,
+    before: Any,
+    event: Measurement | ProfileGroup,
+    innovation: Innovation,
+) -> Assimilation:
+    """Return the assimilation of a measurement or group, without weights, beside what was known before its dive."""
+    dive_innovation = (
+        estimator.group_innovation(dive_start, event)
+        if isinstance(event, ProfileGroup)
+        else estimator.innovation(dive_start, event)
+    )
+    dive_std = None
+    if isinstance(event, PathMean) and event.kind == "dac":
+        # profiles of the dive itself make the estimate surer than it was before the dive
+        from_start = innovation if dive_start is before else estimator.step(dive_start, event)[1]
+        dive_std = from_start.innovation_std
+    return Assimilation(innovation, dive_innovation, None, dive_std)
+
+
+_Item = VehicleState | Measurement | ProfileGroup
+
+
+def _in_turn(
+    vehicles: Sequence[Contributor],
+    events: Sequence[tuple[int, VehicleState | Measurement]],
+    last: bool,
+) -> tuple[list[tuple[int, _Item]], list[tuple[VehicleState | Measurement, ...]]]:
+    """Return the events of a block that wait no longer, profiles in groups, in the order in which they are assimilated; and what waits."""
+    items, waiting = list[tuple[int, _Item]](), [vehicle.state.waiting for vehicle in vehicles]
+
+    def released(of: int, found: Sequence[_Item]) -> None:
+        items.extend((of, item) for item in found)
+
+    for number, run in groupby(events, key=lambda event: event[0]):
+        of_vehicle = [event for _, event in run]
+        for other, left in enumerate(waiting):
+            # what waits for its own vehicle's next event may not be overtaken for long
+            grouping = vehicles[other].estimator.grouping
+            late = grouping and left and grouping.is_over(left[0], of_vehicle[0].time_ns)
+            if late and other != number:
+                released(other, _closed(left))
+                waiting[other] = ()
+        grouping = vehicles[number].estimator.grouping
+        found, waiting[number] = grouped(grouping, waiting[number], of_vehicle)
+        released(number, found)
     if last:
-        items, waiting = [*items, *_closed(waiting)], ()
-    # Any: only an estimator that supports mean currents along paths is given some
-    measurements: list[Any] = [item for item in items if not isinstance(item, VehicleState)]
-    done = list(estimator.group_steps(state.current, measurements))
-    weights = iter(estimator.weights([each.after for each in done]))
-    results = deque(done)
-    steps = []
-    for item in items:
-        if isinstance(item, VehicleState):
-            steps.append(Step(item, state.current, state.current))
-            continue
-        members = len(item.profiles) if isinstance(item, ProfileGroup) else 1
-        while members:
-            event, before, after, innovation = results.popleft()
-            members -= len(event.profiles) if isinstance(event, ProfileGroup) else 1
-            if event.dive != state.dive:
-                state = replace(state, current=before, dive_start=before, dive=event.dive)
-            dive_innovation = (
-                estimator.group_innovation(state.dive_start, event)
-                if isinstance(event, ProfileGroup)
-                else estimator.innovation(state.dive_start, event)
-            )
-            dive_std = None
-            if isinstance(event, PathMean) and event.kind == "dac":
-                # profiles of the dive itself make the estimate surer than it was before the dive
-                from_start = (
-                    innovation
-                    if state.dive_start is before
-                    else estimator.step(state.dive_start, event)[1]
-                )
-                dive_std = from_start.innovation_std
-            state = replace(state, current=after)
-            steps.append(
-                Step(
-                    event,
-                    before,
-                    after,
-                    Assimilation(innovation, dive_innovation, next(weights), dive_std),
-                )
-            )
-    return replace(state, waiting=waiting), steps
+        for number, left in enumerate(waiting):
+            released(number, _closed(left))
+        waiting = [()] * len(vehicles)
+    return items, waiting
 
 
 def grouped(
