@@ -22,6 +22,7 @@ from replay_kit.workflows.replay.stages.estimation import (
     EstimationState,
     Step,
     assimilate_together,
+    state_after,
 )
 from replay_kit.workflows.replay.stopwatch import Stopwatch
 
@@ -219,17 +220,9 @@ class SharedEstimate:
 
     def without(self, number: int) -> Any:
         """Return the state of the estimator that all measurements but those of a vehicle lead to."""
-        vehicle = self._contributors(begun=True)
         kept = [one for one in self.kept if one[0] != number]
         size = max(self.vehicles[0].estimator.block_size, 1)
-        for begin in range(0, len(kept), size):
-            states, _ = assimilate_together(
-                vehicle, kept[begin : begin + size], begin + size >= len(kept)
-            )
-            vehicle = [
-                replace(one, state=state) for one, state in zip(vehicle, states, strict=True)
-            ]
-        return vehicle[0].state.current
+        return state_after(self._contributors(begun=True), kept, size)
 
     def _contributors(self, begun: bool = False) -> list[Contributor]:
         """Return the vehicles with their states, or with the prior."""

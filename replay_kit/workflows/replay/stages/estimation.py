@@ -139,6 +139,28 @@ def assimilate_together(
     return [replace(state, current=current) for state in states], steps
 
 
+def state_after(
+    vehicles: Sequence[Contributor], events: Sequence[tuple[int, Measurement]], size: int
+) -> Any:
+    """Return the estimator's state after measurements, and nothing else; arguments as of ``assimilate_together``.
+
+    Args:
+        vehicles: With their states before.
+        events: All there are.
+        size: Of the blocks in which they are given.
+    """
+    items, _ = _in_turn(vehicles, events, last=True)
+    current = vehicles[0].state.current
+    for begin in range(0, len(items), size):
+        block = items[begin : begin + size]
+        for _, of_estimator in groupby(block, key=lambda item: id(vehicles[item[0]].estimator)):
+            own = list(of_estimator)
+            given: list[Any] = [item for _, item in own]
+            for stepped in vehicles[own[0][0]].estimator.group_steps(current, given):
+                current = stepped.after
+    return current
+
+
 def _assimilation(
     estimator: Estimator[Any],
     dive_start: Any,
