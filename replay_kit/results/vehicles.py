@@ -88,6 +88,11 @@ def name_of(vehicle: str, name: str) -> str:
     return f"{vehicle}/{name}" if vehicle else name
 
 
+def part_path(path: Path, vehicle: str, folder: Path) -> Path:
+    """Return the name of a file of one vehicle beside that of all, in a folder: ``out.sg1.mcap`` of ``out.mcap``."""
+    return folder / f"{path.stem}.{vehicle}{path.suffix}"
+
+
 def write_part(path: Path, vehicle: VehicleRecord, out: Path, estimate: bool = True) -> None:
     """Write one vehicle's part of a result, with the common estimate, as a result of its own.
 

@@ -27,7 +27,7 @@ from replay_kit.core.progress import Progress, silent
 from replay_kit.core.time import to_time_ns
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
-from replay_kit.show import Result
+from replay_kit.show.opened import Result, as_pooled
 from replay_kit.workflows.in_memory.forecasts import is_forecast, write_forecast
 from replay_kit.workflows.in_memory.observations import is_observed, write_observed
 from replay_kit.workflows.in_memory.parts import (
@@ -123,7 +123,9 @@ def replay(
     file = as_path(out, "out") if folder is None else folder / "result.mcap"
     try:
         vehicles = _vehicles(logs, goal, file) if isinstance(logs, Mapping) else ()
-        of_one = None if goal is None or vehicles else place_of(goal, "goal")
+        of_one = None
+        if goal is not None and not isinstance(goal, Mapping):
+            of_one = place_of(goal, "goal")
         job = ReplayJob(
             tuple(path for one in vehicles for path in one.logs)
             or _log_paths(logs, file, overwrite),
@@ -153,7 +155,7 @@ def replay(
         warnings.warn(f"lost: {lost}; result.summary.losses says what", stacklevel=2)
     if 6 in summary.exit_codes:
         warnings.warn("; ".join(map(str, summary.findings)), stacklevel=2)
-    result = Result(file, summary)
+    result = as_pooled(Result(file, summary))
     # the estimate is at hand, and need not be read back
     vars(result)["estimate"] = flow
     if folder is not None:
@@ -201,7 +203,7 @@ def _log_paths(logs: Logs, out: Path, overwrite: bool) -> tuple[Path, ...]:
 
 def _vehicles(logs: Mapping[str, Any], goal: Any, out: Path) -> tuple[Vehicle, ...]:
     """Return the vehicles of a replay of several, each with its logs and its goal."""
-    goals = goal if isinstance(goal, Mapping) else dict.fromkeys(logs, goal)
+    goals: Mapping[str, Any] = goal if isinstance(goal, Mapping) else {}
     if not logs or (unknown := [name for name in goals if name not in logs]):
         what = f"goal: {', '.join(unknown)}" if logs else "logs"
         raise ConfigError(f"{what}: expected names of vehicles among {', '.join(logs) or 'none'}")

@@ -1,5 +1,6 @@
 """An opened result with the values that reports, figures and exports share, each taken out of it when first asked for."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -40,6 +41,13 @@ class Contents:
     result: ResultFile
     notes: tuple[str, ...] = ()
     exit_code: int = 0
+
+    @cached_property
+    def each(self) -> Mapping[str, "Contents"]:
+        """The contents of each vehicle by its name, where several share the estimate; of one alone these, under an empty name."""
+        vehicles: Mapping[str, ResultFile] = getattr(self.result, "vehicles", {})
+        found = {name: Contents(one) for name, one in vehicles.items()}
+        return found or {"": self}
 
     @cached_property
     def record(self) -> RunRecord:
@@ -124,7 +132,9 @@ class Contents:
 
     @cached_property
     def last_plan(self) -> LastPlan | None:
-        """The last plan; None without plans."""
+        """The last plan; None without plans, and of several vehicles, each of which has its own."""
+        if "" not in self.each:
+            return None
         return last_plan(self.result, self.projection)
 
     @cached_property

@@ -26,8 +26,27 @@ _GAP = np.full((1, 2), np.nan)
 _EDGE = "paper"
 
 
-def track_layer(contents: Contents) -> Layer:
-    """Return the track with its begin and end."""
+def drawn_layers(contents: Contents, positions: bool = False) -> list[tuple[str, Layer]]:
+    """Return what lies on the map of a result, with the vehicle that it is of, empty for the only one: all of a kind together.
+
+    Args:
+        contents: Of the result.
+        positions: Whether with the single positions, for a page that shows their times.
+    """
+    each = contents.each.items()
+    tracks = {name: track_layer(one, name) for name, one in each}
+    dots = {name: position_layer(track) for name, track in tracks.items()} if positions else {}
+    return [
+        *((name, hazard_layer(one)) for name, one in each),
+        *tracks.items(),
+        *dots.items(),
+        *((name, surfacing_layer(one)) for name, one in each),
+        *((name, plan_layer(one)) for name, one in each),
+    ]
+
+
+def track_layer(contents: Contents, vehicle: str = "") -> Layer:
+    """Return the track with its begin and end, where the vehicle's name stands, of several."""
     track = contents.track
     if track.time_ns.size == 0:
         return Layer()
@@ -56,7 +75,10 @@ def track_layer(contents: Contents) -> Layer:
             when="track.time",
         )
     ]
-    for name, at, size, label in (("begin", begin, 6.0, ""), ("vehicle", end, 11.0, "vehicle")):
+    for name, at, size, label in (
+        ("begin", begin, 6.0, ""),
+        ("vehicle", end, 11.0, vehicle or "vehicle"),
+    ):
         x, y = table["east_km"][at], table["north_km"][at]
         about: Any = {
             "hover": f"{name} %{{text}}<extra></extra>",

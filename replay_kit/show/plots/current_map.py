@@ -21,11 +21,8 @@ from replay_kit.show.figures.in_print import draw_mark
 from replay_kit.show.figures.map_layers import (
     coast_layer,
     contour_step,
+    drawn_layers,
     dry_text,
-    hazard_layer,
-    plan_layer,
-    surfacing_layer,
-    track_layer,
 )
 from replay_kit.show.figures.values import Layer, Mark
 from replay_kit.show.plots.panel import CONTOUR_LABEL, Panel, Panels, missing
@@ -251,14 +248,7 @@ def _marks(contents: Contents, slices: CurrentSlices | None, at: At | None, axes
     if slices is None:
         _widen(contents, axes)
     draw_seabed(contents, axes)
-    draw_layers(
-        contents,
-        axes,
-        hazard_layer(contents),
-        track_layer(contents),
-        surfacing_layer(contents),
-        plan_layer(contents),
-    )
+    draw_layers(contents, axes, *(layer for _, layer in drawn_layers(contents)))
     if at is not None:
         x = np.array([float(unwrap_longitude(at[0], contents.projection.longitude))])
         star: Any = {"color": "#ffffff", "symbol": "star", "size": 18.0, "edge": "ink"}

@@ -56,6 +56,11 @@ def conclude(
             value=value,
             unused=unused,
             notes=notes,
+            findings=tuple(
+                replace(found, name=f"{name}: {found.name}")
+                for name, one in each.items()
+                for found in one.findings
+            ),
             outside=_outside(inputs),
             inputs=_inputs(job),
         )
@@ -73,14 +78,14 @@ def conclude(
             write_grid(flow, job.netcdf)
         if job.save_estimate is not None:
             flow.save(job.save_estimate)
-    notes = [*summary.notes]
+    said = [*summary.notes]
     score = None
     if inputs.truth is not None:
         with session.clock.stage("score"):
             score, failures = _score(session, inputs, inputs.truth, flow)
-            notes += failures
+            said += failures
     return replace(
-        summary, seconds=dict(session.clock.seconds), truth=score, notes=tuple(notes)
+        summary, seconds=dict(session.clock.seconds), truth=score, notes=tuple(said)
     ), flow
 
 

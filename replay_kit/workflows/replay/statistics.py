@@ -274,8 +274,9 @@ def pooled(each: Mapping[str, tuple[RunStatistics, Sequence[LogReport]]]) -> Rep
         total=total,
         path_means=path_means,
     )
+    summary: ReplaySummary = RunStatistics(profiles=both).summary(())
     return replace(
-        RunStatistics(profiles=both).summary(()),
+        summary,
         messages=tuple(
             replace(row, topic=f"{name} {row.topic}")
             for name, one in summaries.items()

@@ -54,10 +54,8 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
         raise ConfigError(
             f"{what}: expected the logs of one vehicle, got those of {len(vehicles)}; leave it out, or replay each alone"
         )
-    vehicles = _placed(
-        [_in_order(one) for one in sorted(vehicles, key=lambda one: one.name)], config
-    )
-    given = tuple(replace(one, goal=one.goal or job.goal) for one in vehicles)
+    placed = _placed([_in_order(one) for one in sorted(vehicles, key=lambda one: one.name)], config)
+    given = tuple(replace(one, goal=one.goal or job.goal) for one in placed)
     logs = tuple(path for one in given if not one.why_not for path in one.logs)
     return replace(job, vehicles=given, logs=logs, goal=None)
 
