@@ -31,14 +31,16 @@ class Result(ResultFile):
     @cached_property
     def vehicles(self) -> Mapping[str, "Result"]:
         """Of several vehicles that share the estimate the result of each, by its name; none of one alone."""
-        found = {}
+        found: dict[str, Result] = {}
+        held = [one for one in vehicles_in(self.path) if not one.why_not]
+        if not held:
+            return found
         folder = Path(tempfile.mkdtemp(prefix="replay_kit_"))
         weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        for one in vehicles_in(self.path):
-            if not one.why_not:
-                write_part(self.path, one, part := part_path(self.path, one.name, folder))
-                summary = None if self.summary is None else self.summary.vehicles.get(one.name)
-                found[one.name] = Result(part, summary)
+        for one in held:
+            write_part(self.path, one, part := part_path(self.path, one.name, folder))
+            summary = None if self.summary is None else self.summary.vehicles.get(one.name)
+            found[one.name] = Result(part, summary)
         return found
 
     @cached_property

@@ -1,16 +1,23 @@
 """The status of a result: read, shown, written as a page."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from replay_kit.core.atomic import atomic_file
+from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.vehicles import part_path, vehicles_in, write_part
+from replay_kit.results.views.record import outcome_of_record, read_record
 from replay_kit.show.status.held import read_held
-from replay_kit.show.status.page import status_page
+from replay_kit.show.status.page import several_page, status_page
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.sound import Sound, sound_result
 
 
-def read_status(path: Path, now_ns: int | None = None) -> tuple[Status, Sound]:
-    """Return the status of a result, and what was lost of the file.
+def read_status(
+    path: Path, now_ns: int | None = None
+) -> tuple[dict[str, Status], Outcome | None, Sound]:
+    """Return the status of each vehicle of a result, under an empty name that of the only one, the outcome of several, and what was lost.
 
     Args:
         path: The result; of a damaged one what could be recovered counts.
@@ -19,8 +26,37 @@ def read_status(path: Path, now_ns: int | None = None) -> tuple[Status, Sound]:
     Raises:
         LogError: The file is missing, or is no result.
     """
-    with sound_result(path) as sound:
-        return status_of(read_held(sound.path), now_ns), sound
+    with sound_result(path) as sound, TemporaryDirectory(prefix="replay_kit_") as folder:
+        vehicles = [one for one in vehicles_in(sound.path) if not one.why_not]
+        if not vehicles:
+            return {"": status_of(read_held(sound.path), now_ns)}, None, sound
+        found = {}
+        for one in vehicles:
+            part = part_path(sound.path, one.name, Path(folder))
+            write_part(sound.path, one, part, estimate=False)
+            found[one.name] = status_of(read_held(part), now_ns)
+        record = read_record(sound.path)
+        outcome = None if record.summary is None else outcome_of_record(record)
+        return found, outcome, sound
+
+
+def write_pages(
+    statuses: Mapping[str, Status], outcome: Outcome | None, path: Path, refresh_s: int = 60
+) -> None:
+    """Write the page of a result: of several vehicles a table, and a page of its own for each.
+
+    Raises:
+        ConfigError: A page cannot be written.
+    """
+    if "" in statuses:
+        write_page(statuses[""], path, refresh_s)
+        return
+    pages = {name: part_path(path, name, path.parent) for name in statuses}
+    for name, page in pages.items():
+        write_page(statuses[name], page, refresh_s)
+    names = {name: page.name for name, page in pages.items()}
+    with atomic_file(path) as file:
+        file.write(several_page(statuses, outcome, names, refresh_s).encode())
 
 
 def write_page(status: Status, path: Path, refresh_s: int = 60) -> None:

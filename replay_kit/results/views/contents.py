@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from replay_kit.core.errors import ReplayKitError
+from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection, Seabed
 from replay_kit.results.outcome.outcome import Outcome
@@ -48,6 +48,21 @@ class Contents:
         vehicles: Mapping[str, ResultFile] = getattr(self.result, "vehicles", {})
         found = {name: Contents(one) for name, one in vehicles.items()}
         return found or {"": self}
+
+    def of(self, vehicle: str | None) -> "Contents":
+        """Return the contents of a vehicle, by its name; None for the only one.
+
+        Raises:
+            ConfigError: The result is not of this vehicle, or of several where none is named.
+        """
+        if vehicle is None and "" in self.each:
+            return self
+        if not vehicle or vehicle not in self.each:
+            known = ", ".join(filter(None, self.each)) or "none, as it is of one vehicle"
+            raise ConfigError(
+                f"--vehicle: expected a vehicle of {self.result.path.name} ({known}), got {vehicle or 'none'}"
+            )
+        return self.each[vehicle]
 
     @cached_property
     def record(self) -> RunRecord:

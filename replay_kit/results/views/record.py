@@ -115,9 +115,15 @@ def outcome_of_result(result: ResultFile, record: RunRecord) -> Outcome:
     if record.summary is None:
         return _from_tables(result)
     live = None if result.summary is None else outcome_of(result.summary)
-    each = {name: outcome_from(one).to_json() for name, one in record.vehicles.items()}
-    kept = replace(outcome_from(record.summary), vehicles=each)
+    kept = outcome_of_record(record)
     return kept if live is None else replace(kept, seconds=live.seconds, truth=live.truth)
+
+
+def outcome_of_record(record: RunRecord) -> Outcome:
+    """Return the outcome that a result's summary states, which it must have, with those of its vehicles."""
+    assert record.summary is not None
+    each = {name: outcome_from(one).to_json() for name, one in record.vehicles.items()}
+    return replace(outcome_from(record.summary), vehicles=each)
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:

@@ -44,7 +44,7 @@ def _card(contents: Contents, pages: Mapping[str, str]) -> str:
         for row in vehicle_rows(outcome)
     ]
     return (
-        f"<h3>{escape(str(outcome.decision))}</h3>"
+        f"<h3>{escape(str(outcome.decision).capitalize())}</h3>"
         f"{items_html([escape(text) for text in outcome.verdict])}<h3>Vehicles</h3>{items_html(rows)}"
     )
 

@@ -98,7 +98,8 @@ def counted(session: Session | ArraySession, inputs: Prepared) -> ReplaySummary:
     if isinstance(session, ArraySession):
         return pooled(each)
     statistics, reports = each[session.name]
-    return statistics.summary(reports)
+    summary: ReplaySummary = statistics.summary(reports)
+    return summary
 
 
 def findings_so_far(session: Session | ArraySession) -> tuple[Finding, ...]:
@@ -143,8 +144,9 @@ def _summary(
         session.config,
         session.statistics.messages.skipped,
     )
+    summary: ReplaySummary = session.statistics.summary(reports)
     return replace(
-        session.statistics.summary(reports),
+        summary,
         plan=None if planning.result is None else planning.result.plan,
         plan_note=planning.failure,
         outcomes=planning.outcomes,

@@ -101,13 +101,16 @@ def _views(contents: Contents, slices: CurrentSlices | None) -> dict[str, Extent
     """Return what can be looked at: vehicle, plan and goal, if there is a plan; the track; all of it."""
     track, plan, views = contents.track, contents.last_plan, {}
     whole = [np.column_stack([track.east, track.north])]
+    plans = [one.last_plan for name, one in contents.each.items() if name]
+    ways = [np.vstack([one.goal, np.column_stack([one.east, one.north])]) for one in plans if one]
     if plan is not None:
         vehicle = whole[0][-1:]
         way = np.vstack([np.column_stack([plan.east, plan.north]), plan.start, plan.goal, vehicle])
         views["plan"] = Extent.around(way[:, 0] / 1e3, way[:, 1] / 1e3, 0.14)
         whole.append(way)
     if track.time_ns.size:
-        views["track"] = Extent.around(track.east / 1e3, track.north / 1e3, 0.14)
+        shown = np.vstack([*whole[:1], *ways]) / 1e3
+        views["track"] = Extent.around(shown[:, 0], shown[:, 1], 0.14)
     if slices is not None:
         whole.append(
             np.array([[slices.east[k], slices.north[k]] for k in (0, -1)], dtype=np.float64)

@@ -123,10 +123,12 @@ def _placed(vehicles: Sequence[Vehicle], config: RunConfig) -> list[Vehicle]:
     Raises:
         MeasurementError: None has a place, or one is of another year.
     """
-    reaches = {one.name: reach_of(one.logs, config) for one in vehicles}
     found, spans = list[Vehicle](), dict[str, tuple[int, int]]()
     for one in vehicles:
-        reach = reaches[one.name]
+        if one.why_not:
+            found.append(one)
+            continue
+        reach = reach_of(one.logs, config)
         if not len(reach.places) or reach.first_ns is None or reach.last_ns is None:
             why = "no position in its logs, so that nothing of it is used; the others are replayed"
             found.append(replace(one, why_not=why))
