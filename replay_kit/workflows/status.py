@@ -8,7 +8,7 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.vehicles import part_path, vehicles_in, write_part
 from replay_kit.results.views.record import outcome_of_record, read_record
-from replay_kit.show.status.held import read_held
+from replay_kit.show.status.held import Held, read_held
 from replay_kit.show.status.page import several_page, status_page
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.sound import Sound, sound_result
@@ -26,18 +26,28 @@ def read_status(
     Raises:
         LogError: The file is missing, or is no result.
     """
-    with sound_result(path) as sound, TemporaryDirectory(prefix="replay_kit_") as folder:
-        vehicles = [one for one in vehicles_in(sound.path) if not one.why_not]
-        if not vehicles:
-            return {"": status_of(read_held(sound.path), now_ns)}, None, sound
-        found = {}
+    with sound_result(path) as sound:
+        each, outcome = read_each(sound.path)
+        return {name: status_of(held, now_ns) for name, held in each.items()}, outcome, sound
+
+
+def read_each(path: Path) -> tuple[dict[str, Held], Outcome | None]:
+    """Return what the status of each vehicle of a result needs, under an empty name that of the only one, and the outcome of several.
+
+    Raises:
+        LogError: The file is missing, or is no complete result.
+    """
+    vehicles = [one for one in vehicles_in(path) if not one.why_not]
+    if not vehicles:
+        return {"": read_held(path)}, None
+    found = {}
+    with TemporaryDirectory(prefix="replay_kit_") as folder:
         for one in vehicles:
-            part = part_path(sound.path, one.name, Path(folder))
-            write_part(sound.path, one, part, estimate=False)
-            found[one.name] = status_of(read_held(part), now_ns)
-        record = read_record(sound.path)
-        outcome = None if record.summary is None else outcome_of_record(record)
-        return found, outcome, sound
+            part = part_path(path, one.name, Path(folder))
+            write_part(path, one, part, estimate=False)
+            found[one.name] = read_held(part)
+    record = read_record(path)
+    return found, None if record.summary is None else outcome_of_record(record)
 
 
 def write_pages(

@@ -84,7 +84,10 @@ def several_page(
             + "".join(f"<dt>{escape(one.label)}</dt><dd>{escape(one.text)}</dd>" for one in lines)
             for name, lines in briefs.items()
         ),
-        "lines": "",
+        "lines": "".join(
+            f'<p><a href="{escape(pages[name])}">All answers of {escape(name)}</a></p>'
+            for name in statuses
+        ),
     }
     now_ns = max(status.now_ns for status in statuses.values())
     return _filled(parts, now_ns, refresh_s)

@@ -360,7 +360,7 @@ def _interpreted(
     config: RunConfig,
 ) -> list[tuple[int, MeasurementState, Sequence[Event]]]:
     """Return for each message of a block the number of its vehicle, the vehicle's state after it and its events."""
-    if len(states) == 1:
+    if not inputs.job.vehicles:
         (state,) = states
         return [(0, *one) for one in interpret_block(state, block, config.measurements)]
     owners = inputs.owners

@@ -14,7 +14,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.version import __version__
 from replay_kit.forecast.remote.record import record_of
 from replay_kit.results.losses import iso_time
-from replay_kit.results.vehicles import VehicleRecord
+from replay_kit.results.vehicles import VEHICLES_RECORD, VehicleRecord, vehicle_records
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import REGION_RECORD, FoundRegion
@@ -181,7 +181,10 @@ def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str,
     kept = {
         key: value for key, value in metadata.items() if key not in ("replay_kit.reading", FOLLOWED)
     }
-    return {**kept, "replay_kit.inputs": inputs, "replay_kit.options": options}
+    # which logs there are may change, not which vehicles and goals
+    goals = {one.name: one.goal for one in vehicle_records(metadata)}
+    held = {**kept, "replay_kit.inputs": inputs, "replay_kit.options": options}
+    return {**held, VEHICLES_RECORD: goals} if goals else held
 
 
 def package_versions() -> dict[str, str]:

@@ -154,16 +154,17 @@ def _of_times(name: str, spans: Mapping[str, tuple[int, int]]) -> tuple[str, ...
     if name not in spans or not others:
         return ()
     first_ns, last_ns = spans[name]
-    begin_ns, end_ns = (int(np.median([span[k] for span in others])) for k in (0, 1))
+    # that of most vehicles must not be blamed for the times of one
+    begin_ns, end_ns = min(others, key=lambda span: (abs(span[0] - first_ns), span))
     if abs(first_ns - begin_ns) > _YEAR_NS:
         raise MeasurementError(
-            f"{name}: begins at {time_text(first_ns)}, the others about {time_text(begin_ns)}: measurements of different years do not "
-            "share an estimate; replay it apart, or correct its clock"
+            f"{name}: begins at {time_text(first_ns)}, the nearest of the others at {time_text(begin_ns)}: measurements of different "
+            "years do not share an estimate; replay it apart, or correct its clock"
         )
     later, ends_later = first_ns - begin_ns, last_ns - end_ns
     if abs(later) >= _HOUR_NS and abs(later - ends_later) <= _SAME_NS:
         return (
-            f"its messages begin and end {abs(later) / _HOUR_NS:.1f} h {'after' if later > 0 else 'before'} those of the others: "
+            f"its messages begin and end {abs(later) / _HOUR_NS:.1f} h {'after' if later > 0 else 'before'} those of any other vehicle: "
             "if they flew at the same time, a clock is wrong",
         )
     if all(first_ns > span[1] or last_ns < span[0] for span in others):
