@@ -168,7 +168,7 @@ def test_the_value_of_a_vehicle_is_the_difference_to_a_replay_without_it(result,
 
 
 def test_a_turned_compass_is_the_fault_of_its_own_vehicle(tmp_path, truth):
-    faults = {1: Faults("platform", 0.02, heading_bias=40.0)}
+    faults = {1: Faults("platform", 0.02, heading_bias_deg=40.0)}
     logs = write_array(tmp_path, truth, 3, pings=150, faults=faults)
     with pytest.warns(UserWarning, match="sg2: compass or instrument turned"):
         found = rk.replay(logs, ENSEMBLE, settings=SETTINGS)
