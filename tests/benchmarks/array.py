@@ -32,7 +32,7 @@ _SEAS = {
     "quasi-geostrophic": DATA / "qg" / "forecast.nc",
     "North Atlantic": DATA / "natl_nemo" / "ensemble.nc",
 }
-_COUNTS, _TRUTHS, _MODES = (2, 3, 4, 6), 4, 40
+_COUNTS, _TRUTHS, _MODES = (2, 3, 4, 6), 6, 40
 # Pings of each glider, one in ten minutes: without and with an ADCP.
 _PINGS = {True: 200, False: 100}
 _HALF = 1.6449
