@@ -4,7 +4,7 @@ A state is an immutable value that only its own estimator reads. Everything that
 member here; none of them needs to know which estimator it has.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -26,12 +26,14 @@ class Stepped(NamedTuple, Generic[State]):
         before: The estimator's state before it.
         after: The estimator's state after it.
         innovation: To publish.
+        against: Returns ``group_innovation`` of a state, where what it needs is there already; None where it is not.
     """
 
     event: Measurement | ProfileGroup
     before: State
     after: State
     innovation: Innovation
+    against: Callable[[State], Array] | None = None
 
 
 def each_stepped(

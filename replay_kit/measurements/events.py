@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from replay_kit.core.observation import Observation, PathMean, VehicleState
-from replay_kit.measurements.quality.tests import Check
+from replay_kit.measurements.quality.tests import Check, Checks
 
 # What code that trusts a payload's types raises when they are not what they should be.
 MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
@@ -19,11 +19,18 @@ class Used:
 
     Attributes:
         topic: Its topic.
-        checks: Results of the quality tests of the ping that it completed.
+        tests: Results of the quality tests of the pings among which is the one that it completed.
+        at: Which of them that is.
     """
 
     topic: str
-    checks: tuple[Check, ...] = ()
+    tests: Sequence[Checks] = ()
+    at: int = 0
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Results of the quality tests of its own ping."""
+        return tuple(test.of(self.at) for test in self.tests)
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,12 @@ from replay_kit.estimator.update.evaluation import (
     PredictedObservation,
     predict_observation,
 )
-from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator, ScreenedGroup
+from replay_kit.estimator.update.group_step import (
+    GroupColumn,
+    GroupedEstimator,
+    ScreenedGroup,
+    group_misfit,
+)
 from replay_kit.estimator.update.grouping import Grouping
 from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
@@ -121,8 +126,11 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
                 at_time.means, at_time.cov, by_component.reshape(design.shape)
             )
 
-        column = Column(design @ at_time.means, 0.5 * (cov + cov.T))
-        return GroupColumn(of_group.stack, at_time, column, np.zeros(len(design)), predict)
+        def against(other: EvolvingState) -> Array:
+            return group_misfit(of_group.stack, design @ self._mean_at(other, of_group.time_ns))
+
+        column, prior = Column(design @ at_time.means, 0.5 * (cov + cov.T)), np.zeros(len(design))
+        return GroupColumn(of_group.stack, at_time, column, prior, predict, against)
 
     def group_mean(
         self, state: EvolvingState, screened: ScreenedGroup

@@ -156,8 +156,9 @@ class ReducedBasisEstimator(StaticEstimator):
             measurement = next(source, None)
             if measurement is None:
                 return
-            _, _, state, innovation = fitting_step(self, state, measurement)[0]
-            yield state, innovation
+            (stepped,) = fitting_step(self, state, measurement)
+            state = stepped.after
+            yield state, stepped.innovation
         yield from self.alone(state, source)
 
     def step_group(self, state: FilterState, group: ProfileGroup) -> list[Stepped[FilterState]]:
@@ -180,11 +181,7 @@ class ReducedBasisEstimator(StaticEstimator):
                 innovation, posterior = screened.unused, state.posterior
                 if rows is not None:
                     # what was prefetched holds until the posterior changes its representation or its prior
-                    if (
-                        made_by is None
-                        or type(made_by) is not type(posterior)
-                        or made_by.prior is not posterior.prior
-                    ):
+                    if made_by is None or made_by.prefetched_for is not posterior.prefetched_for:
                         made_by = posterior
                         prefetched = prefetch(posterior, [each for _, each in block[index:]])
                     predicted = predict(posterior, rows, prefetched)

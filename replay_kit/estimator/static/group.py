@@ -24,11 +24,12 @@ from replay_kit.estimator.update.group_step import (
     GroupColumn,
     GroupedEstimator,
     ScreenedGroup,
+    group_misfit,
     screen_group,
     stack_of,
 )
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.estimator.update.posterior import Posterior, PriorCrossCovariance
+from replay_kit.estimator.update.posterior import Posterior
 from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.rows import BinNoise, ProfileRows, Rows
 from replay_kit.estimator.update.screening import Screened
@@ -48,6 +49,10 @@ class StaticEstimator(GroupedEstimator[FilterState], Protocol):
     @property
     def prior_weights(self) -> Array:
         """Mean of the prior, shape (Z, r)."""
+        ...
+
+    def by_level(self, mean: Array) -> Array:
+        """Return weights, shape (Z, r)."""
         ...
 
     def initial_with(self, spread: SpreadFit | None) -> FilterState:
@@ -130,10 +135,13 @@ def group_column(
     column = Column(np.column_stack([predicted.mean, predicted.bias_sensitivity]), predicted.cov)
 
     def predict(rows: CombinedRows) -> PredictedObservation[Posterior]:
-        return posterior.predict(column_rows(basis, rows.r, rows), _turned(known, rows.r))
+        return posterior.predict(column_rows(basis, rows.r, rows), known.turned(rows.r))
+
+    def against(other: FilterState) -> Array:
+        return group_misfit(stack, identity.matvec(estimator.by_level(other.mean)))
 
     prior = identity.matvec(estimator.prior_weights)
-    return GroupColumn(stack, state, column, prior, predict)
+    return GroupColumn(stack, state, column, prior, predict, against)
 
 
 def _rows_of(estimator: StaticEstimator, item: Measurement | ProfileGroup) -> Rows | None:
@@ -163,13 +171,3 @@ def column_rows(basis: Array, r: Array, whole: CombinedRows | None = None) -> Pr
     noise = BinNoise(np.eye(size), np.eye(size), 0.0)
     values = np.zeros((size, 2)) if whole is None else whole.y[..., 0].T
     return ProfileRows(np.eye(size), noise, values, BOTH_COMPONENTS, r, basis)
-
-
-def _turned(known: PriorCrossCovariance, r: Array) -> PriorCrossCovariance:
-    """Return what was computed of the unknowns of a column for rows of them."""
-    size = len(r)
-    cross = np.concatenate([np.tensordot(r, part, axes=1) for part in np.split(known.cross, 2)])
-    solved = known.solved
-    if solved.size:
-        solved = np.hstack([solved[:, :size] @ r.T, solved[:, size:] @ r.T])
-    return PriorCrossCovariance(cross, solved, known.n_solved)

@@ -275,6 +275,11 @@ def column_misfit(stack: ProfileStack, means: Array) -> Array:
     return stack.misfit(np.broadcast_to(rows, stack.y.shape))
 
 
+def group_misfit(stack: ProfileStack, means: Array) -> Array:
+    """Return ``column_misfit`` of all bins one below the other, shape (n m, 2) [m/s]."""
+    return column_misfit(stack, means).reshape(-1, 2)
+
+
 def _shown(stack: ProfileStack, values: Array) -> Array:
     """Return values of bins, shape (n, m, 2), NaN where not used."""
     return np.where(stack.used[..., None], values, np.nan)
@@ -299,21 +304,21 @@ def _mean_std(stack: ProfileStack, std: Array) -> Array:
 
 
 def results_of(
-    result: GroupResult, states: tuple[State, State], seen: State
+    result: GroupResult, states: tuple[State, State], at: "GroupColumn[State]"
 ) -> list[Stepped[State]]:
     """Return the outcome of each profile of a group, and of the accepted ones together, in the order of the first.
 
     Args:
         result: The evaluation.
         states: Of the estimator before and after the group.
-        seen: Its state before, after unusable profiles were seen.
+        at: The profiles, and the column that they see.
     """
     before, after = states
     screened, gate = result.screened, result.update.gate
     accepted = np.flatnonzero(gate.accepted)
     used = set(screened.used.tolist())
     found: list[Stepped[State]] = [
-        Stepped(profile, seen, seen, screened.unused(i))
+        Stepped(profile, before, before, screened.unused(i))
         for i, profile in enumerate(screened.profiles)
         if i not in used
     ]
@@ -331,6 +336,7 @@ def results_of(
                 before,
                 after,
                 result.combined(accepted),
+                at.against if accepted.size == screened.used.size > 1 else None,
             )
         )
     return found
@@ -346,6 +352,7 @@ class GroupColumn(Generic[State]):
         column: The estimate before them.
         prior: shape (2 q,), the column's mean before any observation.
         predict: Returns the prediction of the rows of some profiles as one.
+        against: See ``Stepped``.
     """
 
     stack: ProfileStack
@@ -353,6 +360,7 @@ class GroupColumn(Generic[State]):
     column: Column
     prior: Array
     predict: Callable[[CombinedRows], PredictedObservation[Any]]
+    against: Callable[[State], Array] | None = None
 
 
 class GroupedEstimator(Estimator[State], Protocol[State]):
@@ -459,9 +467,8 @@ class GroupedEstimator(Estimator[State], Protocol[State]):
         changed = replace(after, monitor=monitor, bias_score=score, last=seen)
         changed = self.inflated(changed, inflation)
         result = GroupResult(screened, update, at.column, column, at.prior, inflation)
-        return results_of(result, (state, changed), state)
+        return results_of(result, (state, changed), at)
 
     def group_innovation(self, state: State, group: ProfileGroup) -> Array:
         """Return measured minus predicted bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
-        stack, means = self.group_mean(state, screen_group(group, None, self.grid))
-        return column_misfit(stack, means).reshape(-1, 2)
+        return group_misfit(*self.group_mean(state, screen_group(group, None, self.grid)))

@@ -102,6 +102,11 @@ class Posterior(ABC):
         """Identifies posteriors whose information vectors one call of ``information_vectors`` computes."""
         return self.prior
 
+    @property
+    def prefetched_for(self) -> object:
+        """Identifies posteriors for which the same ``prefetch`` holds."""
+        return self.prior
+
     @staticmethod
     @abstractmethod
     def information_vectors(posteriors: Sequence[Any]) -> Array:
@@ -181,6 +186,16 @@ class PriorCrossCovariance:
     cross: Array
     solved: Array
     n_solved: int
+
+    def turned(self, r: Array) -> "PriorCrossCovariance":
+        """Return the same of the rows R of this one's, which are those of a column of unknowns; ``r`` has the shape (k, Z)."""
+        solved = by_component(r, self.solved.T).T if self.solved.size else self.solved
+        return PriorCrossCovariance(by_component(r, self.cross), solved, self.n_solved)
+
+
+def by_component(r: Array, rows: Array) -> Array:
+    """Return R, shape (k, Z), times the rows of each component, shape (2 Z, ...): shape (2 k, ...)."""
+    return np.concatenate([np.tensordot(r, part, axes=1) for part in np.split(rows, 2)])
 
 
 def means(posteriors: Sequence[Posterior]) -> Array:

@@ -31,8 +31,10 @@ from replay_kit.estimator.update.observation_space import ObservationSpacePoster
 from replay_kit.estimator.update.posterior import (
     Posterior,
     PriorCrossCovariance,
+    by_component,
     gram,
     new_directions,
+    prior_cross_covariances,
     rank_k_update,
     tiled_product,
 )
@@ -69,6 +71,32 @@ _PENDING = 512
 _MEASURED = 256
 # Room for new directions: the least, and the share of the existing ones.
 _MORE, _MORE_SHARE = 32, 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InDirections(PriorCrossCovariance):
+    """The same in the directions of a posterior, which later ones of its matrix M add to.
+
+    Attributes:
+        matrix: The posterior's M without pending updates: that of those for which this holds.
+        size: Number of its directions.
+        n_pending: Number of its pending updates.
+        inside: shape (2 k, Z room), g C.
+        taken: shape (2 k, Z room), g C M, pending updates included.
+    """
+
+    matrix: Array
+    size: int
+    n_pending: int
+    inside: Array
+    taken: Array
+
+    def turned(self, r: Array) -> "InDirections":
+        """Return the same of other rows; as of the class it inherits from."""
+        cross, inside, taken = (
+            by_component(r, each) for each in (self.cross, self.inside, self.taken)
+        )
+        return replace(self, cross=cross, inside=inside, taken=taken)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,19 +192,53 @@ class ReducedSubspacePosterior(Posterior):
         self, rows: ProfileRows, prefetched: PriorCrossCovariance
     ) -> PredictedObservation[Posterior]:
         """Return the prediction of a profile's rows."""
-        return self._with_directions_of(rows.basis)._predict(rows, prefetched.cross)
+        return self._with_directions_of(rows.basis)._predict(rows, prefetched)
 
-    def _predict(self, rows: ProfileRows, cross: Array) -> PredictedObservation[Posterior]:
-        pending = self.pending.rows[: self.n_pending]
+    @property
+    def prefetched_for(self) -> object:
+        """Identifies posteriors for which the same ``prefetch`` holds."""
+        return self.matrix
+
+    def prefetch(self, profiles: Sequence[ProfileRows]) -> list[PriorCrossCovariance]:
+        """Return the parts of coming predictions that do not depend on the order of assimilation: M is read once for all of them."""
+        crosses = prior_cross_covariances(self.prior, profiles)
+        inside = self._projected(np.concatenate(crosses), slice(0, self.size))
+        taken = self._taken_of(inside, 0)
+        taken += tiled_product(self.matrix, np.ascontiguousarray(inside.T)).T
+        ends = np.cumsum([len(cross) for cross in crosses])[:-1]
+        each = zip(crosses, np.split(inside, ends), np.split(taken, ends), strict=True)
+        none = np.empty((0, 0))
+        return [
+            InDirections(cross, none, 0, self.matrix, self.size, self.n_pending, part, product)
+            for cross, part, product in each
+        ]
+
+    def _projected(self, cross: Array, which: slice) -> Array:
+        """Return H P0 of rows in some of the directions, shape (m, Z room), 0 in the others."""
+        out = np.zeros((len(cross), self.n_levels, self.room))
+        by_row = cross.reshape(-1, cross.shape[2]) / self.mode_std
+        part = by_row @ self.directions.rows[which].T
+        out[..., which] = part.reshape(len(cross), self.n_levels, -1)
+        return out.reshape(len(cross), -1)
+
+    def _taken_of(self, inside: Array, first: int) -> Array:
+        """Return g C, shape (m, Z room), times the pending updates from one on."""
+        pending = self.pending.rows[first : self.n_pending]
+        return np.asarray((inside @ pending.T) @ pending)
+
+    def _predict(
+        self, rows: ProfileRows, prefetched: PriorCrossCovariance
+    ) -> PredictedObservation[Posterior]:
+        if not (isinstance(prefetched, InDirections) and prefetched.matrix is self.matrix):
+            (prefetched,) = self.prefetch([rows])
+            assert isinstance(prefetched, InDirections)
+        g_cross = prefetched.inside
+        if self.size > prefetched.size:
+            g_cross = g_cross + self._projected(prefetched.cross, slice(prefetched.size, self.size))
         inside = self._with_room((rows.basis * self.mode_std) @ self.active_directions.T)
-        g_cross = self._with_room(cross / self.mode_std @ self.active_directions.T).reshape(
-            len(cross), -1
-        )
-        q = (
-            -tiled_product(self.matrix, np.ascontiguousarray(g_cross.T)).T
-            - (g_cross @ pending.T) @ pending
-        )
-        q += np.einsum("kz,cs->ckzs", rows.r, inside).reshape(q.shape)
+        q = (rows.r[:, :, None] * inside[:, None, None]).reshape(g_cross.shape)
+        q -= prefetched.taken
+        q -= self._taken_of(g_cross, prefetched.n_pending)
         cov = g_cross @ q.T
         predicted = self.prior_prediction(rows) + g_cross @ self.amplitude
 
@@ -192,10 +254,11 @@ class ReducedSubspacePosterior(Posterior):
         self, half_gain: Array, whitened: Array, inside: Array
     ) -> "ReducedSubspacePosterior":
         """Return the posterior with M and a updated by half gains, shape (2 k, Z room), and with the rows A of G, shape (2, room)."""
-        new = self._flushed() if self.n_pending + len(half_gain) > len(self.pending.rows) else self
+        most = len(self.pending.rows) - len(half_gain)
+        new = self._flushed() if self.n_pending > most else self
         if new.n_measured + len(inside) > len(new.measured.rows):
             new = new._compressed()
-        return replace(
+        new = replace(
             new,
             amplitude=self.amplitude + half_gain.T @ whitened,
             pending=new.pending.appended(new.n_pending, half_gain),
@@ -203,6 +266,8 @@ class ReducedSubspacePosterior(Posterior):
             measured=new.measured.appended(new.n_measured, inside),
             n_measured=new.n_measured + len(inside),
         )
+        # what is computed of M for a block of profiles holds to its end where M changes between blocks
+        return new._flushed() if new.n_pending > most else new
 
     def _with_room(self, values: Array) -> Array:
         """Return values for the directions, shape (..., s), padded with zeros."""

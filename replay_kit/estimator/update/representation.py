@@ -8,12 +8,12 @@ there the posterior stays in factors, in all directions if need be.
 
     representation        what is kept                                           work for each ping     memory
     observation space     the K rows so far, their Cholesky factor L             L read twice, P0 G'    K^2 / 2
-    reduced subspace      the s directions of all G measured, M of Z s rows      M read once, P0 G'     (Z s)^2, s <= r
+    reduced subspace      the s directions of all G measured, M of Z s rows      M times rows, P0 G'    (Z s)^2, s <= r
 
 Directions are counted at 32, 64, 128 ... profiles; two for each profile is the most, and a glider's track has about half a direction for
 each after 450. The covariance of all weights is computed when ``FlowEstimate.weight_cov`` is first read, as is the mean.
 
-The cost of products with P0 and with L is reading them: 80 MB of parts of a hybrid prior at full rank, and more of L. A profile's
+Products with P0, L and M for one ping cost reading them: 80 MB of parts of a hybrid prior at full rank, and more of L. A profile's
 products do not depend on the values measured before it, so ``steps`` computes them for sixteen coming profiles at once
 (``PriorCrossCovariance``), and ``means`` those of neighbouring states together. Single steps give the same result to rounding.
 

@@ -115,7 +115,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         self, state: WindowedState, observations: Iterable[Measurement]
     ) -> Iterator[tuple[WindowedState, Innovation]]:
         """Yield the state after each observation, and its innovation."""
-        for _, _, after, innovation in self.group_steps(state, observations):
+        for _, _, after, innovation, _ in self.group_steps(state, observations):
             yield after, innovation
 
     def group_steps(
@@ -136,7 +136,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         self, state: WindowedState, block: Sequence[Measurement | ProfileGroup]
     ) -> Generator[Stepped[WindowedState], None, WindowedState]:
         """Yield the outcome of measurements and groups in one window; return the last state."""
-        for event, _, inner, innovation in self._of(state.current.region).group_steps(
+        for event, _, inner, innovation, _ in self._of(state.current.region).group_steps(
             state.current.state, block
         ):
             before, state = state, replace(state, current=replace(state.current, state=inner))

@@ -6,11 +6,12 @@ all logs of a mission.
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from replay_kit.core.errors import Finding
+from replay_kit.core.frozen import replace
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements.consistency import checks, findings
 from replay_kit.measurements.consistency.causes import (

@@ -14,10 +14,11 @@ Positions and profiles may repeat; times that do not grow make no pair.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from replay_kit.core.frozen import replace
 from replay_kit.core.observation import PathMean
 from replay_kit.measurements.consistency.pairs import Pair, PairStatistics
 

@@ -7,8 +7,9 @@ is one, came from there to here: two logs of one vehicle are near each other, tw
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
+from replay_kit.core.frozen import replace
 from replay_kit.core.observation import VehicleState
 from replay_kit.measurements.consistency.sources import metres_per_degree
 

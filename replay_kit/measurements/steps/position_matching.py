@@ -7,12 +7,13 @@ The waiting pings are one tuple in the order of their times: to add a ping costs
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import attrgetter
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.frozen import replace
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import NO_RAW_VALUES, Observation, RawValues, Source, VehicleState
@@ -307,4 +308,4 @@ def _together(
             position_std=each.position_std,
         )
         carriers = [Used(source.topic)] * (waiting.n_messages - 1)
-        yield [*carriers, Used(source.topic, tuple(check.of(i) for check in found)), observation]
+        yield [*carriers, Used(source.topic, found, i), observation]

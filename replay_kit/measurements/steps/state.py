@@ -4,11 +4,12 @@ A position completes the pings that waited for it, and the mean current that it 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.frozen import replace
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState

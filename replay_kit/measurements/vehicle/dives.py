@@ -8,7 +8,7 @@ means in none, and ``sample_class`` says why.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 
 import gsw
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.frozen import replace
 from replay_kit.core.observation import Measurement, Observation, VehicleState
 
 # degrees; gravity there is the mean of the equator's and the pole's, so that a depth is off by 0.27 % at most

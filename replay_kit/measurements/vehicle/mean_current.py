@@ -5,11 +5,12 @@ time between the fixes; it is the mean of the current along the path (``dead_rec
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.frozen import replace
 from replay_kit.core.observation import Fix, PathMean, Source, VehicleState
 from replay_kit.measurements.vehicle.dead_reckoning import (
     Path,

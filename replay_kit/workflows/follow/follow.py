@@ -4,7 +4,9 @@ import json
 import os
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.atomic import claimed, part_of
@@ -18,6 +20,7 @@ from replay_kit.core.errors import (
 from replay_kit.core.paths import Stamp, stamps_of
 from replay_kit.core.plan import Place
 from replay_kit.core.text import count_text, place_text
+from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import STREAMS
 from replay_kit.results.outcome.outcome import Outcome
@@ -46,6 +49,7 @@ from replay_kit.workflows.replay.inputs.scan import look_ahead
 from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
+from replay_kit.workflows.replay.store.basis import built
 from replay_kit.workflows.report import report
 from replay_kit.workflows.status import read_each, write_pages
 
@@ -127,6 +131,7 @@ class Follower:
         self._memory = remembered.read_memory(options.states)
         self._good = set(self._memory.used)
         self._forecast: tuple[dict[Path, Stamp], Forecasts, object] | None = None
+        self._built: tuple[Forecasts, Estimator[Any]] | None = None
         self._held: dict[str, Held] = {}
         self._outcome: Outcome | None = None
         if self._good and self._out.is_file():
@@ -297,7 +302,9 @@ class Follower:
             for number, text in enumerate(self._memory.said)
         }
         job = replace(
-            job, following=Following(self._options.states, record, self._memory.goals[1:])
+            job,
+            following=Following(self._options.states, record, self._memory.goals[1:]),
+            estimator=partial(self._estimator, job),
         )
         summary, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
         self._summary, (self._held, self._outcome) = summary, read_each(self._out)
@@ -313,6 +320,12 @@ class Follower:
             for one in self._job.vehicles
             if one.name in of.values()
         )
+
+    def _estimator(self, job: ReplayJob, forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
+        """Return the estimator of a forecast: built once, for all replays until the next one."""
+        if self._built is None or self._built[0] is not forecasts:
+            self._built = forecasts, built(forecasts, config, job)
+        return self._built[1]
 
     def _without_folders(self, text: str) -> str:
         """Return a text with files by their names: the folder that the inputs are in changes no byte of a result."""

@@ -222,7 +222,7 @@ def _tested(events: Sequence[object]) -> Iterator[tuple[Sequence[Check], Observa
     """Yield the profiles among the events of a message with their tests, which come right before the profile."""
     checks: Sequence[Check] = ()
     for event in events:
-        if isinstance(event, Used) and event.checks:
+        if isinstance(event, Used) and event.tests:
             checks = event.checks
         elif isinstance(event, Observation):
             yield checks, event

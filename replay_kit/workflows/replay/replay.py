@@ -4,8 +4,9 @@ The messages' own times drive the loop; nothing depends on the wall clock, and t
 go to the summary only.
 """
 
+import gc
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -86,6 +87,8 @@ from replay_kit.workflows.replay.store.followed import FollowedStates
 _BLOCK = 128
 # Of one vehicle, or of several.
 AnySession = Session | ArraySession
+# Objects made before those are looked for that hold each other: a replay makes none, and to look takes a tenth of its loop.
+_COLLECTED = 50_000
 
 
 def replay(
@@ -115,7 +118,8 @@ def replay(
     """
     check_against(job)
     check_outputs(job)
-    with threadpool_limits(limits=config.output.threads), resuming(job.checkpoint):
+    threads = threadpool_limits(limits=config.output.threads)
+    with threads, _collecting_seldom(), resuming(job.checkpoint):
         job = identified(job, config)
         try:
             return _replay(job, config, planner_of, progress, on_digest, forecasts)
@@ -126,6 +130,16 @@ def replay(
         # taken for one vehicle's, the logs are of several
         job = identified(replace(job, vehicles=vehicles), config)
         return _replay(job, config, planner_of, progress, on_digest, None)
+
+
+@contextmanager
+def _collecting_seldom() -> Iterator[None]:
+    before = gc.get_threshold()
+    gc.set_threshold(max(_COLLECTED, before[0]) if before[0] else 0, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 def _replay(

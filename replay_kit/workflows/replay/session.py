@@ -23,7 +23,7 @@ from replay_kit.measurements.consistency.monitor import Checked
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.inputs.estimator import flow_at
-from replay_kit.workflows.replay.shared import SharedEstimate
+from replay_kit.workflows.replay.shared import BUFFERED, SharedEstimate
 from replay_kit.workflows.replay.stages import consistency, plans
 from replay_kit.workflows.replay.stages.consistency import MonitoringState
 from replay_kit.workflows.replay.stages.estimation import EstimationState, Step
@@ -120,6 +120,7 @@ class Session:
             Observation,
             *paths,
         )
+        self._uncounted: list[Event] = []
         self.name = name
         self.shared = shared or SharedEstimate(self.clock)
         prior = estimator.initial()
@@ -149,6 +150,16 @@ class Session:
     def vehicles(self) -> tuple["Session", ...]:
         """The sessions of the vehicles that share the estimate: this one."""
         return (self,)
+
+    @property
+    def statistics(self) -> RunStatistics:
+        """What was counted."""
+        self._count()
+        return self._statistics
+
+    @statistics.setter
+    def statistics(self, counted: RunStatistics) -> None:
+        self._statistics, self._uncounted = counted, []
 
     @property
     def problem(self) -> PlanningProblem | None:
@@ -200,9 +211,9 @@ class Session:
             pings: What ``summarised`` gives of its profiles and those that follow; None for these events alone.
         """
         pings = self.summarised(events) if pings is None else pings
-        self.statistics = self.statistics.after_events(
-            event for event in events if not isinstance(event, self._inputs) and not _aside(event)
-        )
+        self._uncounted += [event for event in events if self._is_counted(event)]
+        if len(self._uncounted) >= BUFFERED:
+            self._count()
         for given in events:
             if (
                 isinstance(given, PathMean)
@@ -218,6 +229,18 @@ class Session:
                 self.shared.give(self._number, event)
             elif isinstance(event, PathMean):
                 self._expect(forecast_mean(self.forecasts, event))
+
+    def _count(self) -> None:
+        """Count the events that wait for it: many take little more time than one."""
+        if self._uncounted:
+            self._statistics = self._statistics.after_events(self._uncounted)
+            self._uncounted = []
+
+    def _is_counted(self, event: Event) -> bool:
+        """Return whether an event goes no further; a mean current beside profiles that were computed from it is no loss."""
+        return not isinstance(event, self._inputs) and not (
+            isinstance(event, PathMean) and event.beside_profiles
+        )
 
     def _corrected(self, event: Event) -> Event:
         """Return an event as the estimate is given it: of a mean current without the flight model's error, from which it can be rebuilt."""
@@ -337,12 +360,6 @@ class Session:
     def _write(self, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
         if self.writer is not None:
-            with self.writer.of(self.name):
+            with self.writer.of(self.name), self.clock.stage("write"):
                 for output in outputs:
-                    with self.clock.stage("write"):
-                        write(self.writer, output)
-
-
-def _aside(event: Event) -> bool:
-    """Return whether an event is a mean current beside profiles that were computed from it: not used, it is no loss."""
-    return isinstance(event, PathMean) and event.beside_profiles
+                    write(self.writer, output)

@@ -6,9 +6,10 @@ waits until every vehicle that goes on has a later one; of equal times that of t
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
+from replay_kit.core.frozen import replace
 from replay_kit.core.observation import (
     NO_RAW_VALUES,
     Measurement,
@@ -26,8 +27,8 @@ from replay_kit.workflows.replay.stages.estimation import (
 )
 from replay_kit.workflows.replay.stopwatch import Stopwatch
 
-# Events that wait at most: a log may hold positions and nothing else.
-_BUFFERED = 4096
+#: Events that wait at most: a log may hold positions and nothing else.
+BUFFERED = 4096
 
 Input = VehicleState | Measurement
 
@@ -164,7 +165,7 @@ class SharedEstimate:
         self._buffer.append((number, event))
         self._n_observations += isinstance(event, Measurement)
         block = self.vehicles[number].estimator.block_size
-        if self._n_observations == block or len(self._buffer) == _BUFFERED:
+        if self._n_observations == block or len(self._buffer) == BUFFERED:
             self.assimilate()
 
     def assimilate(self, last: bool = False) -> None:

@@ -2,10 +2,11 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.evidence import Evidence
+from replay_kit.core.frozen import replace
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import PathMean
@@ -100,17 +101,17 @@ class RunStatistics:
 
     def after_events(self, events: Iterable[Event]) -> "RunStatistics":
         """Return the statistics with more messages used and skipped, and mean currents that are not supported."""
-        counts = self.messages
-        for event in events:
-            if isinstance(event, Used):
-                counts = replace(counts, used=increment(counts.used, [event.topic]))
-            elif isinstance(event, Skipped):
-                counts = replace(
-                    counts, skipped=increment(counts.skipped, [(event.topic, event.reason)])
-                )
-            elif isinstance(event, PathMean):
-                counts = replace(counts, unsupported=increment(counts.unsupported, [event.kind]))
-        return self if counts is self.messages else RunStatistics(counts, self.profiles)
+        counts, of = self.messages, list(events)
+        used = [event.topic for event in of if isinstance(event, Used)]
+        skipped = [(event.topic, event.reason) for event in of if isinstance(event, Skipped)]
+        unsupported = [event.kind for event in of if isinstance(event, PathMean)]
+        counts = replace(
+            counts,
+            used=increment(counts.used, used),
+            skipped=increment(counts.skipped, skipped),
+            unsupported=increment(counts.unsupported, unsupported),
+        )
+        return RunStatistics(counts, self.profiles)
 
     def after_steps(self, steps: Sequence[Step]) -> "RunStatistics":
         """Return the statistics with more positions and measurements."""

@@ -146,6 +146,10 @@ def test_what_a_group_differs_by_from_a_state_is_what_each_of_its_profiles_does(
     together = estimator.group_innovation(state, ProfileGroup(tuple(log)))
     np.testing.assert_allclose(together, np.nan_to_num(alone), atol=1e-9)
     assert np.isnan(alone).any()
+    *_, last = estimator.group_steps(state, [ProfileGroup(tuple(log))])
+    assert last.against is not None
+    assert len(last.event.profiles) == len(log)
+    np.testing.assert_array_equal(last.against(state), together)
 
 
 def test_biases_in_the_state_are_estimated_from_groups():

@@ -16,6 +16,7 @@ from replay_kit.workflows.follow.memory import read_memory
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay import replay as replaying
 from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.store import basis
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.instalments import Instalment, delivered, dives_of
@@ -56,6 +57,14 @@ def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean
     )
     assert sea.options.status.is_file()
     assert not (sea.out.with_name("result.mcap.part")).exists()
+
+
+def test_the_estimator_is_built_once_for_all_replays_with_a_forecast(ocean, dives, tmp_path):
+    sea = Sea(ocean, tmp_path, goal=None)
+    with mock.patch.object(basis, "build", wraps=basis.build) as built:
+        sea.follow([sea.put(one.name, one.data) for one in dives[:2]])
+    assert sum("replayed in" in text for text in sea.told) == 2
+    assert built.call_count == 1
 
 
 def test_what_did_not_change_is_not_replayed_again(ocean, dives, tmp_path):

@@ -1,13 +1,14 @@
 """The consistency stage: each event is checked before it is used, and what is found changes what the estimate is made of."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, is_dataclass
 from typing import Any
 
 import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError
+from replay_kit.core.frozen import replace
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement, PathMean, VehicleState
 from replay_kit.measurements.consistency import findings
@@ -98,13 +99,13 @@ def monitor(
     if isinstance(event, PathMean) and event.beside_profiles:
         # the profiles were computed from it
         return replace(state, means=_with_mean(state.means, event)), event, ()
-    if isinstance(event, VehicleState):
-        state = replace(state, tracks=state.tracks.after(event))
+    tracks = state.tracks.after(event) if isinstance(event, VehicleState) else state.tracks
     through_water = config.measurements.dead_reckoning == "through_water"
     checks, checked = check(state.checks, event, speeds, through_water, summary)
     means = _with_mean(state.means, event)
+    after = replace(state, checks=checks, means=means, tracks=tracks)
     if checks.findings is state.checks.findings:
-        return replace(state, checks=checks, means=means), checked, ()
+        return after, checked, ()
     new = tuple(
         _as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :]
     )
@@ -113,11 +114,8 @@ def monitor(
             finding.severity == "inconsistent" and config.consistency.on_failure == "stop"
         ):
             raise MeasurementError(str(finding), state.checks.findings + new)
-    return (
-        replace(state, checks=replace(checks, findings=state.checks.findings + new), means=means),
-        checked,
-        new,
-    )
+    stated = replace(checks, findings=state.checks.findings + new)
+    return replace(after, checks=stated), checked, new
 
 
 def require_one_vehicle(state: MonitoringState, names: Sequence[str]) -> None:

@@ -7,11 +7,12 @@ log is cut into blocks.
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.frozen import replace
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
@@ -127,15 +128,15 @@ def assimilate_together(
                 continue
             members = len(item.profiles) if isinstance(item, ProfileGroup) else 1
             while members:
-                event, before, current, innovation = results.popleft()
+                event, before, current, innovation, against = results.popleft()
                 members -= len(event.profiles) if isinstance(event, ProfileGroup) else 1
                 if event.dive != states[vehicle].dive:
                     states[vehicle] = replace(states[vehicle], dive_start=before, dive=event.dive)
-                found = _assimilation(
-                    estimator, states[vehicle].dive_start, before, event, innovation
-                )
-                step = Step(event, before, current, replace(found, weights=next(weights)))
-                steps.append((vehicle, step))
+                start = states[vehicle].dive_start
+                of_dive = _since(start, estimator, event) if against is None else against(start)
+                std = _dive_std(start, estimator, before, event, innovation)
+                found = Assimilation(innovation, of_dive, next(weights), std)
+                steps.append((vehicle, Step(event, before, current, found)))
     return [replace(state, current=current) for state in states], steps
 
 
@@ -161,25 +162,26 @@ def state_after(
     return current
 
 
-def _assimilation(
+def _since(start: Any, estimator: Estimator[Any], event: Measurement | ProfileGroup) -> Array:
+    """Return measured minus predicted from a state before the dive."""
+    if isinstance(event, ProfileGroup):
+        return estimator.group_innovation(start, event)
+    return estimator.innovation(start, event)
+
+
+def _dive_std(
+    start: Any,
     estimator: Estimator[Any],
-    dive_start: Any,
     before: Any,
     event: Measurement | ProfileGroup,
     innovation: Innovation,
-) -> Assimilation:
-    """Return the assimilation of a measurement or group, without weights, beside what was known before its dive."""
-    dive_innovation = (
-        estimator.group_innovation(dive_start, event)
-        if isinstance(event, ProfileGroup)
-        else estimator.innovation(dive_start, event)
-    )
-    dive_std = None
-    if isinstance(event, PathMean) and event.kind == "dac":
-        # profiles of the dive itself make the estimate surer than it was before the dive
-        from_start = innovation if dive_start is before else estimator.step(dive_start, event)[1]
-        dive_std = from_start.innovation_std
-    return Assimilation(innovation, dive_innovation, None, dive_std)
+) -> Array | None:
+    """Return the standard deviation of a dive's mean current by what was known before the dive; None for other measurements."""
+    if not (isinstance(event, PathMean) and event.kind == "dac"):
+        return None
+    # profiles of the dive itself make the estimate surer than it was before the dive
+    from_start = innovation if start is before else estimator.step(start, event)[1]
+    return from_start.innovation_std
 
 
 _Item = VehicleState | Measurement | ProfileGroup

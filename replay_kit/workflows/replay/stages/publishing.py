@@ -1,7 +1,7 @@
 """The publishing stage: what is published of each step, and when the depth slices are due."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from replay_kit.config.run import OutputConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.frozen import replace
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState

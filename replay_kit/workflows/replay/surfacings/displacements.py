@@ -9,13 +9,14 @@ A dive is concluded when the next one begins: until then a log may still state i
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.frozen import replace
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Measurement, Observation, VehicleState

@@ -4,14 +4,16 @@ The dive's way through the water is taken as its flight model states it after th
 forecast of that dive is made. Of a log without mean currents dives are expected from their displacements (``displacements.py``).
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.frozen import replace
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation, PathMean, usable
@@ -207,8 +209,10 @@ def flown_of(mean: PathMean) -> FlownDive | None:
 
 def with_profile(state: ForecastState, profile: Observation) -> ForecastState:
     """Return the state after an absolute profile of a dive; others change nothing."""
+    if profile.dive == 0 or not math.isfinite(profile.common_std):
+        return state
     used = usable(profile.flags) & np.isfinite(profile.velocity).all(axis=1)
-    if profile.dive == 0 or not np.isfinite(profile.common_std) or not used.any():
+    if not used.any():
         return state
     sums = state.sums if profile.dive == state.dive else np.zeros((0, 3))
     cell = (np.maximum(profile.depth[used], 0.0) // _CELL).astype(np.int64)
