@@ -19,6 +19,8 @@ from replay_kit.workflows.replay.session import ReplayState, Session
 from replay_kit.workflows.replay.shared import Queued
 from replay_kit.workflows.replay.stages.publishing import depth_slices
 
+# Measurements times vehicles up to which the estimate is made without each: it takes as many updates.
+_MOST_DENIED = 20_000
 #: Schema of what stands in the stream where the logs of a vehicle end.
 END = "replay_kit.EndOfLogs"
 
@@ -114,6 +116,11 @@ def _to_end(messages: Iterator[Message], number: int) -> Iterator[Message]:
     yield Message(last_ns, "", END, {}, number, 2**62)
 
 
+def can_be_denied(session: ArraySession) -> bool:
+    """Return whether the estimate without each vehicle can be made in minutes, not hours."""
+    return len(session.vehicles) * len(session.shared.kept) <= _MOST_DENIED
+
+
 def value_of_each(
     session: ArraySession, flow: FlowEstimate
 ) -> dict[str, Mapping[str, float | int | None]]:
@@ -124,6 +131,8 @@ def value_of_each(
         flow: The estimate.
     """
     found: dict[str, Mapping[str, float | int | None]] = {}
+    if session.shared.is_pooled and not can_be_denied(session):
+        return found
     with session.clock.stage("value"):
         pooled = _on_slices(flow, session)
         for number, vehicle in enumerate(session.vehicles):

@@ -69,6 +69,16 @@ def check_inputs(
     Raises:
         ReplayKitError: As the replay itself would, for inputs that it would refuse.
     """
+    if job.vehicles:
+        each = [
+            check_inputs(
+                replace(job, logs=one.logs, goal=one.goal, vehicles=()), config, planner_of
+            )
+            for one in job.each_vehicle
+        ]
+        first = tuple(profile for one in each for profile in one.first)
+        counts = (sum(getattr(one, name) for one in each) for name in ("profiles", "used"))
+        return CheckedInputs(forecasts_of(job, config), *counts, first)
     forecasts = forecasts_of(job, config)
     ensemble, readers = forecasts.ensemble, open_readers(job.logs, config)
     speeds = checked_speeds(ensemble, config)
@@ -82,7 +92,7 @@ def check_inputs(
         else (VehicleState, Observation)
     )
     monitoring, statistics, profiles, used, last_ns = MonitoringState(), RunStatistics(), 0, 0, None
-    first = list[Observation]()
+    taken = list[Observation]()
     for time_ns, events in _blocks(merged, config):
         last_ns, steps = time_ns or last_ns, list[Step]()
         for event in events:
@@ -99,12 +109,12 @@ def check_inputs(
             if isinstance(step.event, Observation) and step.assimilation is not None
         ]
         accepted = [event for event, found in given if found.innovation.accepted]
-        first += accepted[: ReducedBasisEstimator.block_size - len(first)]
+        taken += accepted[: ReducedBasisEstimator.block_size - len(taken)]
         profiles, used = profiles + len(given), used + len(accepted)
     check_span(job.logs, config, last_ns)
     reports = [reader.report() for reader in readers]
     require_usable(monitoring, statistics.with_order(merged), reports, ensemble.grid, config)
-    return CheckedInputs(forecasts, profiles, used, tuple(first))
+    return CheckedInputs(forecasts, profiles, used, tuple(taken))
 
 
 def require_usable(

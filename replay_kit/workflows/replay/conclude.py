@@ -27,6 +27,10 @@ from replay_kit.workflows.replay.stages.consistency import conclusions
 from replay_kit.workflows.replay.statistics import pooled
 from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
 
+_NOT_DENIED = (
+    "the estimate without each vehicle was not made: there are too many vehicles and measurements"
+)
+
 
 def conclude(
     session: Session | ArraySession, inputs: Prepared, others: tuple[Rival, ...] = ()
@@ -49,6 +53,8 @@ def conclude(
         value = value_of_each(session, flow)
         unused = {one.name: one.why_not for one in job.vehicles if one.why_not} | useless
         notes = (*_notes(session, inputs, flow, ()), *map(": ".join, unused.items()))
+        if not value:
+            notes += (_NOT_DENIED,)
         notes += tuple(f"{one.name}: {text}" for one in job.vehicles for text in one.notes)
         summary = replace(
             counted(session, inputs),

@@ -192,7 +192,11 @@ def by_tracks(job: ReplayJob, config: RunConfig, error: MeasurementError) -> tup
         config: The run's settings.
         error: What ended its replay.
     """
-    if job.vehicles or not any(one.name == findings.TRACKS for one in error.findings):
+    if (
+        job.vehicles
+        or job.following
+        or not any(one.name == findings.TRACKS for one in error.findings)
+    ):
         return ()
     tracks = [
         [
