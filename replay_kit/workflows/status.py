@@ -7,7 +7,6 @@ from tempfile import TemporaryDirectory
 from replay_kit.core.atomic import atomic_file
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.vehicles import part_path, vehicles_in, write_part
-from replay_kit.results.views.record import outcome_of_record, read_record
 from replay_kit.show.status.held import Held, read_held
 from replay_kit.show.status.page import several_page, status_page
 from replay_kit.show.status.status import Status, status_of
@@ -40,6 +39,9 @@ def read_each(path: Path) -> tuple[dict[str, Held], Outcome | None]:
     vehicles = [one for one in vehicles_in(path) if not one.why_not]
     if not vehicles:
         return {"": read_held(path)}, None
+    # loads tables, which the status of one vehicle does without
+    from replay_kit.results.views.record import outcome_of_record, read_record
+
     found = {}
     with TemporaryDirectory(prefix="replay_kit_") as folder:
         for one in vehicles:

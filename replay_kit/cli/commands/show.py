@@ -26,6 +26,7 @@ from replay_kit.core.paths import check_paths
 from replay_kit.core.time import parse_time
 
 if TYPE_CHECKING:
+    from replay_kit.results.outcome.outcome import Outcome
     from replay_kit.show.status.status import Status
     from replay_kit.workflows.sound import Sound
 
@@ -113,12 +114,9 @@ def status(
             if sys.stdout.isatty()
             else _WIDTH
         )
-        from replay_kit.show.text import table_text
-        from replay_kit.show.vehicles import COLUMNS, vehicle_rows
-
         text = "\n".join(
             "".join(f"{line}\n" for line in sound.lines)
-            + ("" if outcome is None else table_text(COLUMNS, vehicle_rows(outcome)) + "\n")
+            + ("" if outcome is None else f"{_table(outcome)}\n")
             + "\n".join(show(status, width) for status in found.values())
             for found, outcome, sound in each
         )
@@ -129,6 +127,14 @@ def status(
     figures = [_figures(found, sound) for found, _, sound in each]
     write_json(answer.json_file, {"results": figures} if len(results) > 1 else figures[0])
     return max(sound.exit_code for *_, sound in each)
+
+
+def _table(outcome: "Outcome") -> str:
+    """Return the table of the vehicles of a result."""
+    from replay_kit.show.text import table_text
+    from replay_kit.show.vehicles import COLUMNS, vehicle_rows
+
+    return table_text(COLUMNS, vehicle_rows(outcome))
 
 
 def _figures(found: "Mapping[str, Status]", sound: "Sound") -> dict[str, Any]:

@@ -77,8 +77,8 @@ def check_inputs(
             for one in job.each_vehicle
         ]
         first = tuple(profile for one in each for profile in one.first)
-        counts = (sum(getattr(one, name) for one in each) for name in ("profiles", "used"))
-        return CheckedInputs(forecasts_of(job, config), *counts, first)
+        profiles, used = sum(one.profiles for one in each), sum(one.used for one in each)
+        return CheckedInputs(forecasts_of(job, config), profiles, used, first)
     forecasts = forecasts_of(job, config)
     ensemble, readers = forecasts.ensemble, open_readers(job.logs, config)
     speeds = checked_speeds(ensemble, config)
