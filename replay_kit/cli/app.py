@@ -20,6 +20,7 @@ from replay_kit.cli.help import (
     option_groups,
     refuse_unknown,
     repeat_ensembles,
+    spread_vehicles,
 )
 from replay_kit.cli.options import CHOICES, before_conversion
 from replay_kit.core.errors import ConfigError, ReplayKitError
@@ -219,7 +220,7 @@ def run(arguments: list[str]) -> int:
         ReplayKitError: The command ended with an error of its own.
     """
     reporting.begin(reporting.Reporting())
-    arguments = repeat_ensembles(_command_first(arguments))
+    arguments = repeat_ensembles(spread_vehicles(_command_first(arguments)))
     words = [word for word in arguments if word not in _HELP]
     chain, apps, unused = app.parse_commands(words)
     command = apps[-1].default_command

@@ -195,7 +195,7 @@ def _entry(names: str, description: str, width: int) -> Iterator[str]:
     yield from lines
 
 
-_OPTION = "--ensemble"
+_OPTION, _AS = "--ensemble", "--as"
 _ENDINGS = (".nc", ".nc3", ".nc4", ".cdf", ".netcdf", ".zarr")
 
 
@@ -226,6 +226,30 @@ def repeat_ensembles(arguments: Sequence[str]) -> list[str]:
                 found += [_OPTION, word] if forecast else [word]
             position += len(after)
     return found
+
+
+def spread_vehicles(arguments: Sequence[str]) -> list[str]:
+    """Return a command line in which each log after ``--as NAME=`` has the option before it, and is one of the command's logs too.
+
+    Args:
+        arguments: What follows the program's name.
+    """
+    found, logs, words = list[str](), list[str](), list(arguments)
+    while words:
+        word = words.pop(0)
+        option, equals, value = word.partition("=")
+        if option != _AS or not (equals or words):
+            found.append(word)
+            continue
+        name, named, first = (value if equals else words.pop(0)).partition("=")
+        if not named:
+            found += [_AS, name]
+            continue
+        own = [first, *takewhile(lambda word: not word.startswith("-"), words)]
+        del words[: len(own) - 1]
+        found += [part for log in own for part in (_AS, f"{name}={log}")]
+        logs += own
+    return [*found[:1], *logs, *found[1:]]
 
 
 def _looks_like_forecast(word: str) -> bool:

@@ -48,6 +48,18 @@ class Numbers:
 PLACE = Numbers("LON,LAT,DEPTH")
 
 
+@dataclass(frozen=True, slots=True)
+class OfVehicles(Numbers):
+    """Mark of numbers that may be one vehicle's: ``NAME=`` stands before them."""
+
+    def check(self, name: str, text: str) -> None:
+        """Raise ConfigError as for the numbers alone."""
+        Numbers.check(self, name, text.rpartition("=")[2])
+
+
+PLACES = OfVehicles("LON,LAT,DEPTH")
+
+
 def numbers(text: str, name: str, form: str | None = None) -> tuple[float, ...]:
     """Return the finite numbers of an option, with commas between them.
 

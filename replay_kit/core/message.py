@@ -86,6 +86,7 @@ class LogReader(AbstractContextManager["LogReader"], Protocol):
 
     path: str
     format: str
+    input: int
 
     def messages(self) -> Iterator[Message]:
         """Yield the decoded messages in the file's order; ``merge`` puts them in the order of their times."""

@@ -5,7 +5,8 @@ are those of the events, never of the writing, so that the same run gives the sa
 """
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -41,6 +42,7 @@ from replay_kit.results.topics import (
     WINDOW_NAME,
     Digest,
 )
+from replay_kit.results.vehicles import name_of, topic_of
 
 _OWN_SCHEMA = ("protobuf", DESCRIPTOR_SET)
 
@@ -76,6 +78,20 @@ class ResultWriter(ResultFile):
         self._accepted = 0
         self._arrow_scale: float | None = None
         self._on_digest = on_digest
+        self._vehicle = ""
+
+    @contextmanager
+    def of(self, vehicle: str) -> Iterator[None]:
+        """Write what follows as of one of several vehicles, under its own topics and names; the estimate stays common to all.
+
+        Args:
+            vehicle: Its name; empty for the only one.
+        """
+        before, self._vehicle = self._vehicle, vehicle
+        try:
+            yield
+        finally:
+            self._vehicle = before
 
     def start(
         self,
@@ -108,11 +124,13 @@ class ResultWriter(ResultFile):
 
     def fix(self, state: VehicleState) -> None:
         """Write a position to ``/vehicle/fix``."""
-        self._log("/vehicle/fix", messages.location_fix(state), state.time_ns)
+        frame = self._vehicle or messages.VEHICLE_FRAME
+        self._log("/vehicle/fix", messages.location_fix(state, frame), state.time_ns)
 
     def vehicle(self, time_ns: int, place: Sequence[float], heading: float) -> None:
-        """Write the frame ``vehicle`` to ``/tf``; arguments as of ``messages.vehicle_transform``."""
-        self._log("/tf", messages.vehicle_transform(time_ns, place, heading), time_ns)
+        """Write the vehicle's frame to ``/tf``; arguments as of ``messages.vehicle_transform``."""
+        frame = self._vehicle or messages.VEHICLE_FRAME
+        self._log("/tf", messages.vehicle_transform(time_ns, place, heading, frame), time_ns)
 
     def at_vehicle(
         self,
@@ -188,6 +206,10 @@ class ResultWriter(ResultFile):
         """Write the bottom around the region to ``/plan/seabed``."""
         self._log("/plan/seabed", seabed_message(time_ns, seabed), time_ns)
 
+    def record(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record of the run, or of the vehicle whose turn it is."""
+        self.write_metadata(name_of(self._vehicle, name), values)
+
     def outcome(self, outcome: SurfacingOutcome) -> None:
         """Write a predicted surfacing with the actual one to ``/plan/outcome``."""
         self._log_own(
@@ -244,7 +266,7 @@ class ResultWriter(ResultFile):
         """
         self.attach(
             time_ns,
-            SUMMARY_NAME,
+            name_of(self._vehicle, SUMMARY_NAME),
             "application/json",
             (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode(),
         )
@@ -273,11 +295,15 @@ class ResultWriter(ResultFile):
 
     def _log(self, topic: str, message: _Encodable, time_ns: int) -> None:
         self.write_message(
-            topic, lambda: _definition(message.get_schema()), message.encode(), time_ns
+            topic_of(self._vehicle, topic),
+            lambda: _definition(message.get_schema()),
+            message.encode(),
+            time_ns,
         )
 
     def _log_own(self, topic: str, name: str, data: bytes, time_ns: int) -> None:
-        self.write_message(topic, lambda: (f"replay_kit.{name}", *_OWN_SCHEMA), data, time_ns)
+        own = topic_of(self._vehicle, topic)
+        self.write_message(own, lambda: (f"replay_kit.{name}", *_OWN_SCHEMA), data, time_ns)
 
 
 def _definition(schema: foxglove.Schema) -> tuple[str, str, bytes]:

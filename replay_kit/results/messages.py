@@ -70,19 +70,22 @@ def frame_transform(time_ns: int) -> fox.FrameTransform:
     )
 
 
-def vehicle_transform(time_ns: int, place: Sequence[float], heading: float) -> fox.FrameTransform:
-    """Return the transform that places the frame ``vehicle`` in ``map``.
+def vehicle_transform(
+    time_ns: int, place: Sequence[float], heading: float, frame: str = VEHICLE_FRAME
+) -> fox.FrameTransform:
+    """Return the transform that places a vehicle's frame in ``map``.
 
     Args:
         time_ns: [ns, UTC].
         place: Local east, local north and depth [m].
         heading: Of its way, clockwise from local north [rad].
+        frame: Of the vehicle.
     """
     east, north, depth = place
     return fox.FrameTransform(
         timestamp=stamp(time_ns),
         parent_frame_id=FRAME,
-        child_frame_id=VEHICLE_FRAME,
+        child_frame_id=frame,
         translation=fox.Vector3(x=east, y=north, z=-depth),
         rotation=orientation(math.sin(heading), math.cos(heading), 0.0),
     )
@@ -123,7 +126,7 @@ def consistency(time_ns: int, findings: Sequence[Finding]) -> bytes:
     return encode("Consistency", {"timestamp": _time(time_ns), "findings": found})
 
 
-def location_fix(state: VehicleState) -> fox.LocationFix:
+def location_fix(state: VehicleState, frame: str = VEHICLE_FRAME) -> fox.LocationFix:
     """Return the vehicle's position, longitude in -180..180.
 
     ``metadata`` holds ``depth`` [m], by which the measurement step reads the fix back; it is absent when the depth is unknown. The
@@ -139,7 +142,7 @@ def location_fix(state: VehicleState) -> fox.LocationFix:
         metadata.append(fox.KeyValuePair(key="depth", value=repr(float(state.depth))))
     return fox.LocationFix(
         timestamp=stamp(state.time_ns),
-        frame_id=VEHICLE_FRAME,
+        frame_id=frame,
         latitude=state.latitude,
         longitude=longitude,
         altitude=-state.depth,

@@ -1,14 +1,22 @@
-"""A result as a notebook holds it: its estimate, its tables, and its figures, which are drawn of these."""
+"""A result as a notebook holds it: its estimate, its tables, its figures, and of several vehicles the part of each."""
 
+import shutil
+import tempfile
+import weakref
+from collections.abc import Mapping
 from functools import cached_property
+from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile, result_path
+from replay_kit.results.vehicles import part_path, vehicles_in, write_part
 from replay_kit.results.views.record import outcome_of_result, read_record
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from replay_kit.show.plots import Plots
 
 
@@ -19,6 +27,21 @@ class Result(ResultFile):
     def outcome(self) -> Outcome:
         """What the run found and how far to trust it: counts, fit, verdict, plan, surfacings, contradictions, losses."""
         return outcome_of_result(self, read_record(self.path))
+
+    @cached_property
+    def vehicles(self) -> Mapping[str, "Result"]:
+        """Of several vehicles that share the estimate the result of each, by its name; none of one alone."""
+        found: dict[str, Result] = {}
+        held = [one for one in vehicles_in(self.path) if not one.why_not]
+        if not held:
+            return found
+        folder = Path(tempfile.mkdtemp(prefix="replay_kit_"))
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        for one in held:
+            write_part(self.path, one, part := part_path(self.path, one.name, folder))
+            summary = None if self.summary is None else self.summary.vehicles.get(one.name)
+            found[one.name] = Result(part, summary)
+        return found
 
     @cached_property
     def plot(self) -> "Plots":
@@ -36,4 +59,30 @@ def open_result(path: str | Path) -> Result:
         LogError: The file is missing, or is no complete result.
         ConfigError: The path is neither text nor a ``Path``.
     """
-    return Result(result_path(path))
+    return as_pooled(Result(result_path(path)))
+
+
+def as_pooled(result: Result) -> Result:
+    """Return a result, of several vehicles as one whose tables hold all of them."""
+    return Pooled(result.path, result.summary) if vehicles_in(result.path) else result
+
+
+class Pooled(Result):
+    """What several vehicles found together: one estimate; in each table the column ``vehicle`` says whose a row is."""
+
+    def joined(self, name: str) -> "pd.DataFrame":
+        """Return a table of all vehicles; numbers in it, such as of dives, are each vehicle's own."""
+        import pandas as pd
+
+        tables = [
+            getattr(one, name).assign(vehicle=vehicle) for vehicle, one in self.vehicles.items()
+        ]
+        held = [table for table in tables if len(table)]
+        return pd.concat(held) if held else tables[0]
+
+
+for _name in (
+    *("fixes", "observations", "innovations", "dives"),
+    *("plans", "plan_tracks", "surfacings", "events"),
+):
+    setattr(Pooled, _name, property(methodcaller("joined", _name)))

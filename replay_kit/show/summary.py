@@ -8,8 +8,14 @@ from rich.console import Console
 
 from replay_kit.core.errors import finding_line
 from replay_kit.results.losses import lost_text
-from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.show.text import folded, not_used_lines, print_lines, print_table
+from replay_kit.show.vehicles import (
+    ABOUT_VALUE,
+    COLUMNS,
+    vehicle_rows,
+    vehicle_sentences,
+)
 from replay_kit.show.words import (
     evidence_sentence,
     flight_correction_sentence,
@@ -45,6 +51,15 @@ def print_summary(outcome: Outcome, console: Console, verbose: bool = False) -> 
     basis = [text for text in outcome.verdict if text not in decision.reasons]
     lines = [f"Verdict: {decision!s}", f"Basis: {'; '.join(basis)}"]
     print_lines(console, [*lines, *map(finding_line, outcome.consistency)])
+    if outcome.vehicles:
+        print_table(console, "Vehicles", COLUMNS, vehicle_rows(outcome))
+        print_lines(console, [ABOUT_VALUE, *vehicle_sentences(outcome)])
+        print_lines(console, [*estimate_sentences(outcome), *_further_sentences(outcome)])
+        if verbose:
+            for name, values in outcome.vehicles.items():
+                console.print(f"\n{name}", soft_wrap=True)
+                print_summary(outcome_from(values), console, verbose)
+        return
     rows = [
         (row["topic"], *(str(row[name]) for name in ("read", "used", "skipped"))) for row in topics
     ]

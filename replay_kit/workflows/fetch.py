@@ -279,7 +279,7 @@ def wanted_of(request: Request, session: Session) -> tuple[Wanted, tuple[FoundRe
             with open_extent(request.ensemble, config.forecast, reach.first_ns) as extent:
                 if extent is not None:
                     inside_extent(extent, reach.places)
-            one = find_region(job.logs, request.ensemble, config, reach.first_ns, job.goal)
+            one = find_region(job.logs, request.ensemble, config, reach.first_ns, job.goals)
         found.append(one)
         boxes.append(None if one is None else _reached(one, reach))
     whole = None

@@ -27,7 +27,7 @@ from replay_kit.core.progress import Progress, silent
 from replay_kit.core.time import to_time_ns
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
-from replay_kit.show import Result
+from replay_kit.show.opened import Result, as_pooled
 from replay_kit.workflows.in_memory.forecasts import is_forecast, write_forecast
 from replay_kit.workflows.in_memory.observations import is_observed, write_observed
 from replay_kit.workflows.in_memory.parts import (
@@ -38,7 +38,7 @@ from replay_kit.workflows.in_memory.parts import (
 )
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.replay import replay as replay_job
 from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory
 
@@ -53,6 +53,7 @@ Logs = (
     | Observation
     | PathMean
     | Sequence[str | Path | LogReader | Observation | PathMean]
+    | Mapping[str, Any]
 )
 #: Paths of an ensemble, or what holds its values.
 Forecast = Paths | Ensemble | Any
@@ -83,7 +84,7 @@ def replay(
     logs: Logs,
     ensemble: Forecast,
     *,
-    goal: At | None = None,
+    goal: At | Mapping[str, At] | None = None,
     out: str | Path | None = None,
     settings: Settings = None,
     **options: Unpack[ReplayOptions],
@@ -93,11 +94,12 @@ def replay(
     Args:
         logs: Logs of one mission; an open one stands for its path, and is read with these settings. Or measurements
             (``Observation.profile``, ``Observation.mean``), one or several, or a table with a row for each depth: ``time``, ``lon``,
-            ``lat``, ``depth`` [m], ``u``, ``v`` and ``error`` [m/s]; they are written beside ``out`` as NAME.observations.mcap.
+            ``lat``, ``depth`` [m], ``u``, ``v`` and ``error`` [m/s]; they are written beside ``out`` as NAME.observations.mcap. Of several
+            vehicles that share the estimate a mapping from the name of each to its log or logs.
         ensemble: NetCDF files, Zarr stores, folders or patterns; ``forecast.members`` says what a member is. With ``models``, files in a
             list of their own are one product. Or an xarray ``Dataset``, or an ``Ensemble``, which is written beside ``out`` as
             NAME.ensemble.nc.
-        goal: Where to go next; None plans nothing.
+        goal: Where to go next, of several vehicles all or, in a mapping, those named; None plans nothing.
         out: Result MCAP to keep; None for a temporary one, which lasts as long as the value returned.
         settings: Such as ``{"forecast": {"levels": [5, 150, 500]}}``; ``replay_kit.RunConfig`` has them all.
         **options: ``overwrite=True`` replaces an existing result. ``estimator=``, ``prior=`` and ``planner=`` are used in place of those of
@@ -120,11 +122,17 @@ def replay(
     folder = Path(tempfile.mkdtemp(prefix="replay_kit_")) if out is None else None
     file = as_path(out, "out") if folder is None else folder / "result.mcap"
     try:
+        vehicles = _vehicles(logs, goal, file) if isinstance(logs, Mapping) else ()
+        of_one = None
+        if goal is not None and not isinstance(goal, Mapping):
+            of_one = place_of(goal, "goal")
         job = ReplayJob(
-            _log_paths(logs, file, overwrite),
+            tuple(path for one in vehicles for path in one.logs)
+            or _log_paths(logs, file, overwrite),
             _forecast_paths(ensemble, file, overwrite),
             file,
-            goal=None if goal is None else place_of(goal, "goal"),
+            goal=of_one,
+            vehicles=vehicles,
             overwrite=overwrite,
             estimator=None if estimator is None and prior is None else given(estimator, prior),
             provided=tuple(name for name in _PARTS if options.get(name) is not None),
@@ -147,7 +155,7 @@ def replay(
         warnings.warn(f"lost: {lost}; result.summary.losses says what", stacklevel=2)
     if 6 in summary.exit_codes:
         warnings.warn("; ".join(map(str, summary.findings)), stacklevel=2)
-    result = Result(file, summary)
+    result = as_pooled(Result(file, summary))
     # the estimate is at hand, and need not be read back
     vars(result)["estimate"] = flow
     if folder is not None:
@@ -191,6 +199,24 @@ def _log_paths(logs: Logs, out: Path, overwrite: bool) -> tuple[Path, ...]:
     if not each:
         raise ConfigError("logs: expected one log or several, got none")
     return tuple(as_path(getattr(log, "path", log), "log") for log in each)
+
+
+def _vehicles(logs: Mapping[str, Any], goal: Any, out: Path) -> tuple[Vehicle, ...]:
+    """Return the vehicles of a replay of several, each with its logs and its goal."""
+    goals: Mapping[str, Any] = goal if isinstance(goal, Mapping) else {}
+    if not logs or (unknown := [name for name in goals if name not in logs]):
+        what = f"goal: {', '.join(unknown)}" if logs else "logs"
+        raise ConfigError(f"{what}: expected names of vehicles among {', '.join(logs) or 'none'}")
+    if any(is_observed(one) for one in logs.values()):
+        raise ConfigError("logs: expected the logs of each vehicle, got measurements; give paths")
+    return tuple(
+        Vehicle(
+            str(name),
+            _log_paths(own, out, overwrite=False),
+            None if goals.get(name) is None else place_of(goals[name], f"goal of {name}"),
+        )
+        for name, own in logs.items()
+    )
 
 
 def _forecast_paths(ensemble: Forecast, out: Path, overwrite: bool) -> tuple[tuple[Path, ...], ...]:

@@ -8,10 +8,12 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.core.paths import check_paths
 from replay_kit.results import CONTRACT_VERSION
 from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.vehicles import part_path
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import read_record
 from replay_kit.show import Result, open_result
 from replay_kit.show.report import report_html
+from replay_kit.show.report.several import several_html
 from replay_kit.workflows.sound import sound_result
 
 _RECOVERED = "The result is damaged or cut short: this shows what could be recovered."
@@ -34,10 +36,23 @@ def report(
     """
     check_paths([path], [out], overwrite)
     with opened(path, summary) as contents:
-        page = report_html(contents.result, contents.notes).encode()
-    with atomic_file(out) as file:
+        each = {name: part_path(out, name, out.parent) for name in contents.each if name}
+        check_paths([path], each.values(), overwrite)
+        for name, page in each.items():
+            _write(page, report_html(contents.each[name].result, contents.notes))
+        names = {name: page.name for name, page in each.items()}
+        text = (
+            several_html(contents, names) if each else report_html(contents.result, contents.notes)
+        )
+        return _write(out, text), contents
+
+
+def _write(path: Path, text: str) -> int:
+    """Write a page, and return its size in bytes."""
+    page = text.encode()
+    with atomic_file(path) as file:
         file.write(page)
-    return len(page), contents
+    return len(page)
 
 
 @contextmanager
@@ -54,7 +69,8 @@ def opened(path: Path, summary: ReplaySummary | None = None) -> Iterator[Content
     with sound_result(path) as sound:
         result = open_result(sound.path)
         notes = (*sound.lines, *(_RECOVERED for _ in sound.losses[:1]), *_version_notes(result))
-        yield Contents(Result(result.path, summary), notes, sound.exit_code)
+        given = type(result)(result.path, summary)
+        yield Contents(given, notes, sound.exit_code)
 
 
 def page_of(result: Path) -> Path:

@@ -1,16 +1,22 @@
 """The status of a result: read, shown, written as a page."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from replay_kit.core.atomic import atomic_file
-from replay_kit.show.status.held import read_held
-from replay_kit.show.status.page import status_page
+from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.vehicles import part_path, vehicles_in, write_part
+from replay_kit.show.status.held import Held, read_held
+from replay_kit.show.status.page import several_page, status_page
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.sound import Sound, sound_result
 
 
-def read_status(path: Path, now_ns: int | None = None) -> tuple[Status, Sound]:
-    """Return the status of a result, and what was lost of the file.
+def read_status(
+    path: Path, now_ns: int | None = None
+) -> tuple[dict[str, Status], Outcome | None, Sound]:
+    """Return the status of each vehicle of a result, under an empty name that of the only one, the outcome of several, and what was lost.
 
     Args:
         path: The result; of a damaged one what could be recovered counts.
@@ -20,7 +26,49 @@ def read_status(path: Path, now_ns: int | None = None) -> tuple[Status, Sound]:
         LogError: The file is missing, or is no result.
     """
     with sound_result(path) as sound:
-        return status_of(read_held(sound.path), now_ns), sound
+        each, outcome = read_each(sound.path)
+        return {name: status_of(held, now_ns) for name, held in each.items()}, outcome, sound
+
+
+def read_each(path: Path) -> tuple[dict[str, Held], Outcome | None]:
+    """Return what the status of each vehicle of a result needs, under an empty name that of the only one, and the outcome of several.
+
+    Raises:
+        LogError: The file is missing, or is no complete result.
+    """
+    vehicles = [one for one in vehicles_in(path) if not one.why_not]
+    if not vehicles:
+        return {"": read_held(path)}, None
+    # loads tables, which the status of one vehicle does without
+    from replay_kit.results.views.record import outcome_of_record, read_record
+
+    found = {}
+    with TemporaryDirectory(prefix="replay_kit_") as folder:
+        for one in vehicles:
+            part = part_path(path, one.name, Path(folder))
+            write_part(path, one, part, estimate=False)
+            found[one.name] = read_held(part)
+    record = read_record(path)
+    return found, None if record.summary is None else outcome_of_record(record)
+
+
+def write_pages(
+    statuses: Mapping[str, Status], outcome: Outcome | None, path: Path, refresh_s: int = 60
+) -> None:
+    """Write the page of a result: of several vehicles a table, and a page of its own for each.
+
+    Raises:
+        ConfigError: A page cannot be written.
+    """
+    if "" in statuses:
+        write_page(statuses[""], path, refresh_s)
+        return
+    pages = {name: part_path(path, name, path.parent) for name in statuses}
+    for name, page in pages.items():
+        write_page(statuses[name], page, refresh_s)
+    names = {name: page.name for name, page in pages.items()}
+    with atomic_file(path) as file:
+        file.write(several_page(statuses, outcome, names, refresh_s).encode())
 
 
 def write_page(status: Status, path: Path, refresh_s: int = 60) -> None:

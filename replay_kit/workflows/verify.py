@@ -32,7 +32,8 @@ from replay_kit.results import (
     read_recorded,
 )
 from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME
-from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.results.vehicles import VEHICLE_RECORD, vehicle_records
+from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,
     FOLLOWED,
@@ -104,6 +105,10 @@ def verify(
     if recorded.metadata.get("replay_kit.options", {}).get("smoothed"):
         raise LogError(
             f"{result}: expected a result of replay-kit replay, got a smoothed one; verify the replay, and smooth again"
+        )
+    if of := recorded.metadata.get(VEHICLE_RECORD):
+        raise LogError(
+            f"{result}: expected a whole result, got the part of {of['name']}; verify the result of all vehicles"
         )
     if provided := recorded.metadata.get("replay_kit.options", {}).get(PROVIDED):
         raise LogError(
@@ -285,8 +290,24 @@ def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
     )
     against = tuple(tuple(found[key] for key in keys) for _, keys in named)
     included = options.get("include_inputs") == "true"
+    vehicles = tuple(
+        Vehicle(
+            one.name,
+            tuple(found[key] for key in one.logs),
+            Place(*(float(part) for part in one.goal.split(","))) if one.goal else None,
+            one.why_not,
+        )
+        for one in vehicle_records(recorded.metadata)
+    )
     return ReplayJob(
-        logs, ensemble, out, goal=where, include_inputs=included, region=region, against=against
+        logs,
+        ensemble,
+        out,
+        goal=where,
+        include_inputs=included,
+        region=region,
+        against=against,
+        vehicles=vehicles,
     )
 
 

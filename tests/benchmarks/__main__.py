@@ -10,6 +10,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from tests.benchmarks import (
+    array,
     atsea,
     estimator,
     faults,
@@ -30,6 +31,7 @@ from tests.benchmarks import (
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
+    "array": array.rows,
     "atsea": atsea.rows,
     "estimator": estimator.rows,
     "faults": faults.rows,

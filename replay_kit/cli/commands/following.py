@@ -108,6 +108,10 @@ class Following:
         from replay_kit.workflows.planning import planner_of
 
         assert job.out is not None
+        if job.vehicles and self.goal_file is not None:
+            raise ConfigError(
+                "--goal-file: goes with one vehicle; give each its goal with --goal NAME=LON,LAT,DEPTH"
+            )
         if job.goal is not None and self.goal_file is not None:
             raise ConfigError("--goal-file: --goal is given too; leave one of them out")
 

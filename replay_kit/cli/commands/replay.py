@@ -1,5 +1,6 @@
 """``replay``: logs through the estimator to an estimate, its uncertainty and a plan."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -23,7 +24,7 @@ from replay_kit.cli.options import (
     place,
 )
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.config.option import PLACE
+from replay_kit.config.option import PLACES
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.core.paths import check_paths, truth_path
 
@@ -51,11 +52,23 @@ class Inputs:
         ),
         SOURCES,
     ] = ()
+    vehicles: Annotated[
+        tuple[str, ...],
+        option(
+            "--as",
+            "Logs of one of several vehicles, which share the estimate; once for each vehicle. Default: as the logs state.",
+            metavar="NAME=LOG...",
+        ),
+    ] = ()
     goal: Annotated[
-        str | None,
-        option("--goal", "Where to go next [degrees, degrees, m].", metavar="LON,LAT,DEPTH"),
-        PLACE,
-    ] = None
+        tuple[str, ...],
+        option(
+            "--goal",
+            "Where to go next [degrees, degrees, m]; of several vehicles all, or the one named.",
+            metavar="[NAME=]LON,LAT,DEPTH",
+        ),
+        PLACES,
+    ] = ()
     truth: Truth = None
     truth_radius: Annotated[
         float | None,
@@ -167,17 +180,18 @@ def replay(
     replaced = outputs.overwrite or following.goes_on(outputs.out)
     status = following.page(outputs.out) if following.follow else None
     check_paths(read, (*made, outputs.smooth, outputs.json_file, outputs.page, status), replaced)
-    goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
+    config = settings.load()
 
     # what takes long to load, after what is quickly refused
     from replay_kit.results.outcome.from_run import failed
     from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.replay.inputs.job import check_outputs
     from replay_kit.workflows.replay.inputs.opened import forecasts_of
+    from replay_kit.workflows.replay.inputs.vehicles import identified
     from replay_kit.workflows.replay.replay import replay as replay_logs
     from replay_kit.workflows.smooth import check_smoothable
 
-    job = _job(logs, inputs, outputs, goal)
+    job = _job(logs, inputs, outputs)
     console = console_beside(outputs.json_file)
     if not following.follow:
         check_outputs(
@@ -188,12 +202,15 @@ def replay(
         return following.run(job, config, console, outputs.page, outputs.json_file)
     if dry_run:
         return _dry_run(job, config, outputs, console)
+    job = identified(job, config)
     try:
         with part_named(outputs.out), progress() as advance:
             advance(0, 0, "reading the forecast")
             forecasts = forecasts_of(job, config)
             if outputs.smooth is not None:
                 check_smoothable(forecasts)
+                if job.vehicles:
+                    raise ConfigError("--smooth: goes with one vehicle only; leave it out")
             summary, _ = replay_logs(job, config, planner_of, advance, forecasts=forecasts)
     except (MeasurementError, ForecastError) as error:
         write_json(outputs.json_file, error.answer or failed(error).to_json())
@@ -203,17 +220,50 @@ def replay(
     return summary.exit_code
 
 
-def _job(
-    logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs, goal: "Place | None"
-) -> "ReplayJob":
-    from replay_kit.workflows.replay.inputs.job import ReplayJob
+def _named(inputs: Inputs) -> dict[str, tuple[Path, ...]]:
+    """Return the logs of ``--as`` by the names of the vehicles."""
+    found: dict[str, tuple[Path, ...]] = {}
+    for text in inputs.vehicles:
+        name, equals, log = text.partition("=")
+        if not (name and equals and log):
+            raise ConfigError(f"--as: expected NAME=LOG, got '{text}'")
+        found[name] = (*found.get(name, ()), Path(log))
+    return found
 
+
+def _goals(inputs: Inputs, names: Collection[str]) -> "dict[str, Place]":
+    """Return the goals by the vehicles' names; that of all under an empty one."""
+    found: dict[str, Place] = {}
+    for text in inputs.goal:
+        name, _, numbers = text.rpartition("=")
+        if name in found or (name and name not in names):
+            what = (
+                f"--goal {name}: expected the name of a vehicle of --as, one of {', '.join(names) or 'none'}"
+                if name not in found
+                else f"--goal: expected one value, got {' and '.join(inputs.goal)}; give the option once"
+            )
+            raise ConfigError(what)
+        found[name] = place(numbers, "--goal")
+    return found
+
+
+def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs) -> "ReplayJob":
+    from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
+
+    named = _named(inputs)
+    goals = _goals(inputs, named)
+    given = [log for own in named.values() for log in own]
+    if named and (unnamed := [str(log) for log in logs if log not in given]):
+        raise ConfigError(
+            f"{', '.join(unnamed)}: expected the logs of all vehicles after --as NAME=, as of {', '.join(named)}; name its vehicle"
+        )
     return ReplayJob(
         logs=logs,
         ensemble=inputs.ensemble,
         against=inputs.against,
         out=outputs.out,
-        goal=goal,
+        goal=goals.get(""),
+        vehicles=tuple(Vehicle(name, own, goals.get(name)) for name, own in named.items()),
         netcdf=outputs.netcdf,
         save_estimate=outputs.save_estimate,
         truth=inputs.truth,

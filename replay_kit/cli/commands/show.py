@@ -2,9 +2,10 @@
 
 import shutil
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from replay_kit.cli import reporting
 from replay_kit.cli.console import console_beside, write_json
@@ -23,6 +24,11 @@ from replay_kit.config.option import PLACE, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_paths
 from replay_kit.core.time import parse_time
+
+if TYPE_CHECKING:
+    from replay_kit.results.outcome.outcome import Outcome
+    from replay_kit.show.status.status import Status
+    from replay_kit.workflows.sound import Sound
 
 
 def report(
@@ -95,7 +101,7 @@ def status(
     check_paths(results, [html, answer.json_file], answer.overwrite or html is not None)
     moment = _moment(now)
 
-    from replay_kit.workflows.status import read_status, write_page
+    from replay_kit.workflows.status import read_status, write_pages
 
     each = [read_status(path, moment) for path in results]
     if not reporting.current().quiet and str(answer.json_file) != "-":
@@ -109,16 +115,34 @@ def status(
             else _WIDTH
         )
         text = "\n".join(
-            "".join(f"{line}\n" for line in sound.lines) + show(found, width)
-            for found, sound in each
+            "".join(f"{line}\n" for line in sound.lines)
+            + ("" if outcome is None else f"{_table(outcome)}\n")
+            + "\n".join(show(status, width) for status in found.values())
+            for found, outcome, sound in each
         )
         reporting.keep(text)
         sys.stdout.write(text)
     if html is not None:
-        write_page(each[0][0], html)
-    figures = [{**found.figures, "losses": list(sound.lines)} for found, sound in each]
+        write_pages(*each[0][:2], html)
+    figures = [_figures(found, sound) for found, _, sound in each]
     write_json(answer.json_file, {"results": figures} if len(results) > 1 else figures[0])
-    return max(sound.exit_code for _, sound in each)
+    return max(sound.exit_code for *_, sound in each)
+
+
+def _table(outcome: "Outcome") -> str:
+    """Return the table of the vehicles of a result."""
+    from replay_kit.show.text import table_text
+    from replay_kit.show.vehicles import COLUMNS, vehicle_rows
+
+    return table_text(COLUMNS, vehicle_rows(outcome))
+
+
+def _figures(found: "Mapping[str, Status]", sound: "Sound") -> dict[str, Any]:
+    """Return the figures of a result's status; of several vehicles those of each, by its name."""
+    lost = {"losses": list(sound.lines)}
+    if "" in found:
+        return {**found[""].figures, **lost}
+    return {"vehicles": {name: status.figures for name, status in found.items()}, **lost}
 
 
 def _moment(text: str | None) -> int | None:
@@ -143,9 +167,21 @@ def _time_of(text: str, name: str, other: str = "") -> int:
 _PICTURES = Ending((".png", ".svg", ".pdf"))
 
 
+_VEHICLE = Annotated[
+    str | None,
+    option(
+        "--vehicle",
+        "One of several vehicles of the result. Default: all; of figures only the map shows all.",
+        metavar="NAME",
+    ),
+]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
     """What a figure shows, and how wide it is."""
+
+    vehicle: _VEHICLE = None
 
     at: Annotated[
         str | None,
@@ -214,8 +250,9 @@ def plot(
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
+        of = contents if figure == "map" and look.vehicle is None else contents.of(look.vehicle)
         chosen = Chosen(at, look.depth, time_ns)
-        content = saved(drawn(contents, figure, chosen, look.columns), out.suffix.lower())
+        content = saved(drawn(of, figure, chosen, look.columns), out.suffix.lower())
     with atomic_file(out) as file:
         file.write(content)
     print_lines(console := console_beside(None), contents.notes)
@@ -263,6 +300,7 @@ def export(
             "Export only this table. Default: all; in CSV the series with --at, else the track.",
         ),
     ] = None,
+    vehicle: _VEHICLE = None,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
     """Return 0, or 4 when part of the result was lost."""
@@ -274,7 +312,8 @@ def export(
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
-        rows = write(contents, out, [(place[0], place[1], place[2]) for place in places], table)
+        of = contents if vehicle is None else contents.of(vehicle)
+        rows = write(of, out, [(place[0], place[1], place[2]) for place in places], table)
     print_lines(console := console_beside(None), contents.notes)
     console.print(
         f"{out}: " + ", ".join(f"{name} {count} rows" for name, count in rows.items()),

@@ -104,10 +104,11 @@ class Grouping:
 
     def ends(self, first: Observation, event: VehicleState | Measurement) -> bool:
         """Return whether something else ends a group that begins with a profile: another measurement, or a position too late."""
-        return (
-            not isinstance(event, VehicleState)
-            or not 0.0 <= (event.time_ns - first.time_ns) / _NS <= self.seconds
-        )
+        return not isinstance(event, VehicleState) or self.is_over(first, event.time_ns)
+
+    def is_over(self, first: VehicleState | Measurement, time_ns: int) -> bool:
+        """Return whether no profile of a time [ns, UTC] can join a group that begins with a profile."""
+        return not 0.0 <= (time_ns - first.time_ns) / _NS <= self.seconds
 
 
 @lru_cache(maxsize=4)

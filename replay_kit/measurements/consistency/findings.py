@@ -177,7 +177,7 @@ def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
         f"{names[one.source.input]} and {names[other.source.input]}; of {passages.number} ways from a position of the one to the next "
         f"of the other {passages.beyond} are longer than a vehicle travels in that time, the last one {apart:.0f} km ({', '.join(placed)})",
         "two vehicles, or a clock or receiver that was wrong most of the time",
-        'replay each alone; consistency.on_failure = "ignore" takes them for one vehicle',
+        'name the vehicles (--as NAME=LOG), or replay each alone; consistency.on_failure = "ignore" takes them for one vehicle',
         "unusable",
     )
 

@@ -267,6 +267,8 @@ def outcome_of(summary: ReplaySummary) -> Outcome:
             "doubts": summary.doubts,
             "outside": summary.outside,
             "exit_codes": summary.exit_codes,
+            "value": summary.value,
+            "unused": summary.unused,
         }
     )
     names = {str(path): path.name for path in summary.inputs}
@@ -274,6 +276,7 @@ def outcome_of(summary: ReplaySummary) -> Outcome:
         **_named(found, names),
         seconds=dict(summary.seconds),
         truth=_plain(asdict(summary.truth)) if summary.truth else None,
+        vehicles={name: outcome_of(one).to_json() for name, one in summary.vehicles.items()},
     )
 
 

@@ -19,6 +19,8 @@ from replay_kit.results.outcome.verdict import (
 
 _STATUS = {0: "done", 4: "loss", 6: "inconsistent"}
 Values = Mapping[str, Any]
+# Of a run of several vehicles alone.
+_OF_SEVERAL = ("vehicles", "value", "unused")
 _NO_OBSERVATIONS = {
     "used": 0,
     "rejected": 0,
@@ -52,6 +54,9 @@ class Outcome:
         lost_pings: Which pings were not used, when they are many and a setting would keep them; empty otherwise.
         doubts: What the measurements cannot tell.
         outside: Why the forecast is not of this place or time.
+        vehicles: The outcome of each vehicle as JSON, by its name, where several share the estimate; the other figures are then of all.
+        value: What each vehicle gives to the estimate, by its name; see ``ReplaySummary``.
+        unused: Vehicles that gave nothing to the estimate, and why.
         exit_codes: All that apply, the one that the run ends with first; empty where it is 0.
         error: Why the run failed; empty otherwise.
         complete: Whether the run ended: False for a result of which only tables are known.
@@ -77,6 +82,9 @@ class Outcome:
     lost_pings: str = ""
     doubts: Sequence[str] = ()
     outside: Sequence[str] = ()
+    vehicles: Mapping[str, Values] = field(default_factory=dict)
+    value: Mapping[str, Values] = field(default_factory=dict)
+    unused: Mapping[str, str] = field(default_factory=dict)
     exit_codes: Sequence[int] = ()
     error: str = ""
     complete: bool = True
@@ -136,11 +144,13 @@ class Outcome:
             "alarms": [{"kind": one.kind, "text": one.text} for one in self.alarms],
             "verdict": list(self.verdict),
         }
+        if not self.vehicles:
+            values = {name: values[name] for name in values if name not in _OF_SEVERAL}
         return made | {name: _listed(value) for name, value in values.items()}
 
     def to_record(self) -> dict[str, Any]:
         """Return what a result keeps of it: ``to_json`` without wall times, the score, and what follows from the rest."""
-        derived = ("seconds", "truth", "alarms", "decision", "reasons")
+        derived = ("seconds", "truth", "alarms", "decision", "reasons", "vehicles")
         return {name: value for name, value in self.to_json().items() if name not in derived}
 
 

@@ -121,6 +121,10 @@ class ReplaySummary:
         mean_currents: Mean currents among the profiles used: each counts as one profile of one bin.
         flight_correction: What was taken from mean currents for the flight model's error; None where nothing was.
         inputs: Logs and forecasts, which the outcome names without their folders.
+        vehicles: Those of each vehicle by its name, where several share the estimate; the other figures are then of all together.
+        value: Of each vehicle: ``measurements`` it gave, RMS change of the estimate at the published depths without them
+            (``rms_change``), and its standard error there with and without them [m/s] (data denial).
+        unused: Vehicles that gave nothing to the estimate, and why.
     """
 
     messages: tuple[TopicRow, ...]
@@ -153,6 +157,9 @@ class ReplaySummary:
     mean_currents: int = 0
     flight_correction: FlightCorrection | None = None
     inputs: tuple[Path, ...] = ()
+    vehicles: Mapping[str, "ReplaySummary"] = field(default_factory=dict)
+    value: Mapping[str, Mapping[str, float | int | None]] = field(default_factory=dict)
+    unused: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def exit_code(self) -> int:
@@ -162,8 +169,9 @@ class ReplaySummary:
     @property
     def exit_codes(self) -> tuple[int, ...]:
         """All that apply: 4 when bytes, frames or late messages were lost, 6 when the inputs contradict each other or themselves."""
+        each = (self, *self.vehicles.values())
         lost, contradicted = (
-            self.losses or self.late,
-            any(finding.severity != "warning" for finding in self.findings),
+            self.losses or self.late or self.unused,
+            any(finding.severity != "warning" for one in each for finding in one.findings),
         )
         return (4,) * bool(lost) + (6,) * contradicted

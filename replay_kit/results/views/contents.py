@@ -1,11 +1,12 @@
 """An opened result with the values that reports, figures and exports share, each taken out of it when first asked for."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from replay_kit.core.errors import ReplayKitError
+from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection, Seabed
 from replay_kit.results.outcome.outcome import Outcome
@@ -40,6 +41,28 @@ class Contents:
     result: ResultFile
     notes: tuple[str, ...] = ()
     exit_code: int = 0
+
+    @cached_property
+    def each(self) -> Mapping[str, "Contents"]:
+        """The contents of each vehicle by its name, where several share the estimate; of one alone these, under an empty name."""
+        vehicles: Mapping[str, ResultFile] = getattr(self.result, "vehicles", {})
+        found = {name: Contents(one) for name, one in vehicles.items()}
+        return found or {"": self}
+
+    def of(self, vehicle: str | None) -> "Contents":
+        """Return the contents of a vehicle, by its name; None for the only one.
+
+        Raises:
+            ConfigError: The result is not of this vehicle, or of several where none is named.
+        """
+        if vehicle is None and "" in self.each:
+            return self
+        if not vehicle or vehicle not in self.each:
+            known = ", ".join(filter(None, self.each)) or "none, as it is of one vehicle"
+            raise ConfigError(
+                f"--vehicle: expected a vehicle of {self.result.path.name} ({known}), got {vehicle or 'none'}"
+            )
+        return self.each[vehicle]
 
     @cached_property
     def record(self) -> RunRecord:
@@ -124,7 +147,9 @@ class Contents:
 
     @cached_property
     def last_plan(self) -> LastPlan | None:
-        """The last plan; None without plans."""
+        """The last plan; None without plans, and of several vehicles, each of which has its own."""
+        if "" not in self.each:
+            return None
         return last_plan(self.result, self.projection)
 
     @cached_property

@@ -3,7 +3,7 @@
 import json
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +30,13 @@ class RunRecord:
         metadata: Records by name, each with its keys and values; the digests are left out.
         config_toml: The configuration in effect; empty when the result has none.
         summary: As ``Outcome.to_record``; None when the result has none, as one of an unfinished run.
+        vehicles: The same of each vehicle, by its name, where several share the estimate.
     """
 
     metadata: Mapping[str, Mapping[str, str]]
     config_toml: str
     summary: Mapping[str, Any] | None
+    vehicles: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 def read_record(path: Path) -> RunRecord:
@@ -49,10 +51,11 @@ def read_record(path: Path) -> RunRecord:
         attached = {
             record.name: record.data
             for record in reader.iter_attachments()
-            if record.name in (CONFIG_NAME, SUMMARY_NAME)
+            if record.name.rpartition("/")[2] in (CONFIG_NAME, SUMMARY_NAME)
         }
-    summary = json.loads(attached[SUMMARY_NAME]) if SUMMARY_NAME in attached else None
-    return RunRecord(metadata, attached.get(CONFIG_NAME, b"").decode(), summary)
+    config = attached.pop(CONFIG_NAME, b"").decode()
+    summaries = {name.rpartition("/")[0]: json.loads(data) for name, data in attached.items()}
+    return RunRecord(metadata, config, summaries.pop("", None), summaries)
 
 
 def read_planned_legs(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
@@ -112,8 +115,15 @@ def outcome_of_result(result: ResultFile, record: RunRecord) -> Outcome:
     if record.summary is None:
         return _from_tables(result)
     live = None if result.summary is None else outcome_of(result.summary)
-    kept = outcome_from(record.summary)
+    kept = outcome_of_record(record)
     return kept if live is None else replace(kept, seconds=live.seconds, truth=live.truth)
+
+
+def outcome_of_record(record: RunRecord) -> Outcome:
+    """Return the outcome that a result's summary states, which it must have, with those of its vehicles."""
+    assert record.summary is not None
+    each = {name: outcome_from(one).to_json() for name, one in record.vehicles.items()}
+    return replace(outcome_from(record.summary), vehicles=each)
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:

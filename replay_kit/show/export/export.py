@@ -11,7 +11,13 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.text import csv_cell
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.export.features import FEATURES, features_of, geojson_text, kml_text
+from replay_kit.show.export.features import (
+    FEATURES,
+    features_of,
+    geojson_text,
+    kml_text,
+    named,
+)
 from replay_kit.show.export.netcdf import write_netcdf
 
 #: A place: longitude, latitude [degrees] and depth [m].
@@ -172,7 +178,7 @@ def export(
             f"table: expected one of {', '.join(FEATURES)} in {ending}, got '{table}'; .nc and .csv hold the others"
         )
     names = shown if table is None else [table]
-    tables = {name: TABLES[name](contents, places) for name in names}
+    tables = {name: _of_all(TABLES[name], contents, places) for name in names}
     if ending == ".nc":
         about = {} if contents.estimate is None else contents.estimate.about
         write_netcdf(tables, contents.projection, path, about)
@@ -180,6 +186,19 @@ def export(
         with atomic_file(path) as file:
             file.write(_text(tables, ending, contents).encode())
     return {name: len(rows) for name, rows in tables.items()}
+
+
+def _of_all(
+    table: Callable[[Contents, Sequence[At]], pd.DataFrame],
+    contents: Contents,
+    places: Sequence[At],
+) -> pd.DataFrame:
+    """Return a table of a result; of several vehicles with the column ``vehicle``, the series of the common estimate once."""
+    if "" in contents.each or table is series_table:
+        return table(contents, places)
+    each = [table(one, places).assign(vehicle=name) for name, one in contents.each.items()]
+    held = [rows for rows in each if len(rows)]
+    return pd.concat(held, ignore_index=True) if held else each[0]
 
 
 def _text(tables: dict[str, pd.DataFrame], ending: str, contents: Contents) -> str:
@@ -190,5 +209,15 @@ def _text(tables: dict[str, pd.DataFrame], ending: str, contents: Contents) -> s
         return str(
             rows.to_csv(index=False, date_format="%Y-%m-%dT%H:%M:%S.%fZ", lineterminator="\n")
         )
-    features = features_of(tables, contents.projection, contents.last_plan)
+    features = []
+    for name, one in contents.each.items():
+        own = {
+            key: rows[rows["vehicle"] == name].drop(columns="vehicle")
+            if name and "vehicle" in rows
+            else rows
+            for key, rows in tables.items()
+            if key != "series" or one is next(iter(contents.each.values()))
+        }
+        found = features_of(own, contents.projection, one.last_plan)
+        features += [named(each, name) for each in found] if name else found
     return geojson_text(features) if ending == ".geojson" else kml_text(features)

@@ -210,6 +210,15 @@ def _style_kml(about: Mapping[str, Any]) -> str:
     return f"<Style>{line}{fill}</Style>"
 
 
+def named(found: Feature, vehicle: str) -> Feature:
+    """Return a feature as one of several vehicles', with its name before the feature's."""
+    about = found["properties"]
+    return {
+        **found,
+        "properties": {**about, "name": f"{vehicle} {about['name']}", "vehicle": vehicle},
+    }
+
+
 def _feature(
     kind: str, coordinates: Any, about: dict[str, Any], style: Mapping[str, Any]
 ) -> Feature:

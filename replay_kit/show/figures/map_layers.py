@@ -13,7 +13,7 @@ from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.results.views.track import outlines_of, thinned
 from replay_kit.show.figures.plan import plan_table
-from replay_kit.show.figures.values import Layer, Mark
+from replay_kit.show.figures.values import Layer, Mark, until
 
 #: Positions of the track shown; more are thinned.
 POSITIONS = 3000
@@ -26,12 +26,35 @@ _GAP = np.full((1, 2), np.nan)
 _EDGE = "paper"
 
 
-def track_layer(contents: Contents, time_ns: int | None = None) -> Layer:
+def drawn_layers(
+    contents: Contents, positions: bool = False, end_ns: int | None = None
+) -> list[tuple[str, Layer]]:
+    """Return what lies on the map of a result, with the vehicle that it is of, empty for the only one: all of a kind together.
+
+    Args:
+        contents: Of the result.
+        positions: Whether with the single positions, for a page that shows their times.
+        end_ns: What is later is left out [ns, UTC]; None leaves nothing out.
+    """
+    each = contents.each.items()
+    tracks = {name: track_layer(one, end_ns, name) for name, one in each}
+    dots = {name: position_layer(track) for name, track in tracks.items()} if positions else {}
+    return [
+        *((name, until(hazard_layer(one), end_ns)) for name, one in each),
+        *tracks.items(),
+        *dots.items(),
+        *((name, until(surfacing_layer(one), end_ns)) for name, one in each),
+        *((name, until(plan_layer(one), end_ns)) for name, one in each),
+    ]
+
+
+def track_layer(contents: Contents, time_ns: int | None = None, vehicle: str = "") -> Layer:
     """Return the track with its begin and end.
 
     Args:
         contents: Of the result.
         time_ns: The end [ns, UTC]; None for that of the log.
+        vehicle: Its name, which stands at the end, where it is one of several.
     """
     track = contents.track
     end_ns = np.iinfo(np.int64).max if time_ns is None else time_ns
@@ -63,7 +86,10 @@ def track_layer(contents: Contents, time_ns: int | None = None) -> Layer:
             when="track.time",
         )
     ]
-    for name, at, size, label in (("begin", begin, 6.0, ""), ("vehicle", end, 11.0, "vehicle")):
+    for name, at, size, label in (
+        ("begin", begin, 6.0, ""),
+        ("vehicle", end, 11.0, vehicle or "vehicle"),
+    ):
         x, y = table["east_km"][at], table["north_km"][at]
         about: Any = {
             "hover": f"{name} %{{text}}<extra></extra>",

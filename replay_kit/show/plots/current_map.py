@@ -22,13 +22,10 @@ from replay_kit.show.figures.in_print import draw_mark
 from replay_kit.show.figures.map_layers import (
     coast_layer,
     contour_step,
+    drawn_layers,
     dry_text,
-    hazard_layer,
-    plan_layer,
-    surfacing_layer,
-    track_layer,
 )
-from replay_kit.show.figures.values import Layer, Mark, until
+from replay_kit.show.figures.values import Layer, Mark
 from replay_kit.show.plots.panel import CONTOUR_LABEL, Chosen, Panel, Panels, missing
 from replay_kit.show.plots.style import colorbar, colormap
 
@@ -268,14 +265,8 @@ def _marks(contents: Contents, slices: CurrentSlices | None, chosen: Chosen, axe
     if slices is None:
         _widen(contents, axes)
     draw_seabed(contents, axes)
-    draw_layers(
-        contents,
-        axes,
-        until(hazard_layer(contents), end),
-        track_layer(contents, end),
-        until(surfacing_layer(contents), end),
-        until(plan_layer(contents), end),
-    )
+    layers = drawn_layers(contents, end_ns=end)
+    draw_layers(contents, axes, *(layer for _, layer in layers))
     if at is not None:
         x = np.array([float(unwrap_longitude(at[0], contents.projection.longitude))])
         star: Any = {"color": "#ffffff", "symbol": "star", "size": 18.0, "edge": "ink"}

@@ -1,6 +1,7 @@
 """A status as a page that fetches nothing and loads itself again, with what is focused and unfolded kept."""
 
 from base64 import b64encode
+from collections.abc import Mapping
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
@@ -8,10 +9,12 @@ from importlib.resources import files
 from replay_kit.core.colors import palette_css
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.status.brief import brief_lines
 from replay_kit.show.status.status import Line, Status
 from replay_kit.show.status.text import line_age
 from replay_kit.show.svg import compass, small_map
+from replay_kit.show.vehicles import vehicle_rows
 
 # What is focused and unfolded is kept for the next look; nothing is loaded while no one looks.
 _SCRIPT = """
@@ -37,15 +40,8 @@ def status_page(status: Status, refresh_s: int = 60) -> str:
         status: The status.
         refresh_s: After how many seconds a browser loads the page again.
     """
-    page = files("replay_kit.show.status").joinpath("status.html").read_text(encoding="utf-8")
     parts = {
-        "refresh": str(refresh_s),
-        "digest": b64encode(sha256(_SCRIPT.encode()).digest()).decode(),
-        "palette": palette_css(),
-        "script": _SCRIPT,
         "title": escape(status.name),
-        "now": escape(time_text(status.now_ns)),
-        "iso": escape(time_text(status.now_ns).replace(" ", "T")),
         "alarms": "".join(
             f"<li><b>{escape(alarm.kind)}</b> {escape(alarm.text)}</li>" for alarm in status.alarms
         ),
@@ -55,7 +51,59 @@ def status_page(status: Status, refresh_s: int = 60) -> str:
         ),
         "lines": "\n".join(_line_html(status, line) for line in status.lines),
     }
-    for name, text in parts.items():
+    return _filled(parts, status.now_ns, refresh_s)
+
+
+def several_page(
+    statuses: Mapping[str, Status],
+    outcome: Outcome | None,
+    pages: Mapping[str, str],
+    refresh_s: int = 60,
+) -> str:
+    """Return the status of several vehicles as HTML: their alarms, and a line for each that leads to its own page.
+
+    Args:
+        statuses: Of each vehicle, one at least.
+        outcome: Of the run; None for an unfinished one.
+        pages: Names of their pages.
+        refresh_s: As of ``status_page``.
+    """
+    alarms = [(name, alarm) for name, status in statuses.items() for alarm in status.alarms]
+    briefs = {name: list(brief_lines(status)) for name, status in statuses.items()}
+    rows = {} if outcome is None else {row[0]: row[-1] for row in vehicle_rows(outcome)}
+    parts = {
+        "title": escape(", ".join(statuses)),
+        "alarms": "".join(
+            f"<li><b>{escape(name)}: {escape(alarm.kind)}</b> {escape(alarm.text)}</li>"
+            for name, alarm in alarms
+        ),
+        "map": "",
+        "brief": "".join(
+            f'<dt><a href="{escape(pages[name])}">{escape(name)}</a></dt>'
+            f"<dd>{escape(rows.get(name, ''))}</dd>"
+            + "".join(f"<dt>{escape(one.label)}</dt><dd>{escape(one.text)}</dd>" for one in lines)
+            for name, lines in briefs.items()
+        ),
+        "lines": "".join(
+            f'<p><a href="{escape(pages[name])}">All answers of {escape(name)}</a></p>'
+            for name in statuses
+        ),
+    }
+    now_ns = max(status.now_ns for status in statuses.values())
+    return _filled(parts, now_ns, refresh_s)
+
+
+def _filled(parts: Mapping[str, str], now_ns: int, refresh_s: int) -> str:
+    page = files("replay_kit.show.status").joinpath("status.html").read_text(encoding="utf-8")
+    common = {
+        "refresh": str(refresh_s),
+        "digest": b64encode(sha256(_SCRIPT.encode()).digest()).decode(),
+        "palette": palette_css(),
+        "script": _SCRIPT,
+        "now": escape(time_text(now_ns)),
+        "iso": escape(time_text(now_ns).replace(" ", "T")),
+    }
+    for name, text in {**common, **parts}.items():
         page = page.replace(f"<!--{name}-->", text)
     return page
 

@@ -41,10 +41,13 @@ class Schedule:
     Attributes:
         ping_steps: From one ping to the next [steps of 120 s].
         to_the_end: Whether positions are logged to the end of the last dive, and not to the last ping only.
+        course: Corners of its course over the grid, in fractions of rows and columns, which it begins at the first; empty for the usual
+            course from a random corner.
     """
 
     ping_steps: int = PING_STEPS
     to_the_end: bool = False
+    course: tuple[tuple[float, float], ...] = ()
 
 
 def mission(
@@ -69,13 +72,14 @@ def mission(
     Raises:
         ForecastError: The current carried the glider out of the truth's water.
     """
-    corner = int(rng.integers(len(_COURSE)))
-    place, target = _place_of(field, _COURSE[corner]), corner + 1
+    course, corner = np.array(schedule.course or _COURSE), int(rng.integers(len(_COURSE)))
+    corner = 0 if schedule.course else corner
+    place, target = _place_of(field, course[corner]), corner + 1
     # a stay at the surface begins and ends the mission, so that each dive lies between two fixes
     tracks = [_surface(field, place, start_ns)]
     while tracks[-1].end_ns <= start_ns + (pings - 1) * schedule.ping_steps * _STEP_NS:
         place = tracks[-1].place[-1]
-        aim, target = _aim(field, place, target)
+        aim, target = _aim(field, place, target, course)
         tracks.append(_dive(field, place, tracks[-1].end_ns, aim))
         tracks.append(_surface(field, tracks[-1].place[-1], tracks[-1].end_ns))
     return _logged(
@@ -93,17 +97,17 @@ def _place_of(field: Field, fraction: Array) -> Array:
     ).reshape(2)
 
 
-def _aim(field: Field, place: Array, target: int) -> tuple[Array, int]:
+def _aim(field: Field, place: Array, target: int, course: Array) -> tuple[Array, int]:
     """Return the place to head for, and the corner of the course that is next."""
     rows, columns = field.grid.east.shape
     j, i, _ = grid_indices(field, place[:1], place[1:])
     fraction = np.array([j[0] / (rows - 1), i[0] / (columns - 1)])
     if (fraction < _EDGE).any() or (fraction > 1.0 - _EDGE).any():
         return _place_of(field, _CENTRE), target
-    corner = _place_of(field, _COURSE[target % len(_COURSE)])
+    corner = _place_of(field, course[target % len(course)])
     if np.hypot(*(corner - place)) < _REACHED:
         target += 1
-        corner = _place_of(field, _COURSE[target % len(_COURSE)])
+        corner = _place_of(field, course[target % len(course)])
     return corner, target
 
 

@@ -23,8 +23,9 @@ from replay_kit.core.text import count_text, place_text
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import STREAMS
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.run import ReplaySummary
-from replay_kit.show.status.held import Held, read_held
+from replay_kit.show.status.held import Held
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.follow import memory as remembered
 from replay_kit.workflows.follow.sources import read_goal, with_goal
@@ -37,18 +38,20 @@ from replay_kit.workflows.follow.watch import (
     look_again,
     new_alarms,
     notify,
+    of_vehicle,
     standing,
 )
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
-from replay_kit.workflows.replay.inputs.job import Following, ReplayJob
+from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import named_hash
 from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region, from_record
 from replay_kit.workflows.replay.inputs.scan import look_ahead
+from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.replay.store.basis import built
 from replay_kit.workflows.report import report
-from replay_kit.workflows.status import write_page
+from replay_kit.workflows.status import read_each, write_pages
 
 # A vehicle whose last message is younger is under way, and its surfacings can be overdue by the clock [ns].
 _UNDER_WAY_NS = 3 * 86_400 * 10**9
@@ -129,11 +132,12 @@ class Follower:
         self._good = set(self._memory.used)
         self._forecast: tuple[dict[Path, Stamp], Forecasts, object] | None = None
         self._built: tuple[Forecasts, Estimator[Any]] | None = None
-        self._held: Held | None = (
-            read_held(self._out) if self._good and self._out.is_file() else None
-        )
+        self._held: dict[str, Held] = {}
+        self._outcome: Outcome | None = None
+        if self._good and self._out.is_file():
+            self._held, self._outcome = read_each(self._out)
         self._summary: ReplaySummary | None = None
-        self._shown: Status | None = None
+        self._shown: dict[str, Status] = {}
         self._due = False
         self._set_goal(job.goal if options.goal_file is None else read_goal(options.goal_file))
 
@@ -169,8 +173,8 @@ class Follower:
             self._replay()
         elif always:
             self._options.tell("waiting for a log")
-        if self._held is not None:
-            self._answer(self._held)
+        if self._held:
+            self._answer()
         return moved or changed
 
     def _look_at_files(self) -> bool:
@@ -187,13 +191,25 @@ class Follower:
             *self._out.parent.glob(f"{self._out.stem}.forecast*.mcap"),
         ]
         watched = Watched(
-            self._job.logs, tuple(own), self._config.logs, self._clock, self._options.interval_s
+            self._job.logs,
+            tuple(own),
+            self._config.logs,
+            self._clock,
+            self._options.interval_s,
+            self._vehicle_of,
         )
         sources, said, changed = look_again(watched, self._memory.sources)
         self._remember(sources=sources)
         for text in said:
             self._say(text)
         return changed
+
+    def _vehicle_of(self, path: Path) -> str:
+        """Return the vehicle that a file is of: that under whose name the file or its folder is followed; empty where none is named."""
+        for vehicle in self._job.vehicles:
+            if path in vehicle.logs or path.parent in vehicle.logs:
+                return vehicle.name
+        return ""
 
     def _look_at_goal(self) -> bool:
         """Read the goal's file if there is one, and return whether the goal moved."""
@@ -210,7 +226,9 @@ class Follower:
             return False
         before = self._memory.goals
         self._remember(
-            goals=with_goal(before, goal, self._held.last_ns if self._held is not None else 0)
+            goals=with_goal(
+                before, goal, max((held.last_ns for held in self._held.values()), default=0)
+            )
         )
         if before and before[-1][1] != goal:
             self._say(
@@ -238,7 +256,7 @@ class Follower:
             if isinstance(error, _UNUSABLE):
                 self._without_new(used, error)
                 return
-            if self._held is None:
+            if not self._held:
                 raise
             self._say(f"not replayed, the result before stays: {error}", once=True)
             return
@@ -275,7 +293,9 @@ class Follower:
             logs=used,
             overwrite=True,
             goal=self._memory.goals[0][1] if self._memory.goals else None,
+            vehicles=self._vehicles(used),
         )
+        job = identified(job, self._config)
         forecasts = self._forecasts(job)
         record = {
             f"{number:03d}": self._without_folders(text)
@@ -287,10 +307,19 @@ class Follower:
             estimator=partial(self._estimator, job),
         )
         summary, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
-        self._summary, self._held = summary, read_held(self._out)
+        self._summary, (self._held, self._outcome) = summary, read_each(self._out)
         self._good |= set(used)
         if self._options.report is not None:
             report(self._out, self._options.report, overwrite=True, summary=summary)
+
+    def _vehicles(self, used: tuple[Path, ...]) -> tuple[Vehicle, ...]:
+        """Return the vehicles that have files among those that are used, with these."""
+        of = {path: self._vehicle_of(path) for path in used}
+        return tuple(
+            replace(one, logs=tuple(path for path in used if of[path] == one.name))
+            for one in self._job.vehicles
+            if one.name in of.values()
+        )
 
     def _estimator(self, job: ReplayJob, forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
         """Return the estimator of a forecast: built once, for all replays until the next one."""
@@ -338,7 +367,7 @@ class Follower:
     def _region(self, job: ReplayJob, near_ns: int | None) -> FoundRegion | None:
         """Return the part of the forecast that the first replay needed; None where it read all, or what the settings state."""
         if not self._memory.region:
-            found = find_region(job.logs, job.ensemble, self._config, near_ns, job.goal)
+            found = find_region(job.logs, job.ensemble, self._config, near_ns, job.goals)
             self._remember(region=json.dumps(None if found is None else found.to_record()))
         record = json.loads(self._memory.region)
         return None if record is None else from_record(record)
@@ -360,23 +389,30 @@ class Follower:
             f"a newer forecast: {name}, before it {self._memory.forecast}; all measurements so far go into it too{kept}"
         )
 
-    def _answer(self, held: Held) -> None:
+    def _answer(self) -> None:
         """Write the status page, and give the alarms that are new."""
-        wall_ns = self._clock.now_ns()
-        under_way = 0 <= wall_ns - held.last_ns < _UNDER_WAY_NS
-        status = status_of(held, wall_ns if under_way else None)
-        if status != self._shown:
-            write_page(status, self._options.status, max(int(self._options.interval_s), 5))
-            self._shown = status
-        self._remember(given=standing(status, self._memory.given))
-        for alarm in new_alarms(status, self._memory.given):
-            self._options.tell(f"ALARM: {alarm.kind}: {alarm.text}")
+        wall_ns, statuses = self._clock.now_ns(), dict[str, Status]()
+        for name, held in self._held.items():
+            under_way = 0 <= wall_ns - held.last_ns < _UNDER_WAY_NS
+            statuses[name] = status_of(held, wall_ns if under_way else None)
+        if statuses != self._shown:
+            again_s = max(int(self._options.interval_s), 5)
+            write_pages(statuses, self._outcome, self._options.status, again_s)
+            self._shown = statuses
+        self._remember(given=standing(statuses, self._memory.given))
+        for name, status in statuses.items():
+            self._warn(name, status)
+
+    def _warn(self, name: str, status: Status) -> None:
+        """Give the alarms of a vehicle that are new."""
+        for alarm in new_alarms(status, self._memory.given, name):
+            self._options.tell(f"ALARM: {of_vehicle(name, alarm.kind)}: {alarm.text}")
             if self._options.command and (
-                failure := notify(self._options.command, alarm_line(alarm, status))
+                failure := notify(self._options.command, alarm_line(alarm, status, name))
             ):
                 self._options.tell(failure)
                 continue
-            self._remember(given=(*self._memory.given, key_of(alarm)))
+            self._remember(given=(*self._memory.given, key_of(alarm, name)))
 
     def _say(self, text: str, once: bool = False) -> None:
         """Tell a person, and keep it for the record; a second time only where it is not said ``once``."""

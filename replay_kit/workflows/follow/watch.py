@@ -77,6 +77,7 @@ class Watched:
         logs: How logs are read.
         clock: The present.
         interval_s: Between two looks [s].
+        vehicle_of: Returns the name of the vehicle that a file is of: those of one are of one mission.
     """
 
     paths: tuple[Path, ...]
@@ -84,6 +85,7 @@ class Watched:
     logs: LogConfig
     clock: Clock
     interval_s: float
+    vehicle_of: Callable[[Path], str] = lambda path: ""
 
 
 def look_again(
@@ -122,7 +124,12 @@ def look_again(
         # whether a file is set aside depends on the others
         if before is not None and before.stamp == stamp and not (lost and before.aside):
             continue
-        found = judged(sources, examine(path, stamp, watched.logs), watched.clock.now_ns())
+        own = {
+            other: source
+            for other, source in sources.items()
+            if watched.vehicle_of(other) == watched.vehicle_of(path)
+        }
+        found = judged(own, examine(path, stamp, watched.logs), watched.clock.now_ns())
         words = change_words(
             before, found, {other: source for other, source in replayed.items() if other != path}
         )
@@ -137,30 +144,37 @@ def look_again(
 _PATIENCE = 60.0
 
 
-def key_of(alarm: Alarm) -> str:
+def of_vehicle(name: str, text: str) -> str:
+    """Return a text with the vehicle's name before it; that of the only one as it is."""
+    return f"{name}: {text}" if name else text
+
+
+def key_of(alarm: Alarm, name: str = "") -> str:
     """Return what tells an alarm from others: one is given once for each plan, surfacing, finding or forecast that it is about."""
-    return f"{alarm.kind}: {alarm.about}"
+    return of_vehicle(name, f"{alarm.kind}: {alarm.about}")
 
 
-def new_alarms(status: Status, given: Sequence[str]) -> tuple[Alarm, ...]:
-    """Return the alarms of a status that were not given yet."""
-    return tuple(alarm for alarm in status.alarms if key_of(alarm) not in given)
+def new_alarms(status: Status, given: Sequence[str], name: str = "") -> tuple[Alarm, ...]:
+    """Return the alarms of a status, by the name of one of several vehicles, that were not given yet."""
+    return tuple(alarm for alarm in status.alarms if key_of(alarm, name) not in given)
 
 
-def standing(status: Status, given: Sequence[str]) -> tuple[str, ...]:
+def standing(statuses: Mapping[str, Status], given: Sequence[str]) -> tuple[str, ...]:
     """Return the alarms given that still stand, so that one that comes back is given again; those of surfacings once."""
-    now = {key_of(alarm) for alarm in status.alarms}
-    return tuple(key for key in given if key in now or key.startswith(("surfacing", "outside")))
+    now = {key_of(alarm, name) for name, status in statuses.items() for alarm in status.alarms}
+    once = tuple(of_vehicle(name, kind) for name in statuses for kind in ("surfacing", "outside"))
+    return tuple(key for key in given if key in now or key.startswith(once))
 
 
-def alarm_line(alarm: Alarm, status: Status) -> str:
-    """Return an alarm as a JSON line, with the position and what to steer."""
+def alarm_line(alarm: Alarm, status: Status, name: str = "") -> str:
+    """Return an alarm as a JSON line, with the position and what to steer, and the name of one of several vehicles."""
     figures: dict[str, Any] = {
         key: status.figures[key]
         for key in ("result", "now", "position", "command")
         if key in status.figures
     }
-    return json.dumps({**alarm.record(), **figures}, allow_nan=False) + "\n"
+    of = {"vehicle": name} if name else {}
+    return json.dumps({**of, **alarm.record(), **figures}, allow_nan=False) + "\n"
 
 
 def notify(command: str, line: str) -> str:

@@ -134,7 +134,7 @@ def _checked(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConfig
         return forecasts.ensemble
     # a replay would read windows that follow the vehicle
     _, near_ns = look_ahead(logs, config)
-    region = find_region(logs, ensemble, config, near_ns, None, may_follow=False)
+    region = find_region(logs, ensemble, config, near_ns, (), may_follow=False)
     part = (
         config.forecast
         if region is None

@@ -22,7 +22,7 @@ from replay_kit.logs import merge
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import Event, finish, initial_state, interpret_block
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
-from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.opened import forecasts_of
 from replay_kit.workflows.replay.inputs.scan import check_span, open_readers, positions_of
 from replay_kit.workflows.replay.stages.consistency import (
@@ -69,6 +69,16 @@ def check_inputs(
     Raises:
         ReplayKitError: As the replay itself would, for inputs that it would refuse.
     """
+    if job.vehicles:
+        each = [
+            check_inputs(
+                replace(job, logs=one.logs, goal=one.goal, vehicles=()), config, planner_of
+            )
+            for one in job.each_vehicle
+        ]
+        first = tuple(profile for one in each for profile in one.first)
+        profiles, used = sum(one.profiles for one in each), sum(one.used for one in each)
+        return CheckedInputs(forecasts_of(job, config), profiles, used, first)
     forecasts = forecasts_of(job, config)
     ensemble, readers = forecasts.ensemble, open_readers(job.logs, config)
     speeds = checked_speeds(ensemble, config)
@@ -82,7 +92,7 @@ def check_inputs(
         else (VehicleState, Observation)
     )
     monitoring, statistics, profiles, used, last_ns = MonitoringState(), RunStatistics(), 0, 0, None
-    first = list[Observation]()
+    taken = list[Observation]()
     for time_ns, events in _blocks(merged, config):
         last_ns, steps = time_ns or last_ns, list[Step]()
         for event in events:
@@ -99,12 +109,12 @@ def check_inputs(
             if isinstance(step.event, Observation) and step.assimilation is not None
         ]
         accepted = [event for event, found in given if found.innovation.accepted]
-        first += accepted[: ReducedBasisEstimator.block_size - len(first)]
+        taken += accepted[: ReducedBasisEstimator.block_size - len(taken)]
         profiles, used = profiles + len(given), used + len(accepted)
     check_span(job.logs, config, last_ns)
     reports = [reader.report() for reader in readers]
     require_usable(monitoring, statistics.with_order(merged), reports, ensemble.grid, config)
-    return CheckedInputs(forecasts, profiles, used, tuple(first))
+    return CheckedInputs(forecasts, profiles, used, tuple(taken))
 
 
 def require_usable(
@@ -113,6 +123,7 @@ def require_usable(
     reports: Sequence[LogReport],
     grid: Grid,
     config: RunConfig,
+    first_input: int = 0,
 ) -> None:
     """Raise MeasurementError when logs that were read to their end are of two vehicles, or give nothing of what was asked for.
 
@@ -122,8 +133,10 @@ def require_usable(
         reports: Of the logs.
         grid: Of the forecast.
         config: The run's settings.
+        first_input: Of these logs among those of all vehicles.
     """
-    require_one_vehicle(monitoring, [report.path for report in reports])
+    names = [report.path for report in reports]
+    require_one_vehicle(monitoring, [*[""] * first_input, *names])
     if not monitoring.explains_no_profile:
         statistics.require_usable(reports, grid)
     statistics.require_left_out(config.measurements.without)
@@ -190,7 +203,9 @@ def _in_later_window(event: Measurement, forecasts: Forecasts) -> bool:
     )
 
 
-def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunConfig) -> RunConfig:
+def with_planner_kind(
+    job: ReplayJob | Vehicle, readers: Sequence[LogReader], config: RunConfig
+) -> RunConfig:
     """Return the settings with what a replay with a goal plans: for a glider's logs a mission, where no kind is chosen.
 
     Args:
@@ -204,7 +219,9 @@ def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunC
     return config.model_copy(update={"planner": config.planner.resolved(gliders)})
 
 
-def check_goal(planner: Planner, flow: HasGrid, job: ReplayJob, config: RunConfig) -> None:
+def check_goal(
+    planner: Planner, flow: HasGrid, job: ReplayJob | Vehicle, config: RunConfig
+) -> None:
     """Raise PlanError when the goal is outside the region or on land, and say so when the whole log is outside the region too."""
     assert job.goal is not None
     try:

@@ -2,29 +2,40 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 from replay_kit.core.as_flown import AS_FLOWN
-from replay_kit.core.errors import MeasurementError, PlanError
+from replay_kit.core.errors import Finding, MeasurementError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.message import LogReader
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import logs_in
+from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
 from replay_kit.results.topics import WINDOWS_RECORD
+from replay_kit.workflows.replay.array import ArraySession, value_of_each
 from replay_kit.workflows.replay.checks import require_usable
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.opened import Prepared, open_truth
 from replay_kit.workflows.replay.inputs.provenance import cited
 from replay_kit.workflows.replay.referee import name_of, rival_inputs
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stages.consistency import conclusions
+from replay_kit.workflows.replay.statistics import pooled
 from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
+
+_NOT_DENIED = (
+    "the estimate without each vehicle was not made: there are too many vehicles and measurements"
+)
 
 
 def conclude(
-    session: Session, inputs: Prepared, others: tuple[Rival, ...] = ()
+    session: Session | ArraySession, inputs: Prepared, others: tuple[Rival, ...] = ()
 ) -> tuple[ReplaySummary, FlowEstimate]:
     """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result.
 
@@ -33,32 +44,119 @@ def conclude(
         inputs: What was read.
         others: The log evidence under other forecasts.
     """
-    job, reports = inputs.job, [reader.report() for reader in inputs.readers]
-    require_usable(
-        session.monitoring,
-        session.statistics,
-        reports,
-        inputs.forecasts.ensemble.grid,
-        session.config,
-    )
+    job, useless = inputs.job, _useless(session, inputs)
     logs = [file for path in job.logs for file in logs_in(path)]
-    about = cited((*logs, *ensemble_files(job.ensemble)), session.config)
+    about = cited((*logs, *ensemble_files(job.ensemble)), session.vehicles[0].config)
     flow = replace(session.conclude(), about=about)
-    notes = _notes(session, inputs, flow, session.statistics.notes(reports))
-    planning, (found, blind) = (
-        session.planning,
-        conclusions(
-            session.monitoring,
-            session.statistics.profiles,
-            session.config,
-            session.statistics.messages.skipped,
-        ),
+    each = {
+        one.name: _summary(one, readers, inputs, flow, others)
+        for one, readers in zip(session.vehicles, inputs.by_vehicle, strict=True)
+    }
+    summary = next(iter(each.values()))
+    if isinstance(session, ArraySession):
+        value = value_of_each(session, flow)
+        unused = {one.name: one.why_not for one in job.vehicles if one.why_not} | useless
+        notes = (*_notes(session, inputs, flow, ()), *map(": ".join, unused.items()))
+        if not value:
+            notes += (_NOT_DENIED,)
+        notes += tuple(f"{one.name}: {text}" for one in job.vehicles for text in one.notes)
+        summary = replace(
+            counted(session, inputs),
+            vehicles=each,
+            value=value,
+            unused=unused,
+            notes=notes,
+            findings=tuple(
+                replace(found, name=f"{name}: {found.name}")
+                for name, one in each.items()
+                for found in one.findings
+            ),
+            outside=_outside(inputs),
+            inputs=_inputs(job),
+        )
+    with session.clock.stage("write"):
+        if session.writer is not None:
+            for one in session.vehicles:
+                with session.writer.of(one.name):
+                    _record(session.writer, one, each[one.name])
+            if isinstance(session, ArraySession):
+                session.writer.summary(session.last_ns, outcome_of(summary).to_record())
+            if spread := session.estimator.spread_record(_state(session)):
+                session.writer.write_metadata("replay_kit.spread", spread)
+            session.writer.finish(flow)
+        if job.netcdf is not None:
+            write_grid(flow, job.netcdf)
+        if job.save_estimate is not None:
+            flow.save(job.save_estimate)
+    said = [*summary.notes]
+    score = None
+    if inputs.truth is not None:
+        with session.clock.stage("score"):
+            score, failures = _score(session, inputs, inputs.truth, flow)
+            said += failures
+    return replace(
+        summary, seconds=dict(session.clock.seconds), truth=score, notes=tuple(said)
+    ), flow
+
+
+def counted(session: Session | ArraySession, inputs: Prepared) -> ReplaySummary:
+    """Return the summary of what was counted so far, of all vehicles together."""
+    each = {
+        one.name: (one.statistics, [reader.report() for reader in readers])
+        for one, readers in zip(session.vehicles, inputs.by_vehicle, strict=True)
+    }
+    if isinstance(session, ArraySession):
+        return pooled(each)
+    statistics, reports = each[session.name]
+    summary: ReplaySummary = statistics.summary(reports)
+    return summary
+
+
+def findings_so_far(session: Session | ArraySession) -> tuple[Finding, ...]:
+    """Return the contradictions found so far, of all vehicles."""
+    return tuple(found for one in session.vehicles for found in one.monitoring.checks.findings)
+
+
+def _useless(session: Session | ArraySession, inputs: Prepared) -> dict[str, str]:
+    """Return why vehicles gave nothing to the estimate, by their names.
+
+    Raises:
+        MeasurementError: The only vehicle gave nothing, or none of several.
+    """
+    useless, last = dict[str, str](), None
+    for one, readers in zip(session.vehicles, inputs.by_vehicle, strict=True):
+        reports, grid = [reader.report() for reader in readers], inputs.forecasts.ensemble.grid
+        try:
+            first = readers[0].input
+            require_usable(one.monitoring, one.statistics, reports, grid, one.config, first)
+        except MeasurementError as error:
+            if isinstance(session, Session) or error.findings:
+                raise
+            useless[one.name], last = str(error), error
+    if last is not None and len(useless) == len(session.vehicles):
+        raise last
+    return useless
+
+
+def _summary(
+    session: Session,
+    readers: Sequence[LogReader],
+    inputs: Prepared,
+    flow: FlowEstimate,
+    others: tuple[Rival, ...],
+) -> ReplaySummary:
+    """Return the summary of one vehicle."""
+    job, reports = inputs.job, [reader.report() for reader in readers]
+    of_logs, planning = session.statistics.notes(reports), session.planning
+    found, blind = conclusions(
+        session.monitoring,
+        session.statistics.profiles,
+        session.config,
+        session.statistics.messages.skipped,
     )
-    outside = tuple(
-        note for note in inputs.forecasts.notes if "outside" in note or "is no forecast" in note
-    )
-    summary = replace(
-        session.statistics.summary(reports),
+    summary: ReplaySummary = session.statistics.summary(reports)
+    return replace(
+        summary,
         plan=None if planning.result is None else planning.result.plan,
         plan_note=planning.failure,
         outcomes=planning.outcomes,
@@ -66,40 +164,37 @@ def conclude(
         next_surfacing=next_surfacing(session.forecasts, flow),
         ensemble=name_of(job.ensemble) if others else "",
         rivals=others,
-        notes=tuple(notes),
+        # what is not of the vehicle is said once, of all
+        notes=tuple(of_logs if job.vehicles else _notes(session, inputs, flow, of_logs)),
         findings=found,
         doubts=blind,
-        outside=outside,
-        inputs=(*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values()),
+        outside=_outside(inputs),
+        inputs=_inputs(job),
         flight_correction=session.flight.correction(session.statistics.profiles.corrections),
     )
-    with session.clock.stage("write"):
-        if session.writer is not None:
-            session.writer.consistency(session.last_ns, found)
-            session.writer.summary(session.last_ns, outcome_of(summary).to_record())
-            if spread := session.estimator.spread_record(session.estimation.current):
-                session.writer.write_metadata("replay_kit.spread", spread)
-            if (flown := session.forecasts.as_flown) is not None:
-                session.writer.write_metadata(AS_FLOWN, flown.to_record())
-            if withdrawn := session.publishing.withdrawn:
-                session.writer.write_metadata(WINDOWS_RECORD, {"withdrawn": str(withdrawn)})
-            session.writer.finish(flow)
-        if job.netcdf is not None:
-            write_grid(flow, job.netcdf)
-        if job.save_estimate is not None:
-            flow.save(job.save_estimate)
-    score = None
-    if inputs.truth is not None:
-        with session.clock.stage("score"):
-            score, failures = _score(session, inputs, inputs.truth, flow)
-            notes += failures
-    return replace(
-        summary, seconds=dict(session.clock.seconds), truth=score, notes=tuple(notes)
-    ), flow
+
+
+def _inputs(job: ReplayJob) -> tuple[Path, ...]:
+    return (*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values())
+
+
+def _outside(inputs: Prepared) -> tuple[str, ...]:
+    notes = inputs.forecasts.notes
+    return tuple(note for note in notes if "outside" in note or "is no forecast" in note)
+
+
+def _record(writer: ResultWriter, session: Session, summary: ReplaySummary) -> None:
+    """Write what is found of one vehicle at the end."""
+    writer.consistency(session.last_ns, summary.findings)
+    writer.summary(session.last_ns, outcome_of(summary).to_record())
+    if (flown := session.forecasts.as_flown) is not None:
+        writer.record(AS_FLOWN, flown.to_record())
+    if withdrawn := session.publishing.withdrawn:
+        writer.record(WINDOWS_RECORD, {"withdrawn": str(withdrawn)})
 
 
 def _notes(
-    session: Session, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str]
+    session: Session | ArraySession, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str]
 ) -> list[str]:
     """Return what the user should know of the forecast, the logs, the basis, the prior and the instrument, as sentences."""
     kernel, estimator = flow.horizontal.kernel, session.estimator
@@ -107,15 +202,21 @@ def _notes(
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
     no_goal = (
         []
-        if inputs.job.goal is not None
+        if inputs.job.goals
         else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
     )
-    biases = estimator.bias_notes(session.estimation.current)
+    # biases are one instrument's
+    biases = [] if inputs.job.vehicles else estimator.bias_notes(_state(session))
     return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *no_goal]
 
 
+def _state(session: Session | ArraySession) -> Any:
+    """Return the estimator's state."""
+    return session.vehicles[0].estimation.current
+
+
 def _score(
-    session: Session, inputs: Prepared, truth: Ensemble, flow: FlowEstimate
+    session: Session | ArraySession, inputs: Prepared, truth: Ensemble, flow: FlowEstimate
 ) -> tuple[TruthScore | None, list[str]]:
     """Return the score, or as much of it as there is, and why the rest is missing."""
     job, forecasts, prior_flow, config = (
@@ -131,13 +232,17 @@ def _score(
     if forecasts.read is not None:
         forecasts, box = forecasts.in_last_window(flow.grid)
         truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
-    positions, ensemble = session.statistics.profiles.positions, forecasts.nearest(flow.time_ns)
+    positions = [place for one in session.vehicles for place in one.statistics.profiles.positions]
+    ensemble = forecasts.nearest(flow.time_ns)
     try:
         score, truth_flow = score_against_truth(
             flow, ensemble, truth, positions, job.truth_radius_km, config.estimator
         )
     except MeasurementError as error:
         return None, [f"no score: {error}"]
+    if isinstance(session, ArraySession):
+        # each vehicle has a plan of its own
+        return score, []
     problem, result = session.problem, session.planning.result
     if problem is None or result is None or result.plan.status == "failed":
         return score, []

@@ -5,9 +5,9 @@ go to the summary only.
 """
 
 import gc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -30,18 +30,28 @@ from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
-from replay_kit.measurements import finish, initial_state, interpret_block
+from replay_kit.measurements import (
+    Event,
+    MeasurementState,
+    finish,
+    initial_state,
+    interpret_block,
+)
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.outcome.from_run import failed
 from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.vehicles import VEHICLES_RECORD
+from replay_kit.workflows.replay.array import END, ArraySession, streams
 from replay_kit.workflows.replay.checks import check_goal, with_planner_kind
-from replay_kit.workflows.replay.conclude import conclude
+from replay_kit.workflows.replay.conclude import conclude, counted, findings_so_far
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, input_stamps
 from replay_kit.workflows.replay.inputs.opened import (
     Prepared,
     copy_inputs,
+    flat,
     forecasts_of,
+    open_each,
     open_truth,
 )
 from replay_kit.workflows.replay.inputs.provenance import (
@@ -52,10 +62,13 @@ from replay_kit.workflows.replay.inputs.provenance import (
     run_metadata,
     run_options,
     run_settings_toml,
+    vehicles_record,
 )
-from replay_kit.workflows.replay.inputs.scan import check_span, open_readers
+from replay_kit.workflows.replay.inputs.scan import check_span
+from replay_kit.workflows.replay.inputs.vehicles import by_tracks, check_places, identified
 from replay_kit.workflows.replay.referee import check_against, rival_inputs, rivals
 from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.shared import SharedEstimate
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
@@ -72,6 +85,8 @@ from replay_kit.workflows.replay.store.followed import FollowedStates
 
 # Messages that are decoded and tested together.
 _BLOCK = 128
+# Of one vehicle, or of several.
+AnySession = Session | ArraySession
 # Objects made before those are looked for that hold each other: a replay makes none, and to look takes a tenth of its loop.
 _COLLECTED = 50_000
 
@@ -105,7 +120,16 @@ def replay(
     check_outputs(job)
     threads = threadpool_limits(limits=config.output.threads)
     with threads, _collecting_seldom(), resuming(job.checkpoint):
-        return _replay(job, config, planner_of, progress, on_digest, forecasts)
+        job = identified(job, config)
+        try:
+            return _replay(job, config, planner_of, progress, on_digest, forecasts)
+        except MeasurementError as error:
+            vehicles = by_tracks(job, config, error)
+            if not vehicles:
+                raise
+        # taken for one vehicle's, the logs are of several
+        job = identified(replace(job, vehicles=vehicles), config)
+        return _replay(job, config, planner_of, progress, on_digest, None)
 
 
 @contextmanager
@@ -144,9 +168,8 @@ def _replay(
         if session.writer is not None:
             (session.writer.discard if unusable else session.writer.abandon)()
         if isinstance(error, ReplayKitError) and unusable:
-            error.findings = error.findings or session.monitoring.checks.findings
-            so_far = session.statistics.summary([reader.report() for reader in inputs.readers])
-            error.answer = failed(error, so_far).to_json()
+            error.findings = error.findings or findings_so_far(session)
+            error.answer = failed(error, counted(session, inputs)).to_json()
         raise
     finally:
         if checkpoints is not None:
@@ -162,7 +185,7 @@ def _prepare(
     planner_of: PlannerFactory | None,
     progress: Progress,
     forecasts: Forecasts | None,
-) -> tuple[Session, Prepared]:
+) -> tuple[AnySession, Prepared]:
     """Return a replay before its first message, and what was read for it."""
     progress(0, 0, "reading the forecast")
     clock = Stopwatch()
@@ -171,24 +194,31 @@ def _prepare(
         ensemble = forecasts.ensemble
         speeds = checked_speeds(ensemble, config)
         truth = open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
-    readers = open_readers(job.logs, config)
-    config = with_planner_kind(job, readers, config)
+    check_places(job, ensemble.grid)
+    readers = open_each(job, config)
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
-        estimator = built(forecasts, config, job)
+        estimator = built(forecasts, with_planner_kind(job, flat(readers), config), job)
         prior_flow = estimator.flow(estimator.initial())
-    problem = None
-    if job.goal is not None and planner_of is not None:
-        planner = planner_of(config.planner, ensemble.grid)
-        check_goal(planner, prior_flow, job, config)
-        goals = () if job.following is None else job.following.goals
-        problem = PlanningProblem(
-            planner, job.goal, config.planner, config.measurements.surface_depth, goals
+    shared, sessions = SharedEstimate(clock), list[Session]()
+    for vehicle, of_vehicle in zip(job.each_vehicle, readers, strict=True):
+        own = with_planner_kind(vehicle, of_vehicle, config)
+        problem = None
+        if vehicle.goal is not None and planner_of is not None:
+            planner = planner_of(own.planner, ensemble.grid)
+            check_goal(planner, prior_flow, vehicle, own)
+            goals = () if job.following is None else job.following.goals
+            problem = PlanningProblem(
+                planner, vehicle.goal, own.planner, own.measurements.surface_depth, goals
+            )
+        levels = ensemble.grid.levels
+        sessions.append(
+            Session(estimator, levels, own, problem, clock, speeds, shared, vehicle.name)
         )
     # without a goal nothing reads the bathymetry
     arguments, bathymetry = (
         find_sources(job.ensemble).arguments,
-        None if problem is None else config.planner.bathymetry_path,
+        config.planner.bathymetry_path if any(one.problem for one in sessions) else None,
     )
     options = run_options(job, prior_flow)
     metadata = (
@@ -196,10 +226,12 @@ def _prepare(
         if job.out is None
         else run_metadata(job.logs, arguments, ensemble, options, bathymetry, forecasts.region)
     )
+    if metadata and job.vehicles:
+        metadata[VEHICLES_RECORD] = vehicles_record(job)
     if metadata and (
         assumed := {
             Path(log.path).name: "; ".join(log.report().notes)
-            for log in readers
+            for log in flat(readers)
             if log.report().notes
         }
     ):
@@ -211,11 +243,11 @@ def _prepare(
     if metadata and job.against:
         named = {key: named_hash(path) for key, path in rival_inputs(job.against).items()}
         metadata["replay_kit.inputs"] = {**metadata["replay_kit.inputs"], **named}
-    session = Session(estimator, ensemble.grid.levels, config, problem, clock, speeds)
+    session = ArraySession(sessions) if job.vehicles else sessions[0]
     return session, Prepared(job, readers, forecasts, prior_flow, truth, metadata)
 
 
-def _checkpoints(session: Session, inputs: Prepared) -> StateStore | None:
+def _checkpoints(session: AnySession, inputs: Prepared) -> StateStore | None:
     """Return where the states of a replay are kept; None where they are not."""
     job, settings, prior = (
         inputs.job,
@@ -243,28 +275,36 @@ class _Stream:
     """The messages of a replay.
 
     Attributes:
-        merged: All of them.
-        messages: Those after the checkpoint.
+        merged: All of them, vehicle by vehicle.
+        messages: Those after the checkpoint, of all vehicles.
         checkpoint: Where the replay goes on; None when it begins.
     """
 
-    merged: Merge[Message]
+    merged: Sequence[Merge[Message]]
     messages: Iterator[Message]
     checkpoint: Checkpoint | None = None
 
 
 def _stream(inputs: Prepared, config: RunConfig, checkpoints: StateStore | None) -> _Stream:
-    merged = merge(
-        inputs.readers, config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns
-    )
+    logs = config.logs
+    merged = [
+        merge(readers, logs.reorder_window, logs.start_ns, logs.end_ns)
+        for readers in inputs.by_vehicle
+    ]
+    firsts = [readers[0].input for readers in inputs.by_vehicle]
+
+    def begin() -> Iterator[Message]:
+        each = [iter(one) for one in merged]
+        return streams(each, firsts) if inputs.job.vehicles else each[0]
+
     if checkpoints is None:
-        return _Stream(merged, iter(merged))
-    checkpoint, messages = checkpoints.resume(merged.__iter__)
+        return _Stream(merged, begin())
+    checkpoint, messages = checkpoints.resume(begin)
     return _Stream(merged, messages, checkpoint)
 
 
 def _open_result(
-    session: Session,
+    session: AnySession,
     inputs: Prepared,
     checkpoints: StateStore | None,
     checkpoint: Checkpoint | None,
@@ -284,19 +324,17 @@ def _open_result(
 
 
 def _loop(
-    session: Session,
+    session: AnySession,
     inputs: Prepared,
     checkpoints: StateStore | None,
     stream: _Stream,
     on_message: Callable[[], None],
 ) -> None:
-    """Pass the logs' messages, those after the checkpoint, through the session."""
-    measurements, checkpoint = session.config.measurements, stream.checkpoint
-    state, count = (
-        (initial_state(session.config.logs.system), 0)
-        if checkpoint is None
-        else (checkpoint.measurement, checkpoint.messages)
-    )
+    """Pass the logs' messages, those after the checkpoint, through the sessions of their vehicles."""
+    checkpoint, sessions = stream.checkpoint, session.vehicles
+    states, count = [initial_state(session.config.logs.system) for _ in sessions], 0
+    if checkpoint is not None:
+        states, count = list(checkpoint.measurement), checkpoint.messages
     while True:
         with session.clock.stage("read"):
             block = list(islice(stream.messages, _BLOCK))
@@ -306,23 +344,53 @@ def _loop(
         if not count:
             _begin_result(session, inputs, block[0].time_ns)
         with session.clock.stage("measure"):
-            steps = interpret_block(state, block, measurements)
-        pings = session.summarised(event for _, events in steps for event in events)
-        for message, (state, events) in zip(block, steps, strict=True):
+            steps = _interpreted(states, block, inputs, session.config)
+        pings = [
+            one.summarised(event for of, _, events in steps if of == number for event in events)
+            for number, one in enumerate(sessions)
+        ]
+        for message, (number, states[number], events) in zip(block, steps, strict=True):
             count += 1
             session.last_ns = message.time_ns
-            session.take(events, pings)
+            sessions[number].take_message(message.time_ns, events, pings[number])
+            if message.schema == END:
+                session.shared.end(number)
             if checkpoints is not None:
-                checkpoints.write_when_due(session, state, count)
+                checkpoints.write_when_due(session, tuple(states), count)
             on_message()
     if checkpoints is not None:
         checkpoints.write_last()
-    session.take(finish(state, measurements))
-    session.assimilate_buffer(last=True)
-    session.statistics = session.statistics.with_order(stream.merged)
+    if not inputs.job.vehicles:
+        sessions[0].take(finish(states[0], session.config.measurements))
+    session.shared.assimilate(last=True)
+    for one, merged, readers in zip(sessions, stream.merged, inputs.by_vehicle, strict=True):
+        one.statistics = one.statistics.with_order(merged, readers[0].input)
 
 
-def _begin_result(session: Session, inputs: Prepared, time_ns: int) -> None:
+def _interpreted(
+    states: Sequence[MeasurementState],
+    block: Sequence[Message],
+    inputs: Prepared,
+    config: RunConfig,
+) -> list[tuple[int, MeasurementState, Sequence[Event]]]:
+    """Return for each message of a block the number of its vehicle, the vehicle's state after it and its events."""
+    if not inputs.job.vehicles:
+        (state,) = states
+        return [(0, *one) for one in interpret_block(state, block, config.measurements)]
+    owners = inputs.owners
+    found: dict[int, tuple[int, MeasurementState, Sequence[Event]]] = {}
+    for number, state in enumerate(states):
+        own = [k for k, message in enumerate(block) if owners[message.input] == number]
+        read = [k for k in own if block[k].schema != END]
+        steps = interpret_block(state, [block[k] for k in read], config.measurements)
+        for k, (after, events) in zip(read, steps, strict=True):
+            state, found[k] = after, (number, after, events)
+        for k in own[len(read) :]:
+            found[k] = (number, state, finish(state, config.measurements))
+    return [found[k] for k in range(len(block))]
+
+
+def _begin_result(session: AnySession, inputs: Prepared, time_ns: int) -> None:
     """Write what precedes the messages of a result: metadata, notes on the forecast, and the inputs' messages if asked for."""
     if (writer := session.writer) is None:
         return
@@ -337,6 +405,8 @@ def _begin_result(session: Session, inputs: Prepared, time_ns: int) -> None:
         )
         for note in inputs.forecasts.notes:
             writer.log(time_ns, "warning", note)
-        if session.problem is not None and (seabed := session.problem.planner.seabed) is not None:
-            writer.seabed(time_ns, seabed)
+        for one in session.vehicles:
+            if one.problem is not None and (seabed := one.problem.planner.seabed) is not None:
+                writer.seabed(time_ns, seabed)
+                break
         copy_inputs(writer, inputs.job, session.config.logs)

@@ -14,7 +14,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
+from replay_kit.core.observation import Observation, PathMean, VehicleState
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.next_dive.flight import local_current
@@ -23,9 +23,10 @@ from replay_kit.measurements.consistency.monitor import Checked
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.inputs.estimator import flow_at
+from replay_kit.workflows.replay.shared import BUFFERED, SharedEstimate
 from replay_kit.workflows.replay.stages import consistency, plans
 from replay_kit.workflows.replay.stages.consistency import MonitoringState
-from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
+from replay_kit.workflows.replay.stages.estimation import EstimationState, Step
 from replay_kit.workflows.replay.stages.planner import VehiclePlanner
 from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.stages.publishing import (
@@ -48,9 +49,6 @@ from replay_kit.workflows.replay.surfacings.forecasts import (
     forecast_mean,
     forecast_step,
 )
-
-# Events that wait at most: a log may hold positions and nothing else.
-_BUFFERED = 4096
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,9 +79,9 @@ class ReplayState:
 class Session:
     """One replay as it runs.
 
-    It is mutable as the only one of its parts: a stream of events goes through it, and a block of them waits in it, because the estimator
-    assimilates a block of observations in little more time than one. A checkpoint is made only when none waits. Without a ``writer``
-    nothing is published.
+    It is mutable: a stream of events goes through it, and a block of them waits in the estimate that it gives them to, because the
+    estimator assimilates a block of observations in little more time than one. A checkpoint is made only when none waits. Without a
+    ``writer`` nothing is published.
     """
 
     def __init__(
@@ -94,6 +92,8 @@ class Session:
         problem: PlanningProblem | None = None,
         clock: Stopwatch | None = None,
         speeds: EnsembleSpeeds | None = None,
+        shared: SharedEstimate | None = None,
+        name: str = "",
     ) -> None:
         """Begin with the prior.
 
@@ -104,8 +104,10 @@ class Session:
             problem: What to plan; None plans nothing.
             clock: Wall time of each stage so far; None for a new one.
             speeds: Of the ensemble, with which those of the log are compared; None compares none.
+            shared: The estimate that is given the measurements; None for one of its own.
+            name: Of the vehicle, where it is one of several.
         """
-        self.estimator = self._built = estimator
+        self.estimator = self.built = estimator
         self._speeds = speeds
         self.config = config
         self._problem = problem
@@ -118,17 +120,21 @@ class Session:
             Observation,
             *paths,
         )
-        self._buffer: list[VehicleState | Measurement] = []
-        self._n_observations = 0
         self._uncounted: list[Event] = []
+        self.name = name
+        self.shared = shared or SharedEstimate(self.clock)
         prior = estimator.initial()
         self.restore(ReplayState(EstimationState(prior, prior)))
+        self._number = self.shared.add(self)
 
     @property
     def state(self) -> ReplayState | None:
         """The states of all stages; None while observations wait, for which there is no state yet."""
-        if self._buffer:
-            return None
+        return None if self.shared.has_block else self.between_blocks
+
+    @property
+    def between_blocks(self) -> ReplayState:
+        """The states of all stages, whether observations wait or not."""
         return ReplayState(
             self.estimation,
             self.publishing,
@@ -139,6 +145,11 @@ class Session:
             self.flight,
             self.last_ns,
         )
+
+    @property
+    def vehicles(self) -> tuple["Session", ...]:
+        """The sessions of the vehicles that share the estimate: this one."""
+        return (self,)
 
     @property
     def statistics(self) -> RunStatistics:
@@ -158,8 +169,8 @@ class Session:
             return problem
         return replace(problem, planner=problem.planner.as_flown(flown))
 
-    def restore(self, state: ReplayState) -> None:
-        """Continue from a state."""
+    def restore(self, state: Any) -> None:
+        """Continue from a ``ReplayState``."""
         self.estimation, self.publishing, self.planning = (
             state.estimation,
             state.publishing,
@@ -171,7 +182,7 @@ class Session:
             state.last_ns,
         )
         self.forecasts, self.flight = state.forecasts, state.flight
-        self.estimator = consistency.trusting(self._built, self.monitoring)
+        self.estimator = consistency.trusting(self.built, self.monitoring)
 
     def summarised(self, events: Iterable[Event]) -> Iterator[PingSummary]:
         """Return what the consistency checks need of the profiles among some events: many take little more time than one."""
@@ -184,6 +195,14 @@ class Session:
                 )
             )
 
+    def take_message(
+        self, time_ns: int, events: Sequence[Event], pings: Iterator[PingSummary]
+    ) -> None:
+        """Take the events of a message; arguments as of ``take``."""
+        self.last_ns = time_ns
+        self.shared.begin(self._number, time_ns)
+        self.take(events, pings)
+
     def take(self, events: Sequence[Event], pings: Iterator[PingSummary] | None = None) -> None:
         """Count the messages used and skipped, and assimilate positions and measurements as soon as a block of them is complete.
 
@@ -193,7 +212,7 @@ class Session:
         """
         pings = self.summarised(events) if pings is None else pings
         self._uncounted += [event for event in events if self._is_counted(event)]
-        if len(self._uncounted) >= _BUFFERED:
+        if len(self._uncounted) >= BUFFERED:
             self._count()
         for given in events:
             if (
@@ -207,13 +226,7 @@ class Session:
                 self._monitored(given, pings) if isinstance(given, Checked) else given
             )
             if isinstance(event, self._inputs):
-                self._buffer.append(event)
-                self._n_observations += isinstance(event, Measurement)
-                if (
-                    self._n_observations == self.estimator.block_size
-                    or len(self._buffer) == _BUFFERED
-                ):
-                    self.assimilate_buffer()
+                self.shared.give(self._number, event)
             elif isinstance(event, PathMean):
                 self._expect(forecast_mean(self.forecasts, event))
 
@@ -250,56 +263,50 @@ class Session:
 
     def _act_on(self, found: Sequence[Finding], means: Sequence[PathMean]) -> None:
         """Rebuild the estimate without an instrument that is not believed, and open the gate between sources that contradict each other."""
-        self.assimilate_buffer(last=True)
-        self.estimator = consistency.trusting(self._built, self.monitoring)
+        self.shared.assimilate(last=True)
+        self.estimator = consistency.trusting(self.built, self.monitoring)
         counts = self.statistics.profiles
         if consistency.is_distrusted(found):
-            prior, kept = (
-                self.estimator.initial(),
-                list(means) if self.estimator.supports_path_means else [],
-            )
-            with self.clock.stage("estimate"):
-                self.estimation, steps = assimilate(
-                    self.estimator, EstimationState(prior, prior), kept
-                )
+            kept = means if self.estimator.supports_path_means else ()
+            steps = self.shared.rebuild(self._number, kept)
             self.publishing = withdraw_windows(self.publishing)
             counts = consistency.rebuilt(counts, steps)
             self.monitoring = replace(self.monitoring, gated=())
         self.estimation, self.monitoring, counts = consistency.readmitted(
             self.estimator, self.estimation, self.monitoring, counts
         )
+        self.shared.spread(self.estimation.current)
         self.statistics = RunStatistics(self.statistics.messages, counts)
         self._write(LogWarning(finding.since_ns, str(finding)) for finding in found)
         self._write((Findings(self.last_ns, self.monitoring.checks.findings),))
 
-    def assimilate_buffer(self, last: bool = False) -> None:
-        """Assimilate the observations that wait, then publish everything in the order of the log.
-
-        Args:
-            last: Whether profiles that others might join wait no longer.
-        """
-        with self.clock.stage("estimate"):
-            self.estimation, steps = assimilate(self.estimator, self.estimation, self._buffer, last)
-        self._buffer, self._n_observations = [], 0
+    def after_steps(self, steps: Sequence[Step]) -> None:
+        """Count the steps of a block."""
         self.statistics = self.statistics.after_steps(steps)
         self.monitoring = consistency.with_gated(self.monitoring, steps)
-        for step in steps:
-            before, after = partial(self._flow, step.before), partial(self._flow, step.after)
-            self._plan(plans.before_step, step, before)
-            if self.writer is not None:
-                self.publishing, outputs = publish_step(
-                    self.publishing, step, self._levels, self.config.output, after
-                )
-                self._write(outputs)
-            with self.clock.stage("expect"):
-                expected = forecast_step(
-                    self.forecasts, step, before, self.config.measurements.surface_depth
-                )
-            self._expect(expected)
-            self._plan(plans.after_step, step, after)
-        self._publish_windows()
 
-    def _publish_windows(self) -> None:
+    def follow_up(self, step: Step) -> None:
+        """Publish a step, plan where a plan is due, and compare the dives that it ends with what was expected."""
+        before, after = partial(self._flow, step.before), partial(self._flow, step.after)
+        self._plan(plans.before_step, step, before)
+        if self.writer is not None:
+            if pooled := self.shared.is_pooled:
+                due_ns = self.shared.next_slices_ns
+                self.publishing = replace(self.publishing, next_slices_ns=due_ns)
+            self.publishing, outputs = publish_step(
+                self.publishing, step, self._levels, self.config.output, after
+            )
+            if pooled:
+                self.shared.next_slices_ns = self.publishing.next_slices_ns
+            self._write(outputs)
+        with self.clock.stage("expect"):
+            expected = forecast_step(
+                self.forecasts, step, before, self.config.measurements.surface_depth
+            )
+        self._expect(expected)
+        self._plan(plans.after_step, step, after)
+
+    def after_block(self) -> None:
         """Publish the last estimates of the windows that the vehicle has left, and forget them."""
         if self.writer is not None:
             flows = self.estimator.left_flows(self.estimation.current)
@@ -314,13 +321,22 @@ class Session:
 
     def conclude(self) -> FlowEstimate:
         """Finish a surfacing, plan from the last position and publish the last depth slices; return the last estimate."""
+        flow = self.end()
+        self.publish(flow, self.last_ns)
+        return flow
+
+    def end(self) -> FlowEstimate:
+        """Finish a surfacing and plan from the last position; return the estimate that was planned on."""
         at = partial(self._flow, self.estimation.current)
         self._expect(forecast_end(self.forecasts))
         self._plan(plans.finish_surfacing, at)
         flow = at(self.last_ns)
         self._plan(plans.make_last_plan, flow, self.last_ns)
-        self._write((depth_slices(self.last_ns, flow, self.config.output),))
         return flow
+
+    def publish(self, flow: FlowEstimate, time_ns: int) -> None:
+        """Publish the last depth slices of an estimate for a time [ns, UTC]."""
+        self._write((depth_slices(time_ns, flow, self.config.output),))
 
     def _flow(self, state: Any, time_ns: int) -> FlowEstimate:
         """Return the estimate of a state for a time [ns, UTC], with the current beside it as the dives so far show it."""
@@ -344,6 +360,6 @@ class Session:
     def _write(self, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
         if self.writer is not None:
-            with self.clock.stage("write"):
+            with self.writer.of(self.name), self.clock.stage("write"):
                 for output in outputs:
                     write(self.writer, output)

@@ -15,7 +15,7 @@ from replay_kit.logs.shared.payloads import gather, short
 from replay_kit.measurements import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.measurements.events import left_out_rules
 from replay_kit.results.outcome.run import DiveRow, ReplaySummary, TopicRow
-from replay_kit.workflows.replay.stages.counts import ProfileCounts, increment
+from replay_kit.workflows.replay.stages.counts import ProfileCounts, Sums, increment
 from replay_kit.workflows.replay.stages.estimation import Step
 
 # Of a topic's pings; when more are lost, the summary begins with it.
@@ -117,9 +117,15 @@ class RunStatistics:
         """Return the statistics with more positions and measurements."""
         return RunStatistics(self.messages, self.profiles.after(steps))
 
-    def with_order(self, merged: Merge[Message]) -> "RunStatistics":
-        """Return the statistics with what merging the logs found: late messages, stamps far from their neighbours, jumps of clocks."""
-        counts = replace(self.messages, late=merged.late, astray=merged.astray, jumps=merged.jumps)
+    def with_order(self, merged: Merge[Message], first_input: int = 0) -> "RunStatistics":
+        """Return the statistics with what merging the logs found: late messages, stamps far from their neighbours, jumps of clocks.
+
+        Args:
+            merged: The logs.
+            first_input: Of them; their reports begin with its.
+        """
+        jumps = tuple(replace(jump, input=jump.input - first_input) for jump in merged.jumps)
+        counts = replace(self.messages, late=merged.late, astray=merged.astray, jumps=jumps)
         return RunStatistics(counts, self.profiles)
 
     def require_left_out(self, rules: Sequence[str]) -> None:
@@ -249,6 +255,38 @@ class RunStatistics:
                 for dive, sums in sorted(counts.dives.items())
             ),
         )
+
+
+def pooled(each: Mapping[str, tuple[RunStatistics, Sequence[LogReport]]]) -> ReplaySummary:
+    """Return the summary of the messages and measurements of several vehicles, by name; dives have none, as each counts its own."""
+    summaries = {name: of.summary(reports) for name, (of, reports) in each.items()}
+    counts = [of.profiles for of, _ in each.values()]
+    bins_rejected, path_means = Counter[str](), Counter[str]()
+    for one in counts:
+        bins_rejected.update(one.bins_rejected)
+        path_means.update(one.path_means)
+    total = Sums(
+        *(sum(getattr(one.total, name) for one in counts) for name in Sums.__dataclass_fields__)
+    )
+    evidence = Evidence({-k: Evidence(one.evidence).total for k, one in enumerate(counts)})
+    both = ProfileCounts(
+        rejected=sum(one.rejected for one in counts),
+        bins_rejected=bins_rejected,
+        total=total,
+        path_means=path_means,
+    )
+    summary: ReplaySummary = RunStatistics(profiles=both).summary(())
+    return replace(
+        summary,
+        messages=tuple(
+            replace(row, topic=f"{name} {row.topic}")
+            for name, one in summaries.items()
+            for row in one.messages
+        ),
+        losses=tuple(loss for one in summaries.values() for loss in one.losses),
+        late=sum(one.late for one in summaries.values()),
+        evidence=evidence if evidence.total.measurements else None,
+    )
 
 
 def _notes_of(reports: Sequence[LogReport]) -> list[str]:

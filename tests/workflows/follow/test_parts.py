@@ -225,8 +225,10 @@ def test_an_alarm_is_given_once_for_what_it_is_about_and_again_when_it_comes_bac
     calm = replace(status, alarms=())
     assert new_alarms(status, ()) == (alarm,)
     assert new_alarms(status, (key_of(alarm),)) == ()
-    assert standing(status, (key_of(alarm),)) == (key_of(alarm),)
-    assert standing(calm, (key_of(alarm), "surfacing overdue: 1")) == ("surfacing overdue: 1",)
+    assert standing({"": status}, (key_of(alarm),)) == (key_of(alarm),)
+    assert standing({"": calm}, (key_of(alarm), "surfacing overdue: 1")) == (
+        "surfacing overdue: 1",
+    )
     assert '"latitude": 1.0' in alarm_line(alarm, status)
 
 

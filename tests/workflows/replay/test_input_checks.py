@@ -16,7 +16,6 @@ from replay_kit.measurements.consistency.findings import TRACKS
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.fleet.expected import expected_of
 from replay_kit.workflows.fleet.missions import Mission
-from replay_kit.workflows.fleet.run import run_mission
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.checks import _aside, check_inputs
 from replay_kit.workflows.replay.dry_run import dry_run
@@ -133,19 +132,23 @@ def test_dry_runs_check_the_goal_and_count_as_the_replay_does(ocean):
 
 
 @pytest.mark.parametrize("kind", ["", "-currents"])
-def test_two_gliders_in_one_replay_are_refused_by_their_names(ocean, tmp_path, kind):
+def test_two_gliders_in_one_replay_are_two_vehicles_and_refused_where_one_is_expected(
+    ocean, tmp_path, kind
+):
     first, second = ocean / f"first{kind}.mcap", ocean / f"second{kind}.mcap"
     job = ReplayJob((first, second), ocean / "ensemble.nc", tmp_path / "out.mcap")
-    words = refused(ocean, job)
-    assert words.startswith(f"{TRACKS}: {first} and {second}; ")
-    assert "65 km" in words
-    assert "replay each alone" in words
-    assert not job.out.exists()
+    summary, _ = replay(job, CONFIG)
+    assert list(summary.vehicles) == [first.stem, second.stem]
+    (tmp_path / "out.mcap").unlink()
     with pytest.raises(MeasurementError) as error:
         smooth(job, CONFIG)
-    assert str(error.value) == words
-    failed = run_mission(Mission("both", job, CONFIG))
-    assert (failed.failed, failed.exit_code) == (words, 3)
+    words = str(error.value)
+    assert words.startswith(f"{TRACKS}: {first} and {second}; ")
+    assert "65 km" in words
+    assert "name the vehicles (--as NAME=LOG), or replay each alone" in words
+    assert not job.out.exists()
+    with pytest.raises(MeasurementError):
+        dry_run(job, CONFIG)
     # alone each is a log like any other
     assert replay(ReplayJob((second,), job.ensemble), CONFIG)[0].exit_code == 0
     asked = CONFIG.model_copy(

@@ -76,7 +76,7 @@ def asked(events, **planner):
     session = Session(Still(), FLOW.levels, config, problem)
     for event in events:
         session.take([event])
-    session.assimilate_buffer()
+    session.shared.assimilate()
     return planned.calls
 
 

@@ -469,6 +469,7 @@ def test_without_a_plan_or_with_a_failed_one_the_estimate_alone_is_scored(monkey
         session = SimpleNamespace(
             config=config, statistics=positions, problem=problem, planning=planning
         )
+        session.vehicles = (session,)
         assert conclude._score(session, inputs, None, SimpleNamespace(time_ns=0)) == ("score", [])
 
 

@@ -1,5 +1,6 @@
 """What a replay's loop gives its estimator: mean currents go to those that take them, and are counted otherwise."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import MagicMock
@@ -52,7 +53,7 @@ def mean_current():
 def given(supports_path_means):
     session = Session(Recorder(supports_path_means), GRID.levels, RunConfig())
     session.take([PROFILE, mean_current(), PROFILE])
-    session.assimilate_buffer()
+    session.shared.assimilate()
     return session.state
 
 
@@ -61,6 +62,9 @@ class Published:
 
     def __init__(self):
         self.grids_ns, self.digests_ns = [], []
+
+    def of(self, vehicle):
+        return nullcontext()
 
     def innovation(self, innovation):
         pass
@@ -80,7 +84,7 @@ def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_
     session.writer = published
     for seconds in range(0, 250, 25):
         session.take([replace(PROFILE, time_ns=seconds * 10**9)])
-    session.assimilate_buffer()
+    session.shared.assimilate()
     assert (
         published.grids_ns
         == published.digests_ns
@@ -101,7 +105,7 @@ def test_windows_that_were_left_are_published_once_and_forgotten():
                 == session.state.estimation.dive_start.left
                 == ()
             )
-    session.assimilate_buffer(last=True)
+    session.shared.assimilate(last=True)
     numbers = [call.args[0] for call in session.writer.window.call_args_list]
     assert numbers == list(range(1, session.estimation.current.number))
     assert len(numbers) > 1

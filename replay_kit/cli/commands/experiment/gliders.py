@@ -119,7 +119,7 @@ def dives(
     place_at, first_ns = look_ahead(logs, config)
     found = read_dives(list(logs), config)
     ensemble = local_ensemble(ensemble, logs, config)
-    region = find_region(logs, ensemble, config, first_ns, None, may_follow=False)
+    region = find_region(logs, ensemble, config, first_ns, (), may_follow=False)
     forecasts = read_forecasts(ensemble, config, first_ns, place_at, region)
 
     def results(advance: Progress) -> Iterator[DivesResult]:

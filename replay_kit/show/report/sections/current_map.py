@@ -14,18 +14,14 @@ from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.figures.map_layers import (
     POSITIONS,
     contour_step,
+    drawn_layers,
     dry_text,
-    hazard_layer,
-    plan_layer,
-    position_layer,
-    surfacing_layer,
-    track_layer,
 )
 from replay_kit.show.figures.on_canvas import Extent, frame_of, marks_of, scales_of
 from replay_kit.show.figures.on_page import tables_of
 from replay_kit.show.page.section import Control, Figure, Section, column, pack, times
 from replay_kit.show.report.card import card_html, dive_depth
-from replay_kit.show.report.sections.waypoint import editing
+from replay_kit.show.report.sections.waypoint import Editing, editing
 
 #: Of one step of the packed current [m/s] and of the packed depth of the bottom [m].
 _STEP, _DEPTH_STEP = 5e-4, 1.0
@@ -35,14 +31,24 @@ _MOST = 0.98
 
 def map_section(contents: Contents) -> Section:
     """Return the map of the current, of the track and of the plans, beside the answer."""
+    edited = editing(contents)
+    return map_beside(contents, card_html(contents, edited.arrivals), edited)
+
+
+def map_beside(contents: Contents, card: str, edited: Editing | None = None) -> Section:
+    """Return the map of a result with all its vehicles, beside an answer.
+
+    Args:
+        contents: Of the result.
+        card: The answer, as HTML.
+        edited: With which a plan can be edited; None where none can.
+    """
     slices, track = contents.slices, contents.track
     missing = []
     if slices is None:
         missing.append("The result holds no current: the map shows only positions and plans.")
     if track.time_ns.size == 0:
         missing.append("The result holds no position of the vehicle.")
-    edited = editing(contents)
-    card = card_html(contents, edited.arrivals)
     if slices is None and track.time_ns.size == 0 and not len(contents.result.plan_tracks):
         return Section("map", "Map", missing=missing, beside=card, menu="Map")
     tables, packed, drawn = ({}, {}, {}) if slices is None else _field(contents, slices)
@@ -54,33 +60,28 @@ def map_section(contents: Contents) -> Section:
             "north": column(seabed.north / 1e3),
             "step": contour_step(float(known.max()) if known.size else 0.0),
         }
-    layers = [
-        hazard_layer(contents),
-        track_layer(contents),
-        position_layer(track_layer(contents)),
-        surfacing_layer(contents),
-        plan_layer(contents),
-    ]
-    for layer in layers:
-        tables |= tables_of(layer.tables)
+    layers = drawn_layers(contents, positions=True)
+    for vehicle, layer in layers:
+        held = tables_of(layer.tables)
+        tables |= {f"{vehicle} {key}".strip(): table for key, table in held.items()}
     views = _views(contents, slices)
     drawn |= {
         "frame": frame_of(contents.projection, views["region"]),
         "views": {name: view.ends for name, view in views.items()},
-        "marks": marks_of(layers),
+        "marks": marks_of([layer for _, layer in layers]),
     }
     figure = Figure(
         "current-map",
         "The current, the track and the plan",
         _caption(contents, slices),
         _alternative(contents),
-        {**tables, **edited.tables},
+        {**tables, **(edited.tables if edited else {})},
         (),
         {},
         [] if slices is None else _controls(contents, slices),
-        {**packed, **edited.packed},
-        edited.flight,
-        edited.readout,
+        {**packed, **(edited.packed if edited else {})},
+        edited.flight if edited else {},
+        edited.readout if edited else "",
         map=drawn,
     )
     return Section("map", "Map", figures=(figure,), missing=missing, beside=card, menu="Map")
@@ -100,13 +101,16 @@ def _views(contents: Contents, slices: CurrentSlices | None) -> dict[str, Extent
     """Return what can be looked at: vehicle, plan and goal, if there is a plan; the track; all of it."""
     track, plan, views = contents.track, contents.last_plan, {}
     whole = [np.column_stack([track.east, track.north])]
+    plans = [one.last_plan for name, one in contents.each.items() if name]
+    ways = [np.vstack([one.goal, np.column_stack([one.east, one.north])]) for one in plans if one]
     if plan is not None:
         vehicle = whole[0][-1:]
         way = np.vstack([np.column_stack([plan.east, plan.north]), plan.start, plan.goal, vehicle])
         views["plan"] = Extent.around(way[:, 0] / 1e3, way[:, 1] / 1e3, 0.14)
         whole.append(way)
     if track.time_ns.size:
-        views["track"] = Extent.around(track.east / 1e3, track.north / 1e3, 0.14)
+        shown = np.vstack([*whole[:1], *ways]) / 1e3
+        views["track"] = Extent.around(shown[:, 0], shown[:, 1], 0.14)
     if slices is not None:
         whole.append(
             np.array([[slices.east[k], slices.north[k]] for k in (0, -1)], dtype=np.float64)

@@ -35,6 +35,27 @@ Against = Path | tuple[Path, ...]
 
 
 @dataclass(frozen=True, slots=True)
+class Vehicle:
+    """One of the vehicles that share an estimate, or the only one.
+
+    Attributes:
+        name: Of its own in the result; empty for the only vehicle.
+        logs: Its log files.
+        goal: Where it should go; None plans nothing for it.
+        why_not: Why it gives nothing to the estimate; empty for one that does.
+        places: Some of the longitudes and latitudes where it was [degrees].
+        notes: What is odd about its times beside those of the others.
+    """
+
+    name: str
+    logs: tuple[Path, ...]
+    goal: Place | None = None
+    why_not: str = ""
+    places: tuple[tuple[float, float], ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class ReplayJob:
     """The files that a replay reads and writes, and the goal that it plans for.
 
@@ -56,6 +77,7 @@ class ReplayJob:
         basis_store: Folder of built estimators that replays share; None builds one for this replay alone.
         estimator: Makes the estimator of the forecasts and settings; None for that of the settings.
         provided: Names of the parts that a script gives in place of the settings' own.
+        vehicles: Those that the logs are of, in the order of their names, and the logs in theirs; none where the logs are of one vehicle.
     """
 
     logs: tuple[Path, ...]
@@ -75,6 +97,19 @@ class ReplayJob:
     basis_store: Path | None = None
     estimator: Callable[[Forecasts, RunConfig], Estimator[Any]] | None = None
     provided: tuple[str, ...] = ()
+    vehicles: tuple[Vehicle, ...] = ()
+
+    @property
+    def each_vehicle(self) -> tuple[Vehicle, ...]:
+        """The vehicles that are replayed: those of several that give something to the estimate, or the only one."""
+        used = tuple(vehicle for vehicle in self.vehicles if not vehicle.why_not)
+        return used if self.vehicles else (Vehicle("", self.logs, self.goal),)
+
+    @property
+    def goals(self) -> tuple[Place, ...]:
+        """Where the vehicles should go."""
+        goals = (vehicle.goal for vehicle in self.each_vehicle)
+        return tuple(goal for goal in goals if goal is not None)
 
 
 def check_outputs(

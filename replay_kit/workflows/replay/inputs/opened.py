@@ -15,7 +15,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import find_region, recorded_region
-from replay_kit.workflows.replay.inputs.scan import look_ahead
+from replay_kit.workflows.replay.inputs.scan import look_ahead, open_readers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +24,7 @@ class Prepared:
 
     Attributes:
         job: Inputs and outputs.
-        readers: The opened logs.
+        by_vehicle: The opened logs of each vehicle.
         forecasts: The forecast that the estimator is built from.
         prior_flow: The estimate before any observation.
         truth: What the estimate is scored against; None without.
@@ -32,11 +32,36 @@ class Prepared:
     """
 
     job: ReplayJob
-    readers: Sequence[LogReader]
+    by_vehicle: Sequence[Sequence[LogReader]]
     forecasts: Forecasts
     prior_flow: FlowEstimate
     truth: Ensemble | None
     metadata: Mapping[str, Mapping[str, str]]
+
+    @property
+    def readers(self) -> list[LogReader]:
+        """The opened logs."""
+        return flat(self.by_vehicle)
+
+    @property
+    def owners(self) -> list[int]:
+        """Of each log the number of its vehicle."""
+        return [number for number, logs in enumerate(self.by_vehicle) for _ in logs]
+
+
+def open_each(job: ReplayJob, config: RunConfig) -> list[list[LogReader]]:
+    """Return the opened logs of each vehicle of a job, numbered through; as ``open_readers``."""
+    each, number = list[list[LogReader]](), 0
+    for vehicle in job.each_vehicle:
+        each.append(open_readers(vehicle.logs, config))
+        for log in each[-1]:
+            log.input, number = number, number + 1
+    return each
+
+
+def flat(each: Sequence[Sequence[LogReader]]) -> list[LogReader]:
+    """Return the logs of all vehicles."""
+    return [log for logs in each for log in logs]
 
 
 def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
@@ -63,7 +88,7 @@ def forecasts_of(job: ReplayJob, config: RunConfig) -> Forecasts:
     region = (
         job.region
         or recorded_region(job.checkpoint)
-        or find_region(job.logs, job.ensemble, config, near_ns, job.goal)
+        or find_region(job.logs, job.ensemble, config, near_ns, job.goals, not job.vehicles)
     )
     return read_forecasts(job.ensemble, config, near_ns, place_at, region)
 

@@ -11,9 +11,11 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.plan import Place
 from replay_kit.core.version import __version__
 from replay_kit.forecast.remote.kept import attributes_of, record_of
 from replay_kit.results.losses import iso_time
+from replay_kit.results.vehicles import VEHICLES_RECORD, VehicleRecord, vehicle_records
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import REGION_RECORD, FoundRegion
@@ -118,6 +120,21 @@ def run_metadata(
     }
 
 
+def vehicles_record(job: ReplayJob) -> dict[str, str]:
+    """Return the vehicles of a job by their names: the keys of their logs, and their goals."""
+    found, number = {}, 0
+    for vehicle in job.vehicles:
+        logs = () if vehicle.why_not else vehicle.logs
+        keys = tuple(f"log{number + k}" for k in range(len(logs)))
+        goal, number = _goal_text(vehicle.goal), number + len(logs)
+        found[vehicle.name] = VehicleRecord(vehicle.name, keys, goal, vehicle.why_not).to_text()
+    return found
+
+
+def _goal_text(goal: Place | None) -> str:
+    return "" if goal is None else f"{goal.longitude!r},{goal.latitude!r},{goal.depth!r}"
+
+
 def forecast_times(forecasts: Forecasts) -> dict[str, str]:
     """Return the first and the last time of the forecast that is used, and whether the estimate goes through time; empty without times."""
     times = [ensemble.time_ns for ensemble in forecasts.series if ensemble.time_ns is not None]
@@ -138,9 +155,8 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
         job: The run.
         flow: Its estimate.
     """
-    goal = job.goal
     return {
-        "goal": "" if goal is None else f"{goal.longitude!r},{goal.latitude!r},{goal.depth!r}",
+        "goal": _goal_text(job.goal),
         "include_inputs": str(job.include_inputs).lower(),
         **({PROVIDED: ", ".join(job.provided)} if job.provided else {}),
         "truth": "" if job.truth is None else Path(job.truth).name,
@@ -187,7 +203,10 @@ def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str,
     kept = {
         key: value for key, value in metadata.items() if key not in ("replay_kit.reading", FOLLOWED)
     }
-    return {**kept, "replay_kit.inputs": inputs, "replay_kit.options": options}
+    # which logs there are may change, not which vehicles and goals
+    goals = {one.name: one.goal for one in vehicle_records(metadata)}
+    held = {**kept, "replay_kit.inputs": inputs, "replay_kit.options": options}
+    return {**held, VEHICLES_RECORD: goals} if goals else held
 
 
 def package_versions() -> dict[str, str]:

@@ -24,7 +24,7 @@ REGION_RECORD = "replay_kit.found_region"
 #: Correlation lengths between the log's positions and the side of the region found from them.
 MARGIN_LENGTHS = 4.0
 #: The states of a run; the head has the part of the forecast that was found, so that the continued run reads the same.
-CHECKPOINT = Kind("checkpoint", 9, "delete it to begin anew")
+CHECKPOINT = Kind("checkpoint", 10, "delete it to begin anew")
 # Points a level of a forecast that is taken whole, and the share of a larger one from which on it is.
 _SMALL, _MOST = 1200, 2.0 / 3.0
 # Side of a window in correlation lengths, and its points at least, where the settings state none.
@@ -96,7 +96,7 @@ def find_region(
     ensemble: Paths,
     config: RunConfig,
     near_ns: int | None,
-    goal: Place | None,
+    goals: Sequence[Place],
     may_follow: bool = True,
 ) -> FoundRegion | None:
     """Return the part of a forecast that logs need; None where all of it is to be read, or the settings state the part.
@@ -109,7 +109,7 @@ def find_region(
         ensemble: Files of the ensemble.
         config: The run's settings.
         near_ns: Time of the logs' first message [ns, UTC].
-        goal: Where the vehicle should go.
+        goals: Where the vehicles should go.
         may_follow: Whether windows may follow the vehicle where one is not enough.
 
     Raises:
@@ -128,16 +128,14 @@ def find_region(
             return None
         length = _length_near(extent, places)
         margin = MARGIN_LENGTHS * length
-        region = around(
-            places if goal is None else [*places, (goal.longitude, goal.latitude)], margin
-        )
+        region = around([*places, *((goal.longitude, goal.latitude) for goal in goals)], margin)
         points, whole = int(np.prod(extent.shape_in(region))), int(np.prod(extent.shape))
         most = settings.window_points or window_points(extent, length, float(places[0, 1]))
-        if points > most and goal is None and may_follow and _is_static(extent, config):
+        if points > most and not goals and may_follow and _is_static(extent, config):
             return _first_window(extent, places[0], margin, length, most)
         if points > _MOST * whole:
             return None
-        what = "the log's positions and" if goal is None else "the log's positions, the goal and"
+        what = "the log's positions and" if not goals else "the log's positions, the goal and"
         return FoundRegion(region, margin, False, extent.box, _note(extent, region, what, margin))
 
 

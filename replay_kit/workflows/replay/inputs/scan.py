@@ -91,6 +91,16 @@ def places_of(logs: Sequence[Path], config: RunConfig) -> Array:
     return np.array(list(found), dtype=np.float64).reshape(-1, 2) / _PER_DEGREE
 
 
+def positions_in(logs: Sequence[Path], config: RunConfig) -> list[VehicleState]:
+    """Return the positions that a replay would use, in order."""
+    return [
+        event
+        for _, events in _placed(logs, config)
+        for event in events
+        if isinstance(event, VehicleState)
+    ]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Reach:
     """Where, how deep and when logs are.

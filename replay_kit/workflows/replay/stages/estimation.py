@@ -8,6 +8,7 @@ log is cut into blocks.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 from replay_kit.core.arrays import Array
@@ -70,64 +71,150 @@ class Step:
     assimilation: Assimilation | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Contributor:
+    """What gives measurements to an estimate: one vehicle of it.
+
+    Attributes:
+        estimator: Assimilates its measurements; those of all have states of one kind.
+        state: The estimate, the same for all, with what is the vehicle's own.
+    """
+
+    estimator: Estimator[Any]
+    state: EstimationState
+
+
 def assimilate(
     estimator: Estimator[Any],
     state: EstimationState,
     events: Sequence[VehicleState | Measurement],
     last: bool = True,
 ) -> tuple[EstimationState, list[Step]]:
-    """Return the state after a block of events, and a step for each of those that wait no longer.
+    """Return the state after a block of events of one vehicle; see ``assimilate_together``."""
+    own = [(0, event) for event in events]
+    (after,), steps = assimilate_together([Contributor(estimator, state)], own, last)
+    return after, [step for _, step in steps]
+
+
+def assimilate_together(
+    vehicles: Sequence[Contributor],
+    events: Sequence[tuple[int, VehicleState | Measurement]],
+    last: bool = True,
+) -> tuple[list[EstimationState], list[tuple[int, Step]]]:
+    """Return the states after a block of events, and a step for each of those that wait no longer, with its vehicle.
 
     Args:
-        estimator: Assimilates the measurements of the block together.
-        state: Before the block.
-        events: In the order of the log.
+        vehicles: With their states before the block, all of one estimate.
+        events: Each with the number of its vehicle: together in order of time, those of each in the order of its log.
         last: Whether nothing may wait for what follows.
     """
-    items, waiting = grouped(estimator.grouping, state.waiting, events)
+    items, waiting = _in_turn(vehicles, events, last)
+    states = [
+        replace(vehicle.state, waiting=left)
+        for vehicle, left in zip(vehicles, waiting, strict=True)
+    ]
+    current, steps = vehicles[0].state.current, list[tuple[int, Step]]()
+    # measurements of vehicles with one estimator are assimilated together
+    for _, of_estimator in groupby(items, key=lambda item: id(vehicles[item[0]].estimator)):
+        own = list(of_estimator)
+        estimator = vehicles[own[0][0]].estimator
+        # Any: only an estimator that supports mean currents along paths is given some
+        given: list[Any] = [item for _, item in own if not isinstance(item, VehicleState)]
+        results = deque(estimator.group_steps(current, given))
+        weights = iter(estimator.weights([each.after for each in results]))
+        for vehicle, item in own:
+            if isinstance(item, VehicleState):
+                steps.append((vehicle, Step(item, current, current)))
+                continue
+            members = len(item.profiles) if isinstance(item, ProfileGroup) else 1
+            while members:
+                event, before, current, innovation, against = results.popleft()
+                members -= len(event.profiles) if isinstance(event, ProfileGroup) else 1
+                if event.dive != states[vehicle].dive:
+                    states[vehicle] = replace(states[vehicle], dive_start=before, dive=event.dive)
+                start = states[vehicle].dive_start
+                of_dive = _since(start, estimator, event) if against is None else against(start)
+                std = _dive_std(start, estimator, before, event, innovation)
+                found = Assimilation(innovation, of_dive, next(weights), std)
+                steps.append((vehicle, Step(event, before, current, found)))
+    return [replace(state, current=current) for state in states], steps
+
+
+def state_after(
+    vehicles: Sequence[Contributor], events: Sequence[tuple[int, Measurement]], size: int
+) -> Any:
+    """Return the estimator's state after measurements, and nothing else; arguments as of ``assimilate_together``.
+
+    Args:
+        vehicles: With their states before.
+        events: All there are.
+        size: Of the blocks in which they are given.
+    """
+    items, _ = _in_turn(vehicles, events, last=True)
+    current = vehicles[0].state.current
+    for begin in range(0, len(items), size):
+        block = items[begin : begin + size]
+        for _, of_estimator in groupby(block, key=lambda item: id(vehicles[item[0]].estimator)):
+            own = list(of_estimator)
+            given: list[Any] = [item for _, item in own]
+            for stepped in vehicles[own[0][0]].estimator.group_steps(current, given):
+                current = stepped.after
+    return current
+
+
+def _since(start: Any, estimator: Estimator[Any], event: Measurement | ProfileGroup) -> Array:
+    """Return measured minus predicted from a state before the dive."""
+    if isinstance(event, ProfileGroup):
+        return estimator.group_innovation(start, event)
+    return estimator.innovation(start, event)
+
+
+def _dive_std(
+    start: Any,
+    estimator: Estimator[Any],
+    before: Any,
+    event: Measurement | ProfileGroup,
+    innovation: Innovation,
+) -> Array | None:
+    """Return the standard deviation of a dive's mean current by what was known before the dive; None for other measurements."""
+    if not (isinstance(event, PathMean) and event.kind == "dac"):
+        return None
+    # profiles of the dive itself make the estimate surer than it was before the dive
+    from_start = innovation if start is before else estimator.step(start, event)[1]
+    return from_start.innovation_std
+
+
+_Item = VehicleState | Measurement | ProfileGroup
+
+
+def _in_turn(
+    vehicles: Sequence[Contributor],
+    events: Sequence[tuple[int, VehicleState | Measurement]],
+    last: bool,
+) -> tuple[list[tuple[int, _Item]], list[tuple[VehicleState | Measurement, ...]]]:
+    """Return the events of a block that wait no longer, profiles in groups, in the order in which they are assimilated; and what waits."""
+    items, waiting = list[tuple[int, _Item]](), [vehicle.state.waiting for vehicle in vehicles]
+
+    def released(of: int, found: Sequence[_Item]) -> None:
+        items.extend((of, item) for item in found)
+
+    for number, run in groupby(events, key=lambda event: event[0]):
+        of_vehicle = [event for _, event in run]
+        for other, left in enumerate(waiting):
+            # what waits for its own vehicle's next event may not be overtaken for long
+            grouping = vehicles[other].estimator.grouping
+            late = grouping and left and grouping.is_over(left[0], of_vehicle[0].time_ns)
+            if late and other != number:
+                released(other, _closed(left))
+                waiting[other] = ()
+        grouping = vehicles[number].estimator.grouping
+        found, waiting[number] = grouped(grouping, waiting[number], of_vehicle)
+        released(number, found)
     if last:
-        items, waiting = [*items, *_closed(waiting)], ()
-    # Any: only an estimator that supports mean currents along paths is given some
-    measurements: list[Any] = [item for item in items if not isinstance(item, VehicleState)]
-    done = list(estimator.group_steps(state.current, measurements))
-    weights = iter(estimator.weights([each.after for each in done]))
-    results = deque(done)
-    steps = []
-    for item in items:
-        if isinstance(item, VehicleState):
-            steps.append(Step(item, state.current, state.current))
-            continue
-        members = len(item.profiles) if isinstance(item, ProfileGroup) else 1
-        while members:
-            event, before, after, innovation, against = results.popleft()
-            members -= len(event.profiles) if isinstance(event, ProfileGroup) else 1
-            if event.dive != state.dive:
-                state = replace(state, current=before, dive_start=before, dive=event.dive)
-            if against is not None:
-                dive_innovation = against(state.dive_start)
-            elif isinstance(event, ProfileGroup):
-                dive_innovation = estimator.group_innovation(state.dive_start, event)
-            else:
-                dive_innovation = estimator.innovation(state.dive_start, event)
-            dive_std = None
-            if isinstance(event, PathMean) and event.kind == "dac":
-                # profiles of the dive itself make the estimate surer than it was before the dive
-                from_start = (
-                    innovation
-                    if state.dive_start is before
-                    else estimator.step(state.dive_start, event)[1]
-                )
-                dive_std = from_start.innovation_std
-            state = replace(state, current=after)
-            steps.append(
-                Step(
-                    event,
-                    before,
-                    after,
-                    Assimilation(innovation, dive_innovation, next(weights), dive_std),
-                )
-            )
-    return replace(state, waiting=waiting), steps
+        for number, left in enumerate(waiting):
+            released(number, _closed(left))
+        waiting = [()] * len(vehicles)
+    return items, waiting
 
 
 def grouped(

@@ -22,6 +22,7 @@ from replay_kit.core.sealed import read_store, unusable, write_store
 from replay_kit.measurements import MeasurementState
 from replay_kit.results import Journal, ResultWriter, read_journal
 from replay_kit.results.journal import BEGIN, Place
+from replay_kit.workflows.replay.array import ArraySession, ArrayState
 from replay_kit.workflows.replay.inputs.job import checkpoint_files
 from replay_kit.workflows.replay.inputs.region import CHECKPOINT, FoundRegion
 from replay_kit.workflows.replay.session import ReplayState, Session
@@ -44,16 +45,16 @@ class Checkpoint:
     """Where an interrupted replay continues.
 
     Attributes:
-        state: Of all stages.
-        measurement: Of the measurement step.
+        state: Of all stages, or of those of several vehicles.
+        measurement: Of the measurement step, vehicle by vehicle.
         messages: Number of messages read before.
         journal: Where the part of the journal ends that belongs to the result.
         writer_state: Of the result's writer.
         begun_ns: Time of the first message [ns, UTC]; None where the journal has what precedes it in the result.
     """
 
-    state: ReplayState
-    measurement: MeasurementState
+    state: ReplayState | ArrayState
+    measurement: tuple[MeasurementState, ...]
     messages: int
     journal: Place
     writer_state: tuple[int, float | None]
@@ -148,13 +149,16 @@ class StateStore:
         raise NotImplementedError
 
     def write_when_due(
-        self, session: Session, measurement: MeasurementState, messages: int
+        self,
+        session: Session | ArraySession,
+        measurement: tuple[MeasurementState, ...],
+        messages: int,
     ) -> None:
         """Write a state when it is time and no observation waits.
 
         Args:
             session: The replay.
-            measurement: State of the measurement step.
+            measurement: States of the measurement step, vehicle by vehicle.
             messages: Number of messages read.
         """
         raise NotImplementedError
@@ -239,7 +243,10 @@ class CheckpointFile(StateStore):
         return checkpoint, islice(messages(), checkpoint.messages, None)
 
     def write_when_due(
-        self, session: Session, measurement: MeasurementState, messages: int
+        self,
+        session: Session | ArraySession,
+        measurement: tuple[MeasurementState, ...],
+        messages: int,
     ) -> None:
         """Write a checkpoint when it is time and no observation waits."""
         if session.writer is None or self._journal is None:

@@ -20,6 +20,7 @@ from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.core.sealed import read_head
 from replay_kit.measurements import MeasurementState
+from replay_kit.workflows.replay.array import ArraySession
 from replay_kit.workflows.replay.inputs.region import CHECKPOINT
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.store.checkpoint import Checkpoint, StateStore
@@ -138,7 +139,10 @@ class FollowedStates(StateStore):
         return str(self._digests[messages - self._read - 1].hexdigest())
 
     def write_when_due(
-        self, session: Session, measurement: MeasurementState, messages: int
+        self,
+        session: Session | ArraySession,
+        measurement: tuple[MeasurementState, ...],
+        messages: int,
     ) -> None:
         """Remember a state between two blocks of observations, and now and then write it."""
         if session.writer is None or self._journal is None or (state := session.state) is None:

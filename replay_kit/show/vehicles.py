@@ -1,0 +1,61 @@
+"""Several vehicles with one estimate: a row for each, in the summary, on the page and in the status alike."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from replay_kit.results.outcome.outcome import Outcome
+
+#: Headings of ``vehicle_rows``.
+COLUMNS = (
+    "vehicle",
+    "used",
+    "mean currents",
+    "misfit before [cm/s]",
+    "NIS/dof",
+    "without it [cm/s]",
+    "error without it",
+    "plan",
+    "verdict",
+)
+#: What the columns on data denial mean.
+ABOUT_VALUE = (
+    "without it: RMS difference that leaving out the vehicle's measurements makes to the estimate at the published depths; "
+    "error without it: standard error there over that with all vehicles"
+)
+
+
+def vehicle_rows(outcome: Outcome) -> list[tuple[str, ...]]:
+    """Return a row for each vehicle, as text; also for those that gave nothing to the estimate."""
+    rows = [
+        _row(name, values, outcome.value.get(name, {})) for name, values in outcome.vehicles.items()
+    ]
+    aside = [name for name in outcome.unused if name not in outcome.vehicles]
+    return rows + [(name, "0", *[""] * (len(COLUMNS) - 3), "not used") for name in aside]
+
+
+def _row(name: str, values: Mapping[str, Any], value: Mapping[str, Any]) -> tuple[str, ...]:
+    counts, plan = values["observations"], values["plan"]
+    error, without = (value.get(f"standard_error{end}") for end in ("", "_without"))
+    found = [one["contradiction"] for one in values["consistency"]]
+    return (
+        name,
+        str(counts["used"]),
+        str(counts.get("mean_currents", 0)),
+        _cm(values["rms_innovation"]["before"]),
+        "" if values["nis_per_dof"] is None else f"{values['nis_per_dof']:.2f}",
+        _cm(value.get("rms_change")),
+        f"{without / error:.2f}" if error and without else "",
+        "" if plan is None else plan["status"],
+        f"{values['decision']}: {found[0]}" if found else values["decision"],
+    )
+
+
+def vehicle_sentences(outcome: Outcome) -> Iterator[str]:
+    """Yield what is to be known of each vehicle that is not in its row, each as a sentence."""
+    for name, values in outcome.vehicles.items():
+        yield from (f"ALARM: {name}: {alarm['text']}" for alarm in values["alarms"])
+        yield from (f"Note: {name}: {note}" for note in values["notes"])
+
+
+def _cm(value: float | None) -> str:
+    return "" if value is None else f"{100.0 * value:.2f}"

@@ -1,0 +1,168 @@
+"""The replay of several vehicles: a session for each, and one estimate of what all of them measured."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from heapq import merge as merged_by
+from typing import Any
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.message import Message
+from replay_kit.estimator import Estimator
+from replay_kit.results import ResultWriter
+from replay_kit.results.slices import depth_slice
+from replay_kit.workflows.replay.inputs.estimator import flow_at
+from replay_kit.workflows.replay.session import ReplayState, Session
+from replay_kit.workflows.replay.shared import Queued
+from replay_kit.workflows.replay.stages.publishing import depth_slices
+
+# Measurements times vehicles up to which the estimate is made without each: it takes as many updates.
+_MOST_DENIED = 20_000
+#: Schema of what stands in the stream where the logs of a vehicle end.
+END = "replay_kit.EndOfLogs"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArrayState:
+    """The states of the sessions of several vehicles, and what waits between them.
+
+    Attributes:
+        states: Of each vehicle.
+        queued: Of the common estimate.
+        last_ns: Time of the last message [ns, UTC].
+    """
+
+    states: tuple[ReplayState, ...]
+    queued: Queued
+    last_ns: int
+
+
+class ArraySession:
+    """The sessions of several vehicles that share an estimate; what a replay asks of one, asked of all.
+
+    Attributes:
+        vehicles: The sessions, in the order of their names.
+        last_ns: Time of the last message [ns, UTC].
+    """
+
+    def __init__(self, sessions: Sequence[Session]) -> None:
+        """Begin with sessions of one estimate."""
+        self.vehicles = tuple(sessions)
+        first = sessions[0]
+        self.shared, self.clock, self.config = first.shared, first.clock, first.config
+        self.last_ns = 0
+
+    @property
+    def estimator(self) -> Estimator[Any]:
+        """Of all."""
+        return self.vehicles[0].built
+
+    @property
+    def writer(self) -> ResultWriter | None:
+        """Of the result; None where nothing is written."""
+        return self.vehicles[0].writer
+
+    @writer.setter
+    def writer(self, writer: ResultWriter | None) -> None:
+        for session in self.vehicles:
+            session.writer = writer
+
+    @property
+    def state(self) -> ArrayState | None:
+        """What a checkpoint keeps; None while observations wait for their block."""
+        if self.shared.has_block:
+            return None
+        states = tuple(session.between_blocks for session in self.vehicles)
+        return ArrayState(states, self.shared.queued, self.last_ns)
+
+    def restore(self, state: ReplayState | ArrayState) -> None:
+        """Continue from a state of several vehicles."""
+        if not isinstance(state, ArrayState):
+            raise TypeError("the state of one vehicle")
+        for session, own in zip(self.vehicles, state.states, strict=True):
+            session.restore(own)
+        self.shared.restore(state.queued)
+        self.last_ns = state.last_ns
+
+    def conclude(self) -> FlowEstimate:
+        """Finish surfacings, plan for each vehicle and publish the last depth slices; return the last estimate."""
+        for session in self.vehicles:
+            session.end()
+        flow = flow_at(self.estimator, self.vehicles[0].estimation.current, self.last_ns)
+        if self.writer is not None:
+            self.vehicles[0].publish(flow, self.last_ns)
+        return flow
+
+
+def streams(each: Sequence[Iterator[Message]], first_inputs: Sequence[int]) -> Iterator[Message]:
+    """Yield the messages of several vehicles in order of time, those of one time in the order of the inputs, and where each one's end.
+
+    Args:
+        each: The messages of each vehicle.
+        first_inputs: The first input of each.
+    """
+    ended = [_to_end(messages, number) for messages, number in zip(each, first_inputs, strict=True)]
+    return merged_by(*ended, key=lambda message: (message.time_ns, message.input))
+
+
+def _to_end(messages: Iterator[Message], number: int) -> Iterator[Message]:
+    last_ns = 0
+    for message in messages:
+        last_ns = message.time_ns
+        yield message
+    yield Message(last_ns, "", END, {}, number, 2**62)
+
+
+def can_be_denied(session: ArraySession) -> bool:
+    """Return whether the estimate without each vehicle can be made in minutes, not hours."""
+    return len(session.vehicles) * len(session.shared.kept) <= _MOST_DENIED
+
+
+def value_of_each(
+    session: ArraySession, flow: FlowEstimate
+) -> dict[str, Mapping[str, float | int | None]]:
+    """Return what each vehicle gives to the estimate: what it would be without the vehicle's measurements (data denial).
+
+    Args:
+        session: After all measurements.
+        flow: The estimate.
+    """
+    found: dict[str, Mapping[str, float | int | None]] = {}
+    if session.shared.is_pooled and not can_be_denied(session):
+        return found
+    with session.clock.stage("value"):
+        pooled = _on_slices(flow, session)
+        for number, vehicle in enumerate(session.vehicles):
+            at = partial(flow_at, session.estimator, session.shared.without(number))
+            without = _on_slices(at(session.last_ns), session)
+            error, error_without = (_rms(one[1]) for one in (pooled, without))
+            found[vehicle.name] = {
+                "measurements": sum(of == number for of, _ in session.shared.kept),
+                "rms_change": _rms(np.hypot(*np.moveaxis(without[0] - pooled[0], -1, 0))),
+                "standard_error": error,
+                "standard_error_without": error_without,
+            }
+    return found
+
+
+def _on_slices(flow: FlowEstimate, session: ArraySession) -> tuple[Array, Array]:
+    """Return the velocity at the published depths, shape (n, 2), and the length of its standard error, shape (n,) [m/s]."""
+    depths = depth_slices(session.last_ns, flow, session.config.output).depths
+    each = [depth_slice(flow, depth) for depth in depths]
+    velocity = np.concatenate([one.velocity.reshape(-1, 2) for one in each])
+    known = [one.standard_error for one in each if one.standard_error is not None]
+    errors = (
+        np.concatenate([np.hypot(*np.moveaxis(one, -1, 0)).ravel() for one in known])
+        if known
+        else np.full(len(velocity), np.nan)
+    )
+    return velocity, errors
+
+
+def _rms(values: Array) -> float | None:
+    """Return the RMS of the values that are known; None without any."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else None

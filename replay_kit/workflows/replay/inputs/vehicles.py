@@ -1,0 +1,236 @@
+"""Which vehicle each log is of: as the user names them, as the logs state their missions, or as their tracks show."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import ConfigError, MeasurementError
+from replay_kit.core.grid import Grid
+from replay_kit.core.observation import VehicleState
+from replay_kit.core.region import around, inside
+from replay_kit.core.text import some_text, time_text
+from replay_kit.logs.reader import LogFile
+from replay_kit.logs.registry import logs_in
+from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency.tracks import LogTracks
+from replay_kit.results.vehicles import RESERVED
+from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
+from replay_kit.workflows.replay.inputs.provenance import file_hash
+from replay_kit.workflows.replay.inputs.scan import open_readers, positions_in, reach_of
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+# What follows a vehicle's name in that of a mission: its number, or a date.
+_OF_MISSION = re.compile(r"([ _-]+mission\b.*|[ _.-]+\d{8}.*|\.\d+)$", re.IGNORECASE)
+_HOUR_NS, _YEAR_NS = 3600 * 10**9, 366 * 86_400 * 10**9
+# Two spans that are apart by the same time at both ends, to so much, may be one by a wrong clock [ns].
+_SAME_NS = _HOUR_NS // 6
+_SHOWN = 50
+
+
+def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
+    """Return a job with its vehicles in the order of their names, and those set aside that have no position; of one vehicle as it is.
+
+    Args:
+        job: With vehicles that are named, or with logs that may state theirs.
+        config: The run's settings.
+
+    Raises:
+        ConfigError: A name cannot be one, or is of no log; a log is given twice; or what is asked for is of one vehicle alone.
+        MeasurementError: No vehicle has a position, or one is of another year than the others.
+        LogError: A log cannot be opened.
+    """
+    vehicles = job.vehicles or _by_missions(job.logs, config)
+    if not vehicles:
+        return job
+    _check_names(vehicles)
+    _check_contents(vehicles)
+    if config.time.biases or job.against:
+        what = "--against" if job.against else "time.biases"
+        raise ConfigError(
+            f"{what}: expected the logs of one vehicle, got those of {len(vehicles)}; leave it out, or replay each alone"
+        )
+    placed = _placed([_in_order(one) for one in sorted(vehicles, key=lambda one: one.name)], config)
+    given = tuple(replace(one, goal=one.goal or job.goal) for one in placed)
+    logs = tuple(path for one in given if not one.why_not for path in one.logs)
+    return replace(job, vehicles=given, logs=logs, goal=None)
+
+
+def _in_order(vehicle: Vehicle) -> Vehicle:
+    """Return a vehicle whose logs are in the order of their names and contents, however they were given."""
+    if len(vehicle.logs) < 2:
+        return vehicle
+    logs = sorted(vehicle.logs, key=lambda path: (path.name, file_hash(path)))
+    return replace(vehicle, logs=tuple(logs))
+
+
+def _check_names(vehicles: Sequence[Vehicle]) -> None:
+    for name in (one.name for one in vehicles):
+        if not _NAME.fullmatch(name) or name in RESERVED:
+            raise ConfigError(
+                f"vehicle '{name}': expected a name of letters, digits and _.-, none of {', '.join(RESERVED)}; choose another"
+            )
+
+
+def _check_contents(vehicles: Sequence[Vehicle]) -> None:
+    """Raise ConfigError when a log is given under two names."""
+    held: dict[str, tuple[str, Path]] = {}
+    for one in vehicles:
+        for path in (file for log in one.logs for file in logs_in(log)):
+            name, other = held.setdefault(file_hash(path), (one.name, path))
+            if name != one.name:
+                raise ConfigError(
+                    f"{path} of {one.name}: the same bytes as {other} of {name}; a log is of one vehicle: leave one of them out"
+                )
+
+
+def _by_missions(logs: Sequence[Path], config: RunConfig) -> tuple[Vehicle, ...]:
+    """Return the vehicles that logs state; none where they state fewer than two.
+
+    Raises:
+        ConfigError: Some logs do not say which of several vehicles they are of.
+    """
+    if len(logs) < 2:
+        return ()
+    stated = {path: _stated(path, config) for path in logs}
+    names = sorted({name for name in stated.values() if name})
+    if len(names) < 2:
+        return ()
+    if unknown := [path.name for path, name in stated.items() if not name]:
+        raise ConfigError(
+            f"{some_text(unknown)}: the logs are of {some_text(names)}, and this one does not say of which; "
+            f"say so with --as {names[0]}={unknown[0]}, and name the logs of the others too"
+        )
+    return tuple(
+        Vehicle(name, tuple(path for path in logs if stated[path] == name)) for name in names
+    )
+
+
+def _stated(path: Path, config: RunConfig) -> str:
+    """Return the vehicle that a log or a folder of logs states, as a name; empty where it states none, or several."""
+    missions = [log.mission for log in open_readers([path], config) if isinstance(log, LogFile)]
+    names = {_OF_MISSION.sub("", mission) for mission in missions if mission}
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", names.pop()) if len(names) == 1 else ""
+
+
+def _placed(vehicles: Sequence[Vehicle], config: RunConfig) -> list[Vehicle]:
+    """Return vehicles with some of their places and what is odd about their times; those without a place are set aside.
+
+    Raises:
+        MeasurementError: None has a place, or one is of another year.
+    """
+    found, spans = list[Vehicle](), dict[str, tuple[int, int]]()
+    for one in vehicles:
+        if one.why_not:
+            found.append(one)
+            continue
+        reach = reach_of(one.logs, config)
+        if not len(reach.places) or reach.first_ns is None or reach.last_ns is None:
+            why = "no position in its logs, so that nothing of it is used; the others are replayed"
+            found.append(replace(one, why_not=why))
+            continue
+        spans[one.name] = reach.first_ns, reach.last_ns
+        step = max(1, len(reach.places) // _SHOWN)
+        places = tuple((float(east), float(north)) for east, north in reach.places[::step])
+        found.append(replace(one, places=places))
+    if not spans:
+        raise MeasurementError(
+            f"{some_text([one.name for one in vehicles])}: expected positions, no vehicle's logs hold any"
+        )
+    return [replace(one, notes=_of_times(one.name, spans)) for one in found]
+
+
+def _of_times(name: str, spans: Mapping[str, tuple[int, int]]) -> tuple[str, ...]:
+    """Return what is odd about a vehicle's times beside those of the others.
+
+    Raises:
+        MeasurementError: They are more than a year apart.
+    """
+    others = [span for other, span in spans.items() if other != name]
+    if name not in spans or not others:
+        return ()
+    first_ns, last_ns = spans[name]
+    # that of most vehicles must not be blamed for the times of one
+    begin_ns, end_ns = min(others, key=lambda span: (abs(span[0] - first_ns), span))
+    if abs(first_ns - begin_ns) > _YEAR_NS:
+        raise MeasurementError(
+            f"{name}: begins at {time_text(first_ns)}, the nearest of the others at {time_text(begin_ns)}: measurements of different "
+            "years do not share an estimate; replay it apart, or correct its clock"
+        )
+    later, ends_later = first_ns - begin_ns, last_ns - end_ns
+    if abs(later) >= _HOUR_NS and abs(later - ends_later) <= _SAME_NS:
+        return (
+            f"its messages begin and end {abs(later) / _HOUR_NS:.1f} h {'after' if later > 0 else 'before'} those of any other vehicle: "
+            "if they flew at the same time, a clock is wrong",
+        )
+    if all(first_ns > span[1] or last_ns < span[0] for span in others):
+        return ("its logs have no time in common with those of the others",)
+    return ()
+
+
+def check_places(job: ReplayJob, grid: Grid) -> None:
+    """Raise MeasurementError when a vehicle was nowhere in the region of a forecast: it shares no estimate with the others."""
+    box = around(np.column_stack([grid.longitude.ravel(), grid.latitude.ravel()]), 0.0)
+    for one in job.vehicles:
+        if one.places and not any(inside(box, *place) for place in one.places):
+            longitude, latitude = one.places[-1]
+            raise MeasurementError(
+                f"{one.name}: was at {latitude:.2f} N, {longitude:.2f} E, outside the region of the forecast, so that it shares no "
+                "estimate with the others; replay it apart, with a forecast of its place"
+            )
+
+
+def by_tracks(job: ReplayJob, config: RunConfig, error: MeasurementError) -> tuple[Vehicle, ...]:
+    """Return the vehicles of logs whose tracks no one vehicle joins; none where the error is another, or tracks do not tell.
+
+    Args:
+        job: Its logs were taken for one vehicle's.
+        config: The run's settings.
+        error: What ended its replay.
+    """
+    if (
+        job.vehicles
+        or job.following
+        or not any(one.name == findings.TRACKS for one in error.findings)
+    ):
+        return ()
+    tracks = [
+        [
+            replace(place, source=replace(place.source, input=number))
+            for place in positions_in([path], config)
+        ]
+        for number, path in enumerate(job.logs)
+    ]
+    groups = [{number} for number in range(len(tracks))]
+    apart = list[tuple[int, int]]()
+    for one, other in combinations(range(len(tracks)), 2):
+        if _are_one(tracks[one], tracks[other]):
+            joined = [group for group in groups if group & {one, other}]
+            groups = [group for group in groups if group not in joined] + [set().union(*joined)]
+        else:
+            apart.append((one, other))
+    torn = any({*pair} <= group for pair in apart for group in groups)
+    names = [job.logs[min(group)].stem for group in groups]
+    usual = all(_NAME.fullmatch(name) and name not in RESERVED for name in names)
+    if torn or not all(tracks) or len(set(names)) < max(len(groups), 2) or not usual:
+        return ()
+    return tuple(
+        Vehicle(name, tuple(job.logs[number] for number in sorted(group)), job.goal)
+        for name, group in zip(names, groups, strict=True)
+    )
+
+
+def _are_one(one: Sequence[VehicleState], other: Sequence[VehicleState]) -> bool:
+    """Return whether one vehicle can have been on two tracks."""
+    tracks = LogTracks()
+    for place in sorted((*one, *other), key=lambda place: place.time_ns):
+        tracks = tracks.after(place)
+    number, beyond = (
+        sum(getattr(passages, name) for passages in tracks.passages.values())
+        for name in ("number", "beyond")
+    )
+    return 2 * beyond <= number and tracks.two_vehicles is None

@@ -1,0 +1,243 @@
+"""The estimate that all vehicles of a replay give their measurements to: their events in order of time, assimilated in blocks.
+
+Each vehicle's events come in the order of its log, but not when they happened: those of a dive come when it has surfaced. So an event
+waits until every vehicle that goes on has a later one; of equal times that of the first vehicle comes first. With one vehicle none waits.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from replay_kit.core.frozen import replace
+from replay_kit.core.observation import (
+    NO_RAW_VALUES,
+    Measurement,
+    Observation,
+    PathMean,
+    VehicleState,
+)
+from replay_kit.estimator import Estimator
+from replay_kit.workflows.replay.stages.estimation import (
+    Contributor,
+    EstimationState,
+    Step,
+    assimilate_together,
+    state_after,
+)
+from replay_kit.workflows.replay.stopwatch import Stopwatch
+
+#: Events that wait at most: a log may hold positions and nothing else.
+BUFFERED = 4096
+
+Input = VehicleState | Measurement
+
+
+class Vehicle(Protocol):
+    """What gives events, and goes on with the steps that are made of them."""
+
+    estimator: Estimator[Any]
+    estimation: EstimationState
+
+    def after_steps(self, steps: Sequence[Step]) -> None:
+        """Count the steps of a block."""
+        ...
+
+    def follow_up(self, step: Step) -> None:
+        """Publish a step, and what follows from it."""
+        ...
+
+    def after_block(self) -> None:
+        """Publish what the estimate has left behind."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Queued:
+    """What waits, and what was given.
+
+    Attributes:
+        queues: Of each vehicle, events with the time at which they are due [ns, UTC].
+        due_ns: Of each vehicle, when its last event was due; None before its first message.
+        ended: Of each vehicle, whether its logs have ended.
+        kept: Measurements so far in their order, with their vehicles; none with one vehicle.
+        next_slices_ns: When the next depth slices are due [ns, UTC].
+    """
+
+    queues: tuple[tuple[tuple[int, Input], ...], ...]
+    due_ns: tuple[int | None, ...]
+    ended: tuple[bool, ...]
+    kept: tuple[tuple[int, Measurement], ...]
+    next_slices_ns: int | None = None
+
+
+class SharedEstimate:
+    """Events on their way into one estimate: mutable, as they go through it.
+
+    Attributes:
+        vehicles: In the order of their names.
+        kept: As in ``Queued``.
+        next_slices_ns: As in ``Queued``.
+    """
+
+    def __init__(self, clock: Stopwatch) -> None:
+        """Begin without a vehicle; the clock counts the time of the estimate."""
+        self.vehicles: list[Vehicle] = []
+        self.kept: list[tuple[int, Measurement]] = []
+        self.next_slices_ns: int | None = None
+        self._clock = clock
+        self._queues: list[deque[tuple[int, Input]]] = []
+        self._due_ns: list[int | None] = []
+        self._ended: list[bool] = []
+        self._buffer: list[tuple[int, Input]] = []
+        self._n_observations = 0
+
+    def add(self, vehicle: Vehicle) -> int:
+        """Take up a vehicle, and return its number."""
+        self.vehicles.append(vehicle)
+        self._queues.append(deque())
+        self._due_ns.append(None)
+        self._ended.append(False)
+        return len(self.vehicles) - 1
+
+    @property
+    def is_pooled(self) -> bool:
+        """Whether there are several vehicles."""
+        return len(self.vehicles) > 1
+
+    @property
+    def has_block(self) -> bool:
+        """Whether events wait for their block to be complete."""
+        return bool(self._buffer)
+
+    @property
+    def queued(self) -> Queued:
+        """What a checkpoint keeps."""
+        return Queued(
+            tuple(map(tuple, self._queues)),
+            tuple(self._due_ns),
+            tuple(self._ended),
+            tuple(self.kept),
+            self.next_slices_ns,
+        )
+
+    def restore(self, queued: Queued) -> None:
+        """Go on from a checkpoint."""
+        self._queues = list(map(deque, queued.queues))
+        self._due_ns, self._ended = list(queued.due_ns), list(queued.ended)
+        self.kept, self.next_slices_ns = list(queued.kept), queued.next_slices_ns
+
+    def begin(self, number: int, time_ns: int) -> None:
+        """Take note of a vehicle's first message [ns, UTC], before which the others need not wait for it."""
+        if self._due_ns[number] is None:
+            self._due_ns[number] = time_ns
+
+    def give(self, number: int, event: Input) -> None:
+        """Take the next event of a vehicle's log."""
+        if not self.is_pooled:
+            self._take(number, event)
+            return
+        due_ns = max(self._due_ns[number] or event.time_ns, event.time_ns)
+        self._due_ns[number] = due_ns
+        self._queues[number].append((due_ns, event))
+        self._release()
+
+    def end(self, number: int) -> None:
+        """Take note that a vehicle's logs have ended."""
+        self._ended[number] = True
+        self._release()
+
+    def _release(self) -> None:
+        """Take the events that no other can precede any more."""
+        while True:
+            first: tuple[int, int] | None = None
+            for number, queue in enumerate(self._queues):
+                if queue:
+                    first = min(first or (queue[0][0], number), (queue[0][0], number))
+                elif self._due_ns[number] is not None and not self._ended[number]:
+                    return
+            if first is None:
+                return
+            self._take(first[1], self._queues[first[1]].popleft()[1])
+
+    def _take(self, number: int, event: Input) -> None:
+        """Put an event into the block, and assimilate it when it is complete."""
+        self._buffer.append((number, event))
+        self._n_observations += isinstance(event, Measurement)
+        block = self.vehicles[number].estimator.block_size
+        if self._n_observations == block or len(self._buffer) == BUFFERED:
+            self.assimilate()
+
+    def assimilate(self, last: bool = False) -> None:
+        """Assimilate the observations that wait, then let their vehicles publish everything in the order of the events.
+
+        Args:
+            last: Whether profiles that others might join wait no longer.
+        """
+        with self._clock.stage("estimate"):
+            states, steps = assimilate_together(self._contributors(), self._buffer, last)
+        if self.is_pooled:
+            self.kept += [
+                (number, _light(event))
+                for number, event in self._buffer
+                if isinstance(event, Measurement)
+            ]
+        self._buffer, self._n_observations = [], 0
+        for number, (vehicle, state) in enumerate(zip(self.vehicles, states, strict=True)):
+            vehicle.estimation = state
+            vehicle.after_steps([step for of, step in steps if of == number])
+        for number, step in steps:
+            self.vehicles[number].follow_up(step)
+        self.vehicles[0].after_block()
+
+    def spread(self, current: Any) -> None:
+        """Make a state of the estimator that of all vehicles."""
+        for vehicle in self.vehicles:
+            vehicle.estimation = replace(vehicle.estimation, current=current)
+
+    def rebuild(self, number: int, means: Sequence[PathMean]) -> list[Step]:
+        """Make the estimate again without the profiles of a vehicle, and return the vehicle's steps.
+
+        Args:
+            number: Of the vehicle.
+            means: Its mean currents so far.
+        """
+        # with one vehicle its mean currents are all there is
+        kept: Iterable[tuple[int, Measurement]] = ((number, mean) for mean in means)
+        if self.is_pooled:
+            self.kept = [
+                one for one in self.kept if one[0] != number or isinstance(one[1], PathMean)
+            ]
+            queue = self._queues[number]
+            self._queues[number] = deque(
+                one for one in queue if not isinstance(one[1], Observation)
+            )
+            kept = self.kept
+        with self._clock.stage("estimate"):
+            states, steps = assimilate_together(self._contributors(begun=True), list(kept))
+        for vehicle, state in zip(self.vehicles, states, strict=True):
+            vehicle.estimation = state
+        return [step for of, step in steps if of == number]
+
+    def without(self, number: int) -> Any:
+        """Return the state of the estimator that all measurements but those of a vehicle lead to."""
+        kept = [one for one in self.kept if one[0] != number]
+        size = max(self.vehicles[0].estimator.block_size, 1)
+        return state_after(self._contributors(begun=True), kept, size)
+
+    def _contributors(self, begun: bool = False) -> list[Contributor]:
+        """Return the vehicles with their states, or with the prior."""
+        return [
+            Contributor(
+                vehicle.estimator,
+                EstimationState(*[vehicle.estimator.initial()] * 2)
+                if begun
+                else vehicle.estimation,
+            )
+            for vehicle in self.vehicles
+        ]
+
+
+def _light(event: Measurement) -> Measurement:
+    """Return a measurement without what only its checks needed."""
+    return replace(event, raw=NO_RAW_VALUES) if isinstance(event, Observation) else event

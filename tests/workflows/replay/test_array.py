@@ -1,0 +1,298 @@
+"""Several vehicles with one estimate: the same whatever the order of their logs, each with its own checks, plans and part of the result."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import replay_kit as rk
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import ConfigError, MeasurementError, ReplayKitError
+from replay_kit.core.observation import PathMean
+from replay_kit.forecast import read_truth
+from replay_kit.logs import merge, open_log
+from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.measurements import events_of
+from replay_kit.results.slices import depth_slice
+from replay_kit.studies.twins.adcp import Faults
+from replay_kit.workflows.follow.follow import follow
+from replay_kit.workflows.follow.watch import FollowOptions
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.inputs.estimator import build
+from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
+from replay_kit.workflows.replay.inputs.opened import forecasts_of
+from replay_kit.workflows.replay.replay import replay
+from tests.arrays import write_array
+from tests.command import invoke
+from tests.places import SAMPLES
+from tests.workflows.follow.delivery import contents
+from tests.workflows.replay.interrupted import Killed, run_until
+
+ENSEMBLE = SAMPLES / "ensemble.nc"
+SETTINGS = {
+    "forecast": {"levels": [5, 150, 500]},
+    "estimator": {"modes": 6},
+    "measurements": {"flight_bias": False},
+    "output": {"checkpoint_interval": 3600.0},
+}
+CONFIG = RunConfig(**SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return read_truth(str(SAMPLES / "truth.nc"), CONFIG.forecast)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory, truth):
+    return write_array(tmp_path_factory.mktemp("logs"), truth, 3, pings=40, late_s=600)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory, logs):
+    out = tmp_path_factory.mktemp("array") / "array.mcap"
+    goal = {"sg2": (152.4, -40.1, 100.0)}
+    return rk.replay(logs, ENSEMBLE, out=out, settings=SETTINGS, goal=goal)
+
+
+def job_of(logs, out: Path, **more) -> ReplayJob:
+    vehicles = tuple(Vehicle(name, (path,)) for name, path in logs.items())
+    return ReplayJob(tuple(logs.values()), ENSEMBLE, out, vehicles=vehicles, **more)
+
+
+def moved(path: Path, out: Path, seconds: float = 0.0, degrees: float = 0.0, without=()) -> Path:
+    """A log with other times or longitudes, or without some topics."""
+
+    def changed(value):
+        if isinstance(value, dict):
+            found = {key: changed(each) for key, each in value.items()}
+            if "sec" in found:
+                found["sec"] += int(seconds)
+            if "longitude" in found:
+                found["longitude"] += degrees
+            return found
+        return value
+
+    kept = [one for one in open_log(path).messages() if one.topic not in without]
+    write_mcap_log(
+        out,
+        (
+            one._replace(
+                time_ns=one.time_ns + int(seconds * 1e9), payload=changed(dict(one.payload))
+            )
+            for one in kept
+        ),
+    )
+    return out
+
+
+def test_the_order_of_logs_and_whether_vehicles_are_named_makes_no_difference(
+    logs, tmp_path, result
+):
+    named = rk.replay(
+        dict(reversed(logs.items())), ENSEMBLE, out=tmp_path / "named.mcap", settings=SETTINGS
+    )
+    found = rk.replay(
+        list(logs.values())[::-1], ENSEMBLE, out=tmp_path / "found.mcap", settings=SETTINGS
+    )
+    assert named.path.read_bytes() == found.path.read_bytes()
+    assert list(found.vehicles) == ["sg1", "sg2", "sg3"]
+    places = (152.5, 40.0 - 80.0, 150.0)
+    assert found.estimate.velocity_at(*places).u == result.estimate.velocity_at(*places).u
+
+
+def test_the_estimate_is_that_of_one_filter_given_all_mean_currents_in_order_of_time(
+    tmp_path, truth
+):
+    logs = write_array(tmp_path, truth, 3, pings=80, dac_only=True, late_s=1500)
+    job = job_of(logs, tmp_path / "out.mcap")
+    _, flow = replay(job, CONFIG)
+    means = [
+        event
+        for path in logs.values()
+        for events in events_of(merge([open_log(path)], 5.0), CONFIG.measurements)
+        for event in events
+        if isinstance(event, PathMean)
+    ]
+    estimator = build(forecasts_of(job, CONFIG), CONFIG, None)
+    state = estimator.initial()
+    for mean in sorted(means, key=lambda mean: mean.time_ns):
+        state, _ = estimator.step(state, mean)
+    expected = estimator.flow(state)
+    assert len(means) > 6
+    assert np.array([mean.time_ns for mean in means]).argsort().tolist() != list(range(len(means)))
+    east, north = flow.grid.east[::4, ::4].ravel(), flow.grid.north[::4, ::4].ravel()
+    for depth in (5.0, 300.0):
+        at = east, north, np.full(east.size, depth)
+        np.testing.assert_allclose(flow.velocity(*at), expected.velocity(*at), atol=1e-10)
+        errors = flow.standard_error(*at), expected.standard_error(*at)
+        np.testing.assert_allclose(*errors, atol=1e-10)
+
+
+def test_a_result_opened_again_has_the_outcome_of_the_run_and_of_each_vehicle(result, logs):
+    opened = rk.open_result(result.path)
+    assert opened.outcome == result.outcome
+    alone = rk.replay(logs["sg1"], ENSEMBLE, settings=SETTINGS)
+    part = opened.vehicles["sg1"]
+    assert list(opened.vehicles) == list(logs)
+    # what is one vehicle's is as if it were alone, and the estimate is of all
+    assert part.fixes.equals(alone.fixes)
+    assert part.outcome.messages == alone.outcome.messages
+    assert len(part.observations) == len(alone.observations)
+    assert part.outcome.plan is None
+    assert opened.vehicles["sg2"].outcome.plan["goal"] == [152.4, -40.1, 100.0]
+    assert len(opened.observations) == 3 * len(part.observations)
+    assert set(opened.fixes["vehicle"]) == set(logs)
+    used = [one.outcome.observations["used"] for one in opened.vehicles.values()]
+    assert opened.outcome.observations["used"] == sum(used)
+
+
+def test_the_value_of_a_vehicle_is_the_difference_to_a_replay_without_it(result, logs, tmp_path):
+    rest = {name: path for name, path in logs.items() if name != "sg3"}
+    without = rk.replay(rest, ENSEMBLE, out=tmp_path / "without.mcap", settings=SETTINGS)
+    differences, errors = [], []
+    for depth in (5.0, 150.0, 500.0):
+        slices = [depth_slice(one.estimate, depth) for one in (result, without)]
+        differences.append(slices[1].velocity - slices[0].velocity)
+        errors.append(np.hypot(*np.moveaxis(slices[1].standard_error, -1, 0)))
+    value = result.outcome.value["sg3"]
+    difference = np.hypot(*np.moveaxis(np.concatenate(differences), -1, 0))
+    assert value["rms_change"] == pytest.approx(np.sqrt(np.nanmean(difference**2)), abs=1e-9)
+    assert value["standard_error_without"] == pytest.approx(
+        np.sqrt(np.nanmean(np.concatenate(errors) ** 2)), abs=1e-9
+    )
+    assert value["standard_error"] < value["standard_error_without"]
+
+
+def test_a_turned_compass_is_the_fault_of_its_own_vehicle(tmp_path, truth):
+    faults = {1: Faults("platform", 0.02, heading_bias_deg=40.0)}
+    logs = write_array(tmp_path, truth, 3, pings=150, faults=faults)
+    with pytest.warns(UserWarning, match="sg2: compass or instrument turned"):
+        found = rk.replay(logs, ENSEMBLE, settings=SETTINGS)
+    each = {name: values["consistency"] for name, values in found.outcome.vehicles.items()}
+    assert each["sg2"]
+    assert not each["sg1"] + each["sg3"]
+
+
+def test_an_interrupted_replay_goes_on_to_the_same_bytes(logs, tmp_path):
+    whole = job_of(logs, tmp_path / "whole.mcap")
+    replay(whole, CONFIG, planner_of)
+    job = job_of(logs, tmp_path / "result.mcap", checkpoint=tmp_path / "checkpoint")
+    with pytest.raises(Killed):
+        run_until(job, CONFIG, 200)
+    assert (tmp_path / "checkpoint").exists()
+    run_until(job, CONFIG, None)
+    assert (tmp_path / "result.mcap").read_bytes() == (tmp_path / "whole.mcap").read_bytes()
+
+
+def test_following_telemetry_of_which_one_is_late_ends_with_the_bytes_of_one_replay(logs, tmp_path):
+    folders = {name: tmp_path / name for name in logs}
+    for folder in folders.values():
+        folder.mkdir()
+    for name in ("sg1", "sg3"):
+        shutil.copy(logs[name], folders[name])
+    job = job_of(folders, tmp_path / "out.mcap")
+    told = []
+    options = FollowOptions(
+        tmp_path / "states", tmp_path / "status.html", 0.1, 0.0, tell=told.append
+    )
+    config = RunConfig(**SETTINGS, planner={"when": "surfacing"})
+    first = follow(job, config, planner_of, options)
+    assert list(first.vehicles) == ["sg1", "sg3"]
+    shutil.copy(logs["sg2"], folders["sg2"])
+    last = follow(replace(job, overwrite=True), config, planner_of, options)
+    assert list(last.vehicles) == list(logs)
+    at_once = job_of(logs, tmp_path / "at_once.mcap")
+    replay(at_once, config, planner_of)
+    assert contents(tmp_path / "out.mcap") == contents(tmp_path / "at_once.mcap")
+    assert "status.sg2.html" in (tmp_path / "status.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda logs, tmp: logs | {"sg4": logs["sg1"]}, "of sg4: the same bytes as .* of sg1"),
+        (lambda logs, tmp: logs | {"flow": logs["sg1"]}, "vehicle 'flow': expected a name"),
+        (
+            lambda logs, tmp: {**logs, "sg2": moved(logs["sg2"], tmp / "b.mcap", 2e9)},
+            "sg2: begins at 20.* different years",
+        ),
+        (
+            lambda logs, tmp: {**logs, "sg2": moved(logs["sg2"], tmp / "c.mcap", degrees=9.0)},
+            "sg2: was at .* outside the region of the forecast",
+        ),
+        (
+            lambda logs, tmp: {"a": [logs["sg1"], logs["sg2"]], "b": logs["sg3"]},
+            "two tracks that no one vehicle can join: .*sg1.mcap and .*sg2.mcap",
+        ),
+    ],
+)
+def test_vehicles_that_share_no_estimate_are_refused_by_name(logs, tmp_path, change, message):
+    with pytest.raises(ReplayKitError, match=message):
+        rk.replay(change(logs, tmp_path), ENSEMBLE, settings=SETTINGS)
+
+
+def test_a_vehicle_without_a_fix_is_named_and_a_late_clock_is_said(logs, tmp_path):
+    positions = ("/vehicle/fix", "/vehicle/position", "/dac")
+    blind = moved(logs["sg2"], tmp_path / "blind.mcap", without=positions)
+    late = moved(logs["sg3"], tmp_path / "late.mcap", seconds=3 * 3600.0)
+    with pytest.warns(UserWarning, match="lost"):
+        found = rk.replay(
+            {"sg1": logs["sg1"], "sg2": blind, "sg3": late}, ENSEMBLE, settings=SETTINGS
+        )
+    assert list(found.outcome.vehicles) == ["sg1", "sg3"]
+    assert "no position" in found.outcome.unused["sg2"]
+    assert found.outcome.exit_code == 4
+    assert any(
+        note.startswith("sg3: its messages begin and end 3.") for note in found.outcome.notes
+    )
+
+
+def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
+    out = tmp_path / "array.mcap"
+    shutil.copy(result.path, out)
+    shown = invoke(f"status {out} --json {tmp_path / 's.json'} --html {tmp_path / 's.html'}")
+    assert shown.exit_code == 0
+    assert shown.stdout.startswith("vehicle")
+    assert shown.stdout.index("array.sg1.mcap") < shown.stdout.index("array.sg3.mcap")
+    assert list(json.loads((tmp_path / "s.json").read_text())["vehicles"]) == ["sg1", "sg2", "sg3"]
+    assert invoke(f"report {out}").exit_code == 0
+    page = (tmp_path / "array.html").read_text()
+    assert all(f'href="array.sg{k}.html"' in page for k in (1, 2, 3))
+    assert (tmp_path / "array.sg2.html").stat().st_size > 100_000
+    assert invoke(f"plot {out} map -o {tmp_path / 'm.png'}").exit_code == 0
+    refused = invoke(f"plot {out} dac -o {tmp_path / 'd.png'}")
+    assert isinstance(refused.exception, ConfigError)
+    assert "sg1, sg2, sg3" in str(refused.exception)
+    invoke(f"export {out} -o {tmp_path / 'x.geojson'}")
+    features = json.loads((tmp_path / "x.geojson").read_text())["features"]
+    tracks = [one["properties"]["name"] for one in features if "track" in one["properties"]["name"]]
+    assert tracks == ["sg1 track", "sg2 track", "sg3 track"]
+    verified = invoke(f"verify {out} --inputs {result.path.parent} --inputs {SAMPLES}")
+    assert verified.exit_code in (0, 3)
+
+
+def test_the_command_line_names_vehicles_and_their_goals(logs, tmp_path):
+    words = [f"--as {name}={path}" for name, path in logs.items()]
+    line = f"replay {' '.join(words)} --ensemble {ENSEMBLE} --levels 5,150,500 --modes 6 -o {tmp_path / 'o.mcap'}"
+    done = invoke(f"{line} --goal sg3=152.4,-40.1,100 --json {tmp_path / 'o.json'}")
+    assert done.exit_code == 0, done.output
+    answer = json.loads((tmp_path / "o.json").read_text())
+    assert [one["plan"] is not None for one in answer["vehicles"].values()] == [False, False, True]
+    assert set(answer["value"]) == set(logs)
+    assert "Vehicles" in done.stdout
+    refused = invoke(f"{line} --overwrite --goal sg9=152.4,-40.1,100")
+    assert "expected the name of a vehicle" in refused.output
+
+
+def test_no_position_of_any_vehicle_is_refused(logs, tmp_path):
+    positions = ("/vehicle/fix", "/vehicle/position", "/dac")
+    blind = {
+        name: moved(path, tmp_path / f"{name}.mcap", without=positions)
+        for name, path in logs.items()
+    }
+    with pytest.raises(MeasurementError, match="no vehicle's logs hold any"):
+        rk.replay(blind, ENSEMBLE, settings=SETTINGS)
