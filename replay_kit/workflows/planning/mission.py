@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, isfinite
 from typing import Any
 
 from planners import (
@@ -15,6 +15,7 @@ from planners import (
     cut_at_horizon,
     mission_odds,
     plan_departures,
+    plan_for_odds,
     plan_line,
     plan_mission,
     plan_mooring,
@@ -31,6 +32,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.gaussian import share_interval
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
 from replay_kit.workflows.planning.adapters import (
@@ -124,10 +126,14 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
     on = planned_on(job, config.flow_step)
     known = on.known
     count = sample_count(known.first, config.samples)
-    check_samples(job, count)
+    check_samples(job, count, known.first.n_modes > 0)
     bound, origin = mission_planner(job, config, on.flown).bound(known.first, job.goals)
     request, notes = _request(job, replace(bound, bathymetry=on.bathymetry), on)
     notes += on.notes
+    if (latest := job.arrive_by_s(request.start_time_ns)) is not None:
+        limits = {"arrive_by": latest, "max_duration": min(bound.settings.max_duration, latest)}
+        bound = replace(bound, settings=replace(bound.settings, **limits))
+        request = replace(request, settings=bound.settings)
     if origin and on.flown is not None:
         notes += on.flown.notes()
     begin_ns, seconds = request.start_time_ns, _seconds(job, bound)
@@ -135,7 +141,13 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
         known.flow(begin_ns, seconds),
         known.samples(begin_ns, seconds, count, config.seed),
     )
-    request, made, compared = _within_times(job, request, flow, drawn)
+    # odds that a mission was chosen by are too high: it is judged in other samples
+    searched = (
+        known.samples(begin_ns, seconds, count, config.seed + 1)
+        if job.objective == "odds"
+        else drawn
+    )
+    request, made, compared = _within_times(job, request, flow, searched)
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
     few = None
@@ -228,8 +240,9 @@ def _planned(
 ) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
     """Return the mission, and the plans of all departures where several are compared."""
     ranges = request.settings.depths, request.settings.speeds
-    if any(ranges) and (job.departures_ns or job.risk is not None):
-        # depth and speed of the mission that neither compares departures nor keeps a margin
+    for_odds = job.objective == "odds"
+    if any(ranges) and (job.departures_ns or job.risk is not None or for_odds):
+        # depth and speed of the mission that neither compares departures nor keeps a margin nor a reserve
         best = plan_mission(flow, request)
         settings = replace(best.settings, depths=None, speeds=None)
         request = replace(request, vehicle=best.vehicle, settings=settings)
@@ -242,6 +255,8 @@ def _planned(
         return plan_line(flow, request, line), ()
     if job.risk is not None:
         made, *_ = plan_scenarios(flow, drawn, request, allowed=job.risk, pilot=Pilot())
+    elif for_odds:
+        made = plan_for_odds(flow, drawn, request)
     else:
         made = plan_mission(flow, request)
     if job.horizon_s is None:
@@ -283,6 +298,11 @@ def _figures(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:
         "count": odds.count,
         "reached": corrected.reached,
         "reached_held": held.reached,
+        "reached_interval": share_interval(corrected.reached, odds.count),
+        "reached_held_interval": share_interval(held.reached, odds.count),
+        "arrival_90_percent_s": corrected.arrival_90_percent
+        if isfinite(corrected.arrival_90_percent)
+        else None,
         "miss_median_m": corrected.miss_median,
         "miss_90_percent_m": corrected.miss_90_percent,
         "miss_90_percent_held_m": held.miss_90_percent,
