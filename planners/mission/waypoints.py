@@ -58,12 +58,12 @@ class ListRisk:
     reached_straight: float
     violating_straight: float
 
-    def text(self) -> str:
-        """Return it in words."""
+    def text(self, to: str = "the last") -> str:
+        """Return it in words, with what is reached."""
         shares = self.reached, self.violating, self.reached_straight, self.violating_straight
         reached, violating, straight, unsafe = (f"{100.0 * share:.0f} %" for share in shares)
         return (
-            f"in {self.count} samples of the estimate {reached} reach the last and {violating} are not safe, without the glider's own "
+            f"in {self.count} samples of the estimate {reached} reach {to} and {violating} are not safe, without the glider's own "
             f"correction for the current {straight} and {unsafe}"
         )
 
@@ -166,12 +166,12 @@ def waypoints_of(
             _waypoints(task, plan, best, places), areas=areas, clearance=plan.settings.clearance
         )
     currents = with_paces(currents_of_estimate(flow, samples), plan.vehicle, 1)
-    risk = _risk(task, plan, best[0].few, firsts, currents)
+    risk = list_risk(task, plan, best[0].few, firsts, currents)
     first = first_legs(plan, 1, task.region.grid.projection)
     wide = float(np.ceil(surfacing_ellipses(fly_mission(samples, first), first)[0, 2]))
     if _serves(plan, best) and risk.reached < _MOST and wide > best[0].few.radius:
         wider = _worst_first(plan, _flown(task, plan, [replace(best[0].few, radius=wide)], firsts))
-        then = _risk(task, plan, wider[0].few, firsts, currents)
+        then = list_risk(task, plan, wider[0].few, firsts, currents)
         if _serves(plan, wider) and (-then.violating, then.reached) > (
             -risk.violating,
             risk.reached,
@@ -238,7 +238,7 @@ def _best_radius(
         open_[open_.index(best)] = _worst_first(plan, [*best, *more])
 
 
-def _risk(
+def list_risk(
     task: MissionTask,
     plan: MissionPlan,
     few: WaypointList,

@@ -138,6 +138,7 @@ class PlanRequest(Section):
         default=None, description="Energy that the vehicle has [MJ]."
     )
     waypoints: bool = Field(default=False, description="Whether a short list of waypoints is made.")
+    policy: bool = Field(default=False, description="Whether a heading by place and time is made.")
     waypoint_tolerance: Annotated[float | None, Option("--waypoint-tolerance", None, _OUTPUTS)] = (
         Field(
             default=None,

@@ -3,13 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
-from typing import Any
+from typing import Any, TypedDict
 
 from planners import (
+    Bathymetry,
     MissionOdds,
     MissionPlan,
     MissionRequest,
     MissionSettings,
+    NoGo,
     Pilot,
     best_departure,
     cut_at_horizon,
@@ -24,6 +26,7 @@ from planners import (
     with_odds,
 )
 from planners.mission.flight.currents import Flow, Sample
+from planners.mission.policy import Policy, policy_of
 from planners.mission.timing import to_its_end
 from planners.mission.waypoints import Waypoints
 from replay_kit.config.plan import PlanRequest
@@ -47,6 +50,14 @@ from replay_kit.workflows.planning.request import check_samples, line_of, moorin
 
 # An area counts that holds within so many times the duration of a mission, as samples of it may last longer.
 _LATE = 1.2
+
+
+class _Clear(TypedDict):
+    """What waypoints and policies are to keep clear of, and the samples that they are flown in."""
+
+    no_go: tuple[NoGo, ...]
+    bathymetry: Bathymetry | None
+    samples: Sequence[Sample]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +100,7 @@ class PlannedMission:
         on: What it is made on.
         odds: Of its flights through samples; None without samples or legs.
         samples: They as in the JSON; None without samples or legs.
+        policy: Headings by place and time; None when none are asked for, or there are no legs.
         waypoints: Short list of places to head for; None when none is asked for, or there are no legs.
         notes: What should be known of it.
         drawn: Number of samples drawn.
@@ -103,6 +115,7 @@ class PlannedMission:
     notes: tuple[str, ...]
     drawn: int
     departures: tuple[Departure, ...] = ()
+    policy: Policy | None = None
 
     @property
     def ellipses(self) -> Array | None:
@@ -150,25 +163,22 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
     request, made, compared = _within_times(job, request, flow, searched)
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
-    few = None
-    if job.waypoints and len(made.headings_deg) == 0:
-        notes += ("no waypoints are written: the plan has no legs",)
-    elif job.waypoints:
-        few = waypoints_of(
-            flow,
-            made,
-            job.waypoint_tolerance,
-            no_go=request.no_go,
-            bathymetry=request.bathymetry,
-            samples=drawn,
-        )
+    few, policy = None, None
+    clear = _Clear(no_go=request.no_go, bathymetry=request.bathymetry, samples=drawn)
+    if len(made.headings_deg) == 0 and (job.waypoints or job.policy):
+        notes += ("no waypoints and no policy are written: the plan has no legs",)
+    else:
+        if job.waypoints:
+            few = waypoints_of(flow, made, job.waypoint_tolerance, **clear)
+        if job.policy:
+            policy = policy_of(flow, made, **clear)
     notes += known.notes(
         made.start_time_ns, made.start_time_ns + round(made.duration * 1e9)
     ) + local_notes(known.local, made.start_time_ns)
     if count == 0:
         made = without_odds(made, known.first)
     made, compared = with_origin(made, origin), tuple(with_origin(one, origin) for one in compared)
-    planned = PlannedMission(made, on, None, None, few, notes, count)
+    planned = PlannedMission(made, on, None, None, few, notes, count, policy=policy)
     if not drawn or len(made.headings_deg) == 0:
         return replace(planned, departures=tuple(Departure.of(plan, None) for plan in compared))
     announce("flying the samples")

@@ -26,6 +26,7 @@ _MISSION = (
     "time_limit",
     "battery",
     "waypoints",
+    "policy",
 )
 
 
@@ -188,6 +189,10 @@ def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
         (
             request.objective == "odds" and (shaped or compares or request.risk is not None),
             "--objective odds: expected a mission to goals, without --line, --depart and --risk",
+        ),
+        (
+            request.policy and (shaped or len(request.goal) > 1 or horizon is not None),
+            "--policy: expected one --goal, without --mooring, --line and --horizon",
         ),
         (
             horizon is not None and request.waypoints,
