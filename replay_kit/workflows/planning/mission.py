@@ -165,8 +165,9 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
         request = replace(request, start_time_ns=made.start_time_ns)
     few, policy = None, None
     clear = _Clear(no_go=request.no_go, bathymetry=request.bathymetry, samples=drawn)
-    if len(made.headings_deg) == 0 and (job.waypoints or job.policy):
-        notes += ("no waypoints and no policy are written: the plan has no legs",)
+    if len(made.headings_deg) == 0:
+        asked = (job.waypoints, "waypoints are"), (job.policy, "policy is")
+        notes += tuple(f"no {name} written: the plan has no legs" for told, name in asked if told)
     else:
         if job.waypoints:
             few = waypoints_of(flow, made, job.waypoint_tolerance, **clear)
