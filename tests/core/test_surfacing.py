@@ -51,7 +51,7 @@ def test_later_surfacings_count_more_and_few_do_not_calibrate():
     rng = np.random.default_rng(5)
     before, after = outcomes_of(rng, 120, 1.0), outcomes_of(rng, 60, 3.0)
     later = [
-        replace(one, fix=replace(one.fix, time_ns=one.fix.time_ns + 120 * DIVE_NS)) for one in after
+        replace(one, fix=one.fix._replace(time_ns=one.fix.time_ns + 120 * DIVE_NS)) for one in after
     ]
     coming = replace(after[-1].forecast, start=Fix(180 * DIVE_NS, 10.0, 60.0))
     mixed, alike = (calibrated(coming, part).factor for part in (before + later, before + after))
@@ -59,4 +59,6 @@ def test_later_surfacings_count_more_and_few_do_not_calibrate():
     few = calibrated(coming, after[: CALIBRATING - 1])
     assert few.outer == coming.outer
     assert (few.scored, isnan(few.factor)) == (CALIBRATING - 1, True)
-    assert calibrated(coming, after[:CALIBRATING]).factor > 1.5
+    # as many are enough where they are not long ago
+    assert isnan(calibrated(coming, after[:CALIBRATING]).factor)
+    assert calibrated(after[CALIBRATING].forecast, after[:CALIBRATING]).factor > 1.5

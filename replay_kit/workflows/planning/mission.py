@@ -184,6 +184,9 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
         return replace(planned, departures=tuple(Departure.of(plan, None) for plan in compared))
     announce("flying the samples")
     judged, odds = _judged(job, request, (flow, drawn), made)
+    if judged.status == "uncertain" and job.objective in (None, "time") and job.risk is None:
+        hint = "--objective odds looks for a mission that more samples arrive with"
+        planned = replace(planned, notes=(*notes, hint))
     departures = tuple(_departure(job, request, (flow, drawn), plan) for plan in compared)
     return replace(
         planned, plan=judged, odds=odds, samples=_figures(odds, job), departures=departures
