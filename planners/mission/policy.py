@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planners.front.current import CurrentLattice
+from planners.front.current import Complex, CurrentLattice
 from planners.front.front import Front, sea_of, spread
 from planners.front.obstacles import obstacles_of
 from planners.mission.flight.currents import Flow, Sample
@@ -189,7 +189,7 @@ def _from_goal(task: MissionTask, water: Water, arrival: float, way: float) -> t
     return front.times[:count], heading
 
 
-def _along(front: Front, count: int, way: float) -> tuple[Array, Array]:
+def _along(front: Front, count: int, way: float) -> tuple[Complex, Array]:
     """Return the places up to a way [m] ahead along the quickest way from each of the first points, and the time to there [s]."""
     at, places = np.arange(count), front.sea.places
     reached = np.isfinite(front.times[:count])

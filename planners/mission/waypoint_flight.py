@@ -296,7 +296,7 @@ def _near_hazards(task: MissionTask, flight: Flight, margin: float) -> NDArray[n
             if ring.outside
             else shapely.intersects(ring.area, boxes)
         )
-    return near
+    return np.asarray(near)
 
 
 def _unchecked(task: MissionTask, target: int, path: list[tuple[Array, float]]) -> Violation:

@@ -210,8 +210,8 @@ def _flown(
     task: MissionTask, plan: MissionPlan, lists: Sequence[WaypointList], firsts: Sequence[Array]
 ) -> list[Followed]:
     """Return the flights of each list with each first current in the estimate, list by list."""
-    each = [(few, first) for few in lists for first in firsts]
-    return follow(task, plan, *(list(one) for one in zip(*each, strict=True)))
+    each = [few for few in lists for _ in firsts]
+    return follow(task, plan, each, [*firsts] * len(lists))
 
 
 def _best_radius(

@@ -111,7 +111,9 @@ class StreamFunctionLattice:
         )
         corner = flows * self.size + first_x[:, 0] * self.shape[1] + first_y[:, 0]
         taken = corner[:, None] + (np.arange(WINDOW)[:, None] * self.shape[1] + _LINES).ravel()
-        near = sum(weight * values.ravel().take(taken) for weight, values in parts)
+        near = np.zeros(taken.shape)
+        for weight, values in parts:
+            near += weight * values.ravel().take(taken)
         # first along north, then along east: the products of both are never formed
         along = near.reshape(-1, WINDOW, WINDOW) @ np.stack([slope_y, -gy], axis=2)
         return np.column_stack(
@@ -157,7 +159,8 @@ class StreamFunctionLattice:
     def _first(self, at: Array, axis: int) -> NDArray[np.intp]:
         """Return the first lattice line that counts at each place along an axis, shape (P,)."""
         cell = np.floor((at - self.origin[axis]) / self.spacing[axis]) - (HALF_WINDOW - 1)
-        return np.minimum(np.maximum(cell, 0), self.shape[axis] - WINDOW).astype(np.intp)
+        cell = np.minimum(np.maximum(cell, 0), self.shape[axis] - WINDOW)
+        return np.asarray(cell, dtype=np.intp)
 
     def _window(self, at: Array, axis: int) -> tuple[NDArray[np.intp], Array, Array]:
         """Return the lattice lines that count at each place along an axis, their Gaussians and slopes [1/m], each of shape (P, WINDOW)."""

@@ -144,8 +144,9 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
     request, notes = _request(job, replace(bound, bathymetry=on.bathymetry), on)
     notes += on.notes
     if (latest := job.arrive_by_s(request.start_time_ns)) is not None:
-        limits = {"arrive_by": latest, "max_duration": min(bound.settings.max_duration, latest)}
-        bound = replace(bound, settings=replace(bound.settings, **limits))
+        longest = min(bound.settings.max_duration, latest)
+        settings = replace(bound.settings, arrive_by=latest, max_duration=longest)
+        bound = replace(bound, settings=settings)
         request = replace(request, settings=bound.settings)
     if origin and on.flown is not None:
         notes += on.flown.notes()
@@ -184,7 +185,8 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
         return replace(planned, departures=tuple(Departure.of(plan, None) for plan in compared))
     announce("flying the samples")
     judged, odds = _judged(job, request, (flow, drawn), made)
-    if judged.status == "uncertain" and job.objective in (None, "time") and job.risk is None:
+    shaped = job.mooring is not None or job.line or compared or job.risk is not None
+    if judged.status == "uncertain" and job.objective in (None, "time") and not shaped:
         hint = "--objective odds looks for a mission that more samples arrive with"
         planned = replace(planned, notes=(*notes, hint))
     departures = tuple(_departure(job, request, (flow, drawn), plan) for plan in compared)
