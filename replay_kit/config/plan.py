@@ -125,10 +125,10 @@ class PlanRequest(Section):
         default=ARRIVING,
         description="Fraction of samples that must arrive for the status reached.",
     )
-    arrive_by: Annotated[str | None, Option("--arrive-by", "TIME|DURATION", _OPTIONS)] = Field(
+    arrive_by: Annotated[str | None, Option("--arrive-by", "WHEN", _OPTIONS)] = Field(
         default=None,
-        description="Latest arrival that counts, ISO 8601 UTC or a duration since the start such as 36h. --objective odds maximises the "
-        "share of samples that arrive by then.",
+        description="Latest arrival that counts: ISO 8601 UTC, or a duration such as 36h. --objective odds maximises the share of "
+        "samples that arrive by then.",
     )
     time_limit: Annotated[float | None, Option("--time-limit", "SECONDS", _OPTIONS)] = Field(
         default=None,

@@ -63,7 +63,7 @@ class Outputs(Answer):
         Path | None,
         option(
             "--policy",
-            "Heading by place and time, for a vehicle that nobody corrects: table .csv or .json, arrows .geojson.",
+            "Headings by place and time: table .csv or .json, arrows .geojson.",
             metavar="FILE",
         ),
         Ending((".csv", ".json", ".geojson")),
