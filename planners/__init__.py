@@ -4,6 +4,7 @@
 * ``plan_mission`` makes a glider's mission of many dives for a ``MissionRequest``; ``plan_mooring`` one that stays near a place,
   ``plan_line`` one that follows a line, ``plan_scenarios`` one that violates no constraint in most samples of an estimate.
 * ``fly_scenarios`` summarises a mission flown in samples, with headings that are held or corrected by a ``Pilot``.
+  ``plan_for_odds`` the one that most samples arrive with.
 * ``mission_odds`` flies a mission in samples of the estimate; ``with_odds`` says in its status and message how likely it arrives.
 * ``plan_departures`` plans a mission for several departures, ``best_departure`` is the best of them; ``cut_at_horizon`` ends a mission
   where the forecast does.
@@ -17,6 +18,7 @@ from planners.mission.flight.pilot import Pilot
 from planners.mission.flights import MonteCarloSummary, fly_scenarios
 from planners.mission.odds import MissionOdds, mission_odds, with_odds
 from planners.mission.plan import plan_line, plan_mission, plan_mooring
+from planners.mission.reserve import plan_for_odds
 from planners.mission.scenarios import plan_scenarios
 from planners.mission.timing import best_departure, cut_at_horizon, plan_departures
 from planners.mission.values import (
@@ -56,6 +58,7 @@ __all__ = [
     "mission_odds",
     "plan",
     "plan_departures",
+    "plan_for_odds",
     "plan_line",
     "plan_mission",
     "plan_mooring",

@@ -74,7 +74,7 @@ def test_each_kind_is_found_where_the_project_looks_for_it():
 
 def test_without_the_package_its_names_are_refused():
     with pytest.raises(
-        ConfigError, match="expected one of time, energy, closest, got 'surfacings'"
+        ConfigError, match="expected one of time, energy, odds, closest, got 'surfacings'"
     ):
         load_config(None, {"planner": {"objective": "surfacings"}})
     with pytest.raises(ConfigError, match="got 'persistence'"):

@@ -45,11 +45,13 @@ class MonteCarloSummary:
     """A mission flown in samples of the current.
 
     Attributes:
-        reached: Share of the samples in which every goal is met within the tolerance.
+        reached: Share of the samples in which every goal is met within the tolerance, by the latest time of the settings.
         safe: Share without a constraint violation.
         miss_median: Median miss distance of the last goal [m].
         miss_90_percent: 90th percentile of the miss distance of the last goal [m].
         violations: Share that violates a constraint, by the name of the hazard; hazards without violations are left out.
+        succeeded: Share in which every goal is met so and no constraint violated.
+        arrival_90_percent: Time since the start by which 90 % have met the last goal within the tolerance [s]; infinite where fewer do.
     """
 
     reached: float
@@ -57,6 +59,8 @@ class MonteCarloSummary:
     miss_median: float
     miss_90_percent: float
     violations: Mapping[str, float]
+    succeeded: float = float("nan")
+    arrival_90_percent: float = float("nan")
 
 
 # Share of the surfacings that an ellipse holds.
@@ -237,9 +241,18 @@ def summarise_flights(
         name: float(np.mean(one <= 0.0)) for name, one in by_name.items() if np.any(one <= 0.0)
     }
     median, ninety = (float(np.quantile(miss[:, -1], share)) for share in (0.5, 0.9))
-    reached = float(np.mean(np.all(miss <= task.settings.tolerance, axis=1)))
+    when = np.broadcast_to(np.atleast_2d(flight.time)[:, points[-1]], len(miss))
+    arrives = np.all(miss <= task.settings.tolerance, axis=1)
+    arrives &= when <= task.settings.arrive_by
+    last = np.quantile(np.where(arrives, when, np.inf), 0.9, method="higher")
     return MonteCarloSummary(
-        reached, float(np.mean(clear > 0.0)), median, ninety, violations
+        float(np.mean(arrives)),
+        float(np.mean(clear > 0.0)),
+        median,
+        ninety,
+        violations,
+        float(np.mean(arrives & (clear > 0.0))),
+        float(last),
     ), clear
 
 

@@ -21,7 +21,7 @@ from planners.mission.flights import (
 from planners.mission.flights import currents_of_estimate as currents_around
 from planners.mission.task import mission_task
 from planners.mission.values import MissionPlan, MissionRequest, Mooring
-from planners.mission.words import odds_text, violations_text
+from planners.mission.words import arrival_text, odds_text, violations_text
 from replay_kit.core.arrays import Array
 
 
@@ -115,6 +115,8 @@ def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) 
     corrected, violating = odds.corrected, 1.0 - odds.corrected.safe
     status = plan.status
     text = odds_text(plan, odds.count, corrected.reached, odds.held.reached)
+    if status != "partial":
+        text += arrival_text(plan, corrected.arrival_90_percent)
     text += violations_text(violating, corrected.violations)
     # shares of a few samples are rounded by the last bit
     if violating > risk + 1e-9 and status == "reached":

@@ -100,6 +100,8 @@ class Objective:
 OBJECTIVES: dict[str, Objective] = {
     "time": Objective(Weights(time=1.0), earliest_arrival=True),
     "energy": Objective(Weights(energy=1.0)),
+    # of the numbers of legs the one with which most samples arrive, by plan_for_odds; without samples as time
+    "odds": Objective(Weights(time=1.0), earliest_arrival=True),
     # of two missions that are equally close the quicker one
     "closest": Objective(Weights(time=1.0), distance_first=True),
 }
@@ -126,7 +128,8 @@ class MissionSettings:
         battery: Energy that it may take [J].
         yos: Dives between surfacings; heading and glide angle are held between surfacings.
         surface_time: Drift time at each surfacing [s].
-        objective: ``time`` and ``energy`` are minimised on the way to the goals, ``closest`` minimises the miss distance alone; or weights
+        objective: ``time`` and ``energy`` are minimised on the way to the goals, ``odds`` is for ``plan_for_odds`` and else as ``time``,
+            ``closest`` minimises the miss distance alone; or weights
             of all three. A given number of dives fixes the work of the pump, so that least energy is least time; the objectives differ in
             the number of dives they choose.
         tolerance: Largest miss distance of a goal that counts as reached [m].
@@ -138,6 +141,7 @@ class MissionSettings:
         steps: Steps of the optimiser per dive and climb, besides one per level crossed.
         spline: Coefficients per kernel length of a B-spline of the flow that the optimiser uses; 0 for the flow itself. Its error is in
             ``statistics``, and the plan is checked in the flow itself.
+        arrive_by: Time since the start after which a sample that comes to the goals does not count as arrived [s].
         time_limit: After which no other number of legs, way or margin is tried [s]; what is being solved is finished.
     """
 
@@ -157,6 +161,7 @@ class MissionSettings:
     depths: tuple[float, float] | None = None
     speeds: tuple[float, float] | None = None
     battery: float = inf
+    arrive_by: float = inf
 
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
@@ -174,6 +179,7 @@ class MissionSettings:
             "steps",
             "time_limit",
             "battery",
+            "arrive_by",
         )
         for name, value in {name: getattr(self, name) for name in names}.items():
             if value is not None and not value > 0:

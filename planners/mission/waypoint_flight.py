@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from planners.mission.flight.currents import Currents
@@ -41,6 +42,32 @@ _DISC = np.sqrt((_NUMBERS + 0.5) / _NUMBERS.size)[:, None] * np.column_stack(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class HeadingTable:
+    """Headings by place and time, of which the nearest counts.
+
+    Attributes:
+        origin: shape (2,), east and north of the first place [m].
+        spacing: Between places [m].
+        times: shape (T,) [s] since the start.
+        headings: shape (T, rows, columns), clockwise from true north [rad]; NaN where there is none.
+        near: Distance from the goal [m] within which the vehicle heads at it.
+    """
+
+    origin: Array
+    spacing: float
+    times: Array
+    headings: Array
+    near: float
+
+    def at(self, places: Array, times: Array) -> Array:
+        """Return the headings [rad] at places, shape (K, 2) [m], and times, shape (K,) [s]."""
+        cell = np.round((places - self.origin) / self.spacing).astype(int)
+        column, row = np.clip(cell, 0, np.array(self.headings.shape[:0:-1]) - 1).T
+        slot = np.argmin(np.abs(times[:, None] - self.times), axis=1)
+        return np.asarray(self.headings[slot, row, column])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class WaypointList:
     """What a glider is given: W places, and the dives on the way to each.
 
@@ -50,6 +77,7 @@ class WaypointList:
         places: shape (W, 2) [m].
         angles: shape (W,), glide angle on the way to each [rad].
         depths: shape (W,), depth of the dives on the way to each [m].
+        table: Headings until the vehicle is near; None to head for the waypoints all the way.
     """
 
     kept: tuple[int, ...]
@@ -57,6 +85,7 @@ class WaypointList:
     places: Array
     angles: Array
     depths: Array
+    table: HeadingTable | None = None
 
     @classmethod
     def of(
@@ -126,26 +155,28 @@ def first_currents(task: MissionTask, plan: MissionPlan, legs: Legs) -> list[Arr
 def follow(
     task: MissionTask,
     plan: MissionPlan,
-    few: WaypointList,
+    lists: Sequence[WaypointList],
     first_currents: Sequence[Array],
     currents: Currents | None = None,
-    corrects: bool = True,
+    corrects: NDArray[np.bool_] | None = None,
 ) -> list[Followed]:
     """Return the flights of K gliders that head for waypoints, each until the last is reached.
 
     Args:
         task: The current of the estimate, and what they must keep clear of.
         plan: The mission.
-        few: The waypoints.
+        lists: The waypoints of each: the same places, each within its own radius.
         first_currents: K of shape (2,), that each expects in its first dive [m/s], local east and north.
         currents: K flows, that each meets; None for the estimate.
-        corrects: Whether it corrects for the current of its last dive; else it heads straight at the waypoint.
+        corrects: shape (K,), whether it corrects for the current of its last dive, or heads straight at the waypoint; None where all do.
     """
     settings, projection, count = plan.settings, task.region.grid.projection, len(first_currents)
+    few, radius = lists[0], np.array([one.radius for one in lists])
     goals = np.column_stack(to_local(projection, *plan.surfacings.T))[np.array(plan.goal_legs) - 1]
     margin = _margin(task, settings.margin, np.vstack([task.start[None, :2], goals]))
     at, now, target = np.tile(task.start[:2], (count, 1)), np.zeros(count), np.zeros(count, int)
-    current = np.array(first_currents) * float(corrects)
+    counts = (np.ones(count) if corrects is None else corrects.astype(np.float64))[:, None]
+    current = np.array(first_currents) * counts
     times, under_way = np.full((count, len(few.kept)), np.nan), np.arange(count)
     paths = [[(task.start[:2], 0.0)] for _ in range(count)]
     met = task.currents if currents is None else currents
@@ -155,7 +186,7 @@ def follow(
         begin, left = plan.yo_depths[0][0] if number == 0 else 0.0, list[int]()
         if under_way.size == 0:
             break
-        state = target[under_way], at[under_way], current[under_way]
+        state = (at[under_way], now[under_way]), target[under_way], current[under_way]
         headings, depths = _steered(task, plan, few, *state)
         depths = np.maximum(depths, begin)
         # dives to the same depth are flown together
@@ -171,12 +202,12 @@ def follow(
             )
             found = _violations(task, steps, (at[these], flown), margin, currents is None)
             surfaced, drifted = flown[steps.size - 2], flown[-1]
-            arrived = np.linalg.norm(surfaced[0] - few.places[target[these]], axis=1) <= few.radius
+            away = np.linalg.norm(surfaced[0] - few.places[target[these]], axis=1)
+            arrived = away <= radius[these]
             last = arrived & (target[these] == len(few.kept) - 1)
             # the last drift does not count
             ends, lasts = (np.where(last[:, None], surfaced[i], drifted[i]) for i in (0, 1))
-            if corrects:
-                current[these] = leg.mean_current(projection, at[these], ends, lasts)
+            current[these] = counts[these] * leg.mean_current(projection, at[these], ends, lasts)
             times[these[arrived], target[these[arrived]]] = (now[these] + surfaced[1][:, 0])[
                 arrived
             ]
@@ -192,7 +223,7 @@ def follow(
         for k in under_way:
             violations[k] = violations[k] or _unchecked(task, int(target[k]), paths[k])
     return [
-        Followed(few, *one) for one in zip(first_currents, times, paths, violations, strict=True)
+        Followed(*one) for one in zip(lists, first_currents, times, paths, violations, strict=True)
     ]
 
 
@@ -200,26 +231,22 @@ def _steered(
     task: MissionTask,
     plan: MissionPlan,
     few: WaypointList,
+    begin: tuple[Array, Array],
     target: NDArray[np.intp],
-    at: Array,
     current: Array,
 ) -> tuple[Array, Array]:
-    """Return the headings [rad] and the depths [m], shape (K,) each, with which gliders at some places head for their waypoints."""
-    ways, angles, deep = few.places[target] - at, few.angles[target], few.depths[target]
-    dives = {depth: _to_depth(plan, float(depth)) for depth in np.unique(deep)}
-    steered = [
-        heading_for(dives[depth], way, float(angle), expected)
-        for depth, way, angle, expected in zip(deep, ways, angles, current, strict=True)
-    ]
-    local, share = np.array(steered).T
-    if len(at) > 1:
-        # many are flown together in few kinds of dives
-        share = np.maximum(np.round(share / _SHARES) * _SHARES, _SHALLOWEST)
-    return local - true_north_halfway(task.region.grid.projection, at, at), share * deep
-
-
-def _to_depth(plan: MissionPlan, depth: float) -> MissionPlan:
-    return replace(plan, settings=replace(plan.settings, depth=depth))
+    """Return the headings [rad] and the depths [m], shape (K,) each, of gliders at some places and times on the way to their waypoints."""
+    (at, now), deep = begin, few.depths[target]
+    way = few.places[target] - at
+    local, share = heading_for(plan, way, few.angles[target], current, deep)
+    # many are flown together in few kinds of dives
+    share = np.maximum(np.round(share / _SHARES) * _SHARES, _SHALLOWEST)
+    heading = local - true_north_halfway(task.region.grid.projection, at, at)
+    if few.table is not None:
+        tabled = few.table.at(at, now)
+        far = (np.linalg.norm(way, axis=1) > few.table.near) & np.isfinite(tabled)
+        heading, share = np.where(far, tabled, heading), np.where(far, 1.0, share)
+    return heading, share * deep
 
 
 def _violations(
@@ -235,8 +262,14 @@ def _violations(
     time = np.append(0.0, [float(np.mean(at)) for _, at in path])
     depth = np.append(steps, np.zeros(time.size - steps.size))
     whole = Flight(time, depth, places, np.zeros(time.size, dtype=int), np.array([time.size - 1]))
+    near = _near_hazards(task, whole, margin)
+    if not near.any():
+        return [None] * len(near)
     if exactly:
-        return [check(task, replace(whole, place=one[None]), margin) for one in places]
+        return [
+            check(task, replace(whole, place=one[None]), margin) if may else None
+            for one, may in zip(places, near, strict=True)
+        ]
     clear = clearances(task, whole)
     crossed = [
         next((name for name in clear if clear[name][k] <= 0.0), None) for k in range(len(begin))
@@ -246,6 +279,24 @@ def _violations(
         None if what is None else Violation(what, 0.0, 1, float(x), float(y))
         for what, x, y in zip(crossed, *where, strict=True)
     ]
+
+
+def _near_hazards(task: MissionTask, flight: Flight, margin: float) -> NDArray[np.bool_]:
+    """Return which of K flights may come as near as a margin [m] to a hazard, shape (K,), by the boxes around them."""
+    if flight.depth.max() > task.region.deepest:
+        return np.ones(len(flight.place), dtype=bool)
+    steps, lasts = np.linalg.norm(np.diff(flight.place, axis=1), axis=2), np.diff(flight.time)
+    # no step bends by more than this at the fastest of all speeds
+    wide = margin + 0.5 * float((steps / np.where(lasts > 0.0, lasts, np.inf)).max() * lasts.max())
+    low, high = flight.place.min(axis=1) - wide, flight.place.max(axis=1) + wide
+    boxes, near = shapely.box(*low.T, *high.T), ~np.isfinite(low + high).all(axis=1)
+    for ring in task.rings_at(float(flight.depth.max())):
+        near |= (
+            ~shapely.covers(ring.area, boxes)
+            if ring.outside
+            else shapely.intersects(ring.area, boxes)
+        )
+    return np.asarray(near)
 
 
 def _unchecked(task: MissionTask, target: int, path: list[tuple[Array, float]]) -> Violation:
@@ -286,33 +337,36 @@ def dead_reckoned_current(
 
 
 def heading_for(
-    plan: MissionPlan, displacement: Array, angle: float, current: Array
-) -> tuple[float, float]:
-    """Return the heading from local north [rad] to a waypoint and the share of a full dive's depth that is needed to reach it.
+    plan: MissionPlan, displacement: Array, angle: Array, current: Array, depth: Array
+) -> tuple[Array, Array]:
+    """Return headings from local north [rad] to waypoints and the shares of a full dive's depth needed to reach them, shape (K,) each.
 
     Args:
-        plan: The glider, and the depth of its dives.
-        displacement: shape (2,), to the waypoint [m].
-        angle: Glide angle [rad].
-        current: Mean over a leg [m/s].
+        plan: The glider.
+        displacement: shape (K, 2), to the waypoints [m].
+        angle: shape (K,), glide angles [rad].
+        current: shape (K, 2), mean over a leg [m/s].
+        depth: shape (K,), of a full dive [m].
     """
     settings, (along, down) = plan.settings, plan.vehicle.speeds(np, angle)
-    under, distance = (
-        2.0 * settings.yos * settings.depth / float(down),
-        float(np.linalg.norm(displacement)),
-    )
-    ahead = displacement / distance
-    off = np.array([-ahead[1], ahead[0]])
-    heading, share = 0.0, 1.0
+    under, distance = 2.0 * settings.yos * depth / down, np.linalg.norm(displacement, axis=1)
+    ahead = displacement / distance[:, None]
+    off = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    set_across, set_ahead = np.sum(current * off, axis=1), np.sum(current * ahead, axis=1)
+    headings, shares = list[Array](), list[Array]()
     # on the way the drift at the surface counts as well; the last dive is to surface at the waypoint
     for duration in (under + settings.surface_time, under):
-        speed = float(along) * under / duration
+        speed = along * under / duration
         # of the speed through water as much across as the current sets, the rest ahead
-        across = float(np.clip(-(current @ off), -speed, speed))
-        through = float(np.sqrt(speed**2 - across**2))
-        made_good = float(current @ ahead) + through
-        heading = float(np.arctan2(*(across * off + through * ahead)))
-        share = distance / (made_good * duration) if made_good > 0.0 else 1.0
-        if share >= 1.0:
-            break
-    return heading, float(np.clip(share, _SHALLOWEST, 1.0))
+        across = np.clip(-set_across, -speed, speed)
+        through = np.sqrt(speed**2 - across**2)
+        made_good = set_ahead + through
+        way = across[:, None] * off + through[:, None] * ahead
+        headings.append(np.arctan2(*way.T))
+        closing = made_good > 0.0
+        shares.append(
+            np.where(closing, distance / (np.where(closing, made_good, 1.0) * duration), 1.0)
+        )
+    whole = shares[0] >= 1.0
+    heading, share = (np.where(whole, *both) for both in (headings, shares))
+    return heading, np.clip(share, _SHALLOWEST, 1.0)

@@ -58,12 +58,12 @@ class ListRisk:
     reached_straight: float
     violating_straight: float
 
-    def text(self) -> str:
-        """Return it in words."""
+    def text(self, to: str = "the last") -> str:
+        """Return it in words, with what is reached."""
         shares = self.reached, self.violating, self.reached_straight, self.violating_straight
         reached, violating, straight, unsafe = (f"{100.0 * share:.0f} %" for share in shares)
         return (
-            f"in {self.count} samples of the estimate {reached} reach the last and {violating} are not safe, without the glider's own "
+            f"in {self.count} samples of the estimate {reached} reach {to} and {violating} are not safe, without the glider's own "
             f"correction for the current {straight} and {unsafe}"
         )
 
@@ -127,8 +127,8 @@ def waypoints_of(
     It heads for the next waypoint from where it surfaces, corrected for the mean current of its last leg by dead reckoning, at the
     mean glide angle of the planned legs; where less than a leg is left it dives less deep. What it expects in its first dive is not known:
     it is flown with each of ``first_currents``. The radius within which a waypoint counts as reached is the plan's tolerance or two, four
-    or eight times that: the one that reaches most waypoints, ends within the tolerance and loses least time. A goal below the surface at
-    the end is a waypoint above it.
+    or eight times that: the one that, expecting the worst, reaches most waypoints, ends within the tolerance and loses least time. A
+    goal below the surface at the end is a waypoint above it.
 
     No straight line between two waypoints crosses an area. The flights are checked as a plan is: where one violates a constraint or does
     not end within the tolerance, all surfacings become waypoints; ``violation`` is what one crosses all the same, or that the last
@@ -153,26 +153,25 @@ def waypoints_of(
     places, wanted = np.vstack([task.start[None, :2], ends]), plan.settings.tolerance
     firsts = first_currents(task, plan, legs_of_plan(plan, task.flow))
     fewest = kept_surfacings(plan, places, wanted if tolerance is None else tolerance, task.rings)
-    radii = (wanted * _RADII).tolist()
-    tried = _tried(task, plan, firsts, [WaypointList.of(task, plan, fewest, r) for r in radii])
-    if not _serves(plan, tried[-1]):
-        whole = tuple(range(1, len(ends) + 1))
-        tried += _tried(task, plan, firsts, [WaypointList.of(task, plan, whole, r) for r in radii])
-    best = tried[-1]
+    best, whole = _best_radius(task, plan, firsts, fewest), tuple(range(1, len(ends) + 1))
     if not _serves(plan, best):
-        best = min(tried, key=lambda flown: _lost(plan, flown[0]))
+        best = min(
+            best,
+            _best_radius(task, plan, firsts, whole),
+            key=lambda flown: _lost(plan, flown[0]),
+        )
     areas = tuple(area.area for area in no_go)
     if not samples:
         return replace(
             _waypoints(task, plan, best, places), areas=areas, clearance=plan.settings.clearance
         )
     currents = with_paces(currents_of_estimate(flow, samples), plan.vehicle, 1)
-    risk = _risk(task, plan, best[0].few, firsts, currents)
+    risk = list_risk(task, plan, best[0].few, firsts, currents)
     first = first_legs(plan, 1, task.region.grid.projection)
     wide = float(np.ceil(surfacing_ellipses(fly_mission(samples, first), first)[0, 2]))
     if _serves(plan, best) and risk.reached < _MOST and wide > best[0].few.radius:
-        wider = _tried(task, plan, firsts, [replace(best[0].few, radius=wide)])[-1]
-        then = _risk(task, plan, wider[0].few, firsts, currents)
+        wider = _worst_first(plan, _flown(task, plan, [replace(best[0].few, radius=wide)], firsts))
+        then = list_risk(task, plan, wider[0].few, firsts, currents)
         if _serves(plan, wider) and (-then.violating, then.reached) > (
             -risk.violating,
             risk.reached,
@@ -202,21 +201,44 @@ def _serves(plan: MissionPlan, flown: Sequence[Followed]) -> bool:
     return not any(_lost(plan, flown[0])[:3])
 
 
-def _tried(
-    task: MissionTask, plan: MissionPlan, firsts: Sequence[Array], lists: Sequence[WaypointList]
-) -> list[list[Followed]]:
-    """Return the flights of each list with all first currents, the worst first, until one serves; the best in the plan's current first."""
-    tried = list[list[Followed]]()
-    as_planned = [follow(task, plan, few, firsts[:1])[0] for few in lists]
-    for one in sorted(as_planned, key=lambda one: _lost(plan, one)):
-        flown = [one, *follow(task, plan, one.few, firsts[1:])]
-        tried.append(sorted(flown, key=lambda one: _lost(plan, one), reverse=True))
-        if _serves(plan, tried[-1]):
-            break
-    return tried
+def _worst_first(plan: MissionPlan, flown: Sequence[Followed]) -> list[Followed]:
+    """Return flights, the one that loses most first."""
+    return sorted(flown, key=lambda one: _lost(plan, one), reverse=True)
 
 
-def _risk(
+def _flown(
+    task: MissionTask, plan: MissionPlan, lists: Sequence[WaypointList], firsts: Sequence[Array]
+) -> list[Followed]:
+    """Return the flights of each list with each first current in the estimate, list by list."""
+    each = [few for few in lists for _ in firsts]
+    return follow(task, plan, each, [*firsts] * len(lists))
+
+
+def _best_radius(
+    task: MissionTask, plan: MissionPlan, firsts: Sequence[Array], kept: tuple[int, ...]
+) -> list[Followed]:
+    """Return the flights with all first currents, the worst first, of the list of some legs' ends within the radius that serves best.
+
+    All radii are flown with the first currents that lose most as a rule, the plan's and none; what a list loses with these bounds what it
+    loses at worst, so that only those are flown with the others that may still be the best.
+    """
+    lists = [
+        WaypointList.of(task, plan, kept, float(plan.settings.tolerance * of)) for of in _RADII
+    ]
+    first, rest = firsts[:2], firsts[2:]
+    flown = _flown(task, plan, lists, first)
+    open_ = [
+        _worst_first(plan, flown[k * len(first) : (k + 1) * len(first)]) for k in range(len(lists))
+    ]
+    while True:
+        best = min(open_, key=lambda one: _lost(plan, one[0]))
+        if len(best) == len(firsts):
+            return best
+        more = _flown(task, plan, [best[0].few], rest)
+        open_[open_.index(best)] = _worst_first(plan, [*best, *more])
+
+
+def list_risk(
     task: MissionTask,
     plan: MissionPlan,
     few: WaypointList,
@@ -224,13 +246,16 @@ def _risk(
     currents: Currents,
 ) -> ListRisk:
     """Return how a list fares in K currents, in each with a current expected in the first dive, with and without correction."""
-    count, figures = len(currents.latent), list[float]()
+    count = len(currents.latent)
     expected = [firsts[k % len(firsts)] for k in range(count)]
-    for corrects in (True, False):
-        flown = follow(task, plan, few, expected, currents, corrects)
+    twice = currents.some(np.tile(np.arange(count), 2))
+    corrects = np.repeat([True, False], count)
+    flown = follow(task, plan, [few] * 2 * count, expected * 2, twice, corrects)
+    figures = list[float]()
+    for half in (flown[:count], flown[count:]):
         figures += [
-            float(np.mean([np.isfinite(one.times[-1]) for one in flown])),
-            float(np.mean([one.violation is not None for one in flown])),
+            float(np.mean([np.isfinite(one.times[-1]) for one in half])),
+            float(np.mean([one.violation is not None for one in half])),
         ]
     return ListRisk(count, *figures)
 

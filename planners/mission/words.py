@@ -8,6 +8,7 @@ from planners.mission.solve.attempt import Attempt, above_bound, lacking_energy
 from planners.mission.task import MissionTask
 from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
+from replay_kit.core.gaussian import share_interval
 from replay_kit.core.text import place_text, time_text
 
 # A mission this close to the longest one considered is limited by it.
@@ -111,7 +112,11 @@ def _out_of_reach(task: MissionTask, attempt: Attempt) -> str:
 
 def _hours(task: MissionTask, seconds: float) -> str:
     """Return a time since the start in hours and, where the mission has a date, as a date."""
-    begins = task.request.start_time_ns
+    return _since(task.request.start_time_ns, seconds)
+
+
+def _since(begins: int, seconds: float) -> str:
+    """Return a time since a start [ns, UTC; 0 for none] in hours and, where it has a date, as a date."""
     return f"{seconds / 3600.0:.1f} h" + (
         f" ({time_text(begins + round(seconds * 1e9))})" if begins else ""
     )
@@ -132,7 +137,11 @@ def _binding(task: MissionTask, attempt: Attempt, tried: int) -> str:
     if "legs" in limits or (not limits and tried >= settings.most_legs):
         parts.append(f"limit: max_legs = {settings.max_legs} (--max-legs)")
     if "duration" in limits or (not limits and flight.time[-1] >= _NEARLY * settings.max_duration):
-        parts.append(f"limit: max_duration = {settings.max_duration:g} s (--max-duration)")
+        parts.append(
+            f"limit: {settings.arrive_by / 3600.0:.1f} h to arrive in (--arrive-by)"
+            if settings.arrive_by <= settings.max_duration
+            else f"limit: max_duration = {settings.max_duration:g} s (--max-duration)"
+        )
     if "ways" in limits:
         parts.append(
             "a constraint closes every way: land, an area, water too shallow for a dive or the edge of the region"
@@ -159,8 +168,22 @@ def odds_text(plan: MissionPlan, count: int, corrected: float, held: float) -> s
         verb = "surface last within the tolerance of where the plan ends"
     return (
         f"{100.0 * corrected:.0f} % of {count} samples of the estimate {verb} with headings corrected at each surfacing, "
-        f"{100.0 * held:.0f} % with headings held"
+        f"{100.0 * held:.0f} % with headings held (90 % intervals {_interval(corrected, count)} and {_interval(held, count)})"
     )
+
+
+def _interval(share: float, count: int) -> str:
+    """Return the interval of a share of some samples in words."""
+    low, high = share_interval(share, count)
+    return f"{100.0 * low:.0f} to {100.0 * high:.0f} %"
+
+
+def arrival_text(plan: MissionPlan, arrival: float) -> str:
+    """Return by when samples arrive, to be added: the latest time asked for, and when nine of ten have [s since the start]."""
+    begins, text = plan.start_time_ns, ""
+    if np.isfinite(plan.settings.arrive_by):
+        text = f", by {_since(begins, plan.settings.arrive_by)}"
+    return text + (f"; 90 % arrive by {_since(begins, arrival)}" if np.isfinite(arrival) else "")
 
 
 def violations_text(violating: float, violations: Mapping[str, float]) -> str:

@@ -12,6 +12,7 @@ from replay_kit.config.option import PLACE, Numbers, Option, numbers
 from replay_kit.config.section import Section
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.objective import ObjectiveName
+from replay_kit.core.text import time_text
 from replay_kit.core.time import parse_duration, parse_time
 
 # loads numpy
@@ -124,6 +125,11 @@ class PlanRequest(Section):
         default=ARRIVING,
         description="Fraction of samples that must arrive for the status reached.",
     )
+    arrive_by: Annotated[str | None, Option("--arrive-by", "WHEN", _OPTIONS)] = Field(
+        default=None,
+        description="Latest arrival that counts: ISO 8601 UTC, or a duration such as 36h. --objective odds maximises the share of "
+        "samples that arrive by then.",
+    )
     time_limit: Annotated[float | None, Option("--time-limit", "SECONDS", _OPTIONS)] = Field(
         default=None,
         description="Stop searching for other legs, routes and margins after this time [s].",
@@ -132,6 +138,7 @@ class PlanRequest(Section):
         default=None, description="Energy that the vehicle has [MJ]."
     )
     waypoints: bool = Field(default=False, description="Whether a short list of waypoints is made.")
+    policy: bool = Field(default=False, description="Whether a heading by place and time is made.")
     waypoint_tolerance: Annotated[float | None, Option("--waypoint-tolerance", None, _OUTPUTS)] = (
         Field(
             default=None,
@@ -210,15 +217,24 @@ class PlanRequest(Section):
     @property
     def horizon_s(self) -> float | None:
         """Since its start, after which no leg of the plan ends [s]; None for none."""
-        if self.horizon is None:
+        return None if self.horizon is None else _duration(self.horizon, "--horizon")
+
+    def arrive_by_s(self, begin_ns: int) -> float | None:
+        """Return the time since a start [ns, UTC] after which an arrival does not count [s]; None without one.
+
+        Raises:
+            ConfigError: It is neither a time nor a duration, or not after the start.
+        """
+        if self.arrive_by is None:
             return None
-        try:
-            seconds = parse_duration(self.horizon)
-        except ConfigError as error:
-            raise ConfigError(f"--horizon: {error}") from error
+        # a duration ends in its unit
+        if self.arrive_by.strip()[-1:] in "sinhd":
+            return _duration(self.arrive_by, "--arrive-by")
+        seconds = (_time(self.arrive_by, "--arrive-by") - begin_ns) / 1e9
         if seconds <= 0.0:
             raise ConfigError(
-                f"--horizon: expected a duration above 0, got '{self.horizon}'; write one such as 72h"
+                f"--arrive-by: expected a time after the start at {time_text(begin_ns)}, got {self.arrive_by}; give a later one, or an "
+                "earlier --start-time"
             )
         return seconds
 
@@ -253,6 +269,18 @@ def departures_of(text: str) -> tuple[int, ...]:
             f"--depart: expected at most {_MOST_DEPARTURES} departures, got {count}; choose a longer step"
         )
     return tuple(first + k * step_ns for k in range(count))
+
+
+def _duration(text: str, name: str) -> float:
+    try:
+        seconds = parse_duration(text)
+    except ConfigError as error:
+        raise ConfigError(f"{name}: {error}") from error
+    if seconds <= 0.0:
+        raise ConfigError(
+            f"{name}: expected a duration above 0, got '{text}'; write one such as 72h"
+        )
+    return seconds
 
 
 def _time(text: str, name: str) -> int:

@@ -83,6 +83,7 @@ class AsFlown:
         depth_std: Spread of the depth [m].
         duration_std: Spread of the duration [s].
         surface_time: Between dives [s]; None where the log does not show it.
+        longest: Of the dives [s]; None in results of earlier versions.
     """
 
     speed: float
@@ -94,6 +95,7 @@ class AsFlown:
     depth_std: float | None = None
     duration_std: float | None = None
     surface_time: float | None = None
+    longest: float | None = None
 
     @classmethod
     def of(cls, dives: Sequence[FlownDive]) -> Self | None:
@@ -114,6 +116,7 @@ class AsFlown:
             depth_std=_spread([dive.depth for dive in dives]),
             duration_std=_spread([dive.seconds for dive in dives]),
             surface_time=_surface_time(dives),
+            longest=max(dive.seconds for dive in dives),
         )
 
     @property
@@ -165,7 +168,7 @@ class AsFlown:
             # results of earlier versions state no spread
             spread = {
                 name: float(record[name])
-                for name in ("speed_std", "depth_std", "duration_std", "surface_time")
+                for name in ("speed_std", "depth_std", "duration_std", "surface_time", "longest")
                 if name in record
             }
             return cls(speed, angle, depth, duration, int(record["dives"]), **spread)

@@ -4,7 +4,7 @@ from typing import Literal, get_args
 
 from replay_kit.core.extensions import names_of
 
-ObjectiveName = Literal["time", "energy", "closest"]
+ObjectiveName = Literal["time", "energy", "odds", "closest"]
 
 
 def is_objective(name: str) -> bool:

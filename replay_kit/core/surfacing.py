@@ -1,7 +1,8 @@
 """Where a dive or a plan's first leg is predicted to surface, and where the vehicle did."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf, nan
 from typing import Literal
 
 import numpy as np
@@ -30,17 +31,32 @@ class Ellipse:
     minor: float
     bearing_deg: float
 
+    def scaled(self, factor: float) -> "Ellipse":
+        """Return an ellipse about the same place with other axes."""
+        return replace(self, major=factor * self.major, minor=factor * self.minor)
+
     def holds(self, longitude: float, latitude: float) -> bool:
         """Return whether a place lies inside."""
-        east, north = to_local(Projection(self.longitude, self.latitude), longitude, latitude)
-        bearing = np.deg2rad(self.bearing_deg)
-        along, across = (
-            east * np.sin(bearing) + north * np.cos(bearing),
-            east * np.cos(bearing) - north * np.sin(bearing),
-        )
+        along, across = self._apart(longitude, latitude)
         # an ellipse without width holds what lies on it
         return bool(
             (along * self.minor) ** 2 + (across * self.major) ** 2 <= (self.major * self.minor) ** 2
+        )
+
+    def radius_of(self, longitude: float, latitude: float) -> float:
+        """Return the factor by which the ellipse is to be scaled to reach a place; infinite for one without width."""
+        along, across = self._apart(longitude, latitude)
+        if not self.minor > 0.0:
+            return inf
+        return float(np.hypot(along / self.major, across / self.minor))
+
+    def _apart(self, longitude: float, latitude: float) -> tuple[float, float]:
+        """Return how far a place is from the centre along the major axis and across it [m]."""
+        east, north = to_local(Projection(self.longitude, self.latitude), longitude, latitude)
+        bearing = np.deg2rad(self.bearing_deg)
+        return (
+            float(east * np.sin(bearing) + north * np.cos(bearing)),
+            float(east * np.cos(bearing) - north * np.sin(bearing)),
         )
 
     def outline(self, projection: Projection) -> Array:
@@ -170,6 +186,8 @@ class DiveForecast:
             much mean currents have changed from dive to dive [m]; NaN before a first change. Without mean currents it is their velocity
             over ground.
         basis: What it is predicted from.
+        scored: Number of earlier forecasts by which it may be calibrated; 0 where that was not tried.
+        factor: Of its outer ellipse by that; NaN where it is not calibrated.
     """
 
     dive: int
@@ -182,6 +200,8 @@ class DiveForecast:
     outer: Ellipse
     persistent_radius: float
     basis: Basis = "mean_currents"
+    scored: int = 0
+    factor: float = nan
 
     @property
     def radius(self) -> float:
@@ -237,6 +257,57 @@ class DiveOutcome:
     def in_outer(self) -> bool:
         """Whether the outer ellipse holds it."""
         return self.forecast.outer.holds(self.fix.longitude, self.fix.latitude)
+
+
+#: Scored surfacings from which ellipses are calibrated by them.
+CALIBRATING = 19
+# Time after which a scored surfacing counts half as much [ns].
+_HALF_LIFE_NS = 10 * 86_400_000_000_000
+
+
+def calibrated(forecast: DiveForecast, outcomes: Sequence[DiveOutcome]) -> DiveForecast:
+    """Return a forecast whose ellipses are as large as those before it had to be to hold the shares that they should.
+
+    Each ellipse is scaled to a quantile of the factors that would have let it reach the surfacings so far, later ones counting more, and
+    the coming one counting as beyond them all: in exchangeable dives it holds its share or more whatever their distribution. With fewer
+    than 19 of them, which the forecast names by ``scored``, it is as it was.
+
+    Args:
+        forecast: Of the coming surfacing.
+        outcomes: Of earlier ones.
+
+    References:
+        Tibshirani et al. (2019), Conformal prediction under covariate shift.
+    """
+    forecast = replace(forecast, scored=len(outcomes))
+    if len(outcomes) < CALIBRATING:
+        return forecast
+    ages = np.array([forecast.start.time_ns - one.fix.time_ns for one in outcomes])
+    weights = 0.5 ** (np.maximum(ages, 0) / _HALF_LIFE_NS)
+    factors = [
+        _quantile(
+            np.array(
+                [
+                    getattr(one.forecast, name).radius_of(one.fix.longitude, one.fix.latitude)
+                    for one in outcomes
+                ]
+            ),
+            weights,
+            share,
+        )
+        for name, share in zip(("inner", "outer"), SHARES, strict=True)
+    ]
+    if not np.all(np.isfinite(factors)):
+        return forecast
+    inner, outer = forecast.inner.scaled(factors[0]), forecast.outer.scaled(factors[1])
+    return replace(forecast, inner=inner, outer=outer, factor=factors[1])
+
+
+def _quantile(values: Array, weights: Array, share: float) -> float:
+    """Return the least value at or below which lies a share of the weight, with a weight of 1 beyond them all; infinite where none does."""
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order]) >= share * (weights.sum() + 1.0) - 1e-12
+    return float(values[order][np.argmax(reached)]) if reached.any() else inf
 
 
 def forecast_place(start: Fix, seconds: float, velocity: Array) -> tuple[float, float]:

@@ -52,8 +52,18 @@ def place_of_next(following: Mapping[str, Any]) -> str:
     (longitude, latitude), outer = following["expected"], following["ellipse_90"]
     return (
         f"{place_text(longitude, latitude)}, 90 % within {outer['major_m']:.0f} x {outer['minor_m']:.0f} m along "
-        f"{outer['bearing_deg']:.0f} degrees"
+        f"{outer['bearing_deg']:.0f} degrees{_calibration(following)}"
     )
+
+
+def _calibration(following: Mapping[str, Any]) -> str:
+    """Return by how many scored surfacings an ellipse is calibrated, in words; empty for results that do not say it."""
+    if "scored" not in following:
+        return ""
+    scored = following["scored"]
+    if "calibration" not in following:
+        return f" (not calibrated: {scored} scored)"
+    return f" (calibrated by {scored} scored surfacings: {following['calibration']:.2f} times as large)"
 
 
 def _from(each: Sequence[Mapping[str, Any]]) -> str:

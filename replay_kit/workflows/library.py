@@ -40,7 +40,7 @@ from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.replay import replay as replay_job
-from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory
+from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory, PlanQuery
 
 #: Settings of a run: tables of keys as in TOML, a TOML file, or a whole configuration; None for the defaults.
 Settings = Mapping[str, Any] | str | Path | RunConfig | None
@@ -258,7 +258,7 @@ def plan(
     planner.check(estimate, end)
     start_ns = (estimate.time_ns or 0) if time is None else int(to_time_ns(time))
     KnownCurrent((estimate,), config.flow_step).check_time("time", start_ns)
-    return planner.with_odds().plan(estimate, begin, end, start_ns, None).plan
+    return planner.with_odds().plan(estimate, PlanQuery(begin, end, start_ns)).plan
 
 
 def open_ensemble(path: Paths, *, settings: Settings = None) -> Ensemble:

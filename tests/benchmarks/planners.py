@@ -22,7 +22,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import NodeKernel
 from replay_kit.estimator.basis.modes import embed_member
 from replay_kit.forecast import read_ensemble
-from tests.benchmarks import planners_mission, planners_scenario
+from tests.benchmarks import planners_mission, planners_odds, planners_scenario
 from tests.benchmarks.measure import Row, row, seconds
 from tests.benchmarks.planners_depth import depth_row
 from tests.benchmarks.planners_masked import bounds, masked_row
@@ -55,7 +55,7 @@ def rows(tiny: bool) -> list[Row]:
         1 if tiny else 5,
         tiny,
     )
-    return made
+    return made + planners_odds.rows(tiny)
 
 
 @cache

@@ -421,6 +421,36 @@ def test_an_estimate_without_uncertainty_has_no_odds_and_says_so(flow, tmp_path)
     said = json.loads(run(tmp_path / "mean.nc", *ASK, "--json", "-").stdout)
     assert said["samples"] is None
     assert "states no uncertainty" in said["message"]
+    for asked in (("--objective", "odds"), ("--risk", 0.1)):
+        refused = run(tmp_path / "mean.nc", *ASK, *asked, code=3)
+        assert refused.exit_code == 3
+        assert f"{asked[0]}" in refused.output
+        assert "so that it has no odds" in refused.output
+
+
+def test_a_mission_for_the_odds_is_judged_in_other_samples_and_by_a_time(flow, tmp_path):
+    narrow, table = ("--angles", "15,20", "--json", "-"), tmp_path / "policy.csv"
+    quickest, odds = (
+        json.loads(run(flow, *ASK, *narrow, *more).stdout)
+        for more in ((), ("--objective", "odds", "--policy", table))
+    )
+    assert odds["samples"]["reached"] >= quickest["samples"]["reached"]
+    assert len(odds["legs"]) >= len(quickest["legs"])
+    low, high = odds["samples"]["reached_interval"]
+    assert low <= odds["samples"]["reached"] <= high
+    assert f"(90 % intervals {100 * low:.0f} to {100 * high:.0f} %" in odds["message"]
+    assert table.read_text().count("\n") == 1 + len(odds["policy"]["headings"])
+    hours = quickest["duration_s"] / 3600.0
+    late = json.loads(run(flow, *ASK, *narrow, "--arrive-by", f"{0.5 * hours:.2f}h").stdout)
+    assert (late["status"], late["samples"]["reached"]) == ("unreachable", 0.0)
+    for given, why in (
+        ("2001-09-09T00:00Z", "expected a time after the start at 2001-09-09 01:46:40Z"),
+        ("0h", "expected a duration above 0"),
+        ("2001-13-01", "'2001-13-01' is no time"),
+    ):
+        refused = run(flow, *ASK, "--arrive-by", given, code=2)
+        assert refused.exit_code == 2
+        assert why in refused.output
 
 
 def test_every_output_and_page_holds_a_plan_without_legs(flow, tmp_path):

@@ -95,13 +95,13 @@ class Currents:
         )
 
     def some(self, numbers: NDArray[np.intp]) -> "Currents":
-        """Return the currents at places in some of the flows, by their numbers, without a copy of these."""
+        """Return the currents at places in some of these, by their numbers, without a copy of the flows."""
         beside, pace = self.beside, self.pace
         found = replace(
             self,
             beside=None if beside is None else replace(beside, velocity=beside.velocity[numbers]),
             pace=None if pace is None else pace[numbers],
-            numbers=numbers,
+            numbers=numbers if self.numbers is None else self.numbers[numbers],
         )
         # the cache of the same flows
         found.__dict__["columns"] = self.columns
@@ -139,11 +139,10 @@ class Currents:
             )
         used, functions = np.flatnonzero(weights), self.flow.horizontal
         if isinstance(functions, StreamFunctionLattice):
-            rows, design = functions.windows(place)
             numbers = np.arange(len(self.latent)) if self.numbers is None else self.numbers
-            flows = numbers[:, None]
-            near = sum(weights[i] * self.columns[i][flows, rows] for i in used)
-            return np.asarray(np.einsum("cpon,pn->pc", design, near))
+            flows = np.broadcast_to(numbers, len(place))
+            parts = [(weights[i], self.columns[i]) for i in used] or [(0.0, self.columns[0])]
+            return functions.velocity_of_each(place, flows, parts)
         assert isinstance(functions, NodeKernel)
         each = slice(None) if self.numbers is None else self.numbers
         return _from_nodes(functions, place, sum(weights[i] * self.columns[i][each] for i in used))

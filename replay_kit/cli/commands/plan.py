@@ -59,6 +59,15 @@ class Outputs(Answer):
         ),
         Ending((".csv", ".geojson", ".json", ".kml", ".plan", ".ma", ".targets")),
     ] = None
+    policy: Annotated[
+        Path | None,
+        option(
+            "--policy",
+            "Headings by place and time: table .csv or .json, arrows .geojson.",
+            metavar="FILE",
+        ),
+        Ending((".csv", ".json", ".geojson")),
+    ] = None
     write_unsafe: Annotated[
         bool,
         flag(
@@ -74,6 +83,7 @@ class Outputs(Answer):
     without=[
         "plan.flows",
         "plan.waypoints",
+        "plan.policy",
         *(
             f"planner.{key}"
             for key in (
@@ -119,13 +129,19 @@ def plan(
         )
     least, most = (None, None) if angles is None else numbers(angles, "--angles", _ANGLES.form)
     config = settings.load(planner={"min_angle": least, "max_angle": most})
-    asked = {"flows": flows, "waypoints": outputs.waypoints is not None}
+    asked = {
+        "flows": flows,
+        "waypoints": outputs.waypoints is not None,
+        "policy": outputs.policy is not None,
+    }
     if config.plan.bathymetry is None:
         asked["bathymetry"] = config.planner.bathymetry_path
     request = config.plan.model_copy(update=asked)
     files = [*flows, *request.others, request.no_go, request.bathymetry]
     check_paths(
-        [*files, settings.file], [outputs.out, outputs.waypoints, *streams], outputs.overwrite
+        [*files, settings.file],
+        [outputs.out, outputs.waypoints, outputs.policy, *streams],
+        outputs.overwrite,
     )
 
     # what takes long to load, after what is quickly refused
@@ -170,7 +186,12 @@ def _mission(config: "RunConfig", outputs: Outputs) -> int:
 
 def _write(planned: "PlannedMission", outputs: Outputs) -> None:
     """Write the mission in each text format that is asked for."""
-    from replay_kit.workflows.planning.outputs import mission_csv, mission_geojson, waypoint_file
+    from replay_kit.workflows.planning.outputs import (
+        mission_csv,
+        mission_geojson,
+        policy_file,
+        waypoint_file,
+    )
 
     if outputs.geojson is not None:
         write_text(outputs.geojson, mission_geojson(planned))
@@ -178,6 +199,8 @@ def _write(planned: "PlannedMission", outputs: Outputs) -> None:
         write_text(outputs.csv, mission_csv(planned))
     if outputs.waypoints is not None and planned.waypoints is not None:
         write_text(outputs.waypoints, waypoint_file(planned.waypoints, outputs.waypoints))
+    if outputs.policy is not None and planned.policy is not None:
+        write_text(outputs.policy, policy_file(planned.policy, outputs.policy))
 
 
 def _learning(config: "RunConfig", outputs: Outputs) -> int:

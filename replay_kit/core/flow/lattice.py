@@ -11,7 +11,7 @@ error of aliasing is 2 exp(-2 pi^2 w^2 / h^2) or some 2e-7 of the spacing chosen
 Nodes may lie anywhere: they do not appear in the functions.
 """
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,6 +27,7 @@ _SPACING = 0.45
 _CUT = 5.5
 HALF_WINDOW = int(np.ceil(_CUT / np.sqrt(2.0) / _SPACING))
 WINDOW = 2 * HALF_WINDOW
+_LINES = np.arange(WINDOW)
 # Widths of a Gaussian by which the lattice extends beyond the nodes: coefficients farther away are less than 2e-3, their square counts.
 _MARGIN = 4.0
 # Lattice cells along a side of the tiles whose points are evaluated together.
@@ -95,6 +96,30 @@ class StreamFunctionLattice:
             out[:, tile.points] = (tile.design.reshape(2 * n, -1) @ part).reshape(2, n, k)
         return out
 
+    def velocity_of_each(
+        self, points: Array, flows: NDArray[np.intp], parts: Sequence[tuple[float, Array]]
+    ) -> Array:
+        """Return the velocity [m/s], shape (P, 2), at points each of which is in a flow of its own.
+
+        Args:
+            points: shape (P, 2) [m].
+            flows: shape (P,), numbers of the flows.
+            parts: Weights and coefficients, shape (K, size) [m^2/s], whose sum the flows are; one at least.
+        """
+        (first_x, gx, slope_x), (first_y, gy, slope_y) = (
+            self._window(points[:, axis], axis) for axis in (0, 1)
+        )
+        corner = flows * self.size + first_x[:, 0] * self.shape[1] + first_y[:, 0]
+        taken = corner[:, None] + (np.arange(WINDOW)[:, None] * self.shape[1] + _LINES).ravel()
+        near = np.zeros(taken.shape)
+        for weight, values in parts:
+            near += weight * values.ravel().take(taken)
+        # first along north, then along east: the products of both are never formed
+        along = near.reshape(-1, WINDOW, WINDOW) @ np.stack([slope_y, -gy], axis=2)
+        return np.column_stack(
+            [np.einsum("pe,pe->p", of, along[..., k]) for k, of in enumerate((gx, slope_x))]
+        )
+
     def windows(self, points: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the functions that reach each of some points, shape (P, n), and their velocities [1/m], shape (2, P, 1, n).
 
@@ -133,14 +158,13 @@ class StreamFunctionLattice:
 
     def _first(self, at: Array, axis: int) -> NDArray[np.intp]:
         """Return the first lattice line that counts at each place along an axis, shape (P,)."""
-        cell = np.floor((at - self.origin[axis]) / self.spacing[axis])
-        return np.asarray(
-            np.clip(cell - (HALF_WINDOW - 1), 0, self.shape[axis] - WINDOW).astype(np.intp)
-        )
+        cell = np.floor((at - self.origin[axis]) / self.spacing[axis]) - (HALF_WINDOW - 1)
+        cell = np.minimum(np.maximum(cell, 0), self.shape[axis] - WINDOW)
+        return np.asarray(cell, dtype=np.intp)
 
     def _window(self, at: Array, axis: int) -> tuple[NDArray[np.intp], Array, Array]:
         """Return the lattice lines that count at each place along an axis, their Gaussians and slopes [1/m], each of shape (P, WINDOW)."""
-        lines = self._first(at, axis)[:, None] + np.arange(WINDOW)
+        lines = self._first(at, axis)[:, None] + _LINES
         gaussian, rate = self._gaussians(at, lines, axis)
         return lines, gaussian, rate * gaussian
 

@@ -18,6 +18,7 @@ from replay_kit.core.surfacing import (
     DiveOutcome,
     Ellipse,
     SurfacingOutcome,
+    calibrated,
     held_shares,
 )
 from replay_kit.results.losses import coded, loss_json
@@ -96,7 +97,7 @@ def surfacings_json(
         **_surfacing_figures(outcomes),
         **{kind: _surfacing_figures(group) if group else None for kind, group in groups.items()},
         "each": [_dive_json(one) for one in outcomes],
-        "next": None if following is None else _forecast_json(following),
+        "next": None if following is None else _forecast_json(calibrated(following, outcomes)),
     }
 
 
@@ -161,6 +162,8 @@ def _forecast_json(forecast: DiveForecast) -> dict[str, Any]:
         "persistent_radius_90_m": forecast.persistent_radius,
         # of a log with mean currents nothing needs to be said
         **({} if forecast.basis == "mean_currents" else {"basis": forecast.basis}),
+        **({"scored": forecast.scored} if forecast.scored else {}),
+        **({"calibration": forecast.factor} if math.isfinite(forecast.factor) else {}),
     }
 
 

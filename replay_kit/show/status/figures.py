@@ -14,8 +14,8 @@ from replay_kit.results.flight_correction import mean_current_parts
 from replay_kit.show.status.held import Fix, Held
 
 _SECOND, _DAY = 1_000_000_000, 86_400.0
-#: A surfacing is overdue by this share of its leg's duration, at least by so many seconds.
-OVERDUE_SHARE, OVERDUE_LEAST = 0.2, 1800.0
+#: A surfacing is overdue by this share of its leg's duration, at least by so many seconds; by all of it after fewer dives than these.
+OVERDUE_SHARE, OVERDUE_LEAST, OVERDUE_FEW = 0.2, 1800.0, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,9 +233,12 @@ def next_surfacing(held: Held) -> NextSurfacing | None:
         return None
     leg, flown = legs[surfaced], AsFlown.in_metadata(held.metadata)
     lasts = leg["surfacing_s"] - leg["start_s"]
-    # a dive is not late while those before it would have gone on
-    usual = 0.0 if flown is None else flown.duration
-    margin = max(usual - lasts, 0.0) + max(OVERDUE_SHARE * max(usual, lasts), OVERDUE_LEAST)
+    # a dive is not late while the longest before it would have gone on, and of few dives the longest may be a short one
+    longest, share = 0.0, OVERDUE_SHARE
+    if flown is not None:
+        longest = flown.longest or flown.duration
+        share = 1.0 if flown.longest and flown.dives < OVERDUE_FEW else share
+    margin = max(longest - lasts, 0.0) + max(share * max(longest, lasts), OVERDUE_LEAST)
     return NextSurfacing(planned_ns, leg, planned_ns + int(leg["surfacing_s"] * _SECOND), margin)
 
 

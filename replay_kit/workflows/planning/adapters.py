@@ -24,7 +24,7 @@ from replay_kit.core.plan import ORIGIN, Place, Plan
 from replay_kit.core.surfacing import Ellipse, Surfacing
 from replay_kit.workflows.planning.bathymetry import depth_along, read_bathymetry, seabed_of
 from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlanResult
+from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlanQuery, PlanResult
 
 PlanOrMission = TypeVar("PlanOrMission", Plan, planners.MissionPlan)
 #: Samples in which a plan is judged where no number is stated.
@@ -106,20 +106,19 @@ class GlidePlanner:
         """Return the planner of a vehicle that flies as its dives so far, where the settings state nothing else."""
         return replace(self, flown=flown)
 
-    def plan(
-        self,
-        flow: FlowEstimate,
-        start: Place,
-        goal: Place,
-        start_time_ns: int,
-        warm: PlanResult | None,
-    ) -> PlanResult:
+    def plan(self, flow: FlowEstimate, query: PlanQuery) -> PlanResult:
         """Return the best glide found from start towards goal."""
-        before, dives = None if warm is None else warm.plan, self.config.diving(self.flown)
+        before = None if query.warm is None else query.warm.plan
+        dives = self.config.diving(self.flown)
         settings = replace(self.settings, speed=dives.speed, bathymetry=self.bathymetry)
         made = with_origin(
             planners.plan(
-                flow, start, goal, settings=settings, start_time_ns=start_time_ns, warm=before
+                flow,
+                query.start,
+                query.goal,
+                settings=settings,
+                start_time_ns=query.start_time_ns,
+                warm=before,
             ),
             dives.origin,
         )
@@ -235,16 +234,10 @@ class MissionPlanner:
             start, goals, self.vehicle, self.settings, no_go, self.bathymetry, start_time_ns
         )
 
-    def plan(
-        self,
-        flow: FlowEstimate,
-        start: Place,
-        goal: Place,
-        start_time_ns: int,
-        warm: PlanResult | None,
-    ) -> PlanResult:
+    def plan(self, flow: FlowEstimate, query: PlanQuery) -> PlanResult:
         """Return the best mission found from start to goal, begun at once; its memory is the mission."""
-        before: planners.MissionPlan | None = None if warm is None else warm.memory
+        start, goal, start_time_ns = query.start, query.goal, query.start_time_ns
+        before: planners.MissionPlan | None = None if query.warm is None else query.warm.memory
         bound, origin = self.bound(flow, (goal,))
         if before is not None and bound.settings.legs is not None:
             left = max(1, len(before.headings_deg) - before.legs_flown(start_time_ns))

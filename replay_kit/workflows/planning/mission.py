@@ -2,19 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf
-from typing import Any
+from math import inf, isfinite
+from typing import Any, TypedDict
 
 from planners import (
+    Bathymetry,
     MissionOdds,
     MissionPlan,
     MissionRequest,
     MissionSettings,
+    NoGo,
     Pilot,
     best_departure,
     cut_at_horizon,
     mission_odds,
     plan_departures,
+    plan_for_odds,
     plan_line,
     plan_mission,
     plan_mooring,
@@ -23,6 +26,7 @@ from planners import (
     with_odds,
 )
 from planners.mission.flight.currents import Flow, Sample
+from planners.mission.policy import Policy, policy_of
 from planners.mission.timing import to_its_end
 from planners.mission.waypoints import Waypoints
 from replay_kit.config.plan import PlanRequest
@@ -31,6 +35,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.gaussian import share_interval
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
 from replay_kit.workflows.planning.adapters import (
@@ -45,6 +50,14 @@ from replay_kit.workflows.planning.request import check_samples, line_of, moorin
 
 # An area counts that holds within so many times the duration of a mission, as samples of it may last longer.
 _LATE = 1.2
+
+
+class _Clear(TypedDict):
+    """What waypoints and policies are to keep clear of, and the samples that they are flown in."""
+
+    no_go: tuple[NoGo, ...]
+    bathymetry: Bathymetry | None
+    samples: Sequence[Sample]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +100,7 @@ class PlannedMission:
         on: What it is made on.
         odds: Of its flights through samples; None without samples or legs.
         samples: They as in the JSON; None without samples or legs.
+        policy: Headings by place and time; None when none are asked for, or there are no legs.
         waypoints: Short list of places to head for; None when none is asked for, or there are no legs.
         notes: What should be known of it.
         drawn: Number of samples drawn.
@@ -101,6 +115,7 @@ class PlannedMission:
     notes: tuple[str, ...]
     drawn: int
     departures: tuple[Departure, ...] = ()
+    policy: Policy | None = None
 
     @property
     def ellipses(self) -> Array | None:
@@ -124,10 +139,15 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
     on = planned_on(job, config.flow_step)
     known = on.known
     count = sample_count(known.first, config.samples)
-    check_samples(job, count)
+    check_samples(job, count, known.first.n_modes > 0)
     bound, origin = mission_planner(job, config, on.flown).bound(known.first, job.goals)
     request, notes = _request(job, replace(bound, bathymetry=on.bathymetry), on)
     notes += on.notes
+    if (latest := job.arrive_by_s(request.start_time_ns)) is not None:
+        longest = min(bound.settings.max_duration, latest)
+        settings = replace(bound.settings, arrive_by=latest, max_duration=longest)
+        bound = replace(bound, settings=settings)
+        request = replace(request, settings=bound.settings)
     if origin and on.flown is not None:
         notes += on.flown.notes()
     begin_ns, seconds = request.start_time_ns, _seconds(job, bound)
@@ -135,32 +155,40 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
         known.flow(begin_ns, seconds),
         known.samples(begin_ns, seconds, count, config.seed),
     )
-    request, made, compared = _within_times(job, request, flow, drawn)
+    # odds that a mission was chosen by are too high: it is judged in other samples
+    searched = (
+        known.samples(begin_ns, seconds, count, config.seed + 1)
+        if job.objective == "odds"
+        else drawn
+    )
+    request, made, compared = _within_times(job, request, flow, searched)
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
-    few = None
-    if job.waypoints and len(made.headings_deg) == 0:
-        notes += ("no waypoints are written: the plan has no legs",)
-    elif job.waypoints:
-        few = waypoints_of(
-            flow,
-            made,
-            job.waypoint_tolerance,
-            no_go=request.no_go,
-            bathymetry=request.bathymetry,
-            samples=drawn,
-        )
+    few, policy = None, None
+    clear = _Clear(no_go=request.no_go, bathymetry=request.bathymetry, samples=drawn)
+    if len(made.headings_deg) == 0:
+        asked = (job.waypoints, "waypoints are"), (job.policy, "policy is")
+        notes += tuple(f"no {name} written: the plan has no legs" for told, name in asked if told)
+    else:
+        if job.waypoints:
+            few = waypoints_of(flow, made, job.waypoint_tolerance, **clear)
+        if job.policy:
+            policy = policy_of(flow, made, **clear)
     notes += known.notes(
         made.start_time_ns, made.start_time_ns + round(made.duration * 1e9)
     ) + local_notes(known.local, made.start_time_ns)
     if count == 0:
         made = without_odds(made, known.first)
     made, compared = with_origin(made, origin), tuple(with_origin(one, origin) for one in compared)
-    planned = PlannedMission(made, on, None, None, few, notes, count)
+    planned = PlannedMission(made, on, None, None, few, notes, count, policy=policy)
     if not drawn or len(made.headings_deg) == 0:
         return replace(planned, departures=tuple(Departure.of(plan, None) for plan in compared))
     announce("flying the samples")
     judged, odds = _judged(job, request, (flow, drawn), made)
+    shaped = job.mooring is not None or job.line or compared or job.risk is not None
+    if judged.status == "uncertain" and job.objective in (None, "time") and not shaped:
+        hint = "--objective odds looks for a mission that more samples arrive with"
+        planned = replace(planned, notes=(*notes, hint))
     departures = tuple(_departure(job, request, (flow, drawn), plan) for plan in compared)
     return replace(
         planned, plan=judged, odds=odds, samples=_figures(odds, job), departures=departures
@@ -228,8 +256,9 @@ def _planned(
 ) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
     """Return the mission, and the plans of all departures where several are compared."""
     ranges = request.settings.depths, request.settings.speeds
-    if any(ranges) and (job.departures_ns or job.risk is not None):
-        # depth and speed of the mission that neither compares departures nor keeps a margin
+    for_odds = job.objective == "odds"
+    if any(ranges) and (job.departures_ns or job.risk is not None or for_odds):
+        # depth and speed of the mission that neither compares departures nor keeps a margin nor a reserve
         best = plan_mission(flow, request)
         settings = replace(best.settings, depths=None, speeds=None)
         request = replace(request, vehicle=best.vehicle, settings=settings)
@@ -242,6 +271,8 @@ def _planned(
         return plan_line(flow, request, line), ()
     if job.risk is not None:
         made, *_ = plan_scenarios(flow, drawn, request, allowed=job.risk, pilot=Pilot())
+    elif for_odds:
+        made = plan_for_odds(flow, drawn, request)
     else:
         made = plan_mission(flow, request)
     if job.horizon_s is None:
@@ -283,6 +314,11 @@ def _figures(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:
         "count": odds.count,
         "reached": corrected.reached,
         "reached_held": held.reached,
+        "reached_interval": share_interval(corrected.reached, odds.count),
+        "reached_held_interval": share_interval(held.reached, odds.count),
+        "arrival_90_percent_s": corrected.arrival_90_percent
+        if isfinite(corrected.arrival_90_percent)
+        else None,
         "miss_median_m": corrected.miss_median,
         "miss_90_percent_m": corrected.miss_90_percent,
         "miss_90_percent_held_m": held.miss_90_percent,

@@ -22,9 +22,11 @@ _MISSION = (
     "mooring",
     "line",
     "risk",
+    "arrive_by",
     "time_limit",
     "battery",
     "waypoints",
+    "policy",
 )
 
 
@@ -77,6 +79,7 @@ def _check(request: PlanRequest) -> None:
         request.then_places,
         request.box_numbers,
         request.start_time_ns,
+        request.arrive_by_s(request.start_time_ns or 0),
     )
     refusals = _learning_refusals(request) if request.learns else _mission_refusals(request)
     if message := next((message for refused, message in refusals if refused), None):
@@ -180,16 +183,45 @@ def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
             "--mooring and --line: expected no --depart and no --horizon",
         ),
         (
+            request.arrive_by is not None and (moored or compares or horizon is not None),
+            "--arrive-by: expected one departure to goals, without --mooring, --depart and --horizon",
+        ),
+        (
+            request.objective == "odds" and (shaped or compares or request.risk is not None),
+            "--objective odds: expected a mission to goals, without --line, --depart and --risk",
+        ),
+        (
+            request.policy and (shaped or len(request.goal) > 1 or horizon is not None),
+            "--policy: expected one --goal, without --mooring, --line and --horizon",
+        ),
+        (
             horizon is not None and request.waypoints,
             "--horizon: expected no --waypoints; they lead to the goal",
         ),
     )
 
 
-def check_samples(request: PlanRequest, count: int) -> None:
-    """Raise ConfigError when a risk is to be kept without samples, of which there are ``count``."""
-    if request.risk is not None and count == 0:
-        raise ConfigError("--risk: expected --samples beside it, got 0 of them")
+def check_samples(request: PlanRequest, count: int, knows_errors: bool) -> None:
+    """Raise an error when odds are asked for that the samples, of which there are ``count``, do not show.
+
+    Args:
+        request: What is asked for.
+        count: Number of samples.
+        knows_errors: Whether the estimate states its uncertainty.
+
+    Raises:
+        ConfigError: There are none.
+        PlanError: They are all the same.
+    """
+    asked = "--risk" if request.risk is not None else "--objective odds"
+    if request.risk is None and request.objective != "odds":
+        return
+    if not knows_errors:
+        raise PlanError(
+            f"{asked}: the estimate states no uncertainty (a truth, a member, a mean), so that it has no odds; give the result of a replay"
+        )
+    if count == 0:
+        raise ConfigError(f"{asked}: expected --samples beside it, got 0 of them")
 
 
 def objective_of(text: str) -> "str | Weights":

@@ -27,6 +27,7 @@ from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stages.consistency import conclusions
 from replay_kit.workflows.replay.statistics import pooled
+from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
 
 _NOT_DENIED = (
@@ -247,7 +248,8 @@ def _score(
     if problem is None or result is None or result.plan.status == "failed":
         return score, []
     plan = result.plan
-    mean_plan = problem.planner.plan(prior_flow, plan.start, plan.goal, plan.start_time_ns, None)
+    query = PlanQuery(plan.start, plan.goal, plan.start_time_ns)
+    mean_plan = problem.planner.plan(prior_flow, query)
     try:
         closest = [
             problem.planner.closest_approach(truth_flow, planned) for planned in (result, mean_plan)

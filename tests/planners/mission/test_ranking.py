@@ -184,5 +184,7 @@ def test_an_added_objective_ranks_the_missions_that_are_found(solved, monkeypatc
         best_departure([replace(plan, settings=which.request.settings) for plan in plans])
         for which in (task, asked)
     ] == [1, 0]
-    with pytest.raises(PlanError, match=r"expected one of time, energy, closest.*, or weights"):
+    with pytest.raises(
+        PlanError, match=r"expected one of time, energy, odds, closest.*, or weights"
+    ):
         with_settings(task, objective="speed")

@@ -214,6 +214,12 @@ def test_a_surfacing_is_not_overdue_while_the_dives_flown_would_go_on():
         planned.time_ns,
         pytest.approx((3.0 + 0.2 * 7.0) * 3600.0),
     )
+    # nor while the longest of them would have, of few by as much again
+    for dives, margin in ((5, 6.0 - 4.0 + 0.2 * 6.0), (2, 6.0 - 4.0 + 6.0)):
+        record = AsFlown(0.2, 20.0, 500.0, 7200.0, dives, longest=6 * 3600.0).to_record()
+        assert figures.next_surfacing(held(metadata={AS_FLOWN: record})).margin_s == pytest.approx(
+            3600.0 * margin
+        )
     after = longer.time_ns + 4 * HOUR_NS
     assert "surfacing overdue" in kinds(flown(2.0), after)
     assert "surfacing overdue" not in kinds(flown(7.0), after)

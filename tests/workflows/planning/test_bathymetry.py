@@ -20,6 +20,7 @@ from replay_kit.workflows.planning.bathymetry import (
     read_bathymetry,
     seabed_of,
 )
+from replay_kit.workflows.replay.stages.planner import PlanQuery
 from tests.planners.flow_samples import place, still_flow
 
 LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 25), np.linspace(-40.5, -39.5, 11)
@@ -170,7 +171,9 @@ def test_a_replay_s_missions_turn_above_the_bottom(tmp_path):
         PlannerConfig(kind="mission", depth=300.0, bathymetry=str(path), clearance=30.0), flow.grid
     )
     assert isinstance(planner, MissionPlanner)
-    found = planner.plan(flow, place(flow, -2e3, 0.0, 0.0), place(flow, 2e3, 0.0, 0.0), 0, None)
+    found = planner.plan(
+        flow, PlanQuery(place(flow, -2e3, 0.0, 0.0), place(flow, 2e3, 0.0, 0.0), 0)
+    )
     made = found.memory
     assert {max(leg) for leg in made.yo_depths} == {70.0}
     assert made.status == "reached"
@@ -185,13 +188,13 @@ def test_a_glide_ends_above_the_bottom(tmp_path):
     planner = planner_of(PlannerConfig(bathymetry=str(path), clearance=30.0), flow.grid)
     assert isinstance(planner, GlidePlanner)
     start = place(flow, -2e3, 0.0, 0.0)
-    above = planner.plan(flow, start, place(flow, 2e3, 0.0, 69.0), 0, None).plan
+    above = planner.plan(flow, PlanQuery(start, place(flow, 2e3, 0.0, 69.0), 0)).plan
     assert (above.status, above.track[-1, 2]) == ("reached", pytest.approx(69.0, abs=0.1))
     np.testing.assert_allclose(above.bottom, 100.0, rtol=1e-12)
     with pytest.raises(
         PlanError, match="goal at 71 m is below the bottom less the clearance of 30 m; move it up"
     ):
-        planner.plan(flow, start, place(flow, 2e3, 0.0, 71.0), 0, None)
+        planner.plan(flow, PlanQuery(start, place(flow, 2e3, 0.0, 71.0), 0))
 
 
 def test_no_more_of_a_grid_of_the_world_is_read_than_lies_around_the_region(tmp_path):

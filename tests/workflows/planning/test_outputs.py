@@ -46,9 +46,12 @@ def test_a_mission_is_handed_over_where_it_is_safe_or_no_one_asked(
 ):
     samples = None if safe is None else {"safe": safe, "violations": {"land": 0.05, "banks": 0.15}}
     planned = SimpleNamespace(
-        waypoints=waypoints, samples=samples, plan=SimpleNamespace(status=status)
+        waypoints=waypoints, samples=samples, plan=SimpleNamespace(status=status), policy=None
     )
     assert unsafe_reason(planned, PlanRequest(risk=risk)) == why
+    planned.waypoints, planned.policy = None, RISKY
+    risky = unsafe_reason(planned, PlanRequest())
+    assert risky == "the policy is not safe in 20 % of the samples"
 
 
 def test_energy_is_told_with_its_share_of_the_battery():

@@ -41,6 +41,7 @@ from replay_kit.show.summary import print_summary
 from replay_kit.workflows.planning import MissionPlanner, planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
+from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.command import invoke
@@ -314,11 +315,11 @@ def test_a_stated_number_of_legs_is_that_of_the_first_plan():
     planner = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0, legs=4))
     flow = embed_member(synthetic.ensemble(), 0, EstimatorConfig())
     start, goal = Place(152.2, -39.8, 0.0), Place(152.3, -39.75, 0.0)
-    first = planner.plan(flow, start, goal, 0, None)
+    first = planner.plan(flow, PlanQuery(start, goal, 0))
     assert len(first.memory.headings_deg) == 4
     after = int(first.memory.surfacing_times[1] * 1e9)
     here = Place(float(first.memory.surfacings[1, 0]), float(first.memory.surfacings[1, 1]), 0.0)
-    again = planner.plan(flow, here, goal, after, first)
+    again = planner.plan(flow, PlanQuery(here, goal, after, first))
     assert len(again.memory.headings_deg) == 2
     # the second is a plan of its own, not the first anew
     assert again.memory.start_time_ns == after
@@ -346,7 +347,7 @@ def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
         ),
     )
     np.testing.assert_array_equal(
-        planner.plan(growing, start, goal, 10**15, None).plan.track, expected.track
+        planner.plan(growing, PlanQuery(start, goal, 10**15)).plan.track, expected.track
     )
     once = plan_mission(
         still,
@@ -355,7 +356,7 @@ def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
         ),
     )
     np.testing.assert_array_equal(
-        planner.plan(same, start, goal, 10**15, None).plan.track, once.track
+        planner.plan(same, PlanQuery(start, goal, 10**15)).plan.track, once.track
     )
     assert (
         np.abs(once.track[: len(expected.track)] - expected.track[: len(once.track)]).max() > 50.0

@@ -48,8 +48,8 @@ class Asked:
 
     calls: list[tuple[float, Place]] = field(default_factory=list)
 
-    def plan(self, flow: Any, start: Place, goal: Place, start_time_ns: int, warm: Any) -> Any:
-        self.calls.append((start_time_ns / SECOND, start))
+    def plan(self, flow: Any, query: Any) -> Any:
+        self.calls.append((query.start_time_ns / SECOND, query.start))
         raise PlanError("nothing is planned here")
 
 

@@ -27,6 +27,23 @@ class PlanResult:
     memory: Any = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanQuery:
+    """What a planner is asked at one time.
+
+    Attributes:
+        start: Where the plan begins.
+        goal: Where it leads.
+        start_time_ns: When it begins [ns, UTC].
+        warm: The last plan, to begin from; None without.
+    """
+
+    start: Place
+    goal: Place
+    start_time_ns: int
+    warm: PlanResult | None = None
+
+
 class HasGrid(Protocol):
     """An estimate, or the forecast that it is made of."""
 
@@ -44,15 +61,8 @@ class Planner(Protocol):
         """The bottom that its plans stay above; None without a bathymetry."""
         ...
 
-    def plan(
-        self,
-        flow: FlowEstimate,
-        start: Place,
-        goal: Place,
-        start_time_ns: int,
-        warm: PlanResult | None,
-    ) -> PlanResult:
-        """Return the best plan found from start towards goal."""
+    def plan(self, flow: FlowEstimate, query: PlanQuery) -> PlanResult:
+        """Return the best plan found from a start towards a goal."""
         ...
 
     def with_odds(self) -> "Planner":

@@ -15,7 +15,7 @@ from replay_kit.core.surfacing import Surfacing, SurfacingOutcome, surfacing_out
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.stages.estimation import Step
-from replay_kit.workflows.replay.stages.planner import Planner, PlanResult
+from replay_kit.workflows.replay.stages.planner import Planner, PlanQuery, PlanResult
 from replay_kit.workflows.replay.stages.publishing import LogWarning, Output, PublishedPlan
 
 #: Returns the estimate for a time [ns, UTC].
@@ -185,9 +185,8 @@ def make_plan(
         return state, ()
     start = start or _place_of(state.position)
     try:
-        result = problem.planner.plan(
-            flow, start, problem.goal_at(start_time_ns), start_time_ns, state.result
-        )
+        goal = problem.goal_at(start_time_ns)
+        result = problem.planner.plan(flow, PlanQuery(start, goal, start_time_ns, state.result))
     except PlanError as error:
         return replace(state, result=None, failure=str(error), expected=None), (
             LogWarning(start_time_ns, f"no plan: {error}"),

@@ -1,0 +1,137 @@
+"""Missions planned for the odds beside the quickest ones: in fresh samples of the estimate, and in withheld truths."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planners import (
+    Glider,
+    MissionPlan,
+    MissionRequest,
+    MissionSettings,
+    Pilot,
+    fly_scenarios,
+    mission_odds,
+    plan_for_odds,
+    plan_mission,
+)
+from planners.mission.flight.currents import Sample
+from replay_kit.config.run import RunConfig
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.estimator import embed_member
+from replay_kit.forecast import read_ensemble
+from replay_kit.studies.planning.odds import PlanningJob, _estimate, as_sample, draw_missions
+from replay_kit.studies.twins.field import build_field
+from tests.benchmarks.measure import Row, row, seconds
+from tests.places import DATA, SAMPLES
+
+#: Profiles given to the estimates of uncertain missions, and of easy ones; samples searched, and fresh ones.
+UNCERTAIN, EASY = 10, 150
+_SEARCHED, _JUDGING, _FRESH = 40, 40, 100
+# Standard deviations of a mean to the ends of its interval of 90 %.
+_NINETY = 1.645
+
+
+@dataclass(frozen=True, slots=True)
+class Paired:
+    """One mission both ways, the quickest first: shares of fresh samples, whether it arrives in the truth; the share stated."""
+
+    fresh: tuple[float, float]
+    truth: tuple[float, float]
+    stated: float
+    oracle: float
+    safe: float
+    costs_h: float
+    took: float
+
+
+def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH) -> Row:
+    """Return the row of some missions in estimates of some truths that have met so many profiles."""
+    qg, config = DATA / "qg" / "climatology.nc", RunConfig()
+    whole = qg.exists() and truths > 1
+    ensemble = read_ensemble(qg if whole else SAMPLES / "ensemble.nc", config.forecast)
+    job = PlanningJob(pairs=truths, pings=pings, legs=10)
+    found = list[Paired]()
+    for case in job.cases(ensemble, None)[:truths]:
+        field, truth = build_field(case.truth), embed_member(case.truth, 0, config.estimator)
+        flow, depth = _estimate(case, field, config.estimator, job), 500.0
+        flow = replace(flow, covariance=flow.weight_cov)
+        grids, rng = (flow.grid, case.ensemble.grid), np.random.default_rng((0, case.member or 0))
+        for pair in draw_missions(field, flow.mean_flow(), grids, (missions, 10, depth), rng):
+            request = MissionRequest(
+                pair.start,
+                (pair.target,),
+                Glider(0.3, None, 15.0, 35.0),
+                MissionSettings(depth=depth, surface_time=600.0),
+            )
+            if one := _paired(flow, as_sample(flow, truth), request, fresh):
+                found.append(one)
+    return _row(pings, found)
+
+
+def _paired(
+    flow: FlowEstimate, truth: FlowEstimate, request: MissionRequest, count: int
+) -> Paired | None:
+    """Return a mission both ways; None where the goal is out of reach in the estimate."""
+    quickest = plan_mission(flow, request)
+    if quickest.status != "reached" or not len(quickest.headings_deg):
+        return None
+    took, chosen = seconds(lambda: plan_for_odds(flow, flow.sample(_SEARCHED, 3), request))
+    fresh = flow.sample(count, 1_000_003)
+
+    def shares(samples: list[Sample]) -> tuple[float, float]:
+        quick, odds = (
+            fly_scenarios(flow, samples, one, pilot=Pilot()).reached for one in (quickest, chosen)
+        )
+        return quick, odds
+
+    stated = mission_odds(flow, flow.sample(_JUDGING, 5), chosen, request).corrected
+    return Paired(
+        shares(list(fresh)),
+        shares([truth]),
+        stated.reached,
+        float(_knowing(truth, chosen, request)),
+        stated.safe,
+        float(chosen.statistics["odds_costs_h"]),
+        took,
+    )
+
+
+def _knowing(truth: FlowEstimate, plan: MissionPlan, request: MissionRequest) -> bool:
+    """Return whether a planner who knows the truth arrives in the time of a plan, in which a pilot may be late."""
+    settings = replace(request.settings, max_duration=plan.duration)
+    return plan_mission(truth, replace(request, settings=settings)).status == "reached"
+
+
+def _row(pings: int, found: list[Paired]) -> Row:
+    def interval(gains: np.ndarray) -> dict[str, float]:
+        half = _NINETY * float(gains.std(ddof=1)) / gains.size**0.5 if gains.size > 1 else 0.0
+        return {"mean": float(gains.mean()), "half_of_90": half, "least": float(gains.min())}
+
+    fresh, truth = (np.array([getattr(one, name) for one in found]) for name in ("fresh", "truth"))
+    off = np.array([one.stated for one in found]) - fresh[:, 1]
+    more = {
+        **{f"fresh_gain_{name}": value for name, value in interval(fresh @ [-1.0, 1.0]).items()},
+        **{f"truth_gain_{name}": value for name, value in interval(truth @ [-1.0, 1.0]).items()},
+        "quickest_fresh": float(fresh[:, 0].mean()),
+        "odds_fresh": float(fresh[:, 1].mean()),
+        "quickest_in_truth": float(truth[:, 0].mean()),
+        "odds_in_truth": float(truth[:, 1].mean()),
+        "oracle_in_truth": float(np.mean([one.oracle for one in found])),
+        "stated_minus_fresh": float(off.mean()),
+        "costs_h": float(np.mean([one.costs_h for one in found])),
+    }
+    return row(
+        f"{len(found)} missions for the odds after {pings} profiles: share that arrives, beside the quickest",
+        float(np.median([one.took for one in found])),
+        "the quickest mission",
+        error={"stated_off": float(abs(off.mean()))},
+        **more,
+    )
+
+
+def rows(tiny: bool) -> list[Row]:
+    """Return the rows of uncertain missions and of easy ones."""
+    if tiny:
+        return [odds_row(UNCERTAIN, 1, 1, 20)]
+    return [odds_row(pings, 10, 4) for pings in (UNCERTAIN, EASY)]

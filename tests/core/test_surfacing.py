@@ -1,0 +1,64 @@
+"""Ellipses of surfacings, calibrated by those scored so far."""
+
+from dataclasses import replace
+from math import isnan
+
+import numpy as np
+import pytest
+
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Fix
+from replay_kit.core.surfacing import CALIBRATING, DiveForecast, DiveOutcome, calibrated, ellipse_of
+
+DIVE_NS, RADII = 5 * 3600 * 10**9, (1.177, 2.146)
+
+
+def outcomes_of(rng, count, too_small):
+    """Surfacings, one a dive, that are farther from their places than the ellipses state, by a factor."""
+    made = []
+    for k in range(count):
+        cov = np.diag(rng.uniform(100.0, 900.0, 2) ** 2)
+        inner, outer = (ellipse_of(10.0, 60.0, cov, radius) for radius in RADII)
+        start = Fix(k * DIVE_NS, 10.0, 60.0)
+        forecast = DiveForecast(
+            k, k, start, (k + 1) * DIVE_NS, 10.0, 60.0, inner, outer, float("nan")
+        )
+        off = too_small * np.sqrt(np.diag(cov)) * rng.standard_normal(2)
+        at = (float(part) for part in to_geographic(Projection(10.0, 60.0), *off))
+        made.append(DiveOutcome(forecast, Fix((k + 1) * DIVE_NS, *at), 0.0, 0.0, 0.0))
+    return made
+
+
+@pytest.mark.parametrize("too_small", [1.0, 2.0])
+def test_calibrated_ellipses_hold_their_shares_whatever_the_stated_ones_hold(too_small):
+    rng, inside = np.random.default_rng(3), []
+    for _ in range(150):
+        *earlier, last = outcomes_of(rng, 31, too_small)
+        found = calibrated(last.forecast, earlier)
+        assert found.scored == 30
+        at = last.fix.longitude, last.fix.latitude
+        inside.append(
+            (found.inner.holds(*at), found.outer.holds(*at), last.forecast.outer.holds(*at))
+        )
+    half, nine, stated = np.mean(inside, axis=0)
+    assert 0.42 < half < 0.62
+    assert 0.86 < nine < 0.98
+    assert (stated > 0.83) == (too_small == 1.0)
+
+
+def test_later_surfacings_count_more_and_few_do_not_calibrate():
+    rng = np.random.default_rng(5)
+    before, after = outcomes_of(rng, 120, 1.0), outcomes_of(rng, 60, 3.0)
+    later = [
+        replace(one, fix=one.fix._replace(time_ns=one.fix.time_ns + 120 * DIVE_NS)) for one in after
+    ]
+    coming = replace(after[-1].forecast, start=Fix(180 * DIVE_NS, 10.0, 60.0))
+    mixed, alike = (calibrated(coming, part).factor for part in (before + later, before + after))
+    assert mixed > alike > 1.0
+    few = calibrated(coming, after[: CALIBRATING - 1])
+    assert few.outer == coming.outer
+    assert (few.scored, isnan(few.factor)) == (CALIBRATING - 1, True)
+    # as many are enough where they are not long ago
+    assert isnan(calibrated(coming, after[:CALIBRATING]).factor)
+    assert calibrated(after[CALIBRATING].forecast, after[:CALIBRATING]).factor > 1.5
