@@ -209,7 +209,10 @@ class MeanCurrentProcess:
 
     def _backgrounds(self, dive: DiveMean) -> Array:
         """Return what the current is measured about, shape (b, 2); zero where it is not known."""
-        return np.vstack([np.zeros(2), np.nan_to_num(dive.backgrounds[: self.n_backgrounds])])
+        about = np.zeros((self.n_backgrounds + 1, 2))
+        known = np.nan_to_num(dive.backgrounds[: self.n_backgrounds])
+        about[1 : len(known) + 1] = known
+        return about
 
     def _changed(self, spread: Array) -> Array:
         return np.asarray(spread + self.settings.amplitude[:, None, None] ** 2 * np.eye(2))
