@@ -226,7 +226,7 @@ class MeanCurrentProcess:
         return design
 
     def _seen(self, state: ProcessState, dive: DiveMean) -> _Seen:
-        settings, own = self.settings, dive.position_variance + _FLOOR**2
+        settings = self.settings
         instants = _instants(dive)
         before = instants[0] if state.time_ns is None else state.time_ns
         # an instant before the last one known counts as at it
@@ -258,7 +258,7 @@ class MeanCurrentProcess:
         )
         along = settings.axes @ settings.axes.transpose(0, 2, 1)
         # a way that is planned, not known, moves the flight model's error by 1 + 1/4 of its variance
-        own = own + 1.25 * (settings.flight * dive.way_std) ** 2
+        own = dive.position_variance + _FLOOR**2 + 1.25 * (settings.flight * dive.way_std) ** 2
         spread = design @ seen + variance[:, None, None] * along + own[:, None, None] * np.eye(2)
         return _Seen(mean, cov, state.mean @ design.transpose(0, 2, 1), cross, spread)
 
