@@ -80,7 +80,9 @@ class Basis:
 
     @property
     def member_anomalies(self) -> Array:
-        """The members' weights less their mean, shape (E, Z, r)."""
+        """The members' weights less their mean, shape (E, Z, r); of a basis without members as many."""
+        if not len(self.member_weights):
+            return self.member_weights
         return np.asarray(self.member_weights - self.member_weights.mean(axis=0))
 
     @property

@@ -88,7 +88,7 @@ class MeanAmplitude:
     def moved(self, anomalies: Array) -> Array:
         """Return by how much the prior's centre is moved, shape (Z r,), of the members' anomalies, shape (E, Z, r)."""
         if not self.shares:
-            return np.zeros(anomalies[0].size)
+            return np.zeros(anomalies.shape[1] * anomalies.shape[2])
         return np.tensordot(np.array(self.shares), anomalies, axes=1).ravel()
 
     def ended(self) -> "MeanAmplitude":

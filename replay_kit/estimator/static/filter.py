@@ -268,7 +268,7 @@ class ReducedBasisEstimator(StaticEstimator):
         """Return a state whose covariance is multiplied by a factor, and the variance of the mean's amplitude averaged over."""
         if factor > 1.0:
             state = replace(state, posterior=inflated(state.posterior, factor))
-        return with_mean_averaged(state, self.basis.mean_weights, self.basis.member_anomalies)
+        return with_mean_averaged(state, self.basis)
 
     def weights(self, states: Sequence[FilterState]) -> Sequence[Array | None]:
         """Return the means of states, each of shape (Z r,): those of neighbours in one run cost little more than one of them."""

@@ -22,6 +22,7 @@ from scipy.linalg import solve_triangular
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Measurement
+from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.amplitude import (
     VARIANCES,
     WEIGHTS,
@@ -154,19 +155,16 @@ class FilterState(Assimilation):
         return self.posterior.mean
 
 
-def with_mean_averaged(
-    state: FilterState, mean_weights: Array | None, members: Array
-) -> FilterState:
+def with_mean_averaged(state: FilterState, basis: Basis) -> FilterState:
     """Return the state after the average over the amplitude's variance, about a centre that is moved first, if it is time.
 
     Once the posterior is in another form, after a mean along a path or where the basis is small, the Gaussian stays as it is.
 
     Args:
         state: After a profile or a group of them.
-        mean_weights: shape (Z, r), the ensemble mean; None where its amplitude is certain.
-        members: shape (E, Z, r), the members' anomalies.
+        basis: Has the ensemble mean, unless its amplitude is certain, and the members.
     """
-    before, posterior = state.mean_amplitude, state.posterior
+    before, posterior, mean_weights = state.mean_amplitude, state.posterior, basis.mean_weights
     if (
         before is None
         or mean_weights is None
@@ -178,8 +176,10 @@ def with_mean_averaged(
     base = prior.base if isinstance(prior, AmplitudePrior) else prior
     if not isinstance(base, HybridPrior):
         return replace(state, mean_amplitude=before.ended())
-    rows = posterior.rows_times(mean_weights)
-    posterior, shares = _about_members(posterior, base, rows, before, members)
+    rows, members = posterior.rows_times(mean_weights), basis.member_anomalies
+    shares = before.shares
+    if len(members):
+        posterior, shares = _about_members(posterior, base, rows, before, members)
     whitened = posterior.factor.solve(posterior.n, rows[:, None])[:, 0]
     after = before.averaged(
         float(whitened @ whitened), float(whitened @ posterior.forward[:, 0]), posterior.n
