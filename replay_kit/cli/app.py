@@ -38,8 +38,7 @@ _MODULES = {
         "show": ("report", "status", "plot", "export", "layout"),
         "results": ("verify", "smooth"),
         "twin": ("synthesize",),
-        "estimates": ("accuracy", "paper"),
-        "gliders": ("dives", "missions", "planning"),
+        "studies": ("paper", "planning"),
     }.items()
     for name in names
 }
@@ -110,24 +109,16 @@ _COMMANDS = {
         "[LOG...] --ensemble ADDRESS...",
         "Fetch the part of a forecast on a server that a replay of the logs needs, for later replays without a link.",
     ),
+    "bench": (
+        "[DATA...] [--ensemble FILE...]",
+        "Benchmark methods, and programs of your own, on frozen tasks: dives of real missions predicted, withheld truths estimated.",
+    ),
     "verify": (
         "OUT.mcap",
         "Reproduce a result from its recorded inputs and report differences (exit code 5).",
     ),
 }
 _STUDIES = {
-    "accuracy": (
-        "--ensemble FILE (--truth FILE | --leave-out K)",
-        "Compare estimators on twin surveys: error and calibration against the number of pings.",
-    ),
-    "dives": (
-        "LOG... --ensemble FILE",
-        "Predict each dive of a log from the earlier ones: profiles, depth-averaged current, surfacing position.",
-    ),
-    "missions": (
-        "--ensemble FILE --leave-out K,K,...",
-        "Simulate glider missions in members left out: outliers, and biases of compass and scale.",
-    ),
     "paper": (
         "--ensemble FILE (--truth FILE | --leave-out K) -o DIR",
         "Compute the study of Kong et al. (IROS 2021) on an ensemble: its tables, figures, and a report of where its method holds.",

@@ -3,7 +3,7 @@
 import hashlib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, one_by_one
 from replay_kit.core.errors import ConfigError, ForecastError
-from replay_kit.core.grid import component_rms
+from replay_kit.core.grid import Ensemble, component_rms
 from replay_kit.core.text import count_text
 
 Kind = Literal["dim", "files", "suffix", "lags", "times", "models"]
@@ -116,6 +116,7 @@ def is_background(path: Path) -> bool:
 
 #: Beginning of the notes that say that something is probably wrong.
 WARNING = "WARNING: "
+_DUPLICATES = f"{WARNING}duplicate members"
 # Faster than currents are, or slower: velocities in another unit than the file states.
 _ODD_SPEEDS = (0.004, 1.5)
 
@@ -185,9 +186,7 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
             f"{source}: all {len(labels)} members are identical; give members that differ"
         )
     if same:
-        notes.append(
-            f"{WARNING}duplicate members are counted twice: {len(same)}, such as {same[0]}; remove them"
-        )
+        notes.append(f"{_DUPLICATES} are counted once: {len(same)}, such as {same[0]}; remove them")
     rms = component_rms(velocity)
     if rms == 0.0:
         notes.append(
@@ -205,3 +204,26 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
             f"{WARNING}the members average to zero, as anomalies do; add the background (bg_*.nc) to --ensemble"
         )
     return tuple(notes)
+
+
+def without_copies(series: Sequence[Ensemble]) -> tuple[Ensemble, ...]:
+    """Return a forecast at its times with members once that are the same at all of them; at least two stay."""
+    first = series[0]
+    digests = [b""] * first.n_members
+    for part in series:
+        for member, values in enumerate(one_by_one(part.velocity)):
+            digests[member] += hashlib.blake2b(values.tobytes()).digest()
+    left = [k for k, digest in enumerate(digests) if digests.index(digest) == k]
+    if len(left) < 2:
+        return tuple(series)
+    if len(left) == first.n_members:
+        notes = tuple(note for note in first.notes if not note.startswith(_DUPLICATES))
+        return (replace(first, notes=notes), *series[1:])
+    return tuple(
+        replace(
+            part,
+            velocity=part.velocity[left],
+            members=tuple(part.members[k] for k in left) if part.members else (),
+        )
+        for part in series
+    )

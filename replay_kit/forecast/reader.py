@@ -26,7 +26,14 @@ from replay_kit.forecast.gather import (
 )
 from replay_kit.forecast.grid import local_grid
 from replay_kit.forecast.layout import Layout, U, lay_out
-from replay_kit.forecast.members import MADE, MemberRule, common_water, parse_rule, unusual_members
+from replay_kit.forecast.members import (
+    MADE,
+    MemberRule,
+    common_water,
+    parse_rule,
+    unusual_members,
+    without_copies,
+)
 from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
 from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.selection import Selection, select
@@ -71,7 +78,7 @@ def read_ensemble(
             or nothing is inside the region.
     """
     with open_collection(path, parse_rule(config.members)) as found:
-        return read_members(found, config, near_ns, place_at).ensemble
+        return without_copies((read_members(found, config, near_ns, place_at).ensemble,))[0]
 
 
 def read_members(

@@ -12,7 +12,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import Paths
 from replay_kit.forecast.blocks import Collection, open_collection
 from replay_kit.forecast.layout import U
-from replay_kit.forecast.members import MADE, kind_of, parse_rule
+from replay_kit.forecast.members import MADE, kind_of, parse_rule, without_copies
 from replay_kit.forecast.names import find_lead, find_time
 from replay_kit.forecast.reader import read_ensemble, read_members, read_truth
 from replay_kit.forecast.times import dated_leads
@@ -43,12 +43,13 @@ def read_series(
     with open_collection(path, parse_rule(config.members)) as found:
         chosen = dated_choices(found, config)
         if len(chosen) < 2:
-            return (read_members(found, config, near_ns, place_at).ensemble,)
+            return without_copies((read_members(found, config, near_ns, place_at).ensemble,))
         series = [
             read_members(found, config.model_copy(update=choice), None, place_at).ensemble
             for choice in chosen
         ]
         where = found.source
+    series = list(without_copies(series))
     times = [int(part.time_ns or 0) for part in series]
     if any(after <= before for before, after in pairwise(times)):
         raise ForecastError(

@@ -124,8 +124,7 @@ REFUSED = [
     (["synthesize", "--ensemble", "e.nc", "--truth", "truth.nc"], "--overwrite"),
     (
         [
-            "experiment",
-            "accuracy",
+            "bench",
             "--ensemble",
             "there.json",
             "--leave-out",
@@ -138,8 +137,7 @@ REFUSED = [
     ),
     (
         [
-            "experiment",
-            "accuracy",
+            "bench",
             "--ensemble",
             "ensemble.nc",
             "--leave-out",

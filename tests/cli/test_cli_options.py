@@ -50,7 +50,7 @@ OUTPUTS = [
 FOLDERS = [
     (words, option)
     for words, option in OUTPUTS
-    if words[0] in ("experiment", "fleet") and option == "--out"
+    if words[0] in ("bench", "experiment", "fleet") and option == "--out"
 ]
 
 
@@ -77,8 +77,9 @@ def test_the_outputs_of_every_command_are_known() -> None:
             ("fleet",),
             ("layout",),
             ("fetch",),
+            ("bench",),
         ),
-        *(("experiment", name) for name in ("accuracy", "dives", "paper", "missions", "planning")),
+        *(("experiment", name) for name in ("paper", "planning")),
     }
     without = set(COMMANDS) - {words for words, option in OUTPUTS if option == "--json"}
     assert without == {("twin",), ("synthesize",), ("report",), ("plot",), ("export",), ("layout",)}
@@ -158,8 +159,8 @@ def test_the_names_that_annotations_state_are_those_that_the_parser_knows(words)
             "-o: its value is missing; expected replay-kit replay LOG...",
         ),
         (
-            ["experiment", "dives", "a.mcap"],
-            "--ensemble is missing; expected replay-kit experiment dives LOG... --ensemble FILE.",
+            ["experiment", "planning", "-o", "out"],
+            "--ensemble is missing; expected replay-kit experiment planning --ensemble FILE -o DIR.",
         ),
     ],
 )
@@ -247,8 +248,8 @@ def test_an_option_with_one_value_is_given_once(words, step) -> None:
 def test_every_command_that_reads_an_ensemble_takes_several_files() -> None:
     assert {words for words, option in SINGLE if option.name == "--ensemble"} == {("synthesize",)}
     assert {words for words, name, option in OPTIONS if option.name == "--ensemble"} == {
-        *(("replay",), ("smooth",), ("info",), ("synthesize",), ("fleet",), ("fetch",)),
-        *(("experiment", name) for name in ("accuracy", "paper", "missions", "planning", "dives")),
+        *(("replay",), ("smooth",), ("info",), ("synthesize",), ("fleet",), ("fetch",), ("bench",)),
+        *(("experiment", name) for name in ("paper", "planning")),
     }
 
 

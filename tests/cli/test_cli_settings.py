@@ -10,8 +10,8 @@ from replay_kit.cli.app import app
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError
-from replay_kit.studies.accuracy import METHODS
-from replay_kit.studies.missions import STUDIES as MISSION_STUDIES
+from replay_kit.studies.bench.run import DIVE_METHODS, TASKS
+from replay_kit.studies.scoring import METHODS
 from tests.command import invoke
 from tests.places import ROOT
 
@@ -103,8 +103,7 @@ def test_a_section_that_is_not_there_is_a_fault_of_the_program() -> None:
 def test_help_lists_what_the_libraries_have() -> None:
     for words, names in (
         (["plan"], FORMS),
-        (["experiment", "missions"], MISSION_STUDIES),
-        (["experiment", "accuracy"], METHODS),
+        (["bench"], (*TASKS, *DIVE_METHODS, *METHODS)),
     ):
         said = invoke([*words, "--help-all"], columns=400).stdout
         assert all(name in said for name in names), words
@@ -120,7 +119,7 @@ def test_help_lists_what_the_libraries_have() -> None:
             "--planner.depth",
         ),
         (["replya"], '"replay"'),
-        (["experiment", "acuracy"], '"accuracy"'),
+        (["experiment", "plannig"], '"planning"'),
     ],
 )
 def test_a_misspelt_word_names_the_nearest(arguments, nearest) -> None:

@@ -20,7 +20,7 @@ def test_copies_are_told_and_refused_where_there_is_nothing_else(tmp_path):
     (note,) = (note for note in read.notes if "duplicate" in note)
     assert (
         note
-        == "WARNING: duplicate members are counted twice: 1, such as 'mem003.nc' and 'mem000.nc'; remove them"
+        == "WARNING: duplicate members are counted once: 1, such as 'mem003.nc' and 'mem000.nc'; remove them"
     )
     refused(
         "all 2 members are identical; give members that differ",

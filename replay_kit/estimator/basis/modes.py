@@ -79,6 +79,13 @@ class Basis:
     error_field: ErrorField | None = None
 
     @property
+    def member_anomalies(self) -> Array:
+        """The members' weights less their mean, shape (E, Z, r); of a basis without members as many."""
+        if not len(self.member_weights):
+            return self.member_weights
+        return np.asarray(self.member_weights - self.member_weights.mean(axis=0))
+
+    @property
     def n_modes(self) -> int:
         """Number of modes r for each level."""
         return int(self.modes.shape[1])

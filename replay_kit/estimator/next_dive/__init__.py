@@ -2,5 +2,14 @@
 
 from replay_kit.estimator.next_dive.filter import DiveMean, DiveModel, DiveState
 from replay_kit.estimator.next_dive.mixture import Mixture, Persistence
+from replay_kit.estimator.next_dive.process import MeanCurrentProcess, ProcessState
 
-__all__ = ["DiveMean", "DiveModel", "DiveState", "Mixture", "Persistence"]
+__all__ = [
+    "DiveMean",
+    "DiveModel",
+    "DiveState",
+    "MeanCurrentProcess",
+    "Mixture",
+    "Persistence",
+    "ProcessState",
+]

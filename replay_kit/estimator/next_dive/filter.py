@@ -1,4 +1,6 @@
-"""The mean current of each dive from those before it: Kalman filters of small models, averaged by how well each has predicted so far.
+"""Small models of dives' means: of velocities over ground, of the flight model's error, and of the current beside the estimate.
+
+Each is Kalman filters averaged by how well each has predicted so far. Mean currents themselves are predicted by ``process.py``.
 
 A dive's mean current, as the vehicle's flight model gives it, is
 
@@ -26,7 +28,6 @@ from replay_kit.estimator.next_dive.settings import (
     FLIGHT_BIAS,
     UNKNOWNS,
     Settings,
-    combinations,
     flight_combinations,
     ground_combinations,
 )
@@ -34,8 +35,8 @@ from replay_kit.estimator.next_dive.settings import (
 _NS = 1e9
 # m; how far fixes and way through the water miss together, over the dive's time
 _POSITION_STD = 60.0
-# m/s; of the inverted current beside that of the flight model
-_INVERTED_STD = 0.03
+#: m/s; of the inverted current beside that of the flight model
+INVERTED_STD = 0.03
 # Probability of a change between two dives, of a velocity over ground, and the factor on the variances of what changes.
 _JUMP, _TURN, _JUMP_FACTOR = 0.05, 0.02, 4.0
 # Probability that a dive's mean current is wrong, and by how much then, a component [m/s].
@@ -62,6 +63,7 @@ class DiveMean:
         inverted: shape (2,), mean along the path of absolute profiles that do not depend on the flight model; None without.
         backgrounds: shape (k, 2), background currents, in the order of the settings.
         position_std: How far fixes and way through the water miss together, over the dive's time [m].
+        way_std: Of each component of ``way`` [m/s]; 0 where it is known.
     """
 
     time_ns: int
@@ -72,6 +74,7 @@ class DiveMean:
     inverted: Array | None = None
     backgrounds: Array = field(default_factory=lambda: np.empty((0, 2)))
     position_std: float = _POSITION_STD
+    way_std: float = 0.0
 
     @property
     def design(self) -> Array:
@@ -118,11 +121,6 @@ class DiveModel:
     settings: Settings
     jump: float = _JUMP
     wrong: float = 0.0
-
-    @classmethod
-    def default(cls, n_backgrounds: int = 0) -> "DiveModel":
-        """Return the model of all combinations, with so many backgrounds beside none."""
-        return cls(combinations(n_backgrounds))
 
     @classmethod
     def over_ground(cls, n_backgrounds: int = 0) -> "DiveModel":
@@ -224,7 +222,7 @@ class DiveModel:
         design[:, : FLIGHT_BIAS.start] = 0.0
         errors = dive.velocity - inverted - state.mean @ design.T
         spread = design @ state.cov @ design.T + (
-            _INVERTED_STD**2 + dive.position_variance
+            INVERTED_STD**2 + dive.position_variance
         ) * np.eye(2)
         cases: list[_Case] = [(float(np.log(1.0 - self.wrong)), state.cov, spread)]
         if self.wrong:

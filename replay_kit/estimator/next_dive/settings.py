@@ -1,4 +1,4 @@
-"""Settings of the model of dives' mean currents: none is fitted, all combinations are averaged by the evidence of the dives before."""
+"""Settings of the small models of dives: none is fitted, all combinations are averaged by the evidence of the dives before."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 
 _HOUR = 3600.0
-# Factors of 2 and of 4 apart: a few dives do not resolve smaller steps.
-_AMPLITUDES = (0.01, 0.02, 0.04, 0.08, 0.16)
+# Factors of 2 and of 4 apart: a few dives do not resolve smaller steps. A velocity over ground holds the way through the water: a dive's
+# course is like that of the last, or turned.
 _TIME_SCALES = (6.0 * _HOUR, 24.0 * _HOUR, 96.0 * _HOUR)
 _WHITES = (0.005, 0.01, 0.02, 0.04)
 _FLIGHT_BIASES = (0.05, 0.5)
-_SURFACE_SHARES = (0.0, 1.0, 3.0)
 _CONSTANTS = (0.05, 0.15)
-# The same of a velocity over ground, which holds the way through the water: a dive's course is like that of the last, or turned.
 _GROUND_AMPLITUDES = (0.02, 0.04, 0.08, 0.16, 0.32)
 _GROUND_CONSTANTS = (0.1, 0.3)
 # The same for the flight model's bias alone: fewer, as they are passed through once for each dive that is left out.
@@ -64,23 +62,6 @@ class Settings:
     def has_flight_bias(self) -> NDArray[np.bool_]:
         """Which combinations have an error of the flight model, shape (h,)."""
         return np.asarray(self.variance[:, FLIGHT_BIAS.start] > 0.0)
-
-
-def combinations(n_backgrounds: int = 0) -> Settings:
-    """Return all combinations of settings of a mean current.
-
-    Args:
-        n_backgrounds: Number of currents beside zero that a dive's current may be measured about.
-    """
-    return _of_axes(
-        _AMPLITUDES,
-        _TIME_SCALES,
-        _WHITES,
-        _FLIGHT_BIASES,
-        _SURFACE_SHARES,
-        _CONSTANTS,
-        range(n_backgrounds + 1),
-    )
 
 
 def ground_combinations(n_backgrounds: int = 0) -> Settings:

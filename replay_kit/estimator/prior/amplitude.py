@@ -33,9 +33,9 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.covariance import HybridCovariance, Reduction, symmetric
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior, PriorSettings
 
-# The variances that are averaged over, and their weights before the log.
-_VARIANCES = np.array([0.0, 0.03, 0.1, 0.3])
-_WEIGHTS = np.array([0.5, 0.5 / 3, 0.5 / 3, 0.5 / 3])
+#: The variances that are averaged over, and their weights before the log.
+VARIANCES = np.array([0.0, 0.03, 0.1, 0.3])
+WEIGHTS = np.array([0.5, 0.5 / 3, 0.5 / 3, 0.5 / 3])
 # Least variance of the Gaussian that stands for the mixture.
 _LEAST = 1e-6
 # Numbers of profiles, or of groups of them, after which the average is taken again; later the amplitude is known.
@@ -50,11 +50,13 @@ class MeanAmplitude:
         shift: Its mean.
         variance: Its variance.
         profiles: Number of profiles that it was averaged with; None after the last.
+        shares: Of each member's anomaly by which the prior's centre is moved (``centre.py``); empty before the first profile.
     """
 
     shift: float
     variance: float
     profiles: int | None = 0
+    shares: tuple[float, ...] = ()
 
     def is_due(self, profiles: int) -> bool:
         """Return whether the average is taken after so many profiles."""
@@ -79,9 +81,15 @@ class MeanAmplitude:
         total = (self.shift + self.variance * score) / variance - self.shift / self.variance
         mean, spread = mixture(precision, total)
         # a mixture of two peaks may be wider than any of its Gaussians: its mean is kept, its variance is that of the widest
-        own = 1.0 / np.clip(1.0 / spread - precision, 1.0 / _VARIANCES[-1], 1.0 / _LEAST)
+        own = 1.0 / np.clip(1.0 / spread - precision, 1.0 / VARIANCES[-1], 1.0 / _LEAST)
         shift = own * (mean * (1.0 / own + precision) - total)
         return MeanAmplitude(float(shift), float(own), profiles if profiles < _COUNTS[-1] else None)
+
+    def moved(self, anomalies: Array) -> Array:
+        """Return by how much the prior's centre is moved, shape (Z r,), of the members' anomalies, shape (E, Z, r)."""
+        if not self.shares:
+            return np.zeros(anomalies.shape[1] * anomalies.shape[2])
+        return np.tensordot(np.array(self.shares), anomalies, axes=1).ravel()
 
     def ended(self) -> "MeanAmplitude":
         """Return the same, never to be averaged again."""
@@ -90,7 +98,7 @@ class MeanAmplitude:
 
 def before_the_log() -> MeanAmplitude:
     """Return the average over variances before any profile."""
-    return MeanAmplitude(0.0, float(_WEIGHTS @ _VARIANCES))
+    return MeanAmplitude(0.0, float(WEIGHTS @ VARIANCES))
 
 
 def mixture(precision: float, total: float) -> tuple[float, float]:
@@ -100,9 +108,9 @@ def mixture(precision: float, total: float) -> tuple[float, float]:
         precision: J.
         total: b.
     """
-    variances = _VARIANCES / (1.0 + _VARIANCES * precision)
+    variances = VARIANCES / (1.0 + VARIANCES * precision)
     means = variances * total
-    log_weights = np.log(_WEIGHTS) - 0.5 * np.log1p(_VARIANCES * precision) + 0.5 * means * total
+    log_weights = np.log(WEIGHTS) - 0.5 * np.log1p(VARIANCES * precision) + 0.5 * means * total
     weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
     mean = float(weights @ means)
@@ -117,6 +125,7 @@ class AmplitudePrior(HybridPrior):
         base: The prior; the last row of its factor is along the mean.
         mean_weights: shape (Z, r), the ensemble mean.
         amplitude: The Gaussian.
+        moved: shape (Z r,), by how much its centre is moved (``centre.py``).
     """
 
     mean: Array = field(init=False)
@@ -127,12 +136,13 @@ class AmplitudePrior(HybridPrior):
     base: HybridPrior
     mean_weights: Array
     amplitude: MeanAmplitude
+    moved: Array
 
     def __post_init__(self) -> None:
         """Put the parts together."""
         base, row = self.base, np.sqrt(self.amplitude.variance) * self.mean_weights[None]
         parts = {
-            "mean": base.mean + self.amplitude.shift * self.mean_weights.ravel(),
+            "mean": base.mean + self.moved + self.amplitude.shift * self.mean_weights.ravel(),
             "factor": np.concatenate([base.factor[:-1], row]),
             "vertical": base.vertical,
             "horizontal": base.horizontal,
@@ -143,7 +153,7 @@ class AmplitudePrior(HybridPrior):
 
     def __reduce__(self) -> tuple[type["AmplitudePrior"], tuple[object, ...]]:
         """Pickle the parts alone: the base is in no checkpoint."""
-        return type(self), (self.base, self.mean_weights, self.amplitude)
+        return type(self), (self.base, self.mean_weights, self.amplitude, self.moved)
 
 
 #: Least and largest amplitude that a fit gives.

@@ -134,7 +134,8 @@ class ReducedBasisEstimator(StaticEstimator):
         """Return the prior with a Gaussian of the ensemble mean's amplitude."""
         if self.basis.mean_weights is None or not isinstance(self.prior, HybridPrior):
             return self.prior
-        return AmplitudePrior(self.prior, self.basis.mean_weights, amplitude)
+        moved = amplitude.moved(self.basis.member_anomalies)
+        return AmplitudePrior(self.prior, self.basis.mean_weights, amplitude, moved)
 
     def step(self, state: FilterState, observation: Measurement) -> tuple[FilterState, Innovation]:
         """Return the state after an observation, and the innovation.
@@ -264,7 +265,7 @@ class ReducedBasisEstimator(StaticEstimator):
         """Return a state whose covariance is multiplied by a factor, and the variance of the mean's amplitude averaged over."""
         if factor > 1.0:
             state = replace(state, posterior=inflated(state.posterior, factor))
-        return with_mean_averaged(state, self.basis.mean_weights)
+        return with_mean_averaged(state, self.basis)
 
     def weights(self, states: Sequence[FilterState]) -> Sequence[Array | None]:
         """Return the means of states, each of shape (Z r,): those of neighbours in one run cost little more than one of them."""

@@ -22,11 +22,15 @@ from scipy.linalg import solve_triangular
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Measurement
+from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.amplitude import (
+    VARIANCES,
+    WEIGHTS,
     AmplitudePrior,
     MeanAmplitude,
     fit_amplitude,
 )
+from replay_kit.estimator.prior.centre import member_shares
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior
 from replay_kit.estimator.update.evaluation import Assimilation
 from replay_kit.estimator.update.grouping import ProfileGroup
@@ -151,16 +155,16 @@ class FilterState(Assimilation):
         return self.posterior.mean
 
 
-def with_mean_averaged(state: FilterState, mean_weights: Array | None) -> FilterState:
-    """Return the state after the average over the amplitude's variance, if it is time.
+def with_mean_averaged(state: FilterState, basis: Basis) -> FilterState:
+    """Return the state after the average over the amplitude's variance, about a centre that is moved first, if it is time.
 
     Once the posterior is in another form, after a mean along a path or where the basis is small, the Gaussian stays as it is.
 
     Args:
         state: After a profile or a group of them.
-        mean_weights: shape (Z, r), the ensemble mean; None where its amplitude is certain.
+        basis: Has the ensemble mean, unless its amplitude is certain, and the members.
     """
-    before, posterior = state.mean_amplitude, state.posterior
+    before, posterior, mean_weights = state.mean_amplitude, state.posterior, basis.mean_weights
     if (
         before is None
         or mean_weights is None
@@ -172,13 +176,46 @@ def with_mean_averaged(state: FilterState, mean_weights: Array | None) -> Filter
     base = prior.base if isinstance(prior, AmplitudePrior) else prior
     if not isinstance(base, HybridPrior):
         return replace(state, mean_amplitude=before.ended())
-    rows = posterior.rows_times(mean_weights)
+    rows, members = posterior.rows_times(mean_weights), basis.member_anomalies
+    shares = before.shares
+    if len(members):
+        posterior, shares = _about_members(posterior, base, rows, before, members)
     whitened = posterior.factor.solve(posterior.n, rows[:, None])[:, 0]
     after = before.averaged(
         float(whitened @ whitened), float(whitened @ posterior.forward[:, 0]), posterior.n
     )
-    changed = _under(posterior, AmplitudePrior(base, mean_weights, after), rows, before)
-    return replace(state, posterior=changed, mean_amplitude=after)
+    after = replace(after, shares=shares)
+    prior = AmplitudePrior(base, mean_weights, after, after.moved(members))
+    return replace(state, posterior=_under(posterior, prior, rows, before), mean_amplitude=after)
+
+
+def _about_members(
+    posterior: ObservationSpacePosterior,
+    base: HybridPrior,
+    mean_rows: Array,
+    amplitude: MeanAmplitude,
+    members: Array,
+) -> tuple[ObservationSpacePosterior, tuple[float, ...]]:
+    """Return a posterior about the centre that its profiles give, and the share of each member's anomaly by which that is moved.
+
+    Args:
+        posterior: About any centre.
+        base: The prior before the log.
+        mean_rows: shape (K,), H m.
+        amplitude: The Gaussian of the mean's amplitude that the posterior has.
+        members: shape (E, Z, r), the members' anomalies.
+    """
+    lower = posterior.factor.dense(posterior.n)
+    innovation, of_members = lower @ posterior.forward, posterior.rows_of(members)
+    about = of_members @ np.array(amplitude.shares or np.zeros(len(members)))
+    rows = of_members, posterior.rows_of(base.factor[:-1]), mean_rows
+    total = lower @ lower.T - amplitude.variance * np.outer(mean_rows, mean_rows)
+    from_start = innovation[:, 0] + about + amplitude.shift * mean_rows
+    shares = member_shares(rows, total, from_start, (VARIANCES, WEIGHTS), posterior.n)
+    innovation[:, 0] += about - of_members @ shares
+    forward = solve_triangular(lower, innovation, lower=True, check_finite=False)
+    factor = posterior.factor.refactored(posterior.n, lower, forward)
+    return replace(posterior, factor=factor), tuple(shares.tolist())
 
 
 def _under(

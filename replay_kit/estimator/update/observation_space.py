@@ -174,6 +174,10 @@ class ObservationSpacePosterior(Posterior):
         """Return H times weights, shape (K,); ``weights`` of shape (Z, r)."""
         return self._rows_times(weights[None], 0, self.n)[:, 0]
 
+    def rows_of(self, weights: Array) -> Array:
+        """Return H times each of many weights, shape (K, m); ``weights`` of shape (m, Z, r)."""
+        return self._rows_times(weights, 0, self.n)
+
     def rescaled(self, prior: Prior, factor: float) -> "ObservationSpacePosterior":
         """Return the same mean with the covariance multiplied by a factor, that of ``prior``."""
         return replace(

@@ -60,7 +60,7 @@ def test_the_evidence_is_that_of_gaussians_of_all_dives_at_once(inverted):
         state = model.step(state, dive)
     densities = []
     for h in range(model.settings.size):
-        values, cov = slow.joint_covariance(given, model.settings, h, filter._INVERTED_STD)
+        values, cov = slow.joint_covariance(given, model.settings, h, filter.INVERTED_STD)
         densities.append(multivariate_normal(cov=cov).logpdf(values) + model.settings.log_prior[h])
     has = model.settings.has_flight_bias
     assert np.exp(model.settings.log_prior[has]).sum() == pytest.approx(0.5)

@@ -1,4 +1,4 @@
-"""The model of dives' mean currents: against one Gaussian of all dives, as physics, and its mixtures."""
+"""The small models of dives' means: against one Gaussian of all dives, as physics, and mixtures."""
 
 from dataclasses import replace
 
@@ -8,7 +8,11 @@ from scipy.stats import chi2, multivariate_normal, multivariate_t
 
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, Mixture, Persistence, filter
 from replay_kit.estimator.next_dive.mixture import weighted_quantiles
-from replay_kit.estimator.next_dive.settings import Settings, combinations, ground_combinations
+from replay_kit.estimator.next_dive.settings import (
+    Settings,
+    flight_combinations,
+    ground_combinations,
+)
 from tests.reference import next_dive as slow
 
 HOUR = 3600.0
@@ -63,9 +67,9 @@ def assert_is_gaussian_of_all(settings, chosen, given):
         state = whole.step(state, dive)
     found, densities = whole.forecast(state, last), []
     for position, h in enumerate(chosen):
-        values, cov = slow.joint_covariance([*given[:-1], last], settings, h, filter._INVERTED_STD)
+        values, cov = slow.joint_covariance([*given[:-1], last], settings, h, filter.INVERTED_STD)
         mean, spread, density = slow.conditional(values, cov, len(values) - 2)
-        densities.append(density)
+        densities.append(density + settings.log_prior[h])
         np.testing.assert_allclose(
             found.means[position], mean + slow.about(last, settings.background[h]), rtol=1e-8
         )
@@ -76,7 +80,7 @@ def assert_is_gaussian_of_all(settings, chosen, given):
 
 @pytest.mark.parametrize("inverted", [False, True])
 def test_the_filter_is_the_gaussian_of_all_dives_at_once(inverted):
-    assert_is_gaussian_of_all(combinations(), [17, 404, 700], dives(4, inverted=inverted))
+    assert_is_gaussian_of_all(flight_combinations(), [17, 58, 170], dives(4, inverted=inverted))
 
 
 def test_so_it_is_of_velocities_over_ground():
@@ -118,7 +122,7 @@ def test_a_steady_way_is_told_from_a_changing_current_that_is_known():
 
 @pytest.mark.parametrize("inverted", [False, True])
 def test_the_flight_bias_is_found_by_turns_and_by_profiles(inverted):
-    model = DiveModel.default()
+    model = DiveModel.of_flight()
     state = model.initial()
     for dive in dives(8, inverted=inverted):
         state = model.step(state, dive)
@@ -127,18 +131,8 @@ def test_the_flight_bias_is_found_by_turns_and_by_profiles(inverted):
     assert np.all(std < 0.15)
 
 
-def test_before_the_first_dive_a_flight_model_errs_across_its_way_half_as_much_as_along_it():
-    model = DiveModel.default()
-    mean, std = model.flight_bias(model.initial())
-    np.testing.assert_array_equal(mean, 0.0)
-    # as often by a twentieth as by a half
-    np.testing.assert_allclose(
-        std, np.sqrt((0.05**2 + 0.5**2) / 2.0) * np.array([1.0, 0.5]), rtol=1e-12
-    )
-
-
 def test_a_turned_world_gives_a_turned_forecast():
-    model, turn = DiveModel.default(), np.array([[0.0, -1.0], [1.0, 0.0]])
+    model, turn = DiveModel.of_flight(), np.array([[0.0, -1.0], [1.0, 0.0]])
     states, given = [model.initial()] * 2, dives(4)
     turned = [
         replace(
@@ -159,26 +153,8 @@ def test_a_turned_world_gives_a_turned_forecast():
     np.testing.assert_allclose(other.cov, turn @ plain.cov @ turn.T, atol=1e-12)
 
 
-def test_a_background_that_is_right_is_believed_and_one_that_is_missing_changes_nothing():
-    model, rng = DiveModel.default(1), np.random.default_rng(3)
-    state = model.initial()
-    for k in range(6):
-        velocity = rng.normal(0.0, 0.3, 2)
-        state = model.step(
-            state,
-            DiveMean(int(k * 4e12), 3e4, np.zeros(2), 0.1, velocity, None, velocity[None] + 0.005),
-        )
-    weights = np.exp(state.log_weights)
-    assert weights[model.settings.background == 1].sum() > 0.99
-    unknown = DiveMean(
-        0, 3e4, np.zeros(2), 0.1, np.array([0.1, 0.0]), None, np.full((1, 2), np.nan)
-    )
-    first = DiveModel.default(1).forecast(model.initial(), unknown)
-    np.testing.assert_allclose(first.mean, 0.0)
-
-
 def test_after_many_dives_covariances_are_still_those_of_something():
-    model = DiveModel.default()
+    model = DiveModel.of_flight()
     state = model.initial()
     for dive in dives(90, inverted=False, noise=0.05):
         state = model.step(state, dive)
@@ -187,7 +163,7 @@ def test_after_many_dives_covariances_are_still_those_of_something():
 
 
 def test_a_long_time_forgets_the_change_but_not_the_flight_bias():
-    model = DiveModel.default()
+    model = DiveModel.of_flight()
     state = model.initial()
     for dive in dives(5):
         state = model.step(state, dive)
@@ -198,7 +174,7 @@ def test_a_long_time_forgets_the_change_but_not_the_flight_bias():
 
 
 def test_a_late_dive_counts_at_the_time_of_the_last_one_and_the_next_one_after_that():
-    model, (first, late, last, coming) = DiveModel.default(), dives(4)
+    model, (first, late, last, coming) = DiveModel.of_flight(), dives(4)
     known = model.step(model.step(model.initial(), first), last)
     state, in_time = (
         model.step(known, replace(late, time_ns=time_ns))

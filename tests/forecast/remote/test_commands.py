@@ -106,7 +106,7 @@ def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemb
     assert "the connection is refused" in missing.stderr
     refused = invoke(["fetch", "--ensemble", str(out)])
     assert "expected an address, such as https://" in refused.stderr
-    other = invoke(["experiment", "accuracy", "--ensemble", files.url, "--leave-out", "1"])
+    other = invoke(["bench", "--ensemble", files.url, "--leave-out", "1"])
     assert "fetch the forecast first: replay-kit fetch --ensemble http://127.0.0.1" in other.stderr
 
 

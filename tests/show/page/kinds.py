@@ -10,9 +10,7 @@ from replay_kit.show import open_result
 from replay_kit.show.report import report_html
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
-from replay_kit.studies.accuracy.page import accuracy_page
-from replay_kit.studies.dives.page import dives_page
-from replay_kit.studies.missions.page import missions_page
+from replay_kit.studies.bench.page import bench_page
 from replay_kit.studies.planning.page import report_of as planning_report
 from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome
@@ -21,7 +19,7 @@ from tests.command import invoke
 from tests.planners.learning.scenes import static
 from tests.results.cases import write
 from tests.show.status.held_samples import held
-from tests.studies.pages import accuracy_result, dives_result, mission_result, planning_result
+from tests.studies.pages import bench_result, planning_result
 from tests.synthetic_flow import synthetic_flow
 
 #: Makes a page, of files in a folder and of the fixtures of a request.
@@ -103,9 +101,7 @@ def _fleet(folder: Path, request: pytest.FixtureRequest) -> str:
 QUICK: dict[str, Make] = {
     "show/report": _report,
     "show/status": lambda folder, request: status_page(status_of(held())),
-    "studies/accuracy": lambda folder, request: accuracy_page(accuracy_result()),
-    "studies/dives": lambda folder, request: dives_page(dives_result()),
-    "studies/missions": lambda folder, request: missions_page(mission_result()),
+    "studies/bench": lambda folder, request: bench_page(bench_result()),
     "studies/planning": lambda folder, request: planning_report(planning_result()).pages()[
         "index.html"
     ],

@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 
 from replay_kit import __version__
-from replay_kit.studies.accuracy import page as accuracy
-from replay_kit.studies.accuracy.page import accuracy_page
-from replay_kit.studies.dives import page as dives
-from replay_kit.studies.missions import page as missions
+from replay_kit.studies.bench import page as bench
 from replay_kit.studies.planning import page as planning
 from replay_kit.studies.reports.charts import (
     Axis,
@@ -25,12 +22,18 @@ from replay_kit.studies.reports.page import saved, words_html
 from replay_kit.studies.reports.tables import Table, to_csv
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, table, text_of
-from tests.studies.pages import accuracy_result, dives_result, mission_result, planning_result
+from tests.studies.pages import bench_result, planning_result
 
 WRITTEN = [
-    (accuracy.report_of, accuracy_result, ["error", "coverage", "nis"]),
-    (dives.report_of, dives_result, ["errors-profiles", "errors-mean", "surfacings"]),
-    (missions.report_of, mission_result, ["outliers-m-s", "outliers-1", "bias-1"]),
+    (
+        bench.report_of,
+        bench_result,
+        [
+            f"{task}-{k}"
+            for task, n in (("pings", 2), ("next-dive", 3), ("outliers", 2))
+            for k in range(n)
+        ],
+    ),
     (planning.report_of, planning_result, ["misses"]),
 ]
 
@@ -63,80 +66,27 @@ def test_an_unfinished_study_has_no_page(report_of, result, tmp_path: Path) -> N
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".csv", ".json"]
 
 
-def test_the_comparison_says_which_method_errs_least_and_which_failed() -> None:
-    page = accuracy_page(accuracy_result())
+def test_the_page_says_what_errs_least_what_is_missing_and_what_keeps_to_no_limit() -> None:
+    page = bench.bench_page(bench_result())
     words = text_of(page, "answer")
-    assert (
-        "3 methods estimate a truth, truth.nc, from the same pings at random places with 0.09 m/s of noise."
-        in words
-    )
-    assert "figures are means over 2 surveys." in words
-    said = "After 5 pings 2.5D default errs least: 0.400 of the truth's RMS speed, 12.0 cm/s; the ensemble mean, which uses no ping: 0.500."
-    assert said in words
-    assert "etkf after 50 pings has no figures: seed 0: LinAlgError: <singular>." in words
+    assert "pings, 5 pings: 2.5D default errs least, relative error 0.400 [0.39, 0.41]" in words
+    assert "next-dive: process errs least, over last dive 0.741 [0.6703, 0.8187]" in words
+    assert "pings, seed 0, etkf after 50 pings: LinAlgError: <singular>." in words
     assert "<singular>" not in page.split("<script")[0]
-    values = check_figures(page)["nis"]["tables"]["values"]
-    assert values == {
+    assert "1 of 2 criteria are met; these are not:" in words
+    assert "outliers, gate soften, RMSE over clean: 1.2, required <= 1.05" in words
+    assert text_of(page, "outliers").count("NOT MET") == 1
+    figures = check_figures(page)
+    assert figures["pings-1"]["tables"]["values"] == {
         "2.5D default: pings": [5.0, 50.0],
         "2.5D default: NIS per degree of freedom [1]": [1.1, 1.1],
     }
-
-
-def test_of_truths_in_turn_the_means_are_shown() -> None:
-    result = accuracy_result()
-    each = [
-        replace(row, truth=truth, rel_error=row.rel_error + add)
-        for truth, add in ((3, 9.0), ("mean", 0.0))
-        for row in result.rows
-    ]
-    page = accuracy_page(replace(result, rows=tuple(each), truth="all"))
-    values = check_figures(page)["error"]["tables"]["values"]
-    assert values["ensemble mean: RMSE / RMS speed of the truth [1]"] == [0.5, 0.5]
-    assert "a truth, each member in turn, from" in text_of(page, "answer")
-    assert "means over 2 surveys of each truth." in text_of(page, "answer")
-
-
-def test_dives_say_how_the_estimate_compares(tmp_path: Path) -> None:
-    dives.report_of(dives_result()).write(tmp_path)
-    page = (tmp_path / "index.html").read_text()
-    words, rms = text_of(page, "answer"), 100.0 * np.sqrt((2 * 0.1**2 + 2 * 0.2**2) / 2.0)
-    assert (
-        f"Profiles of the current: the estimate errs by {rms:.1f} cm/s (RMS length), the best of the others, last dive, by"
-        in words
-    )
-    assert (
-        "Surfacings: 2 expected from the dives before each: 0 inside the 50 % ellipse, 2 inside the 90 % one; median distance 854 m"
-        in words
-    )
-    found = check_figures(page)
-    assert found["errors-profiles"]["tables"]["values"]["estimate: dive [number]"] == [2.0, 3.0]
-    np.testing.assert_allclose(
-        found["errors-profiles"]["tables"]["values"]["estimate: RMS error [cm/s]"], [14.142, 28.284]
-    )
-    assert found["surfacings"]["tables"]["values"]["shorter half axis: distance [m]"] == [
-        700.0,
-        700.0,
-    ]
-    lines = (tmp_path / "dives.csv").read_text().splitlines()
-    assert lines[:2] == ["dive,kind,method,rmse", "2,profiles,estimate,0.14142135623730953"]
-    assert len(lines) == 7
-
-
-def test_missions_say_what_does_not_keep_to_its_limit(tmp_path: Path) -> None:
-    missions.report_of(mission_result()).write(tmp_path)
-    page = (tmp_path / "index.html").read_text()
-    words = text_of(page, "answer")
-    assert "1 of 2 criteria are met; these are not:" in words
-    assert "outliers, gate soften, RMSE over that without outliers: 1.2, required <= 1.05" in words
-    assert "Excluded: member 5, seed 0, bias: carried away." in words
-    assert text_of(page, "outliers").count("NOT MET") == 1
-    values = check_figures(page)["bias-1"]["tables"]["values"]
-    assert values["limit: value [1]"] == [3.0, 9.0]
-    assert values["each mission: value [1]"] == [3.1, 3.3]
-    assert values["all missions: value [1]"] == [3.2, None]
-    assert check_figures(page)["bias-1"]["layout"]["yaxis"]["ticktext"] == [
-        "biased, with bias<br>states: heading over<br>its standard deviation"
-    ]
+    held = figures["next-dive-2"]["tables"]["values"]
+    assert held["each case: coverage 90 % [1]"] == [0.25, 0.875]
+    assert held["all cases: coverage 90 % [1]"][0] == 0.5625
+    # the same error in both missions: all that were sampled again have it
+    (rms,) = (row for row in bench_result().rows if row.figure == "RMS error [cm/s]")
+    assert (rms.value, rms.low, rms.high, rms.by_case) == (3.0, 3.0, 3.0, (3.0, 3.0))
 
 
 def test_plans_say_which_criteria_are_not_met(tmp_path: Path) -> None:

@@ -10,17 +10,17 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.tasks import called_by
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.studies.accuracy import AccuracyJob, run_accuracy
-from replay_kit.studies.dives import read_dives, run_dives
-from replay_kit.studies.dives.page import to_json
-from replay_kit.studies.missions import MissionJob, run_missions
+from replay_kit.studies.bench.dives import DiveJob, run_dives
+from replay_kit.studies.bench.faults import FaultJob, run_faults
+from replay_kit.studies.bench.missions import mission_of
+from replay_kit.studies.bench.surveys import SurveyJob, run_surveys
 from replay_kit.studies.paper import PaperJob, run_paper
 from replay_kit.studies.planning import PlanningJob, run_planning
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.fit import fit_prior
 from tests import synthetic
 from tests.command import invoke
-from tests.studies.results import experiment, final
+from tests.studies.results import bench, final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 MODES = EstimatorConfig(modes=6, sample_share=0.6)
@@ -41,14 +41,14 @@ def alike(cells, others):
     )
 
 
-def test_accuracy(cluster):
+def test_bench(cluster):
     job, told = (
-        AccuracyJob(leave_out="0,3", pings=(2, 4), seeds=2, methods=("default", "etkf", "nearest")),
+        SurveyJob(leave_out="0,3", pings=(2, 4), seeds=2, methods=("default", "etkf", "nearest")),
         [],
     )
     here, there = both(
         cluster,
-        lambda: final(run_accuracy(MEMBERS, None, MODES, job, lambda *step: told.append(step[:2]))),
+        lambda: list(run_surveys(MEMBERS, None, MODES, job, lambda *step: told.append(step[:2]))),
     )
     # undefined figures are unequal to themselves
     assert repr(here) == repr(there)
@@ -62,27 +62,22 @@ def test_fit(cluster):
 
 
 @pytest.mark.full
-def test_missions(cluster):
+def test_faults(cluster):
     slow = replace(MEMBERS, velocity=0.3 * MEMBERS.velocity)
-    job = MissionJob("1,3", studies=("outliers",), pings=6, days=2.0, evaluations=2)
-    here, there = both(
-        cluster, lambda: final(run_missions((slow,), RunConfig(estimator=MODES), job))
-    )
+    job = FaultJob("1,3", tasks=("outliers",), pings=6, days=2.0, evaluations=2)
+    config = RunConfig(estimator=MODES)
+    here, there = both(cluster, lambda: list(run_faults((slow,), config, job)))
     assert repr(here) == repr(there)
 
 
 def test_dives(cluster, tmp_path):
     truth = Ensemble(MEMBERS.grid, MEMBERS.velocity[:1], None, "truth")
     make_twin(truth, Twin("glider", 12, 0.05, 3, interval_s=1200.0), tmp_path / "glider.mcap")
-    found, estimator = (
-        read_dives([tmp_path / "glider.mcap"], RunConfig()),
-        build_evolving((MEMBERS,), MODES, TimeConfig()),
-    )
-    here, there = both(
-        cluster,
-        lambda: to_json(final(run_dives(estimator, found, RunConfig(), "ensemble.nc"))),
-    )
-    assert here == there
+    mission = mission_of([tmp_path / "glider.mcap"], RunConfig())
+    estimator = build_evolving((MEMBERS,), MODES, TimeConfig())
+    job = DiveJob(("next-dive", "profile"), first=1)
+    here, there = both(cluster, lambda: list(run_dives([mission], estimator, job)))
+    assert repr(here) == repr(there)
 
 
 @pytest.mark.full
@@ -113,16 +108,14 @@ def test_planning(cluster):
 def test_the_switch_is_on_every_command_of_the_studies_and_gives_the_same_table(
     scheduler, table, tmp_path
 ):
-    words = f"accuracy --ensemble {table.parent}/ensemble.nc --leave-out 1 --pings 2 --seeds 1 --methods nearest,ensemble_mean --json"
-    assert experiment(f"{words} {tmp_path}/here.json").exit_code == 0
-    done = experiment(f"{words} {tmp_path}/there.json --scheduler {scheduler}")
+    words = f"--ensemble {table.parent}/ensemble.nc --leave-out 1 --pings 2 --seeds 1 --methods nearest,ensemble_mean --json"
+    assert bench(f"{words} {tmp_path}/here.json").exit_code == 0
+    done = bench(f"{words} {tmp_path}/there.json --scheduler {scheduler}")
     assert done.exit_code == 0, done.output
     assert (tmp_path / "here.json").read_bytes() == (tmp_path / "there.json").read_bytes()
     for command in (
-        "experiment accuracy",
-        "experiment missions",
+        "bench",
         "experiment planning",
-        "experiment dives",
         "experiment paper",
         "fit",
     ):

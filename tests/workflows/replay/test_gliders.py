@@ -87,16 +87,16 @@ def test_absolute_profiles_are_used_directly_by_every_command(ocean, tmp_path):
     assert again["rms_innovation"] == answer["rms_innovation"]
     done = invoke(
         [
-            "experiment",
-            "dives",
+            "bench",
             str(made.bodc(tmp_path / "b.nc")),
             "--ensemble",
             str(ocean / "E.nc"),
             "--place-ensemble",
+            "--first=1",
         ]
     )
     assert done.exit_code == 0, done.output
-    assert "dive" in done.stdout
+    assert "next-dive" in done.stdout
 
 
 def test_qc_of_mean_currents_alone_says_what_they_are(tmp_path):

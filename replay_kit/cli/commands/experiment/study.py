@@ -23,15 +23,6 @@ Result = TypeVar("Result")
 ESTIMATOR = {"estimator.name", "estimator.preset"}
 
 
-def parts(names: str) -> Parameter:
-    """Return the option that chooses parts of a study."""
-    return option(
-        "--study",
-        f"Parts of the study: {names}. Default: all that are possible.",
-        metavar="S1,S2,...",
-    )
-
-
 def folder(what: str) -> Parameter:
     """Return the option of the folder that a study writes."""
     return option("--out -o", f"Folder for {what}; made if absent.", metavar="DIR")
@@ -74,7 +65,7 @@ class OneTruth:
     def check(self, study: str) -> None:
         """Raise ConfigError unless one of the two is given."""
         if (self.truth is None) == (self.leave_out is None):
-            raise ConfigError(f"experiment {study}: expected one of --truth and --leave-out")
+            raise ConfigError(f"{study}: expected one of --truth and --leave-out")
 
     def read(self, config: ForecastConfig) -> "tuple[Members, Members | None]":
         """Return the ensemble, and the truth where it is one of its own."""

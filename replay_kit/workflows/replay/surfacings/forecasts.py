@@ -18,7 +18,13 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation, PathMean, usable
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome
-from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
+from replay_kit.estimator.next_dive import (
+    DiveMean,
+    DiveState,
+    MeanCurrentProcess,
+    Persistence,
+    ProcessState,
+)
 from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH
 from replay_kit.estimator.next_dive.flight import local_step
 from replay_kit.estimator.update.grouping import ProfileGroup
@@ -35,7 +41,7 @@ from replay_kit.workflows.replay.surfacings.outcomes import Before
 # The ensemble alone, and the estimate before the dive.
 _BACKGROUNDS = 2
 _UNKNOWN = np.full((_BACKGROUNDS, 2), np.nan)
-_MODEL = DiveModel.default(_BACKGROUNDS)
+_MODEL = MeanCurrentProcess.default(_BACKGROUNDS)
 # m; cells in which a dive's profiles are averaged
 _CELL = 10.0
 
@@ -57,7 +63,7 @@ class ForecastState:
         as_flown: Their median; None without any.
     """
 
-    model: DiveState | None = None
+    model: ProcessState | None = None
     persistence: Persistence = field(default_factory=Persistence)
     dive: int = 0
     sums: Array = field(default_factory=lambda: np.zeros((0, 3)))

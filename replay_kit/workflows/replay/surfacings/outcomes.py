@@ -1,6 +1,7 @@
 """An expected surfacing from what a model of dives says of the next one, and its score when the fix has come."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,13 @@ from replay_kit.core.surfacing import (
     ellipse_of,
     forecast_place,
 )
-from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Mixture, Persistence
+from replay_kit.estimator.next_dive import (
+    DiveMean,
+    DiveModel,
+    MeanCurrentProcess,
+    Mixture,
+    Persistence,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,8 +33,8 @@ class Before:
         persistence: The baseline.
     """
 
-    model: DiveModel
-    state: DiveState
+    model: DiveModel | MeanCurrentProcess
+    state: Any
     persistence: Persistence
 
     def forecast(

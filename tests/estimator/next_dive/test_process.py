@@ -1,0 +1,108 @@
+"""The process of mean currents: against one Gaussian of all dives, and on currents that are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.estimator.next_dive import DiveMean, MeanCurrentProcess
+from replay_kit.estimator.next_dive.process import ProcessSettings
+from tests.estimator.next_dive.test_next_dive import HOUR, dives
+from tests.reference import mean_currents as slow
+
+PROCESS = MeanCurrentProcess.default()
+
+
+def after(process, given):
+    state = process.initial()
+    for dive in given:
+        state = process.step(state, dive)
+    return state
+
+
+def chosen(which):
+    """The process with some of the settings, evenly weighted."""
+    names = ProcessSettings.__dataclass_fields__
+    return MeanCurrentProcess(
+        ProcessSettings(*(getattr(PROCESS.settings, name)[which] for name in names))
+    )
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+def test_the_filter_is_the_gaussian_of_all_dives_at_once(inverted, monkeypatch):
+    monkeypatch.setattr("replay_kit.estimator.next_dive.process._JUMP", 1e-40)
+    *given, last = dives(6, inverted=inverted)
+    process = chosen(np.array([3, 77, 210, 511]))
+    coming = replace(last, inverted=None, way_std=0.05)
+    state = after(process, given)
+    found = process.forecast(state, coming)
+    densities = []
+    for h in range(4):
+        mean, spread, density = slow.forecast(given, coming, process.settings, h)
+        np.testing.assert_allclose(found.means[h], mean, rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(found.covs[h], spread, rtol=1e-8, atol=1e-14)
+        densities.append(density)
+    expected = np.exp(np.array(densities) - np.max(densities))
+    np.testing.assert_allclose(
+        np.exp(state.log_weights[:, 0]), expected / expected.sum(), rtol=1e-7
+    )
+
+
+def test_settings_are_spread_as_the_prior_says():
+    settings = PROCESS.settings
+    assert (settings.amplitude.min() < 0.021, settings.amplitude.max() > 0.245) == (True, True)
+    assert np.median(settings.amplitude) == pytest.approx(np.sqrt(0.02 * 0.25), rel=0.02)
+    for values, level, share in (
+        (settings.parts[:, 2], 0.0, 0.4),
+        (settings.parts[:, 3], 0.0, 0.6),
+        (settings.flight, 0.0, 1.0 / 3.0),
+        (settings.scale, 20.0 * HOUR, 1.0 / 6.0),
+    ):
+        assert np.mean(values == level) == pytest.approx(share, abs=0.03)
+    # a current along an axis, of the same variance in all
+    along = settings.axes @ settings.axes.transpose(0, 2, 1)
+    np.testing.assert_allclose(np.trace(along, axis1=1, axis2=2), 2.0)
+
+
+def tide(n, seconds=3 * HOUR):
+    """Dives every four hours in a tide of 12 cm/s along an axis and little else."""
+    rng, axis = np.random.default_rng(1), np.array([0.8, 0.6])
+    out = []
+    for k in range(n):
+        middle = k * 4 * HOUR
+        inside = middle + seconds * ((np.arange(200) + 0.5) / 200 - 0.5)
+        mean = 0.12 * np.cos(2 * np.pi * inside / (12.4206 * HOUR)).mean() * axis
+        velocity = mean + rng.normal(0.0, 0.004, 2)
+        out.append(DiveMean(int(middle * 1e9), seconds, np.zeros(2), 0.1, velocity))
+    return out
+
+
+def test_a_tide_is_learnt_and_beats_the_last_dive():
+    given = tide(24)
+    state, ours, last = PROCESS.initial(), [], []
+    for k, dive in enumerate(given):
+        if k >= 12:
+            ours.append(PROCESS.forecast(state, dive).mean - dive.velocity)
+            last.append(given[k - 1].velocity - dive.velocity)
+        state = PROCESS.step(state, dive)
+    assert np.sqrt(np.mean(np.square(ours)) / np.mean(np.square(last))) < 0.25
+
+
+def test_a_background_that_is_right_is_believed_and_one_that_is_missing_changes_nothing():
+    process, rng = MeanCurrentProcess.default(1), np.random.default_rng(3)
+    given = []
+    for k in range(6):
+        velocity = rng.normal(0.0, 0.3, 2)
+        known = velocity[None] + 0.005
+        given.append(DiveMean(int(k * 4e13), 3e4, np.zeros(2), 0.1, velocity, None, known))
+    assert process.background_weights(after(process, given))[1] > 0.99
+    unknown = replace(given[0], backgrounds=np.full((1, 2), np.nan))
+    np.testing.assert_allclose(process.forecast(process.initial(), unknown).mean, 0.0)
+
+
+def test_a_late_dive_counts_at_the_end_of_the_last_one_and_many_leave_covariances_sound():
+    given = dives(90, inverted=False, noise=0.05)
+    state = after(PROCESS, given)
+    assert (state.dives, PROCESS.step(state, given[3]).time_ns) == (90, state.time_ns)
+    np.testing.assert_array_equal(state.cov, state.cov.transpose(0, 2, 1))
+    assert np.linalg.eigvalsh(state.cov).min() > -1e-12
