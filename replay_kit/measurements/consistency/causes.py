@@ -17,16 +17,18 @@ from replay_kit.measurements.consistency.usual_faults import SCALE_CAUSE, kinds_
 
 #: Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion.
 LEAST_MEANS, LEAST_DIVES, LEAST_MOTIONS = 3, 2, 4
-# The same of gross units.
-_LEAST_UNITS = 1
+# The same of gross units: one wrong dive is none.
+_LEAST_UNITS = 2
 # Log-likelihood ratio of a turn relative to the vehicle, and the probability that the named cause has among all. Pairs after which a
 # contradiction is named without a cause, but with the odds of all.
 _TURN_GAIN, _LIKELY, _ENOUGH = 7.0, 0.98, 6
 #: Kinds of hypotheses of directions.
 TURNED = ("turn", "mirror")
+#: Of what is wrong in directions that may be right.
+ADDED = ("unit", "scale", "offset", "drift")
 _UNIT = ("unit",)
 # Relative to the vehicle an offset and small scales are also those of its way.
-_RELATIVE, _ANY = (*TURNED, "unit"), (*TURNED, "unit", "scale", "offset", "drift")
+_RELATIVE, _ANY = (*TURNED, "unit"), (*TURNED, *ADDED)
 _OF_VEHICLE = " relative to the vehicle"
 
 

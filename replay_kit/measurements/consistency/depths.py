@@ -23,7 +23,7 @@ from replay_kit.measurements.consistency import findings
 
 # s between depths that are remembered, and their number: of the vehicle for a day, of the instrument for four hours at least
 _SPACING, _MOST_OF_VEHICLE, _MOST_OF_PINGS = 60.0, 1500, 256
-# Pings before which nothing is said, and after how many more it is asked again.
+# Pings before which nothing is said, and after how many more of the first ones it is asked again.
 _LEAST_PINGS, _EVERY = 12, 8
 # m; changes of one depth that show that the vehicle dives, and those of a sensor that is stuck; error of two sound sensors
 _DIVES, _STUCK, _ERROR = 20.0, 1.0, 0.5
@@ -84,7 +84,8 @@ class DepthRecord:
     @property
     def is_due(self) -> bool:
         """Whether the depths of an instrument are to be compared now: not after every ping."""
-        return self.number >= _LEAST_PINGS and self.number % _EVERY == 0
+        each = _EVERY if self.number <= 8 * _EVERY else 4 * _EVERY
+        return self.number >= _LEAST_PINGS and self.number % each == 0
 
     @property
     def arrays(self) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -14,6 +14,7 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements.consistency import checks, findings
 from replay_kit.measurements.consistency.causes import (
+    ADDED,
     LEAST_DIVES,
     LEAST_MEANS,
     LEAST_MOTIONS,
@@ -111,12 +112,25 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
         return ()
     found = []
     sources = [instrument.sources for instrument in instruments]
-    if not any(len(each.current.pairs) + len(each.drift.pairs) >= LEAST_MEANS for each in sources):
+    compared = [
+        each
+        for one in sources
+        for each in (one.current, one.drift)
+        if len(each.pairs) >= LEAST_MEANS
+    ]
+    if not compared:
         found.append(
             "an offset, a drift or a scale of the profiles (an offset cancels in profiles relative to the platform)"
             if not state.absolute_pings
             else f"an offset, a drift or a scale of the profiles ({LEAST_MEANS} mean currents of dives, or drifts, beside them would tell)"
         )
+    elif not any(findings.OF_SOURCES & instrument.named for instrument in instruments):
+        undecided = min((each.undecided(ADDED) for each in compared), key=len)
+        found += [
+            f"{cause} of the profiles (likelihood ratio to none e^{gain:.0f} by {max(len(each.pairs) for each in compared)} pairs "
+            "with mean currents or drifts; more of them, or stronger currents, would tell)"
+            for cause, gain in undecided.items()
+        ]
     if not any(can_compare(instrument.depths, state.depths) for instrument in instruments):
         found.append(
             "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell)"
@@ -221,9 +235,10 @@ def _after_ping(
     if wrong:
         instrument = replace(instrument, raw=raw)
     else:
-        instrument = _measured(instrument, raw, ping, summary)
-        found += _of_ping(instrument, ping)
-        if instrument.depths.is_due and not instrument.named & _OF_DEPTHS:
+        before, instrument = instrument, _measured(instrument, raw, ping, summary)
+        found += _of_ping(instrument, before.sources, ping)
+        is_due = instrument.depths is not before.depths and instrument.depths.is_due
+        if is_due and not instrument.named & _OF_DEPTHS:
             of_depths = found_of_depths(instrument.depths, state.depths, topic)
             found += [] if of_depths is None else [of_depths]
     if found:
@@ -260,18 +275,18 @@ def _measured(
     return Instrument(raw, sources, after, depths, instrument.is_believed, instrument.named)
 
 
-def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
-    """Return what a ping established about its instrument."""
+def _of_ping(instrument: Instrument, before: SourceStatistics, ping: Observation) -> list[Finding]:
+    """Return what a ping established about its instrument, whose sources were others before it."""
     found = list(
         _new((each.found(ping, instrument.named) for each in instrument.pings), instrument.named)
     )
     if findings.COMPASS not in instrument.named:
         sources = instrument.sources
-        for statistics, what in (
-            (sources.motion, findings.OF_MOTION),
-            (sources.track, findings.OF_TRACK),
+        for statistics, earlier, what in (
+            (sources.motion, before.motion, findings.OF_MOTION),
+            (sources.track, before.track, findings.OF_TRACK),
         ):
-            if not statistics.is_due:
+            if statistics is earlier or not statistics.is_due:
                 continue
             explanation = statistics.explanation(TURNED, LEAST_MOTIONS)
             if explanation is not None:

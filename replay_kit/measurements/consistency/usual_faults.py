@@ -36,6 +36,8 @@ _CAUSES = {
     "offset": "a constant offset",
     "drift": "a drift",
 }
+#: Of hypotheses.
+KINDS = tuple(_CAUSES)
 # Slips of axes and units are the usual ones. Those of one cause share it: turns with mirrors, units with scales.
 _PRIORS = {"turn": 0.4, "mirror": 0.4, "unit": 0.4, "scale": 0.4, "offset": 0.15, "drift": 0.05}
 #: The cause of units and other scales.
