@@ -27,6 +27,7 @@ from replay_kit.measurements.consistency.depths import (
     can_compare,
     found_of_depths,
 )
+from replay_kit.measurements.consistency.instrument import Beams
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
@@ -134,6 +135,10 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
     if not any(can_compare(instrument.depths, state.depths) for instrument in instruments):
         found.append(
             "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell)"
+        )
+    if any(isinstance(each, Beams) and each.variances for one in instruments for each in one.pings):
+        found.append(
+            "directions across the heading (beams 1 and 2 exchanged, the sign of roll), along which the vehicle hardly moves"
         )
     return tuple(f"cannot be known here: {each}" for each in found)
 
