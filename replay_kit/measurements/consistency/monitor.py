@@ -24,8 +24,8 @@ from replay_kit.measurements.consistency.causes import (
 from replay_kit.measurements.consistency.depths import (
     Depth,
     DepthRecord,
-    can_compare,
     found_of_depths,
+    least_lag,
 )
 from replay_kit.measurements.consistency.instrument import Beams
 from replay_kit.measurements.consistency.raw import RawHistory
@@ -34,6 +34,9 @@ from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSumm
 
 # After any of these the instrument's depth is known to be wrong, or its time.
 _OF_DEPTHS = {findings.DEPTH, findings.DEPTHS, findings.CLOCK}
+
+# s; below, what a clock may lag without being found is not worth a note
+_LEAST_LAG = 60.0
 
 #: What is checked.
 Checked = VehicleState | Observation | PathMean
@@ -132,10 +135,13 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
             "with mean currents or drifts; more of them, or stronger currents, would tell)"
             for cause, gain in undecided.items()
         ]
-    if not any(can_compare(instrument.depths, state.depths) for instrument in instruments):
+    lag = min(least_lag(instrument.depths, state.depths) for instrument in instruments)
+    if lag == math.inf:
         found.append(
             "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell)"
         )
+    elif lag > _LEAST_LAG:
+        found.append(f"a lag of the instrument's clock below {lag:.0f} s")
     if any(isinstance(each, Beams) and each.variances for one in instruments for each in one.pings):
         found.append(
             "directions across the heading (beams 1 and 2 exchanged, the sign of roll), along which the vehicle hardly moves"

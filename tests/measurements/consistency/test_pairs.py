@@ -7,6 +7,7 @@ from replay_kit.measurements.consistency.pairs import LEAST_GAIN, Pair, PairStat
 from replay_kit.measurements.consistency.usual_faults import hypotheses
 
 FLOOR = 2.0 * 0.05**2
+ADDED_OR_SCALED = ("unit", "scale", "offset", "drift")
 ALL, ADDED = ("turn", "mirror", "unit", "scale"), ("offset", "drift")
 
 
@@ -147,6 +148,21 @@ def test_equal_sources_with_noise_are_never_explained_by_anything():
         for first, second in zip(b + 0.05 * rng.standard_normal(b.shape), b, strict=True):
             found = found.with_pair(Pair(*first, *second))
             assert found.explanation(ALL, 1) is None
+
+
+@pytest.mark.parametrize(
+    ("speed", "factor", "left"),
+    [(0.08, 1.0, set()), (0.3, 1.0, set()), (0.09, 2.0, {"a wrong scale", "a constant offset"})],
+)
+def test_what_a_weak_steady_current_neither_shows_nor_excludes_is_undecided(speed, factor, left):
+    noise = 0.012 * np.random.default_rng(0).standard_normal((15, 2))
+    angle = np.linspace(2.0, 3.0, 15)
+    b = speed * np.column_stack([np.cos(angle), np.sin(angle)]) / factor
+    found = PairStatistics(2.0 * 0.035**2)
+    for k, (one, other) in enumerate(zip(factor * b + noise, b, strict=True)):
+        found = found.with_pair(Pair(*one, *other, 1.0, int(k * 9e12)))
+    assert set(found.undecided(ADDED_OR_SCALED)) == left
+    assert found.explanation(ADDED_OR_SCALED, 3) is None
 
 
 def test_nothing_is_said_before_the_least_number_of_pairs():
