@@ -14,7 +14,6 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements.consistency import checks, findings
 from replay_kit.measurements.consistency.causes import (
-    ADDED,
     LEAST_DIVES,
     LEAST_MEANS,
     LEAST_MOTIONS,
@@ -128,13 +127,14 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
             if not state.absolute_pings
             else f"an offset, a drift or a scale of the profiles ({LEAST_MEANS} mean currents of dives, or drifts, beside them would tell)"
         )
-    elif not any(findings.OF_SOURCES & instrument.named for instrument in instruments):
-        undecided = min((each.undecided(ADDED) for each in compared), key=len)
-        found += [
-            f"{cause} of the profiles (likelihood ratio to none e^{gain:.0f} by {max(len(each.pairs) for each in compared)} pairs "
-            "with mean currents or drifts; more of them, or stronger currents, would tell)"
-            for cause, gain in undecided.items()
-        ]
+    elif not any((findings.OF_SOURCES | {findings.COMPASS}) & each.named for each in instruments):
+        undecided = min((each.undecided() for each in compared), key=len)
+        if undecided:
+            listed = ", ".join(f"{name} e^{gain:.0f}" for name, gain in undecided.items())
+            found.append(
+                f"some faults of the profiles (likelihood ratios to none by {max(len(each.pairs) for each in compared)} mean currents or "
+                f"drifts: {listed}; more of them, or other currents, would tell)"
+            )
     lag = min(least_lag(instrument.depths, state.depths) for instrument in instruments)
     if lag == math.inf:
         found.append(

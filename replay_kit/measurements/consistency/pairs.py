@@ -210,29 +210,42 @@ class PairStatistics:
         ratio = (as_logged + self.floor) / (np.maximum(since, 0.0) + self.floor)
         return _Fits(gain, ratio, favoured / count, amount)
 
-    def causes(self, kinds: tuple[str, ...], least_pairs: int) -> dict[str, float]:
+    def _in_one_current(self, kinds: tuple[str, ...]) -> Array:
+        """Return the gains where all vectors are of one current: that it is several times as fast is then no surprise at each anew."""
+        _, _, scale, _ = _table(kinds)
+        weight = np.array([pair.weight for pair in self.pairs])
+        known = np.maximum(_since(weight) - 1.0, 0.0)[:, None]
+        return self.fits(kinds).gain + 2.0 * known * np.log(np.maximum(scale, 1.0))
+
+    def causes(
+        self, kinds: tuple[str, ...], least_pairs: int, of_one_current: bool = False
+    ) -> dict[str, float]:
         """Return the logarithm of the odds of each cause of some kinds, all its hypotheses together, to equality; none without pairs.
 
         Args:
             kinds: Of hypotheses.
             least_pairs: Number of pairs that a fault which began during the log must explain.
+            of_one_current: Whether all vectors are of one current, in which a scale is hardly told from an offset.
         """
         found: dict[str, float] = {}
         if not self.pairs:
             return found
-        gains = self.fits(kinds).gain[: max(1, len(self.pairs) - least_pairs + 1)]
-        of_each = np.logaddexp.reduce(gains, axis=0)
+        gains = self._in_one_current(kinds) if of_one_current else self.fits(kinds).gain
+        of_each = np.logaddexp.reduce(gains[: max(1, len(gains) - least_pairs + 1)], axis=0)
         for each, gain in zip(_table(kinds)[0], of_each.tolist(), strict=True):
             more = gain + math.log(each.prior)
             found[each.cause] = float(np.logaddexp(found.get(each.cause, -math.inf), more))
         return found
 
-    def undecided(self, kinds: tuple[str, ...]) -> dict[str, float]:
-        """Return the causes of some kinds that all pairs neither establish nor exclude, with their log-likelihood ratios to equality."""
+    def undecided(self) -> dict[str, float]:
+        """Return what all pairs neither establish nor exclude, and its log-likelihood ratio to equality: causes, and slips of directions."""
         found: dict[str, float] = {}
-        for each, gain in zip(_table(kinds)[0], self.fits(kinds).gain[0].tolist(), strict=True):
-            found[each.cause] = max(gain, found.get(each.cause, -math.inf))
-        return {cause: gain for cause, gain in found.items() if gain > -_EXCLUDED}
+        gains = self._in_one_current(KINDS)[0].tolist()
+        for each, gain in zip(hypotheses(), gains, strict=True):
+            if each.is_slip or each.kind not in ("turn", "mirror"):
+                name = f"{each.cause} ({each.name})" if each.is_slip else each.cause
+                found[name] = max(gain, found.get(name, -math.inf))
+        return {name: gain for name, gain in found.items() if gain > -_EXCLUDED}
 
     def tell_directions(self, least_pairs: int) -> bool:
         """Return whether these pairs, which agree, would contradict each other if the first vectors were turned by a right angle.
