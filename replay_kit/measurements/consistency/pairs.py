@@ -238,7 +238,7 @@ class PairStatistics:
         return found
 
     def undecided(self) -> dict[str, float]:
-        """Return what all pairs neither establish nor exclude, and its log-likelihood ratio to equality: causes, and slips of directions."""
+        """Return what all pairs neither establish nor exclude, causes and slips, with their log-likelihood ratios to equality."""
         found: dict[str, float] = {}
         gains = self._in_one_current(KINDS)[0].tolist()
         for each, gain in zip(hypotheses(), gains, strict=True):
