@@ -256,7 +256,9 @@ def conclusions(
         found += (findings.too_fast(TOO_FAST, fast, fast + used),)
     if not found and (of_gate := _preferred(state)) is not None:
         found += (of_gate,)
-    if not found and (of_file := state.forecast.explanation(_OF_FILE, _LEAST_DIVES)) is not None:
+    of_file = None if found else state.forecast.explanation(_OF_FILE, _LEAST_DIVES)
+    # the mean of members that differ is slower than any of them
+    if of_file is not None and of_file.fault.scale >= 1.0:
         found += (findings.forecast_fault(of_file),)
     of_forecast = _of_forecast(counts, config.forecast.place)
     # faults of the log explain that it does not fit
