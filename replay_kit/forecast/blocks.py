@@ -39,6 +39,8 @@ from replay_kit.forecast.times import runs_of
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
 _FOREIGN = (
     OSError,
+    # of decoders in C
+    SystemError,
     ValueError,
     LookupError,
     TypeError,

@@ -2,11 +2,13 @@
 
 The logs are twins in the sample ocean and in the shared ensembles, a vessel's and a glider's with and without a stated motion, and a
 Seaglider's real dives. A fault is made in the messages, as a logger or an instrument would make it, or by the twin where it needs the
-vehicle's motion. A row holds the runs of one fault: the share named as expected, and the median of the pings until then. Sound logs are
+vehicle's motion. A row holds the runs of one fault, by what came of them: the fault is named, and after how many pings; the contradiction
+is named with the odds of its causes; a note says that it cannot be known here; nothing is said; another cause is named. Sound logs are
 checked against the ensembles of all seas, and, of each seed, with another noise: a run that names anything is a false alarm.
 """
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -14,25 +16,42 @@ from statistics import median
 
 import numpy as np
 
-from replay_kit.config.run import ForecastConfig, LogConfig, MeasurementConfig
+from replay_kit.config.run import ForecastConfig, LogConfig, MeasurementConfig, RunConfig
+from replay_kit.core.errors import Finding
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Observation, PathMean, VehicleState
+from replay_kit.core.observation import PathMean
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import finish, initial_state, interpret
+from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, ensemble_speeds
+from replay_kit.measurements.events import Event, Skipped
 from replay_kit.studies.twins import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import mission as glider_mission
 from replay_kit.studies.twins.messages import Flight, measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, survey
+from replay_kit.workflows.replay.stages.consistency import MonitoringState, conclusions
+from replay_kit.workflows.replay.stages.counts import ProfileCounts
 from tests.benchmarks.fault_kinds import FAULTS, Fault, in_beams
 from tests.benchmarks.measure import Row, row
 from tests.places import DATA, SAMPLES
 
 _SEEDS, _PINGS, _TINY_PINGS = 5, 250, 60
+#: What may come of a log with a fault: it is named, or the contradiction with the odds of its causes; a note says that it cannot be known;
+#: nothing; another cause.
+ENDS = ("named", "odds", "said", "silent", "wrong")
+# The word of such a note, by the finding that is expected.
+_NOTES = {
+    findings.COMPASS: "directions",
+    findings.SCALE: "scale",
+    findings.OFFSET: "offset",
+    findings.DRIFT: "drift",
+    findings.CLOCK: "clock",
+    findings.DEPTHS: "depth",
+}
 # m/s: of the platform's stated velocity; of the bins of the seeds' twins
 _PLATFORM_STD, _NOISE = 0.03, (0.09, 0.05, 0.15, 0.09, 0.25)
 
@@ -62,16 +81,16 @@ def rows(tiny: bool) -> list[Row]:
     """Return a row for each fault, and one for the sound runs."""
     began = time.process_time()
     seas = _seas(tiny)
-    runs: dict[str, list[tuple[tuple[str, ...], int]]] = {}
+    runs: dict[str, list[tuple[str, int]]] = {}
     alarms: list[str] = []
     counts = {"sound": 0, "unfit": 0, "mute": 0}
     for seed in range(1 if tiny else _SEEDS):
         for log in sound_logs(seas, seed, tiny):
             events = list(_events(log))
             for sea, (speeds, _) in seas.items():
-                state = _after(events, speeds)
+                state, found, _ = _after(events, speeds, log.config)
                 counts["sound" if log.ensemble is speeds else "unfit"] += 1
-                alarms += [f"{log.name} with {sea}: {finding}" for finding in state.findings]
+                alarms += [f"{log.name} with {sea}: {finding}" for finding in found]
             counts["mute"] += not state.can_tell_directions
             for fault in FAULTS:
                 if log.vehicle in fault.vehicles and (
@@ -88,39 +107,39 @@ def rows(tiny: bool) -> list[Row]:
     return [*found, row("sound logs", time.process_time() - began, **total)]
 
 
-def _row(fault: Fault, runs: list[tuple[tuple[str, ...], int]]) -> Row:
-    hits = [pings for names, pings in runs if pings]
+def _row(fault: Fault, runs: list[tuple[str, int]]) -> Row:
+    hits = [pings for ended, pings in runs if ended == "named"]
     return row(
         fault.name,
         0.0,
         runs=len(runs),
-        share=len(hits) / len(runs),
+        **{ended: sum(one == ended for one, _ in runs) for ended in ENDS},
         median_pings=median(hits) if hits else None,
         asked_pings=2 * fault.asked,
-        otherwise=sum(bool(names) and not pings for names, pings in runs),
     )
 
 
-def named(log: Log, fault: Fault) -> tuple[tuple[str, ...], int]:
-    """Return the names of what was found in a log with a fault, and the pings until it was named as expected; 0 when it was not."""
-    state = _after(_events(log, fault), log.ensemble, fault.expected)
-    names = tuple(finding.name for finding in state.findings)
-    return names, max(1, state.pings) if set(names) & set(fault.expected) else 0
+def named(log: Log, fault: Fault) -> tuple[str, int]:
+    """Return what came of a log with a fault, one of ``ENDS``, and the pings until it was named; 0 when it was not."""
+    state, found, notes = _after(_events(log, fault), log.ensemble, log.config, fault.expected)
+    names = {finding.name for finding in found if finding.severity != "warning"}
+    if set(fault.expected) & {finding.name for finding in found}:
+        return "named", max(1, state.pings)
+    if findings.UNDECIDED in names:
+        return "odds", 0
+    if names:
+        return "wrong", 0
+    words = [word for name, word in _NOTES.items() if name in fault.expected]
+    return "said" if any(word in note for word in words for note in notes) else "silent", 0
 
 
-def _events(log: Log, fault: Fault | None = None) -> Iterator[Checked]:
-    """Yield what is checked of a log, with a fault."""
+def _events(log: Log, fault: Fault | None = None) -> Iterator[Event]:
+    """Yield what is checked of a log, with a fault, and what is skipped."""
     measured, messages = initial_state(), iter(_messages(log, fault))
     for message in messages if fault is None else fault.edit(messages):
         measured, events = interpret(measured, message, log.config)
-        yield from (
-            event for event in events if isinstance(event, VehicleState | Observation | PathMean)
-        )
-    yield from (
-        event
-        for event in finish(measured, log.config)
-        if isinstance(event, VehicleState | Observation | PathMean)
-    )
+        yield from (event for event in events if isinstance(event, Checked | Skipped))
+    yield from (event for event in finish(measured, log.config) if isinstance(event, Checked))
 
 
 def _messages(log: Log, fault: Fault | None) -> Iterable[Message]:
@@ -133,15 +152,25 @@ def _messages(log: Log, fault: Fault | None) -> Iterable[Message]:
 
 
 def _after(
-    events: Iterable[Checked], ensemble: EnsembleSpeeds, until: tuple[str, ...] = ()
-) -> ConsistencyState:
-    """Return the state of the checks after a log, or as soon as one of some findings is there."""
-    state = ConsistencyState()
+    events: Iterable[Event],
+    ensemble: EnsembleSpeeds,
+    config: MeasurementConfig,
+    until: tuple[str, ...] = (),
+) -> tuple[ConsistencyState, tuple[Finding, ...], tuple[str, ...]]:
+    """Return the state of the checks after a log, or as soon as one of some findings is there, and what a replay would conclude."""
+    state, means, skipped = ConsistencyState(), list[PathMean](), Counter[tuple[str, str]]()
     for event in events:
+        if isinstance(event, Skipped):
+            skipped[event.topic, event.reason] += 1
+            continue
+        if not isinstance(event, Checked):
+            continue
+        means += [event] if isinstance(event, PathMean) else []
         state, _ = check(state, event, ensemble)
         if any(finding.name in until for finding in state.findings):
             break
-    return state
+    whole = MonitoringState(checks=state, means=tuple(means))
+    return state, *conclusions(whole, ProfileCounts(), RunConfig(measurements=config), skipped)
 
 
 Seas = Mapping[str, tuple[EnsembleSpeeds, str]]

@@ -4,10 +4,12 @@ Every piece of a log that a checksum covers, and that is whole in the damaged fi
 damaged file covers, save where the report counts it as unchecked; a loss is told. The oracles walk the files by the formats' own rules.
 """
 
+import json
 import os
 import signal
 import struct
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,12 +17,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
 from scipy.io import netcdf_file
 
-from replay_kit.core.errors import LogError
+from replay_kit.config.run import ForecastConfig, load_config
+from replay_kit.core.errors import LogError, ReplayKitError
+from replay_kit.forecast import read_ensemble
 from replay_kit.logs import open_log
+from replay_kit.workflows.planning.areas import read_areas
+from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.fuzz import damage, damage_vehicle
 from tests.fuzz.mishap import Mishap, mishap
 from tests.logs.adcp import ad2cp_samples, raw_adcp_samples
@@ -29,9 +36,12 @@ from tests.logs.glider import glider_samples
 from tests.logs.log_samples import json_mcap, tlog
 from tests.logs.mcap.test_broken_mcap import record_offsets
 from tests.logs.slocum import slocum_samples
+from tests.places import SAMPLES
 
 #: More seconds than this for a log of some kilobytes are a hang.
 _MOST_S = 10.0
+#: Says what is wrong with what was made of a damaged file.
+Check = Callable[[Mishap, Path], list[str]]
 #: Start, end, and what the piece says.
 Piece = tuple[int, int, Any]
 
@@ -48,7 +58,7 @@ class Subject:
 
     name: str
     data: bytes
-    check: Callable[[Mishap, Path], list[str]]
+    check: Check
 
 
 def sweep(
@@ -124,9 +134,10 @@ def subjects(folder: Path) -> list[Subject]:
         Subject("slocum", slocum, _uncovered),
         Subject("slocum compressed", slocum_samples.compressed(slocum), _uncovered),
     ]
-    checks = (("netcdf", _apart), ("netcdf 3", _uncovered), ("text", _uncovered))
+    checks = (("netcdf", _apart(_uncovered)), ("netcdf 3", _uncovered), ("text", _uncovered))
     return [
         *found,
+        *_inputs(folder),
         *(
             Subject(name, path.read_bytes(), check)
             for (name, check), path in zip(checks, flights, strict=True)
@@ -134,7 +145,7 @@ def subjects(folder: Path) -> list[Subject]:
     ]
 
 
-def _mcap(data: bytes) -> Callable[[Mishap, Path], list[str]]:
+def _mcap(data: bytes) -> Check:
     # the oracle wants an end
     ended = (
         data if data.endswith(b"MCAP0\r\n") else data + struct.pack("<BQI", Opcode.DATA_END, 4, 0)
@@ -194,7 +205,7 @@ def _covered(
     walk: Callable[[bytes], list[Piece]],
     read: Callable[[Path], tuple[list[Any], bool]],
     needed: int = 0,
-) -> Callable[[Mishap, Path], list[str]]:
+) -> Check:
     """Return the check of a format whose pieces have checksums.
 
     Args:
@@ -252,24 +263,110 @@ def _uncovered(harm: Mishap, path: Path) -> list[str]:
         return []
 
 
-def _apart(harm: Mishap, path: Path) -> list[str]:
-    """Return what is wrong with a log that is read by a library in C, which may hang or crash: in a process of its own."""
-    if (child := os.fork()) == 0:
-        signal.alarm(int(_MOST_S))
-        # whatever is raised, the child must not go on as if it were its parent
-        try:
-            wrong = bool(_uncovered(harm, path))
-        except BaseException:
-            wrong = True
-        os._exit(wrong)
-    _, status = os.waitpid(child, 0)
-    if os.WIFSIGNALED(status):
-        return [f"ended by {signal.Signals(os.WTERMSIG(status)).name}"]
-    return (
-        ["it does not say that no checksum covers it, or another exception than ours"]
-        if os.WEXITSTATUS(status)
-        else []
+def _apart(check: Check) -> Check:
+    """Return a check of what is read by a library in C, which may hang or crash: in a process of its own."""
+
+    def checked(harm: Mishap, path: Path) -> list[str]:
+        if (child := os.fork()) == 0:
+            signal.alarm(int(_MOST_S))
+            # whatever is raised, the child must not go on as if it were its parent
+            try:
+                wrong = bool(check(harm, path))
+            except BaseException:
+                traceback.print_exc()
+                wrong = True
+            os._exit(wrong)
+        _, status = os.waitpid(child, 0)
+        if os.WIFSIGNALED(status):
+            return [f"ended by {signal.Signals(os.WTERMSIG(status)).name}"]
+        return (
+            ["it does not say that no checksum covers it, or another exception than ours"]
+            if os.WEXITSTATUS(status)
+            else []
+        )
+
+    return checked
+
+
+def _inputs(folder: Path) -> list[Subject]:
+    """Return the inputs beside logs, which have no checksums: they are read, or refused by an error of ours that names them."""
+    ensemble = read_ensemble(SAMPLES / "ensemble.nc", ForecastConfig())
+    grid = ensemble.grid
+    store, bottom = folder / "store.zarr", folder / "bottom.nc"
+    with xr.open_dataset(SAMPLES / "ensemble.nc", engine="scipy") as dataset:
+        dataset.to_zarr(store, mode="w", zarr_format=2, consolidated=False)
+    corners = [[152.1, -40.2], [152.2, -40.2], [152.2, -40.1], [152.1, -40.2]]
+    area = {"type": "Polygon", "coordinates": [corners]}
+    text = " ".join(f"{x},{y},0" for x, y in corners)
+    kml = (
+        '<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><name>a</name><Polygon><outerBoundaryIs><LinearRing>'
+        f"<coordinates>{text}</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></kml>"
     )
+    depth = np.full((9, 9), 400.0)
+    axes = {
+        name: np.linspace(float(values.min()) - 0.1, float(values.max()) + 0.1, 9)
+        for name, values in (("lat", grid.latitude), ("lon", grid.longitude))
+    }
+    xr.Dataset({"depth": (("lat", "lon"), depth, {"units": "m"})}, axes).to_netcdf(
+        bottom, engine="h5netcdf"
+    )
+    toml = (
+        b'[forecast]\nlevels = [5.0, 150.0]\n[estimator]\nmodes = 20\n[planner]\nkind = "mission"\n'
+    )
+    chunk = next(
+        path for path in sorted(store.rglob("*")) if path.is_file() and path.name[0] != "."
+    )
+
+    def of_store(place: Path) -> Check:
+        sound = place.read_bytes()
+
+        def check(harm: Mishap, path: Path) -> list[str]:
+            place.write_bytes(harm.data)
+            try:
+                return _refused_or_read(lambda _: read_ensemble(store, ForecastConfig()))(
+                    harm, path
+                )
+            finally:
+                place.write_bytes(sound)
+
+        return check
+
+    return [
+        Subject(
+            "areas geojson", json.dumps(area).encode(), _refused_or_read(read_areas, ".geojson")
+        ),
+        Subject("areas kml", kml.encode(), _refused_or_read(read_areas, ".kml")),
+        Subject("toml", toml, _refused_or_read(load_config, ".toml")),
+        Subject(
+            "bathymetry",
+            bottom.read_bytes(),
+            _apart(_refused_or_read(lambda path: read_bathymetry(path, grid), ".nc")),
+        ),
+        *(
+            Subject(f"zarr {name}", place.read_bytes(), _apart(of_store(place)))
+            for name, place in (
+                ("metadata", next(store.rglob("u*/.zarray"))),
+                ("attributes", next(store.rglob("u*/.zattrs"))),
+                ("chunk", chunk),
+            )
+        ),
+    ]
+
+
+def _refused_or_read(read: Callable[[Path], object], suffix: str = "") -> Check:
+    """Return the check of an input without checksums: any exception but ours, and one of ours that does not name it, is wrong."""
+
+    def check(harm: Mishap, path: Path) -> list[str]:
+        named = path.with_name(f"damaged{suffix}")
+        named.write_bytes(harm.data)
+        try:
+            read(named)
+        except ReplayKitError as error:
+            fine = error.exit_code in (2, 3) and (not suffix or named.name in str(error))
+            return [] if fine else [f"refused by {error}"]
+        return []
+
+    return check
 
 
 def _frames_of(path: Path) -> tuple[list[bytes], bool]:

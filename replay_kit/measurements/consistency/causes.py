@@ -13,12 +13,12 @@ from replay_kit.core.observation import PathMean
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.pairs import SCALES, PairStatistics, odds
 from replay_kit.measurements.consistency.sources import SourceStatistics
-from replay_kit.measurements.consistency.usual_faults import SCALE_CAUSE, kinds_of
+from replay_kit.measurements.consistency.usual_faults import CAUSES, KINDS, SCALE_CAUSE, kinds_of
 
 #: Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion.
 LEAST_MEANS, LEAST_DIVES, LEAST_MOTIONS = 3, 2, 4
-# The same of gross units.
-_LEAST_UNITS = 1
+# The same of gross units: one wrong dive is none.
+_LEAST_UNITS = 2
 # Log-likelihood ratio of a turn relative to the vehicle, and the probability that the named cause has among all. Pairs after which a
 # contradiction is named without a cause, but with the odds of all.
 _TURN_GAIN, _LIKELY, _ENOUGH = 7.0, 0.98, 6
@@ -26,7 +26,8 @@ _TURN_GAIN, _LIKELY, _ENOUGH = 7.0, 0.98, 6
 TURNED = ("turn", "mirror")
 _UNIT = ("unit",)
 # Relative to the vehicle an offset and small scales are also those of its way.
-_RELATIVE, _ANY = (*TURNED, "unit"), (*TURNED, "unit", "scale", "offset", "drift")
+_RELATIVE, _ANY = (*TURNED, "unit"), KINDS
+_ADDED = (CAUSES["offset"], CAUSES["drift"])
 _OF_VEHICLE = " relative to the vehicle"
 
 
@@ -46,6 +47,11 @@ def cause_of_pairs(
     if not rivals:
         return None
     cause, share = rivals[0]
+    if cause in _ADDED:
+        # what excludes a scale must hold where the current hardly changes, too
+        alike = current.causes(SCALES, LEAST_MEANS, of_one_current=True)
+        rivals = odds({one: max(gain, alike.get(one, gain)) for one, gain in causes.items()})
+        share = dict(rivals)[cause]
     if cause.endswith(_OF_VEHICLE):
         best = sources.vehicle.explanation(TURNED, LEAST_DIVES, _TURN_GAIN)
         # what excludes an instrument must be certain

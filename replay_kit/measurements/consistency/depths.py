@@ -23,7 +23,7 @@ from replay_kit.measurements.consistency import findings
 
 # s between depths that are remembered, and their number: of the vehicle for a day, of the instrument for four hours at least
 _SPACING, _MOST_OF_VEHICLE, _MOST_OF_PINGS = 60.0, 1500, 256
-# Pings before which nothing is said, and after how many more it is asked again.
+# Pings before which nothing is said, and after how many more of the first ones it is asked again.
 _LEAST_PINGS, _EVERY = 12, 8
 # m; changes of one depth that show that the vehicle dives, and those of a sensor that is stuck; error of two sound sensors
 _DIVES, _STUCK, _ERROR = 20.0, 1.0, 0.5
@@ -84,7 +84,8 @@ class DepthRecord:
     @property
     def is_due(self) -> bool:
         """Whether the depths of an instrument are to be compared now: not after every ping."""
-        return self.number >= _LEAST_PINGS and self.number % _EVERY == 0
+        each = _EVERY if self.number <= 8 * _EVERY else 4 * _EVERY
+        return self.number >= _LEAST_PINGS and self.number % each == 0
 
     @property
     def arrays(self) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -98,6 +99,14 @@ def can_compare(own: DepthRecord, vehicle: DepthRecord) -> bool:
     if len(vehicle.depths) < _LEAST_PINGS or len(own.depths) < _LEAST_PINGS:
         return False
     return max(float(np.ptp(each.arrays[1])) for each in (own, vehicle)) >= _DIVES
+
+
+def least_lag(own: DepthRecord, vehicle: DepthRecord) -> float:
+    """Return the least lag of an instrument's clock that its depths would show [s]; inf where they show none."""
+    if not can_compare(own, vehicle):
+        return math.inf
+    (t, p, _), (times, depths, _) = own.arrays, vehicle.arrays
+    return _lag_step(t, p, times, depths)[1]
 
 
 def found_of_depths(own: DepthRecord, vehicle: DepthRecord, topic: str) -> Finding | None:
@@ -214,17 +223,24 @@ def _best_lag(
     most = 2.0 * least + 2.0 * float(np.mean((0.5 * _STEP * rates) ** 2)) + _ERROR**2
     lag = min((abs(lag), lag) for lag, squares, number in found if squares / number <= most)[1]
     # between the lags tried the residuals are linear in the lag
-    slope = left = np.zeros(0)
+    known = math.inf
     for _ in range(3):
-        d, rate = _depth_at(t - lag, times, depths), _depth_at(t - lag + 1.0, times, depths)
-        known = np.isfinite(d) & np.isfinite(rate)
-        slope, left = (rate - d)[known], (p - d)[known]
-        if known.sum() < _LEAST_PINGS or not slope.any():
-            return 0.0, None
-        slope, left = slope - slope.mean(), left - left.mean()
-        step = float(slope @ left / (slope @ slope))
+        step, known = _lag_step(t - lag, p, times, depths)
         lag -= float(np.clip(step, -60.0, 60.0))
-    error = math.sqrt((float(left @ left) / left.size + _ERROR**2) / float(slope @ slope))
-    if abs(lag) < max(_LEAST_LAG, _SIGMAS * error):
+    if abs(lag) < known:
         return 0.0, None
     return lag, _misfit(p, _depth_at(t - lag, times, depths))
+
+
+def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, float]:
+    """Return by how much the times are late by the depths' slopes, and the least lag that differs from none [s]: inf without slopes."""
+    d, later = _depth_at(t, times, depths), _depth_at(t + 1.0, times, depths)
+    known = np.isfinite(d) & np.isfinite(later)
+    slope, left = (later - d)[known], (p - d)[known]
+    if known.sum() < _LEAST_PINGS:
+        return 0.0, math.inf
+    slope, left = slope - slope.mean(), left - left.mean()
+    if (squares := float(slope @ slope)) == 0.0:
+        return 0.0, math.inf
+    error = math.sqrt((float(left @ left) / left.size + _ERROR**2) / squares)
+    return float(slope @ left) / squares, max(_LEAST_LAG, _SIGMAS * error)

@@ -26,6 +26,7 @@ BEAM = "a beam of the instrument"
 MEANS = "mean currents"
 DUPLICATES = "messages logged twice"
 FROZEN = "frozen positions"
+REPEATED = "the last fix repeated under water"
 DISPLACED = "displaced positions"
 PLACES = "positions of several missions"
 TRACKS = "these logs hold two tracks that no one vehicle can join"
@@ -134,12 +135,12 @@ def equal_means(mean: PathMean, since_ns: int, number: int) -> Finding:
     )
 
 
-def too_fast(reason: str, number: int) -> Finding:
-    """Return the finding of a log whose mean currents are faster than any current, and are all skipped for that."""
+def too_fast(reason: str, number: int, total: int) -> Finding:
+    """Return the finding of a log whose mean currents are faster than any current, and are skipped for that, most or all."""
     return Finding(
         SCALE,
         0,
-        f"all {number} mean currents were skipped ({reason})",
+        f"{number} of {total} mean currents were skipped ({reason})",
         "mean currents in cm/s or mm/s, taken for m/s",
         "correct their unit, or withhold them (--without dac)",
     )

@@ -20,8 +20,8 @@ from replay_kit.measurements.consistency.summary import PingSummary
 # Pings or positions after which each is judged, and those after which stated errors are.
 _LEAST_PINGS, _LATER_PINGS = 30, 40
 # How many times as large as the stated error the noise of sound bins may be: below, the errors of a mean are stated for single pings, or
-# hold more than noise; above, the current changes from bin to bin. Median size of a normal variable of unit variance.
-_LEAST_NOISE, _MOST_NOISE, _MEDIAN = 0.05, 8.0, 0.6745
+# hold more than noise; above, the current changes from bin to bin.
+_LEAST_NOISE, _MOST_NOISE = 0.05, 8.0
 # m; by which the water about an instrument is another. Profiles in a row that are alike there, and how much.
 _OTHER_DEPTH, _OTHER_PLACE, _LEAST_ALIKE, _ALIKE = 20.0, 1000.0, 8, 0.7
 # How many times as large as that of the others the variance of a beam's noise is, or how many times as small, when the beam is bad.
@@ -35,21 +35,17 @@ class Repeats:
     """Pings, or positions, that come twice: equal, at one time, from one log.
 
     Attributes:
-        last: Time [ns, UTC], log and topic of the last one, and what it was.
+        last: The last one.
         latest: Of the latest ones, whether each repeats the one before it.
     """
 
-    last: tuple[int, int, str, tuple[float, float, float]] | None = None
+    last: Observation | VehicleState | None = None
     latest: tuple[bool, ...] = ()
 
     def after(self, event: Observation | VehicleState, summary: PingSummary | None = None) -> Self:
         """Return what is remembered after a ping or a position."""
-        # the sum tells pings of so few cells that they have no digest from each other
-        velocity = float(np.nansum(event.velocity)) if isinstance(event, Observation) else 0.0
-        what = event.longitude, event.latitude, velocity
-        last = event.time_ns, event.source.input, event.source.topic, what
-        repeats = self.last is not None and last[:3] == self.last[:3] and np.array_equal(what, self.last[3], equal_nan=True)  # fmt: skip
-        return type(self)(last, (*self.latest, repeats)[-_LEAST_PINGS:])
+        repeats = self.last is not None and event.time_ns == self.last.time_ns and _equal(event, self.last)  # fmt: skip
+        return type(self)(event, (*self.latest, repeats)[-_LEAST_PINGS:])
 
     def found(self, event: Observation | VehicleState, named: frozenset[str]) -> Finding | None:
         """Return that the messages are duplicates, if a third of them are."""
@@ -70,6 +66,14 @@ class Repeats:
         return False
 
 
+def _equal(one: Observation | VehicleState, other: Observation | VehicleState) -> bool:
+    """Return whether two pings, or positions, of one time are one message."""
+    of_one = (one.source.input, one.source.topic) == (other.source.input, other.source.topic)
+    if isinstance(one, Observation) and isinstance(other, Observation):
+        of_one = of_one and np.array_equal(one.velocity, other.velocity, equal_nan=True)
+    return of_one and (one.longitude, one.latitude) == (other.longitude, other.latitude)
+
+
 @dataclass(frozen=True, slots=True)
 class Noise:
     """The noise of the bins, by the second differences of profiles, against their stated errors.
@@ -84,18 +88,9 @@ class Noise:
 
     def after(self, ping: Observation, summary: PingSummary) -> "Noise":
         """Return the noise after a ping."""
-        if ping.correlation_depth > 0.0 or ping.depth.size < 5:
+        if summary.noise is None:
             return self
-        second = np.diff(ping.velocity, 2, axis=0)
-        known = np.isfinite(second[:, 0])
-        # of white noise the second differences have six times its variance; outliers, of which there may be many, leave the median alone
-        sizes = np.sort(np.abs(second[known]), axis=None)
-        noise = float(sizes[sizes.size // 2]) / (_MEDIAN * math.sqrt(6.0)) if sizes.size else 0.0
-        stated = float(np.mean(ping.error_std[1:-1][known])) if known.any() else math.nan
-        if not (noise > 0.0 and stated > 0.0):
-            return self
-        ratio = math.log(noise / stated)
-        return Noise((*self.log_ratios, ratio)[-_LATER_PINGS:])
+        return Noise((*self.log_ratios, summary.noise)[-_LATER_PINGS:])
 
     def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
         """Return that the stated errors are none of the instrument's, if they are not."""

@@ -24,15 +24,19 @@ from replay_kit.measurements.consistency.causes import (
 from replay_kit.measurements.consistency.depths import (
     Depth,
     DepthRecord,
-    can_compare,
     found_of_depths,
+    least_lag,
 )
+from replay_kit.measurements.consistency.instrument import Beams
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 
 # After any of these the instrument's depth is known to be wrong, or its time.
 _OF_DEPTHS = {findings.DEPTH, findings.DEPTHS, findings.CLOCK}
+
+# s; below, what a clock may lag without being found is not worth a note
+_LEAST_LAG = 60.0
 
 #: What is checked.
 Checked = VehicleState | Observation | PathMean
@@ -112,15 +116,36 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
         return ()
     found = []
     sources = [instrument.sources for instrument in instruments]
-    if not any(len(each.current.pairs) + len(each.drift.pairs) >= LEAST_MEANS for each in sources):
+    compared = [
+        each
+        for one in sources
+        for each in (one.current, one.drift)
+        if len(each.pairs) >= LEAST_MEANS
+    ]
+    if not compared:
         found.append(
             "an offset, a drift or a scale of the profiles (an offset cancels in profiles relative to the platform)"
             if not state.absolute_pings
             else f"an offset, a drift or a scale of the profiles ({LEAST_MEANS} mean currents of dives, or drifts, beside them would tell)"
         )
-    if not any(can_compare(instrument.depths, state.depths) for instrument in instruments):
+    elif not any((findings.OF_SOURCES | {findings.COMPASS}) & each.named for each in instruments):
+        undecided = min((each.undecided() for each in compared), key=len)
+        if undecided:
+            listed = ", ".join(f"{name} e^{gain:.0f}" for name, gain in undecided.items())
+            found.append(
+                f"some faults of the profiles (likelihood ratios to none by {max(len(each.pairs) for each in compared)} mean currents or "
+                f"drifts: {listed}; more of them, or other currents, would tell)"
+            )
+    lag = min(least_lag(instrument.depths, state.depths) for instrument in instruments)
+    if lag == math.inf:
         found.append(
             "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell)"
+        )
+    elif lag > _LEAST_LAG:
+        found.append(f"a lag of the instrument's clock below {lag:.0f} s")
+    if any(isinstance(each, Beams) and each.variances for one in instruments for each in one.pings):
+        found.append(
+            "directions across the heading (beams 1 and 2 exchanged, the sign of roll), along which the vehicle hardly moves"
         )
     return tuple(f"cannot be known here: {each}" for each in found)
 
@@ -222,9 +247,10 @@ def _after_ping(
     if wrong:
         instrument = replace(instrument, raw=raw)
     else:
-        instrument = _measured(instrument, raw, ping, summary)
-        found += _of_ping(instrument, ping)
-        if instrument.depths.is_due and not instrument.named & _OF_DEPTHS:
+        before, instrument = instrument, _measured(instrument, raw, ping, summary)
+        found += _of_ping(instrument, before.sources, ping)
+        is_due = instrument.depths is not before.depths and instrument.depths.is_due
+        if is_due and not instrument.named & _OF_DEPTHS:
             of_depths = found_of_depths(instrument.depths, state.depths, topic)
             found += [] if of_depths is None else [of_depths]
     if found:
@@ -261,18 +287,18 @@ def _measured(
     return Instrument(raw, sources, after, depths, instrument.is_believed, instrument.named)
 
 
-def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
-    """Return what a ping established about its instrument."""
+def _of_ping(instrument: Instrument, before: SourceStatistics, ping: Observation) -> list[Finding]:
+    """Return what a ping established about its instrument, whose sources were others before it."""
     found = list(
         _new((each.found(ping, instrument.named) for each in instrument.pings), instrument.named)
     )
     if findings.COMPASS not in instrument.named:
         sources = instrument.sources
-        for statistics, what in (
-            (sources.motion, findings.OF_MOTION),
-            (sources.track, findings.OF_TRACK),
+        for statistics, earlier, what in (
+            (sources.motion, before.motion, findings.OF_MOTION),
+            (sources.track, before.track, findings.OF_TRACK),
         ):
-            if not statistics.is_due:
+            if statistics is earlier or not statistics.is_due:
                 continue
             explanation = statistics.explanation(TURNED, LEAST_MOTIONS)
             if explanation is not None:

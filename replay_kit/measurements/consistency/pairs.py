@@ -20,7 +20,7 @@ References:
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.measurements.consistency.usual_faults import Hypothesis, hypotheses
+from replay_kit.measurements.consistency.usual_faults import KINDS, Hypothesis, hypotheses
 
 #: Log-likelihood ratio from which a contradiction is named: odds of 8,000 to one.
 LEAST_GAIN = 9.0
@@ -39,14 +39,18 @@ _MAJORITY = 2.0 / 3.0
 _LEAST_RATIO = 4.0
 # Hypotheses whose gains differ by less are equally likely: a slip of axes or signs, or a turn, is then the likelier cause.
 _ALIKE = 3.0
+# Log-likelihood ratio to a hypothesis from which equality excludes it.
+_EXCLUDED = 1.0
 # Pairs remembered: what is correlated over a long log is not more evidence without end.
 _MOST_PAIRS = 128
-# Of pairs that come with pings, after how many all of them are judged again.
-_JUDGED_EACH = 16
+# Of pairs that come with pings, after how many all of them are judged again: of the first ones, of later ones.
+_JUDGED_FIRST, _JUDGED_EACH = 4, 16
 # m/s, and m/s an hour: how large an offset and a drift are before any pair
 _OFFSET_STD, _DRIFT_STD = 0.3, 0.03
 # m/s; of a bias that all pairs share: of a flight model, of water that is not quite the same
 _BIAS_STD = 0.03
+# Share of the logs that have one of any size.
+_ODD_BIAS = 0.02
 # m/s; a smaller offset, or a drift that comes to less, is a bias that sound sources have: of a flight model, of a compass
 _LEAST_OFFSET = 0.12
 _HOUR_NS = 3.6e12
@@ -107,11 +111,14 @@ class _Fits(NamedTuple):
 
 
 @cache
-def _table() -> tuple[Array, Array, NDArray[np.str_]]:
-    """Return the hypotheses' matrices, scales and kinds."""
-    table = hypotheses()
+def _table(
+    kinds: tuple[str, ...],
+) -> tuple[tuple[Hypothesis, ...], Array, Array, NDArray[np.str_]]:
+    """Return the hypotheses of some kinds, their matrices where errors are those of the faster vectors, scales and kinds."""
+    table = tuple(each for each in hypotheses() if each.kind in kinds)
     return (
-        np.array([each.matrix for each in table]),
+        table,
+        np.array([each.matrix * min(each.scale, 1.0) for each in table]),
         np.array([each.scale for each in table]),
         np.array([each.kind for each in table]),
     )
@@ -147,72 +154,98 @@ class PairStatistics:
 
     @property
     def is_due(self) -> bool:
-        """Whether the pairs are to be judged: after each of the first, then now and then, as it takes milliseconds."""
-        return self.number <= _JUDGED_EACH or self.number % _JUDGED_EACH == 0
+        """Whether the pairs are to be judged: now and then, as it takes a millisecond."""
+        each = _JUDGED_FIRST if self.number <= 2 * _JUDGED_EACH else _JUDGED_EACH
+        return self.number % each == 0
 
-    def fits(self) -> _Fits:
-        """Return how well each hypothesis explains the pairs."""
-        (matrices, scale, kind), values = _table(), np.array(self.pairs, np.float64)
+    def fits(self, kinds: tuple[str, ...] = KINDS) -> _Fits:
+        """Return how well each hypothesis of some kinds explains the pairs."""
+        (_, matrices, scale, kind), values = _table(kinds), np.array(self.pairs, np.float64)
         first, second, weight = values[:, :2], values[:, 2:4], values[:, 4]
         hours, count = (values[:, 5] - values[0, 5]) / _HOUR_NS, _since(weight)[:, None]
         difference, bias = first - second, 2.0 * _BIAS_STD**2 / self.floor
         logged = np.sum(difference**2, axis=1)
         of_pairs, of_differences = count[0, 0], _since(weight[:, None] * difference)
-        mapped = np.moveaxis(first @ matrices.swapaxes(1, 2) - second, 0, 1)
+        mapped = first @ matrices.swapaxes(1, 2) - second * np.minimum(scale, 1.0)[:, None, None]
+        mapped = np.moveaxis(mapped, 0, 1)
         left = np.sum(mapped**2, axis=2)
         since = _since(weight[:, None] * left)
         favoured = _since(weight[:, None] * (left < logged[:, None]))
         as_logged = _since(weight * logged)[:, None]
         # the sums of what a hypothesis leaves, of which the common bias takes its share
-        sums = (of_differences[0] - of_differences)[:, None] + _since(
-            weight[:, None, None] * mapped
-        )
-        share = bias / (1.0 + bias * of_pairs)
-        misfit = as_logged[0] - as_logged + since - share * np.sum(sums**2, axis=2)
-        equal = float(as_logged[0, 0] - share * np.sum(of_differences[0] ** 2))
-        penalty, amount = 2.0 * count * np.log(scale), np.zeros((*left.shape, 2))
+        sums = of_differences[0] + _since(weight[:, None, None] * (mapped - difference[:, None]))
+        precision = of_pairs + 1.0 / bias
+        squares_of_sums = np.sum(sums**2, axis=2)
+        misfit = as_logged[0] - as_logged + since - squares_of_sums / precision
+        of_equal = float(np.sum(of_differences[0] ** 2))
+        equal = float(as_logged[0, 0] - of_equal / precision)
+        penalty, amount = 2.0 * count * np.log(np.maximum(scale, 1.0)), np.zeros((*left.shape, 2))
+        common, none = squares_of_sums / precision**2, of_equal / precision**2
         for name, std, power in (("offset", _OFFSET_STD, 0), ("drift", _DRIFT_STD, 1)):
+            if name not in kinds:
+                continue
             at, v = int(np.flatnonzero(kind == name)[0]), 2.0 * std**2 / self.floor
             # a drift began with the pair before the first that it moved
             began = np.concatenate([[2.0 * hours[0] - hours[min(1, len(hours) - 1)]], hours[:-1]])
             x = np.triu((hours[None, :] - began[:, None]) ** power)
             # the regression on the bias and on x: its normal matrix, and its right side
             both, squares, moments = x @ weight, x**2 @ weight + 1.0 / v, (x * weight) @ difference
-            det = (of_pairs + 1.0 / bias) * squares - both**2
-            c = ((of_pairs + 1.0 / bias) * moments - both[:, None] * of_differences[0]) / det[:, None]  # fmt: skip
+            det = precision * squares - both**2
+            c = (precision * moments - both[:, None] * of_differences[0]) / det[:, None]
             b = (squares[:, None] * of_differences[0] - both[:, None] * moments) / det[:, None]
             amount[:, at] = c
             misfit[:, at] = as_logged[0, 0] - np.sum(b * of_differences[0] + c * moments, axis=1)
             mine = weight * np.sum((difference - c[:, None] * x[..., None]) ** 2, axis=2)
             since[:, at] = np.triu(mine).sum(axis=1)
             favoured[:, at] = np.triu(weight * (mine < weight * logged)).sum(axis=1)
-            # the conjugate prior grows with the errors; an offset of metres per second is none, however large these are
             far = np.sum(c**2, axis=1) / (2.0 * std**2)
             penalty[:, at] = np.log(bias * v * det / (1.0 + bias * of_pairs)) + far
+            common[:, at] = np.sum(b**2, axis=1)
         misfit = np.maximum(misfit, 0.0) + self.floor
         gain = (of_pairs + 1.0) * np.log((equal + self.floor) / misfit) - penalty
+        # conjugate priors grow with the errors; a bias of decimetres per second is rare, however large these are
+        gain += np.log(_rare(common) / _rare(np.array(none)))
         # of all beginnings within the log each is as likely before
         gain[1:] -= math.log(len(gain))
         ratio = (as_logged + self.floor) / (np.maximum(since, 0.0) + self.floor)
         return _Fits(gain, ratio, favoured / count, amount)
 
-    def causes(self, kinds: Sequence[str], least_pairs: int) -> dict[str, float]:
+    def _in_one_current(self, kinds: tuple[str, ...]) -> Array:
+        """Return the gains where all vectors are of one current: that it is several times as fast is then no surprise at each anew."""
+        _, _, scale, _ = _table(kinds)
+        weight = np.array([pair.weight for pair in self.pairs])
+        known = np.maximum(_since(weight) - 1.0, 0.0)[:, None]
+        return self.fits(kinds).gain + 2.0 * known * np.log(np.maximum(scale, 1.0))
+
+    def causes(
+        self, kinds: tuple[str, ...], least_pairs: int, of_one_current: bool = False
+    ) -> dict[str, float]:
         """Return the logarithm of the odds of each cause of some kinds, all its hypotheses together, to equality; none without pairs.
 
         Args:
             kinds: Of hypotheses.
             least_pairs: Number of pairs that a fault which began during the log must explain.
+            of_one_current: Whether all vectors are of one current, in which a scale is hardly told from an offset.
         """
         found: dict[str, float] = {}
         if not self.pairs:
             return found
-        gains = self.fits().gain[: max(1, len(self.pairs) - least_pairs + 1)]
-        of_each = np.logaddexp.reduce(gains, axis=0)
-        for each, gain in zip(hypotheses(), of_each.tolist(), strict=True):
-            if each.kind in kinds:
-                more = gain + math.log(each.prior)
-                found[each.cause] = float(np.logaddexp(found.get(each.cause, -math.inf), more))
+        gains = self._in_one_current(kinds) if of_one_current else self.fits(kinds).gain
+        of_each = np.logaddexp.reduce(gains[: max(1, len(gains) - least_pairs + 1)], axis=0)
+        for each, gain in zip(_table(kinds)[0], of_each.tolist(), strict=True):
+            more = gain + math.log(each.prior)
+            found[each.cause] = float(np.logaddexp(found.get(each.cause, -math.inf), more))
         return found
+
+    def undecided(self) -> dict[str, float]:
+        """Return what all pairs neither establish nor exclude, causes and slips, with their log-likelihood ratios to equality."""
+        found: dict[str, float] = {}
+        gains = self._in_one_current(KINDS)[0].tolist()
+        for each, gain in zip(hypotheses(), gains, strict=True):
+            if each.is_slip or each.kind not in ("turn", "mirror"):
+                name = f"{each.cause} ({each.name})" if each.is_slip else each.cause
+                found[name] = max(gain, found.get(name, -math.inf))
+        return {name: gain for name, gain in found.items() if gain > -_EXCLUDED}
 
     def tell_directions(self, least_pairs: int) -> bool:
         """Return whether these pairs, which agree, would contradict each other if the first vectors were turned by a right angle.
@@ -239,11 +272,12 @@ class PairStatistics:
             least_gain: Log-likelihood ratio below which nothing is said.
         """
         weight = len(self.pairs) + 1.0
-        # scales below 1 gain by their determinant, so that the bound needs a margin; pairs that agree are the rule
-        if len(self.pairs) < least_pairs or weight * math.log1p(self.misfit / self.floor) < least_gain:  # fmt: skip
+        # a bias that is rare may add to the bound; pairs that agree are the rule
+        bound = weight * math.log1p(self.misfit / self.floor) - math.log(_ODD_BIAS)
+        if len(self.pairs) < least_pairs or bound < least_gain:
             return None
-        fits, table, (_, _, kind) = self.fits(), hypotheses(), _table()
-        allowed = np.isin(kind, kinds) & (fits.favoured >= _MAJORITY) & (fits.ratio >= _LEAST_RATIO)
+        fits, (table, _, _, kind) = self.fits(kinds), _table(kinds)
+        allowed = (fits.favoured >= _MAJORITY) & (fits.ratio >= _LEAST_RATIO)
         allowed[len(self.pairs) - least_pairs + 1 :] = False
         size = np.hypot(*np.moveaxis(fits.amount, 2, 0))
         hours = (self.pairs[-1].time_ns - self.pairs[0].time_ns) / _HOUR_NS
@@ -278,6 +312,11 @@ class PairStatistics:
             self.pairs[j].time_ns if j else 0,
             (east, north),
         )
+
+
+def _rare(squared_bias: Array) -> Array:
+    """Return how likely biases are, by their squares [m^2/s^2], over the likeliest."""
+    return (1.0 - _ODD_BIAS) * np.exp(-squared_bias / (2.0 * _BIAS_STD**2)) + _ODD_BIAS
 
 
 def _squared(pair: Pair) -> float:

@@ -34,6 +34,8 @@ class PositionRun:
         fixes: Number.
         shallowest: Least depth [m]; NaN when none was known.
         deepest: Greatest depth [m].
+        is_fix: Whether one that was measured came after others at different depths: a vehicle that logs its last fix until the next one
+            gives none.
     """
 
     longitude: float = math.nan
@@ -43,6 +45,7 @@ class PositionRun:
     fixes: int = 0
     shallowest: float = math.nan
     deepest: float = math.nan
+    is_fix: bool = False
 
     def after(self, vehicle: VehicleState) -> "PositionRun":
         """Return the run after a position."""
@@ -61,7 +64,12 @@ class PositionRun:
         least = depth if not self.shallowest <= depth and math.isfinite(depth) else self.shallowest
         most = depth if not self.deepest >= depth and math.isfinite(depth) else self.deepest
         return replace(
-            self, last_ns=vehicle.time_ns, fixes=self.fixes + 1, shallowest=least, deepest=most
+            self,
+            last_ns=vehicle.time_ns,
+            fixes=self.fixes + 1,
+            shallowest=least,
+            deepest=most,
+            is_fix=self.is_fix or (most - least > _FROZEN_DEPTH and not vehicle.dead_reckoned),
         )
 
     def found(self, vehicle: VehicleState, named: frozenset[str]) -> Finding | None:
@@ -69,12 +77,15 @@ class PositionRun:
         if not self.is_unusable:
             return None
         return Finding(
-            findings.FROZEN,
+            findings.FROZEN if self.is_fix else findings.REPEATED,
             self.last_ns,
             f"{self.fixes} positions over {(self.last_ns - self.since_ns) * 1e-9:.0f} s are equal to the last digit "
             f"while the vehicle moved between {self.shallowest:.0f} and {self.deepest:.0f} m",
-            "a receiver without a fix that repeats its last one",
+            "a receiver without a fix that repeats its last one"
+            if self.is_fix
+            else "a vehicle that does not reckon its way under water, and logs its last fix until the next one",
             "pings at such positions are not used; check the receiver, or give the vehicle's dead-reckoned positions",
+            "inconsistent" if self.is_fix else "warning",
         )
 
     @property

@@ -83,6 +83,8 @@ _NEAR = 100.0
 REPAIRABLE = Reason.GROSS_RANGE | Reason.HIGH_SPEED | Reason.OUTLIER
 _NOT_REPAIRABLE = ~np.int32(REPAIRABLE)
 _AT_SURFACE = np.int32(Reason.AT_SURFACE)
+# Bins from which noise is told; median size of a normal variable of unit variance.
+_LEAST_BINS, _MEDIAN = 5, 0.6745
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,11 +95,13 @@ class PingSummary:
         near: Its bins near the instrument; None without a bin there.
         is_above: Whether most of its bins are above the surface; None without a bin that tells.
         speed: Its speed, and the ensemble's at its depths; None where it is relative, or nothing is compared.
+        noise: Logarithm of the scatter of neighbouring bins over their stated errors; None where either is not known.
     """
 
     near: NearMean | None = None
     is_above: bool | None = None
     speed: PingSpeed | None = None
+    noise: float | None = None
 
 
 def summaries(pings: Sequence[Observation], ensemble: EnsembleSpeeds | None) -> list[PingSummary]:
@@ -110,6 +114,7 @@ def summaries(pings: Sequence[Observation], ensemble: EnsembleSpeeds | None) -> 
     near: dict[int, NearMean] = {}
     above: dict[int, bool] = {}
     speeds: dict[int, PingSpeed] = {}
+    noise: dict[int, float] = {}
     sizes: dict[int, list[int]] = {}
     for i, ping in enumerate(pings):
         sizes.setdefault(ping.depth.size, []).append(i)
@@ -134,13 +139,12 @@ def summaries(pings: Sequence[Observation], ensemble: EnsembleSpeeds | None) -> 
             for i, (count, high) in enumerate(zip(counts.tolist(), over.tolist(), strict=True))
             if count
         }
+        error_std = np.array([ping.error_std for ping in some])
+        noise |= _noises(at, some, velocity, error_std)
         if ensemble is None:
             continue
         absolute = np.array([math.isfinite(ping.common_std) for ping in some])
-        error_std, squared = (
-            np.array([ping.error_std for ping in some]),
-            np.square(velocity).sum(axis=2),
-        )
+        squared = np.square(velocity).sum(axis=2)
         for rows, bins in _alike(repairable & np.isfinite(squared + error_std) & absolute[:, None]):
             cut = np.ix_(rows, bins)
             speeds |= zip(
@@ -148,7 +152,32 @@ def summaries(pings: Sequence[Observation], ensemble: EnsembleSpeeds | None) -> 
                 _speeds(depth[cut], squared[cut], error_std[cut], ensemble),
                 strict=True,
             )
-    return [PingSummary(near.get(i), above.get(i), speeds.get(i)) for i in range(len(pings))]
+    return [
+        PingSummary(near.get(i), above.get(i), speeds.get(i), noise.get(i))
+        for i in range(len(pings))
+    ]
+
+
+def _noises(
+    at: Sequence[int], pings: Sequence[Observation], velocity: Array, error_std: Array
+) -> Iterator[tuple[int, float]]:
+    """Yield numbers of pings of one size and the logarithm of their noise, by second differences, over their stated errors.
+
+    Bins whose errors are correlated say nothing, nor do fewer than five.
+    """
+    if velocity.shape[1] < _LEAST_BINS:
+        return
+    second = np.diff(velocity, 2, axis=1)
+    white = np.array([not ping.correlation_depth > 0.0 for ping in pings])
+    for rows, bins in _alike(np.isfinite(second[..., 0]) & white[:, None]):
+        sizes = np.abs(second[np.ix_(rows, bins)]).reshape(len(rows), -1)
+        # of white noise the second differences have six times its variance; outliers, of which there may be many, leave the median alone
+        middle = sizes.shape[1] // 2
+        size = np.partition(sizes, middle, axis=1)[:, middle] / (_MEDIAN * math.sqrt(6.0))
+        stated = error_std[:, 1:-1][np.ix_(rows, bins)].mean(axis=1)
+        for i, noise, error in zip(rows, size.tolist(), stated.tolist(), strict=True):
+            if noise > 0.0 and error > 0.0:
+                yield at[i], math.log(noise / error)
 
 
 def _alike(good: NDArray[np.bool_]) -> Iterator[tuple[list[int], list[int]]]:

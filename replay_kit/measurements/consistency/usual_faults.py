@@ -28,7 +28,8 @@ _LEAST_TURN, _STEP = 20, 10
 KNOTS = 1.943844
 # Factors from m/s to the units for which m/s are mistaken. Ten and two stand for any factor between those of units.
 _SCALES = ((KNOTS, "knots"), (2.0, ""), (1.0 / 0.3048, "ft/s"), (3.6, "km/h"), (10.0, ""), (100.0, "cm/s"), (1000.0, "mm/s"))  # fmt: skip
-_CAUSES = {
+#: By kind of hypothesis, the cause that it shares with others.
+CAUSES = {
     "turn": "wrong directions",
     "mirror": "wrong directions",
     "unit": "a wrong scale",
@@ -36,10 +37,14 @@ _CAUSES = {
     "offset": "a constant offset",
     "drift": "a drift",
 }
+# Of each turn and each mirror that is no slip: mirrors about an odd bearing need two faults at once.
+_NO_SLIP = {"turn": 0.45 / 32.0, "mirror": 0.05 / 33.0}
+#: Of hypotheses.
+KINDS = tuple(CAUSES)
 # Slips of axes and units are the usual ones. Those of one cause share it: turns with mirrors, units with scales.
 _PRIORS = {"turn": 0.4, "mirror": 0.4, "unit": 0.4, "scale": 0.4, "offset": 0.15, "drift": 0.05}
 #: The cause of units and other scales.
-SCALE_CAUSE = _CAUSES["unit"]
+SCALE_CAUSE = CAUSES["unit"]
 # Smaller ones are not told from a vehicle's error of its own speed, where velocities are relative to it.
 _LEAST_UNIT = 3.0
 _MIRRORS = {
@@ -89,14 +94,14 @@ class Hypothesis:
     @property
     def cause(self) -> str:
         """What it has in common with hypotheses that are no rivals of it."""
-        return _CAUSES[self.kind]
+        return CAUSES[self.kind]
 
     @property
     def prior(self) -> float:
         """Its probability before any pair, given that something is wrong: of directions half is that of the slips."""
         of_cause = _PRIORS[self.kind]
         if self.kind in ("turn", "mirror"):
-            return of_cause * (0.125 if self.is_slip else 0.5 / 65.0)
+            return of_cause * (0.125 if self.is_slip else _NO_SLIP[self.kind])
         return of_cause * (0.5 / len(_SCALES) if self.kind in ("unit", "scale") else 1.0)
 
     @property
@@ -111,7 +116,7 @@ class Hypothesis:
 
 def kinds_of(cause: str, among: Sequence[str]) -> tuple[str, ...]:
     """Return the kinds of hypotheses of a cause, of some kinds, in their order."""
-    return tuple(kind for kind in among if _CAUSES[kind] == cause)
+    return tuple(kind for kind in among if CAUSES[kind] == cause)
 
 
 @cache
@@ -135,7 +140,7 @@ def hypotheses() -> tuple[Hypothesis, ...]:
         replace(each, name=f"{each.name}, of the other source", scale=1.0 / each.scale)
         for each in scales
     ]
-    added = [Hypothesis(f"off by {_CAUSES[kind]}", kind) for kind in ("offset", "drift")]
+    added = [Hypothesis(f"off by {CAUSES[kind]}", kind) for kind in ("offset", "drift")]
     return (*turns, *mirrors, *scales, *slower, *added)
 
 

@@ -77,12 +77,16 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
     Raises:
         ForecastError: There is no such variable on longitude and latitude, its unit is not one of length, or it holds no water.
     """
+    import h5py
     import xarray as xr
 
     try:
+        # of a root that is damaged h5netcdf leaves a file half open, which is complained of later
+        with h5py.File(path, "r") as file:
+            len(file.attrs)
         with xr.open_dataset(path, engine="h5netcdf") as opened:
             return _in_region(path, opened.squeeze(), region)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, LookupError, RuntimeError, TypeError, OverflowError) as error:
         raise ForecastError(f"{path}: cannot read the bathymetry: {error}") from error
 
 

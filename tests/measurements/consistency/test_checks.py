@@ -5,9 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import RawValues, Reason
+from replay_kit.logs import open_log
+from replay_kit.measurements import initial_state, interpret
+from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.checks import DepthCounts, SpeedCounts
-from replay_kit.measurements.consistency.monitor import unused
+from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check, unused
 from replay_kit.measurements.consistency.position_checks import PositionRun
 from replay_kit.measurements.consistency.raw import RawHistory, raw_values
 from replay_kit.measurements.consistency.summary import (
@@ -17,6 +21,7 @@ from replay_kit.measurements.consistency.summary import (
     summaries,
 )
 from tests.measurements.samples import profile, vehicle
+from tests.places import DATA
 
 
 def _after(counts, one):
@@ -133,6 +138,28 @@ def test_a_position_that_stays_while_the_vehicle_dives_is_frozen():
     assert not run(*(state(200.0 * k, 150.0, 20.0 / 3.0 * k - 1e-9) for k in range(4))).is_unusable
     assert not run(*(state(200.0 * k, 150.0, float("nan")) for k in range(4))).is_unusable
     assert not run(*(state(200.0 * k, 150.0 + 1e-9 * k, 7.0 * k) for k in range(4))).is_unusable
+
+
+def test_a_last_fix_that_is_repeated_under_water_is_no_contradiction_until_a_new_fix_repeats_it():
+    dive = [state(200.0 * k, 150.0, 7.0 * k) for k in range(4)]
+    surfaced = vehicle(800.0, 150.0, depth=0.0)
+    found = run(*dive).found(dive[-1], frozenset())
+    assert (found.name, found.severity) == (findings.REPEATED, "warning")
+    found = run(*dive, surfaced).found(surfaced, frozenset())
+    assert (found.name, found.severity) == (findings.FROZEN, "inconsistent")
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data is not there")
+def test_a_real_glider_that_repeats_its_last_fix_under_water_contradicts_nothing():
+    checked, measured = ConsistencyState(), initial_state()
+    for message in open_log(DATA / "glider/seaexplorer/sea046.45.gli.sub.10.gz").messages():
+        measured, events = interpret(measured, message, MeasurementConfig())
+        for event in events:
+            if isinstance(event, Checked):
+                checked, _ = check(checked, event)
+    assert [(one.name, one.severity) for one in checked.findings] == [
+        (findings.REPEATED, "warning")
+    ]
 
 
 def test_the_depths_of_a_run_are_those_known():

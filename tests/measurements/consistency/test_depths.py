@@ -1,5 +1,7 @@
 """The instrument's depth against the vehicle's: unit, stuck sensor and lag are named, and sound sensors are not."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from replay_kit.measurements.consistency.depths import (
     DepthRecord,
     can_compare,
     found_of_depths,
+    least_lag,
 )
 from replay_kit.measurements.consistency.monitor import ConsistencyState, check, unknowable
 from tests.measurements.samples import profile, vehicle
@@ -73,6 +76,12 @@ def test_sound_sensors_are_not_accused(offset):
     assert found_of_depths(*records(lambda depth: depth + offset), "/adcp") is None
     # nor ones that disagree by half a percent and a metre of noise
     assert found_of_depths(*records(lambda depth: 1.005 * depth, noise=1.0), "/adcp") is None
+
+
+@pytest.mark.parametrize(("noise", "least", "most"), [(0.01, 10.0, 10.0), (20.0, 30.0, 600.0)])
+def test_the_least_lag_that_would_be_found_grows_with_the_noise(noise, least, most):
+    assert least <= least_lag(*records(lambda depth: depth, noise=noise)) <= most
+    assert least_lag(*records(lambda depth: 0.0, of_vehicle=lambda depth: 0.0)) == math.inf
 
 
 def test_without_dives_or_without_a_pressure_nothing_can_be_known_and_that_is_said():

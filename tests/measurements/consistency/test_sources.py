@@ -206,7 +206,7 @@ def test_a_unit_is_not_taken_for_a_turned_compass():
     [
         (8.0, 2, "about 10 times"),
         (20.0, 3, "about 10 times"),
-        (100.0, 1, ": the profiles are 100 times"),
+        (100.0, 2, ": the profiles are 100 times"),
     ],
 )
 def test_a_factor_of_eight_or_more_is_unusable(factor, dives, words):

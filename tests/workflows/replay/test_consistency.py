@@ -234,7 +234,8 @@ def test_profiles_at_impossible_depths_are_not_used(ocean, name):
 
 def test_pings_at_frozen_positions_are_not_used(ocean):
     summary = run(ocean, faulty(ocean, "frozen positions"))
-    assert [finding.name for finding in summary.findings] == ["frozen positions"]
+    # until a fix repeats the one before the dive it may be a vehicle that does not reckon its way
+    assert [finding.name for finding in summary.findings] == [findings.REPEATED, findings.FROZEN]
     assert summary.bins_rejected["inconsistent"] > 0
     assert summary.exit_code == 6
 
@@ -467,7 +468,7 @@ def test_mean_currents_that_are_all_too_fast_are_named():
     skipped = {("/dac", TOO_FAST): 12, ("/adcp", "other"): 3}
     found, _ = conclusions(MonitoringState(), ProfileCounts(), RunConfig(), skipped)
     assert [one.name for one in found] == [findings.SCALE]
-    assert found[0].evidence.startswith("all 12 mean currents were skipped")
+    assert found[0].evidence.startswith("12 of 12 mean currents were skipped")
 
 
 @pytest.mark.parametrize(

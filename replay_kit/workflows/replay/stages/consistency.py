@@ -66,7 +66,8 @@ class MonitoringState:
     def explains_no_profile(self) -> bool:
         """Whether a finding is the reason that no profile may be used: such a run still has a result, the estimate without them."""
         return any(
-            finding.distrusts or (finding.name == findings.FROZEN and self.checks.pings > 0)
+            finding.distrusts
+            or (finding.name in (findings.FROZEN, findings.REPEATED) and self.checks.pings > 0)
             for finding in self.checks.findings
         )
 
@@ -248,11 +249,14 @@ def conclusions(
         return (), ("no consistency check was made (consistency.on_failure)",)
     found, blind = state.checks.findings, []
     fast = sum(count for (_, reason), count in (skipped or {}).items() if reason == TOO_FAST)
-    if fast and not any(mean.kind == "dac" for mean in state.means):
-        found += (findings.too_fast(TOO_FAST, fast),)
+    used = sum(mean.kind == "dac" for mean in state.means)
+    if fast > 2 * used and not any(finding.name == findings.SCALE for finding in found):
+        found += (findings.too_fast(TOO_FAST, fast, fast + used),)
     if not found and (of_gate := _preferred(state)) is not None:
         found += (of_gate,)
-    if not found and (of_file := state.forecast.explanation(_OF_FILE, _LEAST_DIVES)) is not None:
+    of_file = None if found else state.forecast.explanation(_OF_FILE, _LEAST_DIVES)
+    # the mean of members that differ is slower than any of them
+    if of_file is not None and of_file.fault.scale >= 1.0:
         found += (findings.forecast_fault(of_file),)
     of_forecast = _of_forecast(counts, config.forecast.place)
     # faults of the log explain that it does not fit
