@@ -11,7 +11,7 @@ from tests.workflows.replay.interrupted import make_ocean
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory):
     folder = make_ocean(tmp_path_factory.mktemp("ocean"), RunConfig(), 12)
-    with xr.open_dataset(folder / "ensemble.nc", engine="h5netcdf") as opened:
+    with xr.open_dataset(folder / "ensemble.nc") as opened:
         moved = opened.load()
     moved.assign_coords(lon=moved.lon + 10.0).to_netcdf(folder / "elsewhere.nc", engine="h5netcdf")
     return folder
@@ -59,7 +59,7 @@ def test_what_is_wrong_with_a_place(ocean, goal, why) -> None:
 
 
 def test_a_place_whose_swapped_numbers_lie_in_the_region_is_asked_about(ocean, tmp_path) -> None:
-    with xr.open_dataset(ocean / "ensemble.nc", engine="h5netcdf") as opened:
+    with xr.open_dataset(ocean / "ensemble.nc") as opened:
         near = opened.load()
     near.assign_coords(lon=near.lon - 90.0).to_netcdf(tmp_path / "near.nc", engine="h5netcdf")
     answer = said(ocean, "--goal=-39.8,62.2,100", ensemble=tmp_path / "near.nc", code=3)
