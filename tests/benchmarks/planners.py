@@ -46,7 +46,7 @@ def rows(tiny: bool) -> list[Row]:
         *glide_rows(tiny),
         flow_row(tiny),
         masked_row(1 if tiny else 200),
-        depth_row(1 if tiny else 40),
+        depth_row(1, 112) if tiny else depth_row(40),
     ]
     made += planners_mission.rows(_flows(tiny)[0], 1 if tiny else 6, tiny)
     made += planners_scenario.rows(
