@@ -97,7 +97,7 @@ def fleet(
     from replay_kit.workflows.fleet.missions import (
         check_missions,
         missions_of,
-        with_local_forecasts,
+        missions_with_local_forecasts,
     )
     from replay_kit.workflows.fleet.page import PAGE, TABLE
     from replay_kit.workflows.fleet.workers import check_workers
@@ -114,7 +114,7 @@ def fleet(
     out.mkdir(exist_ok=True)
     try:
         with progress():
-            each = with_local_forecasts(each)
+            each = missions_with_local_forecasts(each)
         check_missions(each, outputs.overwrite, resume)
         check_paths(missions, (out / TABLE, out / PAGE), outputs.overwrite or resume)
         with progress() as advance:

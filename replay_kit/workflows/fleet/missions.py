@@ -175,7 +175,7 @@ def _logs(entry: MissionEntry, folder: Path) -> Iterator[tuple[str, tuple[Path, 
         )
 
 
-def with_local_forecasts(missions: Sequence[Mission]) -> tuple[Mission, ...]:
+def missions_with_local_forecasts(missions: Sequence[Mission]) -> tuple[Mission, ...]:
     """Return missions whose forecasts are files; a box that several need of an address is fetched once.
 
     Raises:
@@ -185,10 +185,11 @@ def with_local_forecasts(missions: Sequence[Mission]) -> tuple[Mission, ...]:
     if not any(addresses_in(job.ensemble) for job, _ in jobs):
         return tuple(missions)
     # loads a client of servers
-    from replay_kit.workflows.fetch import with_local_forecasts as fetched
+    from replay_kit.workflows.fetch import with_local_forecasts
 
     return tuple(
-        replace(mission, job=job) for mission, job in zip(missions, fetched(jobs), strict=True)
+        replace(mission, job=job)
+        for mission, job in zip(missions, with_local_forecasts(jobs), strict=True)
     )
 
 

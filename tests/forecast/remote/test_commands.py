@@ -110,7 +110,7 @@ def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemb
 
 def test_a_fleet_fetches_what_its_missions_share_once(tmp_path, ensemble, monkeypatch):
     from replay_kit.config.fleet import load_fleet
-    from replay_kit.workflows.fleet.missions import missions_of, with_local_forecasts
+    from replay_kit.workflows.fleet.missions import missions_of, missions_with_local_forecasts
 
     files = Files(zarr_objects(ensemble, zarr_format=2))
     with serving(files):
@@ -128,7 +128,7 @@ logs = ["{SAMPLES / "glider.mcap"}"]
 """
         )
         table = load_fleet(tmp_path / "table.toml")
-        each = with_local_forecasts(missions_of(table, tmp_path, None, tmp_path / "out"))
+        each = missions_with_local_forecasts(missions_of(table, tmp_path, None, tmp_path / "out"))
     assert len({mission.job.ensemble for mission in each}) == 1
     (file,) = (tmp_path / "cache").glob("*.nc")
     assert each[0].job.ensemble == ((file,),)
