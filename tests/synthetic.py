@@ -69,8 +69,8 @@ def dataset(
 def write_ocean(folder: Path, n_members: int) -> None:
     """Write an ensemble, and a truth that is withheld from it, into a folder."""
     ds = dataset(seed=4, n_members=n_members + 1, shape=(6, 7))
-    ds.isel(member=slice(n_members)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
-    ds.isel(member=n_members, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    ds.isel(member=slice(n_members)).to_netcdf(folder / "ensemble.nc", engine="scipy")
+    ds.isel(member=n_members, drop=True).to_netcdf(folder / "truth.nc", engine="scipy")
 
 
 def ensemble(seed=0, **options) -> Ensemble:

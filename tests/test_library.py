@@ -3,7 +3,6 @@
 import inspect
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ def result() -> rk.Result:
     return rk.replay(LOG, ENSEMBLE, goal=GOAL, settings=SETTINGS)
 
 
-def test_a_replay_is_one_call_and_its_answer_one_more(result) -> None:
+def test_a_replay_is_one_call_and_its_answer_one_more(result):
     got = result.estimate.velocity_at(153.1, -40.25, 150.0)
     assert np.isfinite([got.u, got.v]).all()
     assert 0.0 < got.u_standard_error < 0.3
@@ -43,7 +42,7 @@ def test_a_replay_is_one_call_and_its_answer_one_more(result) -> None:
     assert repr(result.outcome).startswith(result.outcome.decision.word)
 
 
-def test_what_is_opened_is_what_was_made(result, tmp_path: Path) -> None:
+def test_what_is_opened_is_what_was_made(result, tmp_path):
     made = rk.replay(
         [str(LOG)],
         str(ENSEMBLE),
@@ -67,7 +66,7 @@ def test_what_is_opened_is_what_was_made(result, tmp_path: Path) -> None:
     )
 
 
-def test_a_temporary_result_lasts_as_long_as_its_value() -> None:
+def test_a_temporary_result_lasts_as_long_as_its_value():
     made = rk.replay(rk.open_log(LOG), ENSEMBLE, settings=SETTINGS)
     folder = made.path.parent
     assert made.path.exists()
@@ -76,9 +75,7 @@ def test_a_temporary_result_lasts_as_long_as_its_value() -> None:
     assert not folder.exists()
 
 
-def test_a_replay_that_fails_leaves_nothing(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_replay_that_fails_leaves_nothing(monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with pytest.raises(LogError, match=r"nowhere\.mcap: file not found"):
         rk.replay("nowhere.mcap", ENSEMBLE)
@@ -87,7 +84,7 @@ def test_a_replay_that_fails_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_what_is_lost_of_a_log_is_a_warning(tmp_path: Path) -> None:
+def test_what_is_lost_of_a_log_is_a_warning(tmp_path):
     (tmp_path / "cut.mcap").write_bytes(LOG.read_bytes()[:-200_000])
     with pytest.warns(
         UserWarning,
@@ -96,7 +93,7 @@ def test_what_is_lost_of_a_log_is_a_warning(tmp_path: Path) -> None:
         rk.replay(tmp_path / "cut.mcap", ENSEMBLE, settings=SETTINGS)
 
 
-def test_a_plan_is_one_call(result) -> None:
+def test_a_plan_is_one_call(result):
     plan = rk.plan(result.estimate, START, GOAL)
     assert plan.status == "reached"
     assert plan.start_time_ns == result.estimate.time_ns
@@ -117,7 +114,7 @@ def test_a_plan_is_one_call(result) -> None:
         rk.plan(result.estimate, START, (10.0, 50.0, 0.0))
 
 
-def test_an_ensemble_is_the_part_that_the_settings_choose() -> None:
+def test_an_ensemble_is_the_part_that_the_settings_choose():
     ensemble = rk.open_ensemble(str(ENSEMBLE), settings=SETTINGS)
     assert ensemble.grid.levels.tolist() == [5.0, 150.0, 500.0]
     assert repr(ensemble).startswith(
@@ -129,7 +126,7 @@ def test_an_ensemble_is_the_part_that_the_settings_choose() -> None:
     )
 
 
-def test_settings_are_tables_a_file_or_a_configuration(tmp_path: Path) -> None:
+def test_settings_are_tables_a_file_or_a_configuration(tmp_path):
     config = load_config(None, SETTINGS)
     (tmp_path / "run.toml").write_text(run_settings_toml(config))
     for form in (SETTINGS, config, tmp_path / "run.toml", str(tmp_path / "run.toml")):
@@ -175,13 +172,13 @@ def test_settings_are_tables_a_file_or_a_configuration(tmp_path: Path) -> None:
         (lambda: rk.open_result({}), "result: expected a path (str or Path), got dict"),
     ],
 )
-def test_a_wrong_type_is_named(call, words: str) -> None:
+def test_a_wrong_type_is_named(call, words):
     with pytest.raises(ConfigError) as error:
         call()
     assert words in str(error.value)
 
 
-def test_texts_of_values_are_short(result) -> None:
+def test_texts_of_values_are_short(result):
     log = rk.open_log(LOG)
     assert repr(log) == f"Log {LOG} (mcap, 0.58 MB): messages() reads it"
     message = next(log.messages())
@@ -203,7 +200,7 @@ def test_texts_of_values_are_short(result) -> None:
         assert repr(value).count("\n") <= 2
 
 
-def test_every_public_name_is_there_and_no_other() -> None:
+def test_every_public_name_is_there_and_no_other():
     assert set(rk.__all__) <= set(dir(rk))
     for name in rk.__all__:
         assert getattr(rk, name) is not None
@@ -212,7 +209,7 @@ def test_every_public_name_is_there_and_no_other() -> None:
         rk.relpay  # noqa: B018
 
 
-def test_signatures_are_short() -> None:
+def test_signatures_are_short():
     functions = [getattr(rk, name) for name in rk.__all__ if inspect.isfunction(getattr(rk, name))]
     for function in (
         *functions,
@@ -226,7 +223,7 @@ def test_signatures_are_short() -> None:
         assert len(str(signature)) < 260, signature
 
 
-def test_names_are_loaded_when_they_are_asked_for() -> None:
+def test_names_are_loaded_when_they_are_asked_for():
     program = (
         "import sys; before = set(sys.modules); import replay_kit as rk; "
         "assert not {'numpy', 'pydantic', 'xarray', 'scipy'} & (set(sys.modules) - before); "

@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice, zip_longest
 from pathlib import Path
@@ -92,13 +93,31 @@ class Difference:
     fields: tuple[str, ...]
 
 
+@contextmanager
+def damage_named(path: Path, expected: str, advice: str) -> Iterator[None]:
+    """Turn what readers raise on a file that is damaged, or another, into an error that names it.
+
+    Raises:
+        LogError: The file cannot be read as what was expected.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise LogError(
+            f"{path}: cannot be read: {error.strerror}; check the file and its permissions"
+        ) from error
+    except DAMAGED as error:
+        why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
+        raise LogError(f"{path}: expected a {expected}, but {why}; {advice}") from error
+
+
 def read_recorded(path: Path) -> Recorded:
     """Return what a result says of the run that made it.
 
     Raises:
         LogError: It cannot be read, or was made neither by a replay nor by a plan.
     """
-    try:
+    with damage_named(path, "whole result of replay-kit replay or plan", "give the file of --out"):
         with path.open("rb") as file:
             reader = make_reader(file)
             metadata, digests = {}, []
@@ -116,15 +135,6 @@ def read_recorded(path: Path) -> Recorded:
             key.startswith(("ensemble", "flow")) for key in metadata.get("replay_kit.inputs", {})
         ):
             raise KeyError("replay_kit.inputs: ensemble or flow0")
-    except OSError as error:
-        raise LogError(
-            f"{path}: cannot be read: {error.strerror}; check the file and its permissions"
-        ) from error
-    except DAMAGED as error:
-        why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        raise LogError(
-            f"{path}: expected a whole result of replay-kit replay or plan, but {why}; give the file of --out"
-        ) from error
     return Recorded(metadata, config, tuple(digests), attachments)
 
 

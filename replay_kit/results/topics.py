@@ -12,7 +12,7 @@ from pathlib import Path
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
+from mcap.reader import McapReader, make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import get_chunk_data_stream
 
@@ -46,6 +46,21 @@ class Digest:
     time_ns: int
     messages: int
     sha256: str
+
+
+def stated_records(reader: McapReader) -> tuple[dict[str, dict[str, str]], dict[str, bytes]]:
+    """Return the metadata of a result by name, without its digests, and the attached configuration and summary."""
+    metadata = {
+        record.name: dict(record.metadata)
+        for record in reader.iter_metadata()
+        if record.name != DIGEST_NAME
+    }
+    attached = {
+        record.name: record.data
+        for record in reader.iter_attachments()
+        if record.name in (CONFIG_NAME, SUMMARY_NAME)
+    }
+    return metadata, attached
 
 
 @contextmanager

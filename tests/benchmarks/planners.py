@@ -26,9 +26,10 @@ from tests.benchmarks import planners_mission, planners_odds, planners_scenario
 from tests.benchmarks.measure import Row, row, seconds
 from tests.benchmarks.planners_depth import depth_row
 from tests.benchmarks.planners_masked import bounds, masked_row
-from tests.benchmarks.planners_search import closest_by_search
+from tests.benchmarks.planners_search import tabulated
 from tests.places import DATA
 from tests.planners.flow_samples import eddying_flow, place
+from tests.reference.planner import exhaustive_closest_approach
 
 QG = DATA / "qg" / "climatology.nc"
 SPEED = 0.3
@@ -46,7 +47,7 @@ def rows(tiny: bool) -> list[Row]:
         *glide_rows(tiny),
         flow_row(tiny),
         masked_row(1 if tiny else 200),
-        depth_row(1 if tiny else 40),
+        depth_row(1, 112) if tiny else depth_row(40),
     ]
     made += planners_mission.rows(_flows(tiny)[0], 1 if tiny else 6, tiny)
     made += planners_scenario.rows(
@@ -143,7 +144,9 @@ def _pair(
         begin, end = draw_pair(flow, rng)
         if not reachable:
             end[:2] = _inside(flow, rng)
-        best = closest_by_search(flow, begin, end, SPEED, settings.max_duration, **size)
+        best = exhaustive_closest_approach(
+            flow, begin, end, SPEED, settings.max_duration, table=tabulated(flow), **size
+        )
         if reachable or best > _MISSED:
             return begin, end, best
 

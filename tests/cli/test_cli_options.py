@@ -62,7 +62,7 @@ def refusal(*arguments: object) -> str:
     return done.stderr.removeprefix("replay-kit: ").removesuffix("\n")
 
 
-def test_the_outputs_of_every_command_are_known() -> None:
+def test_the_outputs_of_every_command_are_known():
     assert {words for words, option in OUTPUTS if option == "--out"} == {
         *(
             ("replay",),
@@ -88,7 +88,7 @@ def test_the_outputs_of_every_command_are_known() -> None:
 @pytest.mark.parametrize(("words", "option"), [given for given in OUTPUTS if given not in FOLDERS])
 def test_an_ending_that_does_not_fit_is_refused_before_anything_is_read(
     words, option, tmp_path, monkeypatch
-) -> None:
+):
     monkeypatch.chdir(tmp_path)
     for name, shown in (("wrong.xyz", ".xyz"), ("flow.nc.gz", ".gz"), ("WRONG.DBF", ".DBF")):
         said = refusal(*words, option, name)
@@ -98,7 +98,7 @@ def test_an_ending_that_does_not_fit_is_refused_before_anything_is_read(
 
 
 @pytest.mark.parametrize(("words", "option"), FOLDERS)
-def test_a_folder_does_not_get_the_name_of_a_file(words, option) -> None:
+def test_a_folder_does_not_get_the_name_of_a_file(words, option):
     for name in ("study.json", "table.CSV"):
         assert f"{option}: expected the name of a folder" in refusal(*words, option, name)
     # a point alone is no ending of a file: what is missing next is complained of
@@ -119,12 +119,12 @@ def test_a_folder_does_not_get_the_name_of_a_file(words, option) -> None:
         (["qc", "--json", "quality.csv"], "in .json,"),
     ],
 )
-def test_the_endings_that_are_possible_are_listed(arguments, listed) -> None:
+def test_the_endings_that_are_possible_are_listed(arguments, listed):
     assert listed in refusal(*arguments)
 
 
 @pytest.mark.parametrize("name", ["result", "result.mcap", "RESULT.MCAP", "a.b.Mcap"])
-def test_names_that_fit_go_on_to_what_is_missing(name) -> None:
+def test_names_that_fit_go_on_to_what_is_missing(name):
     done = invoke(["replay", "--out", name])
     assert done.exit_code == 2
     assert (
@@ -134,7 +134,7 @@ def test_names_that_fit_go_on_to_what_is_missing(name) -> None:
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
-def test_the_names_that_annotations_state_are_those_that_the_parser_knows(words) -> None:
+def test_the_names_that_annotations_state_are_those_that_the_parser_knows(words):
     _, apps, _ = app.parse_commands(list(words))
     # with the program's own defaults of options
     with app.app_stack(apps):
@@ -164,7 +164,7 @@ def test_the_names_that_annotations_state_are_those_that_the_parser_knows(words)
         ),
     ],
 )
-def test_a_missing_option_is_named_with_the_form_of_the_command(arguments, missing) -> None:
+def test_a_missing_option_is_named_with_the_form_of_the_command(arguments, missing):
     said = refusal(*arguments)
     assert missing in said
     assert (
@@ -186,11 +186,11 @@ def test_a_missing_option_is_named_with_the_form_of_the_command(arguments, missi
         (["-z"], "Unknown option: -z."),
     ],
 )
-def test_an_unknown_option_is_named_before_what_is_missing(words, unknown) -> None:
+def test_an_unknown_option_is_named_before_what_is_missing(words, unknown):
     assert unknown in refusal("replay", "a.mcap", *words)
 
 
-def test_options_with_an_underscore_and_words_after_two_hyphens_are_no_unknown_options() -> None:
+def test_options_with_an_underscore_and_words_after_two_hyphens_are_no_unknown_options():
     assert "--ensemble is missing" in refusal(
         "replay", "--dry_run", "--measurements.no-use-inverted", "--", "--mode"
     )
@@ -204,7 +204,7 @@ def log(tmp_path_factory) -> Path:
     return out
 
 
-def test_upper_case_endings_choose_the_same_format(log, tmp_path) -> None:
+def test_upper_case_endings_choose_the_same_format(log, tmp_path):
     convert([log], tmp_path / "B.TLOG", False, LogConfig())
     convert([log], tmp_path / "C.MCAP", False, LogConfig())
     assert (tmp_path / "B.TLOG").read_bytes() == log.read_bytes()
@@ -212,7 +212,7 @@ def test_upper_case_endings_choose_the_same_format(log, tmp_path) -> None:
     assert sum(1 for _ in open_log(tmp_path / "B.TLOG").messages()) > 0
 
 
-def test_answers_go_to_streams_and_logs_do_not(log, tmp_path, monkeypatch) -> None:
+def test_answers_go_to_streams_and_logs_do_not(log, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for stream in ("-", "/dev/null"):
         assert invoke(["info", str(log), "--json", stream]).exit_code == 0
@@ -234,7 +234,7 @@ SINGLE = [
 
 @pytest.mark.parametrize("step", [10, pytest.param(1, marks=pytest.mark.full)])
 @pytest.mark.parametrize("words", COMMANDS)
-def test_an_option_with_one_value_is_given_once(words, step) -> None:
+def test_an_option_with_one_value_is_given_once(words, step):
     single = [option for of, option in SINGLE if of == words and bool not in get_args(option.hint)]
     assert single
     for option in single[::step]:
@@ -245,7 +245,7 @@ def test_an_option_with_one_value_is_given_once(words, step) -> None:
         )
 
 
-def test_every_command_that_reads_an_ensemble_takes_several_files() -> None:
+def test_every_command_that_reads_an_ensemble_takes_several_files():
     assert {words for words, option in SINGLE if option.name == "--ensemble"} == {("synthesize",)}
     assert {words for words, name, option in OPTIONS if option.name == "--ensemble"} == {
         *(("replay",), ("smooth",), ("info",), ("synthesize",), ("fleet",), ("fetch",), ("bench",)),
@@ -280,13 +280,11 @@ def test_every_command_that_reads_an_ensemble_takes_several_files() -> None:
         ("", ""),
     ],
 )
-def test_words_after_an_ensemble_are_files_of_it(given, meant) -> None:
+def test_words_after_an_ensemble_are_files_of_it(given, meant):
     assert repeat_ensembles(given.split()) == meant.split()
 
 
-def test_short_and_long_names_are_one_option_and_flags_and_lists_may_come_again(
-    log, tmp_path
-) -> None:
+def test_short_and_long_names_are_one_option_and_flags_and_lists_may_come_again(log, tmp_path):
     said = refusal("replay", "log.mcap", "-o", "a.mcap", "--ensemble", "e.nc", "--out", "b.mcap")
     assert "--out: expected one value, got a.mcap and b.mcap" in said
     again = ["--remap", "/a=/b", "--remap", "/c=/d", "--overwrite", "--overwrite"]

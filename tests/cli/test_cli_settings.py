@@ -48,13 +48,13 @@ def given(path: str, value: object) -> Settings:
 
 
 @pytest.mark.parametrize(("path", "text", "value"), SAME)
-def test_an_option_means_what_the_key_in_a_file_means(path, text, value, tmp_path) -> None:
+def test_an_option_means_what_the_key_in_a_file_means(path, text, value, tmp_path):
     section, _, key = path.rpartition(".")
     (tmp_path / "run.toml").write_text(f"[{section}]\n{key} = {text}\n")
     assert given(path, value).load() == load_config(tmp_path / "run.toml") != RunConfig()
 
 
-def test_options_win_over_the_file_and_leave_its_other_keys(tmp_path) -> None:
+def test_options_win_over_the_file_and_leave_its_other_keys(tmp_path):
     (tmp_path / "run.toml").write_text("[measurements.quality]\ntilt_fail = 20.0\nleg = 5.0\n")
 
     @takes_settings("measurements.quality.tilt_fail")
@@ -72,7 +72,7 @@ def test_options_win_over_the_file_and_leave_its_other_keys(tmp_path) -> None:
         kind(measurements__quality__tilt_fail="steep").load()
 
 
-def test_replay_has_an_option_for_every_setting_with_its_help() -> None:
+def test_replay_has_an_option_for_every_setting_with_its_help():
     options = {
         name: option
         for option in app["replay"].assemble_argument_collection()
@@ -95,12 +95,12 @@ def test_replay_has_an_option_for_every_setting_with_its_help() -> None:
     assert check(RunConfig, "") > 90
 
 
-def test_a_section_that_is_not_there_is_a_fault_of_the_program() -> None:
+def test_a_section_that_is_not_there_is_a_fault_of_the_program():
     with pytest.raises(AssertionError, match="nonsense"):
         takes_settings("nonsense")
 
 
-def test_help_lists_what_the_libraries_have() -> None:
+def test_help_lists_what_the_libraries_have():
     for words, names in (
         (["plan"], FORMS),
         (["bench"], (*TASKS, *DIVE_METHODS, *METHODS)),
@@ -122,14 +122,14 @@ def test_help_lists_what_the_libraries_have() -> None:
         (["experiment", "plannig"], '"planning"'),
     ],
 )
-def test_a_misspelt_word_names_the_nearest(arguments, nearest) -> None:
+def test_a_misspelt_word_names_the_nearest(arguments, nearest):
     done = invoke(arguments)
     assert done.exit_code == 2
     assert f"Did you mean {nearest}?" in done.stderr
     assert "--help." in done.stderr
 
 
-def test_help_is_as_wide_as_it_is_told_to_be() -> None:
+def test_help_is_as_wide_as_it_is_told_to_be():
     for columns in (60, 100, 240):
         lines = invoke(["replay", "--help-all"], columns=columns).stdout.splitlines()
         assert columns - 10 < max(map(len, lines)) <= columns
@@ -140,7 +140,7 @@ def test_help_is_as_wide_as_it_is_told_to_be() -> None:
     assert 70 < max(map(len, told.splitlines())) <= 80
 
 
-def test_help_and_refusals_load_no_library_that_takes_long() -> None:
+def test_help_and_refusals_load_no_library_that_takes_long():
     for arguments in (
         ["replay", "--help"],
         ["replay", "a.mcap", "--nope"],
@@ -150,11 +150,11 @@ def test_help_and_refusals_load_no_library_that_takes_long() -> None:
         assert slow_libraries(*arguments) == "[]", arguments
 
 
-def test_what_is_in_a_log_is_told_without_the_libraries_of_forecasts_and_plans() -> None:
+def test_what_is_in_a_log_is_told_without_the_libraries_of_forecasts_and_plans():
     assert slow_libraries("info", "sample_logs/glider.mcap") == "['mcap', 'numpy']"
 
 
-def test_a_plan_of_a_file_that_is_not_there_is_refused_before_the_planners_are_loaded() -> None:
+def test_a_plan_of_a_file_that_is_not_there_is_refused_before_the_planners_are_loaded():
     assert (
         slow_libraries(
             "plan", "nowhere.nc", "--start=152,-40,0", "--goal=152.1,-40,0", "--objective", "energy"
@@ -181,7 +181,7 @@ def python(*arguments: str, env: dict[str, str] | None = None) -> str:
     ).stdout
 
 
-def test_completion_can_be_installed(tmp_path, monkeypatch) -> None:
+def test_completion_can_be_installed(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("SHELL", "/bin/bash")
     assert invoke(["--install-completion"]).exit_code == 0

@@ -22,7 +22,7 @@ def options(text: str) -> list[str]:
     ]
 
 
-def test_names_and_descriptions_stand_in_columns() -> None:
+def test_names_and_descriptions_stand_in_columns():
     entries = [
         ("-o, --out FILE", "Where the result goes, with many words."),
         ("--a-name-that-is-too-long X", "Below."),
@@ -47,7 +47,7 @@ def test_names_and_descriptions_stand_in_columns() -> None:
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
-def test_no_line_is_wider_than_the_terminal_and_every_option_is_there(words) -> None:
+def test_no_line_is_wider_than_the_terminal_and_every_option_is_there(words):
     done = invoke([*words, "--help-all"], columns=80)
     assert done.exit_code == 0
     assert max(map(len, done.stdout.splitlines())) <= 80
@@ -67,7 +67,7 @@ def test_no_line_is_wider_than_the_terminal_and_every_option_is_there(words) -> 
 
 
 @pytest.mark.parametrize("words", [(), ("experiment",), *COMMANDS], ids=" ".join)
-def test_help_fits_a_screen_and_says_how_to_see_the_rest(words) -> None:
+def test_help_fits_a_screen_and_says_how_to_see_the_rest(words):
     said, whole = (
         invoke([*words, option], columns=100).stdout for option in ("--help", "--help-all")
     )
@@ -80,7 +80,7 @@ def test_help_fits_a_screen_and_says_how_to_see_the_rest(words) -> None:
     assert (said == whole) == (hidden == 0)
 
 
-def test_the_common_options_of_a_long_list_come_first() -> None:
+def test_the_common_options_of_a_long_list_come_first():
     said = invoke(["replay", "--help-all"], columns=80).stdout
     found = headings(said)
     assert found[:6] == [
@@ -115,7 +115,7 @@ def test_the_common_options_of_a_long_list_come_first() -> None:
     ]
 
 
-def test_of_a_long_list_the_help_has_first_sentences_short_names_and_defaults() -> None:
+def test_of_a_long_list_the_help_has_first_sentences_short_names_and_defaults():
     said = " ".join(invoke(["replay", "--help"], columns=100).stdout.split())
     assert "--levels Z1,Z2,... Depth levels used [m] --place-ensemble" in said
     assert "--modes N|all Number of modes per level, fewer where fewer exist [default: 300]" in said
@@ -123,7 +123,7 @@ def test_of_a_long_list_the_help_has_first_sentences_short_names_and_defaults() 
     assert "may be repeated. --members defines what a member is. [required]" in said
 
 
-def test_forms_choices_and_defaults_are_told() -> None:
+def test_forms_choices_and_defaults_are_told():
     said = " ".join(invoke(["twin", "--help-all"], columns=80).stdout.split())
     assert (
         "--vehicle vessel|glider A vessel surveys at random positions, a glider dives. [default: vessel]"
@@ -152,7 +152,7 @@ def test_forms_choices_and_defaults_are_told() -> None:
         (["--help", "qc", "a.mcap"], 0, "Usage: replay-kit qc LOG... [OPTIONS]\n"),
     ],
 )
-def test_help_is_shown_wherever_it_is_asked_for(arguments, code, begin) -> None:
+def test_help_is_shown_wherever_it_is_asked_for(arguments, code, begin):
     done = invoke(arguments)
     assert (done.exit_code, done.stderr) == (code, "")
     assert done.stdout.startswith(begin)

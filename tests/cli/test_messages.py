@@ -11,7 +11,7 @@ from tests.workflows.replay.interrupted import make_ocean
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory):
     folder = make_ocean(tmp_path_factory.mktemp("ocean"), RunConfig(), 12)
-    with xr.open_dataset(folder / "ensemble.nc", engine="h5netcdf") as opened:
+    with xr.open_dataset(folder / "ensemble.nc") as opened:
         moved = opened.load()
     moved.assign_coords(lon=moved.lon + 10.0).to_netcdf(folder / "elsewhere.nc", engine="h5netcdf")
     return folder
@@ -54,12 +54,12 @@ def said(ocean, *more, ensemble="ensemble.nc", code=2):
         ("100,152.8,300", "the latitude 152.8 is outside -90..90; give a place on the Earth"),
     ],
 )
-def test_what_is_wrong_with_a_place(ocean, goal, why) -> None:
+def test_what_is_wrong_with_a_place(ocean, goal, why):
     assert said(ocean, f"--goal={goal}") == f"--goal: expected LON,LAT,DEPTH, got '{goal}': {why}"
 
 
-def test_a_place_whose_swapped_numbers_lie_in_the_region_is_asked_about(ocean, tmp_path) -> None:
-    with xr.open_dataset(ocean / "ensemble.nc", engine="h5netcdf") as opened:
+def test_a_place_whose_swapped_numbers_lie_in_the_region_is_asked_about(ocean, tmp_path):
+    with xr.open_dataset(ocean / "ensemble.nc") as opened:
         near = opened.load()
     near.assign_coords(lon=near.lon - 90.0).to_netcdf(tmp_path / "near.nc", engine="h5netcdf")
     answer = said(ocean, "--goal=-39.8,62.2,100", ensemble=tmp_path / "near.nc", code=3)
@@ -70,7 +70,7 @@ def test_a_place_whose_swapped_numbers_lie_in_the_region_is_asked_about(ocean, t
     assert "choose a place inside it or a forecast that covers it" in answer
 
 
-def test_a_goal_outside_is_told_from_a_log_outside(ocean) -> None:
+def test_a_goal_outside_is_told_from_a_log_outside(ocean):
     answer = said(ocean, "--goal=10,-40,100", code=3)
     assert answer.startswith(
         "goal at 10.00000, -40.00000, 100 m is outside the forecast's region (west, south, east, north: 1"
@@ -84,7 +84,7 @@ def test_a_goal_outside_is_told_from_a_log_outside(ocean) -> None:
     assert answer.endswith(" N: use an ensemble of that place, or --place-ensemble for a study")
 
 
-def test_a_time_span_without_messages_is_told_that_of_the_log(ocean) -> None:
+def test_a_time_span_without_messages_is_told_that_of_the_log(ocean):
     span = "2018-11-16T00:00:00Z to "
     after = said(ocean, "--start", "2019-01-01")
     assert after.startswith(
@@ -96,7 +96,7 @@ def test_a_time_span_without_messages_is_told_that_of_the_log(ocean) -> None:
     )
 
 
-def test_an_option_is_not_blamed_on_the_file(ocean, tmp_path) -> None:
+def test_an_option_is_not_blamed_on_the_file(ocean, tmp_path):
     path = tmp_path / "run.toml"
     path.write_text("[planner]\nspeed = 0.3\n")
     wrong = "'logs.start': 'yesterday' is no time; write ISO 8601 UTC such as 2018-11-16T00:00:00Z"
@@ -125,7 +125,7 @@ def test_an_option_is_not_blamed_on_the_file(ocean, tmp_path) -> None:
         ),
     ],
 )
-def test_a_repeated_key_is_named_with_its_line(ocean, tmp_path, text, why) -> None:
+def test_a_repeated_key_is_named_with_its_line(ocean, tmp_path, text, why):
     path = tmp_path / "run.toml"
     path.write_text(text)
     assert said(ocean, "--config", str(path)) == f"{path}: {why}"
@@ -148,12 +148,12 @@ def test_a_repeated_key_is_named_with_its_line(ocean, tmp_path, text, why) -> No
         ),
     ],
 )
-def test_an_option_before_the_command_is_told_its_place(arguments, words) -> None:
+def test_an_option_before_the_command_is_told_its_place(arguments, words):
     done = invoke(arguments)
     assert (done.exit_code, done.stderr) == (2, f"replay-kit: {words}\n")
 
 
-def test_a_region_is_told_how_many_numbers_it_has() -> None:
+def test_a_region_is_told_how_many_numbers_it_has():
     done = invoke("plan flow.nc --start=1,2,3 --goal=1,2,3 --angles 15")
     assert done.stderr == "replay-kit: --angles: expected MIN,MAX, got '15': MAX is missing\n"
     done = invoke("plan flow.nc --start=1,2,3 --goal=1,2,3 --mooring 5,2,1")

@@ -36,19 +36,19 @@ def usual(log):
 
 
 @pytest.mark.parametrize(("before", "after"), [([], ["-q"]), (["-q"], []), (["--quiet"], ["-q"])])
-def test_quiet_prints_nothing_wherever_it_stands(log, before, after) -> None:
+def test_quiet_prints_nothing_wherever_it_stands(log, before, after):
     done = invoke([*before, "info", log, *after])
     assert (done.exit_code, done.output) == (0, "")
 
 
-def test_quiet_keeps_answers_that_are_asked_for_and_errors(log) -> None:
+def test_quiet_keeps_answers_that_are_asked_for_and_errors(log):
     done = invoke(["info", log, "-q", "--json", "-"])
     assert json.loads(done.stdout)["format_version"] == FORMAT_VERSION == 2
     assert done.stderr == ""
     assert "file not found" in invoke("-q info absent.mcap").stderr
 
 
-def test_a_log_keeps_what_is_printed_with_the_time(log, usual, tmp_path) -> None:
+def test_a_log_keeps_what_is_printed_with_the_time(log, usual, tmp_path):
     for more in ([], ["-q"]):
         assert (
             invoke(["--log", str(tmp_path / "a.log"), "info", log, *more], columns=80).exit_code
@@ -65,7 +65,7 @@ def test_a_log_keeps_what_is_printed_with_the_time(log, usual, tmp_path) -> None
     assert kept[-1].startswith("ERROR: absent.mcap: file not found")
 
 
-def test_a_log_is_no_other_file_of_the_command(log, tmp_path) -> None:
+def test_a_log_is_no_other_file_of_the_command(log, tmp_path):
     (tmp_path / "flight.log").write_bytes(b"precious")
     done = run_command(tmp_path, ["info", "flight.log", "--log", "./flight.log"])
     assert done.returncode == 2
@@ -85,7 +85,7 @@ def test_a_log_is_no_other_file_of_the_command(log, tmp_path) -> None:
     )
 
 
-def test_one_run_does_not_report_as_the_one_before(log, tmp_path) -> None:
+def test_one_run_does_not_report_as_the_one_before(log, tmp_path):
     invoke(["info", log, "-q", "-v"])
     assert reporting.current() == reporting.Reporting(quiet=True, verbose=True)
     invoke(["--version"])
@@ -95,7 +95,7 @@ def test_one_run_does_not_report_as_the_one_before(log, tmp_path) -> None:
     assert reporting.current().log is None
 
 
-def test_a_terminal_is_shown_the_stages_and_a_pipe_nothing(monkeypatch, tmp_path) -> None:
+def test_a_terminal_is_shown_the_stages_and_a_pipe_nothing(monkeypatch, tmp_path):
     monkeypatch.setattr(
         reporting,
         "_CURRENT",

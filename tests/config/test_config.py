@@ -178,7 +178,7 @@ def test_a_configuration_made_to_hurt_ends_with_a_short_error(tmp_path, text, wo
     assert len(str(error.value)) < 5000
 
 
-def test_the_last_time_is_the_last_that_64_bits_hold() -> None:
+def test_the_last_time_is_the_last_that_64_bits_hold():
     assert parse_time("2262-04-11T23:47:16.854775807Z") == 2**63 - 1
     with pytest.raises(ConfigError, match=r"outside 1970\.\.2262"):
         parse_time("2262-04-11T23:47:16.854775808Z")

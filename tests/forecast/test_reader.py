@@ -21,7 +21,7 @@ def write(ds: xr.Dataset, path: Path) -> Path:
     if path.suffix == ".zarr":
         ds.to_zarr(path, zarr_format=2, consolidated=True)
     else:
-        ds.to_netcdf(path, engine="scipy" if path.suffix == ".nc3" else "h5netcdf")
+        ds.to_netcdf(path, engine="h5netcdf" if path.suffix == ".nc4" else "scipy")
     return path
 
 
@@ -34,7 +34,7 @@ def assert_same_current(ds, folder):
     assert_is(read_with(write(ds, folder / "e.nc")))
 
 
-@pytest.mark.parametrize("name", ["e.nc", "e.nc3", "e.zarr"])
+@pytest.mark.parametrize("name", ["e.nc", "e.nc4", "e.zarr"])
 def test_reads_every_container_alike(tmp_path, name):
     expected = synthetic.ensemble()
     read = read_with(write(synthetic.dataset(), tmp_path / name))

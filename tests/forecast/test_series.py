@@ -30,7 +30,7 @@ def with_leads(
     if holes:
         ds["uo"][1, :, :, 0, 0] = np.nan
         ds["vo"][1, :, :, 0, 0] = np.nan
-    ds.to_netcdf(path, engine="h5netcdf")
+    ds.to_netcdf(path, engine="scipy")
     return path
 
 

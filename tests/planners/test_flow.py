@@ -1,7 +1,6 @@
 """The CasADi flow: the NumPy field, its exact derivatives, its divergence."""
 
 from dataclasses import replace
-from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -18,7 +17,6 @@ CASES = [
     ("hat", (50.0,)),
     ("gaussian", (50.0,)),
 ]
-Kind = Literal["hat", "gaussian"]
 
 
 @pytest.mark.parametrize(("kind", "levels"), CASES)

@@ -13,7 +13,7 @@ from tests.release.licences import PROJECT, installed, licence, refused
 from tests.release.site import build, pages
 
 
-def test_every_page_of_prose_is_in_the_contents_of_the_site_and_so_is_every_setting() -> None:
+def test_every_page_of_prose_is_in_the_contents_of_the_site_and_so_is_every_setting():
     written = {
         path.relative_to(ROOT)
         for top in ("replay_kit", "planners", "tests", "sample_logs")
@@ -29,7 +29,7 @@ def test_every_page_of_prose_is_in_the_contents_of_the_site_and_so_is_every_sett
 # Sphinx warns of what its own extensions still use
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning", "ignore::DeprecationWarning")
 @pytest.mark.full
-def test_the_site_has_every_public_name_and_fetches_nothing(tmp_path) -> None:
+def test_the_site_has_every_public_name_and_fetches_nothing(tmp_path):
     build(tmp_path)
     for package in (replay_kit, planners):
         page = (tmp_path / "reference" / f"{package.__name__}.html").read_text(encoding="utf-8")
@@ -57,11 +57,11 @@ def test_the_site_has_every_public_name_and_fetches_nothing(tmp_path) -> None:
         ("MIT OR GPL-2.0", False),
     ],
 )
-def test_licences_that_are_refused(text, bad) -> None:
+def test_licences_that_are_refused(text, bad):
     assert refused(text) is bad
 
 
-def test_no_dependency_has_a_licence_that_is_refused() -> None:
+def test_no_dependency_has_a_licence_that_is_refused():
     found = installed([PROJECT])
     assert {"numpy", "casadi", "pymavlink", "contourpy"} <= set(found)
     assert "hypothesis" not in found
@@ -70,14 +70,14 @@ def test_no_dependency_has_a_licence_that_is_refused() -> None:
     } == {}
 
 
-def test_the_citation_states_the_version_and_the_licence() -> None:
+def test_the_citation_states_the_version_and_the_licence():
     text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert f"version: {replay_kit.__version__}\n" in text
     assert f"license: {project['license']}\n" in text
 
 
-def test_the_changelog_begins_with_this_version_and_its_date() -> None:
+def test_the_changelog_begins_with_this_version_and_its_date():
     latest = re.search(
         r"^## (\S+), (\S+)$",
         (ROOT / "replay_kit" / "CHANGELOG.md").read_text(encoding="utf-8"),

@@ -67,16 +67,14 @@ def regular(flow: FlowEstimate) -> FlowEstimate:
 
 @pytest.mark.parametrize("n_modes", [0, 4])
 @pytest.mark.parametrize("time_ns", [None, 1_700_000_000_123_456_789])
-def test_a_grid_is_compliant(
-    make_flow, tmp_path: Path, complaints, n_modes: int, time_ns: int | None
-) -> None:
+def test_a_grid_is_compliant(make_flow, tmp_path, complaints, n_modes, time_ns):
     write_grid(regular(replace(make_flow(n_modes=n_modes), time_ns=time_ns)), tmp_path / "grid.nc")
     assert complaints(tmp_path / "grid.nc") == []
 
 
 def test_a_curvilinear_grid_is_compliant_but_for_the_names_of_its_dimensions(
-    make_flow, tmp_path: Path, complaints
-) -> None:
+    make_flow, tmp_path, complaints
+):
     """CF recommends depth before the two dimensions of a curvilinear grid; the checker takes them for other ones."""
     write_grid(make_flow(), tmp_path / "grid.nc")
     found = complaints(tmp_path / "grid.nc")
@@ -86,14 +84,12 @@ def test_a_curvilinear_grid_is_compliant_but_for_the_names_of_its_dimensions(
 
 @pytest.mark.parametrize("n_modes", [0, 4])
 @pytest.mark.parametrize("time_ns", [None, 1_700_000_000_123_456_789])
-def test_a_saved_estimate_is_compliant(
-    make_flow, tmp_path: Path, complaints, n_modes: int, time_ns: int | None
-) -> None:
+def test_a_saved_estimate_is_compliant(make_flow, tmp_path, complaints, n_modes, time_ns):
     save(replace(make_flow(n_modes=n_modes), time_ns=time_ns), tmp_path / "flow.nc")
     assert complaints(tmp_path / "flow.nc") == []
 
 
-def test_a_saved_estimate_that_changes_with_time_is_compliant(tmp_path: Path, complaints) -> None:
+def test_a_saved_estimate_that_changes_with_time_is_compliant(tmp_path, complaints):
     save(evolving(), tmp_path / "flow.nc")
     assert complaints(tmp_path / "flow.nc") == []
 
@@ -117,8 +113,8 @@ DATASETS: dict[str, Callable[[FlowEstimate], xr.Dataset]] = {
 
 @pytest.mark.parametrize("name", DATASETS)
 def test_a_dataset_of_the_library_is_compliant_when_xarray_writes_it(
-    flow, tmp_path: Path, complaints, name: str
-) -> None:
+    flow, tmp_path, complaints, name
+):
     dataset = DATASETS[name](regular(flow))
     dataset.to_netcdf(tmp_path / "dataset.nc", engine="h5netcdf")
     assert complaints(tmp_path / "dataset.nc") == []
@@ -133,7 +129,7 @@ def test_a_dataset_of_the_library_is_compliant_when_xarray_writes_it(
                 np.testing.assert_array_equal(written[each].values, dataset[each].values)
 
 
-def test_a_dataset_of_several_times_is_compliant(tmp_path: Path, complaints) -> None:
+def test_a_dataset_of_several_times_is_compliant(tmp_path, complaints):
     flow = evolving()
     start = np.datetime64(flow.time_ns, "ns")
     axes = [4.9, 5.0], [62.0, 62.05], [10.0, 100.0]
@@ -143,7 +139,7 @@ def test_a_dataset_of_several_times_is_compliant(tmp_path: Path, complaints) -> 
     assert complaints(tmp_path / "times.nc") == []
 
 
-def test_a_synthetic_ensemble_is_compliant(tmp_path: Path, complaints) -> None:
+def test_a_synthetic_ensemble_is_compliant(tmp_path, complaints):
     write_ensemble(tmp_path / "ensemble.nc", tmp_path / "truth.nc", n_members=2)
     assert complaints(tmp_path / "ensemble.nc") == complaints(tmp_path / "truth.nc") == []
 

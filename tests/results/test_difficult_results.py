@@ -105,15 +105,15 @@ CASES: list[tuple[Case, str, set[str]]] = [
     ("case", "said", "tables"), CASES, ids=[case.__name__ for case, _, _ in CASES]
 )
 def test_each_is_shown_and_exported(
-    case: Case,
-    said: str,
-    tables: set[str],
-    flow: FlowEstimate,
-    innovation: Innovation,
-    plan: Plan,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    case,
+    said,
+    tables,
+    flow,
+    innovation,
+    plan,
+    tmp_path,
+    monkeypatch,
+):
     # few: each is flown in Python
     monkeypatch.setattr("replay_kit.show.report.sections.waypoint._SAMPLES", 1)
     case(tmp_path / "case.mcap", flow, innovation, plan)

@@ -6,9 +6,7 @@ from pathlib import Path
 import pytest
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results import ResultWriter
@@ -22,9 +20,7 @@ from tests.results.result_samples import CONFIG, DEPTHS, METADATA
 
 
 @pytest.mark.parametrize("name", ["glider.mcap", "survey.mcap"])
-def test_the_inputs_messages_are_copied_untouched(
-    state: VehicleState, tmp_path: Path, name: str
-) -> None:
+def test_the_inputs_messages_are_copied_untouched(state, tmp_path, name):
     out = tmp_path / "out.mcap"
     with ResultWriter(out) as writer:
         writer.fix(state)
@@ -47,14 +43,14 @@ def test_the_inputs_messages_are_copied_untouched(
     assert copied.total() > 400
 
 
-def test_without_being_asked_nothing_is_copied(state: VehicleState, tmp_path: Path) -> None:
+def test_without_being_asked_nothing_is_copied(state, tmp_path):
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.fix(state)
         copy_inputs(writer, ReplayJob((SAMPLES / "glider.mcap",), Path("e.nc")), LogConfig())
     assert len(sound_messages((tmp_path / "out.mcap").read_bytes())) == 1
 
 
-def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path: Path) -> None:
+def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path):
     (tmp_path / "a.mcap").write_bytes(json_mcap([5, 3, 8]))
     (tmp_path / "b.tlog").write_bytes(b"".join(tlog(3)))
     logs = (tmp_path / "a.mcap", tmp_path / "b.tlog", tmp_path / "a.mcap")
@@ -77,7 +73,7 @@ def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path: Path) ->
     assert len(list(reader.messages())) == 6
 
 
-def test_only_topics_of_the_results_own_are_moved(tmp_path: Path) -> None:
+def test_only_topics_of_the_results_own_are_moved(tmp_path):
     topics = [
         "/tf",
         "/tf_static",
@@ -104,9 +100,7 @@ def test_only_topics_of_the_results_own_are_moved(tmp_path: Path) -> None:
     assert written == {topic if topic in kept else f"/input{topic}" for topic in topics}
 
 
-def test_convert_has_back_what_was_written_before_a_power_cut(
-    flow: FlowEstimate, state: VehicleState, innovation: Innovation, tmp_path: Path
-) -> None:
+def test_convert_has_back_what_was_written_before_a_power_cut(flow, state, innovation, tmp_path):
     writer = ResultWriter(tmp_path / "out.mcap")
     writer.start(flow.grid.projection, state.time_ns, METADATA, CONFIG)
     for _ in range(20):

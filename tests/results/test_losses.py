@@ -1,7 +1,6 @@
 """What a damaged MCAP says of its losses, and what no checksum covers."""
 
 import struct
-from pathlib import Path
 
 import pytest
 from mcap.opcode import Opcode
@@ -18,9 +17,7 @@ TIMES = [k * SECOND for k in range(1, 41)]
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
-def test_a_lost_chunk_is_counted_in_messages_and_time(
-    tmp_path: Path, compression: CompressionType
-) -> None:
+def test_a_lost_chunk_is_counted_in_messages_and_time(tmp_path, compression):
     whole = json_mcap(TIMES, compression)
     damaged = bytearray(whole)
     damaged[record_offsets(whole, Opcode.CHUNK)[2] + 90] ^= 1
@@ -32,7 +29,7 @@ def test_a_lost_chunk_is_counted_in_messages_and_time(
     assert f"{len(missing)} messages of 1970-01-01T" in loss_words(loss)
 
 
-def test_what_a_cut_took_is_said_to_be_unknown(tmp_path: Path) -> None:
+def test_what_a_cut_took_is_said_to_be_unknown(tmp_path):
     whole = json_mcap(TIMES)
     third = record_offsets(whole, Opcode.CHUNK)[2]
     _, report = read(tmp_path, whole[: third + 150])
@@ -43,7 +40,7 @@ def test_what_a_cut_took_is_said_to_be_unknown(tmp_path: Path) -> None:
     assert "unknown number of messages" in loss_words(loss)
 
 
-def test_a_cut_between_two_records_lost_nobody_knows_how_many(tmp_path: Path) -> None:
+def test_a_cut_between_two_records_lost_nobody_knows_how_many(tmp_path):
     whole = json_mcap(TIMES)
     for opcode, n in ((Opcode.DATA_END, 0), (Opcode.CHUNK, 3)):
         cut = record_offsets(whole, opcode)[n]
@@ -54,7 +51,7 @@ def test_a_cut_between_two_records_lost_nobody_knows_how_many(tmp_path: Path) ->
         assert len(messages) == (40 if opcode == Opcode.DATA_END else 17)
 
 
-def test_a_damaged_summary_is_not_believed(tmp_path: Path) -> None:
+def test_a_damaged_summary_is_not_believed(tmp_path):
     whole = bytearray(json_mcap(TIMES))
     # the topic of the channel that the summary repeats
     whole[whole.rindex(b"/a") + 1] ^= 2
@@ -64,7 +61,7 @@ def test_a_damaged_summary_is_not_believed(tmp_path: Path) -> None:
     assert any("checksum of the summary" in loss.what for loss in report.losses)
 
 
-def test_without_a_summary_the_next_chunk_is_searched_for(tmp_path: Path) -> None:
+def test_without_a_summary_the_next_chunk_is_searched_for(tmp_path):
     whole = json_mcap(TIMES)
     chunks = record_offsets(whole, Opcode.CHUNK)
     damaged = bytearray(whole[: record_offsets(whole, Opcode.DATA_END)[0]])
@@ -81,7 +78,7 @@ def test_without_a_summary_the_next_chunk_is_searched_for(tmp_path: Path) -> Non
     )
 
 
-def test_what_no_checksum_covers_is_said(tmp_path: Path) -> None:
+def test_what_no_checksum_covers_is_said(tmp_path):
     whole = json_mcap(TIMES, use_chunking=False)
     (line,) = unchecked_lines(read(tmp_path, whole)[1])
     begin = f"Without a checksum, so that damage cannot be detected: {tmp_path / 'log'}: "
@@ -101,7 +98,7 @@ def test_what_no_checksum_covers_is_said(tmp_path: Path) -> None:
     ]
 
 
-def test_a_time_outside_an_unchecked_chunks_span_is_left_out(tmp_path: Path) -> None:
+def test_a_time_outside_an_unchecked_chunks_span_is_left_out(tmp_path):
     damaged = bytearray(json_mcap(TIMES))
     chunk = record_offsets(bytes(damaged), Opcode.CHUNK)[1]
     struct.pack_into("<I", damaged, chunk + 9 + 24, 0)
@@ -113,13 +110,13 @@ def test_a_time_outside_an_unchecked_chunks_span_is_left_out(tmp_path: Path) -> 
     ]
 
 
-def test_stamps_of_a_telemetry_log_are_not_covered() -> None:
+def test_stamps_of_a_telemetry_log_are_not_covered():
     reader = open_log(SAMPLES / "glider.tlog")
     count = sum(1 for _ in reader.messages())
     assert reader.report().unchecked == {"stamps of frames": count}
 
 
-def test_words_of_a_loss() -> None:
+def test_words_of_a_loss():
     loss = Loss("cut", 10, 20, 3, 0, 1_500_000_000)
     assert (
         loss_words(loss)

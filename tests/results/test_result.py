@@ -16,7 +16,7 @@ from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.show import Result, open_result
-from tests.results.result_samples import CONFIG, METADATA, Run
+from tests.results.result_samples import CONFIG, METADATA
 from tests.synthetic_flow import TIME_NS
 
 SECOND = 10**9
@@ -63,7 +63,7 @@ def opened(
     return open_result(tmp_path / "out.mcap")
 
 
-def test_fixes(opened: Result) -> None:
+def test_fixes(opened):
     fixes = opened.fixes
     assert fixes.index.tolist() == [pd.Timestamp(TIME_NS), pd.Timestamp(TIME_NS + SECOND)]
     assert fixes["longitude"].tolist() == [5.01, 5.01]
@@ -72,7 +72,7 @@ def test_fixes(opened: Result) -> None:
     assert fixes["dead_reckoned"].tolist() == [True, False]
 
 
-def test_observations_and_their_bins(opened: Result, innovation: Innovation) -> None:
+def test_observations_and_their_bins(opened, innovation):
     table, bins = opened.observations, opened.innovations
     assert table["decision"].tolist() == ["softened", "softened", "rejected", "softened"]
     assert table["dive"].tolist() == [2, 2, 2, 3]
@@ -122,7 +122,7 @@ def test_a_dive_with_a_mean_current_alone_begins_at_the_fix_before_it(
     ]
 
 
-def test_dives_count_what_was_used(opened: Result, innovation: Innovation) -> None:
+def test_dives_count_what_was_used(opened, innovation):
     dives = opened.dives
     assert dives.index.tolist() == [2, 3]
     assert dives["profiles"].tolist() == [2, 1]
@@ -135,7 +135,7 @@ def test_dives_count_what_was_used(opened: Result, innovation: Innovation) -> No
     assert dives["end"].iloc[0] == pd.Timestamp(TIME_NS + 2 * SECOND)
 
 
-def test_plans_their_tracks_and_surfacings(opened: Result, plan: Plan, flow: FlowEstimate) -> None:
+def test_plans_their_tracks_and_surfacings(opened, plan, flow):
     assert opened.plans["status"].tolist() == ["reached", "failed"]
     assert opened.plans["goal_latitude"].tolist() == [62.05, 62.05]
     assert opened.plans["heading_deg"].iloc[0] == 45.0
@@ -163,7 +163,7 @@ def test_plans_their_tracks_and_surfacings(opened: Result, plan: Plan, flow: Flo
     assert surfacing.predicted_time == pd.Timestamp(TIME_NS + SECOND)
 
 
-def test_events_and_estimate(opened: Result, flow: FlowEstimate) -> None:
+def test_events_and_estimate(opened, flow):
     assert opened.events["level"].tolist() == ["warning"]
     assert opened.events["message"].tolist() == ["mind the gap"]
     np.testing.assert_array_equal(opened.estimate.latent, flow.latent)
@@ -174,9 +174,7 @@ def test_events_and_estimate(opened: Result, flow: FlowEstimate) -> None:
     ]
 
 
-def test_a_result_without_estimate_or_data_says_so_and_has_empty_tables(
-    flow: FlowEstimate, tmp_path: Path
-) -> None:
+def test_a_result_without_estimate_or_data_says_so_and_has_empty_tables(flow, tmp_path):
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
     opened = open_result(tmp_path / "out.mcap")
@@ -200,7 +198,7 @@ def test_a_result_without_estimate_or_data_says_so_and_has_empty_tables(
     assert opened.dives.columns.tolist()[:3] == ["start", "end", "profiles"]
 
 
-def test_other_files_are_refused(run: Run, tmp_path: Path) -> None:
+def test_other_files_are_refused(run, tmp_path):
     with pytest.raises(LogError, match="cannot read the result: No such file"):
         open_result(tmp_path / "none.mcap")
     path = run(tmp_path / "out.mcap")

@@ -4,22 +4,19 @@ import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 
 from replay_kit.core.errors import ConfigError, ForecastError, ReplayKitError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load_bytes
-from replay_kit.core.observation import VehicleState
 from replay_kit.results import CONTRACT_VERSION, ResultWriter, mcap_file, read_estimate
 from replay_kit.results.readback import check_written
-from tests.results.result_samples import CONFIG, METADATA, Run, decoded
+from tests.results.result_samples import CONFIG, METADATA, decoded
 
 
-def test_records_and_attachments(run: Run, flow: FlowEstimate, tmp_path: Path) -> None:
+def test_records_and_attachments(run, flow, tmp_path):
     path = run(tmp_path / "out.mcap")
     with path.open("rb") as file:
         reader = make_reader(file)
@@ -37,7 +34,7 @@ def test_records_and_attachments(run: Run, flow: FlowEstimate, tmp_path: Path) -
         np.testing.assert_array_equal(estimate.latent, flow.latent)
 
 
-def test_log_levels(tmp_path: Path) -> None:
+def test_log_levels(tmp_path):
     with ResultWriter(tmp_path / "out.mcap") as writer:
         for level in ("debug", "info", "warning", "error"):
             writer.log(1, level, f"said {level}")
@@ -51,13 +48,11 @@ def test_log_levels(tmp_path: Path) -> None:
     ]
 
 
-def test_two_runs_give_the_same_bytes(run: Run, tmp_path: Path) -> None:
+def test_two_runs_give_the_same_bytes(run, tmp_path):
     assert run(tmp_path / "one.mcap").read_bytes() == run(tmp_path / "two.mcap").read_bytes()
 
 
-def test_an_interrupt_leaves_a_readable_part(
-    flow: FlowEstimate, state: VehicleState, tmp_path: Path
-) -> None:
+def test_an_interrupt_leaves_a_readable_part(flow, state, tmp_path):
     path = tmp_path / "out.mcap"
 
     def interrupted() -> None:
@@ -75,14 +70,14 @@ def test_an_interrupt_leaves_a_readable_part(
     assert [item.name for item in tmp_path.iterdir()] == ["out.mcap"]
 
 
-def test_discard_leaves_nothing(state: VehicleState, tmp_path: Path) -> None:
+def test_discard_leaves_nothing(state, tmp_path):
     writer = ResultWriter(tmp_path / "out.mcap")
     writer.fix(state)
     writer.discard()
     assert not list(tmp_path.iterdir())
 
 
-def test_a_published_result_stays(state: VehicleState, tmp_path: Path) -> None:
+def test_a_published_result_stays(state, tmp_path):
     writer = ResultWriter(tmp_path / "out.mcap")
     writer.fix(state)
     writer.close()
@@ -93,7 +88,7 @@ def test_a_published_result_stays(state: VehicleState, tmp_path: Path) -> None:
     assert writer.path.read_bytes() == data
 
 
-def test_existing_result_is_kept_unless_told(state: VehicleState, tmp_path: Path) -> None:
+def test_existing_result_is_kept_unless_told(state, tmp_path):
     path = tmp_path / "out.mcap"
     path.write_bytes(b"precious")
     with pytest.raises(ConfigError, match="exists already"):
@@ -106,7 +101,7 @@ def test_existing_result_is_kept_unless_told(state: VehicleState, tmp_path: Path
     assert len(decoded(path)["/vehicle/fix"]) == 1
 
 
-def test_result_that_appears_meanwhile_is_kept(state: VehicleState, tmp_path: Path) -> None:
+def test_result_that_appears_meanwhile_is_kept(state, tmp_path):
     path = tmp_path / "out.mcap"
     writer = ResultWriter(path)
     writer.fix(state)
@@ -116,7 +111,7 @@ def test_result_that_appears_meanwhile_is_kept(state: VehicleState, tmp_path: Pa
     assert path.read_bytes() == b"precious"
 
 
-def test_bad_targets_are_refused(tmp_path: Path) -> None:
+def test_bad_targets_are_refused(tmp_path):
     with pytest.raises(ConfigError, match="does not exist"):
         ResultWriter(tmp_path / "missing" / "out.mcap")
     with pytest.raises(ConfigError, match="a folder"):
@@ -124,26 +119,15 @@ def test_bad_targets_are_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_time_that_cannot_be_written_is_said(state: VehicleState, tmp_path: Path) -> None:
+def test_time_that_cannot_be_written_is_said(state, tmp_path):
     writer = ResultWriter(tmp_path / "out.mcap")
     with pytest.raises(ReplayKitError, match="1970 to 2106"):
         writer.fix(replace(state, time_ns=-1))
     writer.abandon()
 
 
-def test_read_back_finds_damage_and_loss(run: Run, tmp_path: Path) -> None:
-    path = run(tmp_path / "out.mcap")
-    with pytest.raises(ReplayKitError, match="read back"):
-        check_written(path, {"/log": 1}, 0)
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    path.write_bytes(data)
-    with pytest.raises(ReplayKitError):
-        check_written(path, {}, 0)
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="file size limits are POSIX")
-def test_full_disk_never_publishes(tmp_path: Path) -> None:
+def test_full_disk_never_publishes(tmp_path):
     """A process that may write 100 kB a file stands for a full disk."""
     program = """
 import resource, signal, sys
@@ -171,7 +155,7 @@ except ReplayKitError as error:
     assert [item.name for item in tmp_path.iterdir()] == ["out.mcap.part"]
 
 
-def test_estimate_of_other_files_is_refused(state: VehicleState, tmp_path: Path) -> None:
+def test_estimate_of_other_files_is_refused(state, tmp_path):
     path = tmp_path / "out.mcap"
     with pytest.raises(ForecastError, match="cannot read"):
         read_estimate(path)
@@ -184,7 +168,7 @@ def test_estimate_of_other_files_is_refused(state: VehicleState, tmp_path: Path)
         read_estimate(path)
 
 
-def test_read_back_finds_a_flip_of_any_byte_and_any_missing_end(run: Run, tmp_path: Path) -> None:
+def test_read_back_finds_a_flip_of_any_byte_and_any_missing_end(run, tmp_path):
     path = run(tmp_path / "out.mcap")
     data = path.read_bytes()
     reader = make_reader(io.BytesIO(data))

@@ -1,18 +1,15 @@
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Innovation, VehicleState
-from replay_kit.core.plan import Plan
+from replay_kit.core.observation import VehicleState
 from replay_kit.logs import open_log
 from replay_kit.measurements import initial_state, interpret
 from replay_kit.results import ResultWriter
@@ -23,12 +20,12 @@ def time_ns(stamp: Any) -> int:
     return int(stamp.seconds) * 1_000_000_000 + int(stamp.nanos)
 
 
-def test_every_channel_decodes_with_stock_readers(result) -> None:
+def test_every_channel_decodes_with_stock_readers(result):
     assert set(result) == set(TOPICS)
     assert len(result["/vehicle/fix"]) == len(result["/flow/innovation"]) == 300
 
 
-def test_fix(result, state: VehicleState) -> None:
+def test_fix(result, state):
     log_time, fix = result["/vehicle/fix"][0]
     assert log_time == time_ns(fix.timestamp) == state.time_ns
     assert (fix.longitude, fix.latitude, fix.altitude) == (
@@ -42,7 +39,7 @@ def test_fix(result, state: VehicleState) -> None:
     ]
 
 
-def test_unknown_depth_is_not_the_surface(state: VehicleState, tmp_path: Path) -> None:
+def test_unknown_depth_is_not_the_surface(state, tmp_path):
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.fix(replace(state, depth=np.nan))
     fix = decoded(tmp_path / "out.mcap")["/vehicle/fix"][0][1]
@@ -52,9 +49,7 @@ def test_unknown_depth_is_not_the_surface(state: VehicleState, tmp_path: Path) -
 
 @pytest.mark.parametrize("depth", [0.0, 12.5, 1.0 / 3.0, np.float64(987.654321), np.nan])
 @pytest.mark.parametrize("dead_reckoned", [False, True])
-def test_a_fix_of_a_result_is_read_back_as_it_was(
-    state: VehicleState, tmp_path: Path, depth: float, dead_reckoned: bool
-) -> None:
+def test_a_fix_of_a_result_is_read_back_as_it_was(state, tmp_path, depth, dead_reckoned):
     written = replace(state, depth=depth, dead_reckoned=dead_reckoned)
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.fix(written)
@@ -71,20 +66,20 @@ def test_a_fix_of_a_result_is_read_back_as_it_was(
     np.testing.assert_equal((fix.depth, fix.dead_reckoned), (depth, dead_reckoned))
 
 
-def test_the_altitude_of_another_writer_s_fix_is_no_depth(state: VehicleState) -> None:
+def test_the_altitude_of_another_writer_s_fix_is_no_depth(state):
     payload = {"longitude": 5.0, "latitude": 62.0, "altitude": -120.0, "metadata": []}
     message = Message(state.time_ns, "/vehicle/fix", "foxglove.LocationFix", payload, 0, 0)
     _, events = interpret(initial_state(), message, MeasurementConfig())
     assert [np.isnan(event.depth) for event in events if isinstance(event, VehicleState)] == [True]
 
 
-def test_longitudes_of_a_full_circle_are_turned(state: VehicleState, tmp_path: Path) -> None:
+def test_longitudes_of_a_full_circle_are_turned(state, tmp_path):
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.fix(replace(state, longitude=355.5))
     assert decoded(tmp_path / "out.mcap")["/vehicle/fix"][0][1].longitude == -4.5
 
 
-def test_innovation(result, innovation: Innovation) -> None:
+def test_innovation(result, innovation):
     log_time, value = result["/flow/innovation"][0]
     assert log_time == time_ns(value.timestamp) == innovation.time_ns
     for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
@@ -115,7 +110,7 @@ def test_innovation(result, innovation: Innovation) -> None:
     assert time_ns(value.source_time) == source.time_ns
 
 
-def test_estimate(result, flow: FlowEstimate, weights: np.ndarray) -> None:
+def test_estimate(result, flow, weights):
     _, value = result["/flow/estimate"][-1]
     np.testing.assert_array_equal(value.weights, weights)
     np.testing.assert_array_equal(value.levels, flow.levels)
@@ -143,7 +138,7 @@ def unpacked(grid: Any) -> np.ndarray:
 
 
 @pytest.mark.parametrize("depth", DEPTHS)
-def test_grid(result, flow: FlowEstimate, depth: float) -> None:
+def test_grid(result, flow, depth):
     _, value = result[f"/flow/grid/{depth:g}m"][0]
     names = ["u", "v", "speed", "u_standard_error", "v_standard_error"]
     assert [(field.name, field.offset, field.type) for field in value.fields] == [
@@ -166,16 +161,14 @@ def test_grid(result, flow: FlowEstimate, depth: float) -> None:
     assert np.isnan(packed[~wet]).all()
 
 
-def test_a_grid_below_the_last_level_states_nothing(flow: FlowEstimate, tmp_path: Path) -> None:
+def test_a_grid_below_the_last_level_states_nothing(flow, tmp_path):
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.grids(flow.time_ns, flow, [500.0])
     packed = unpacked(decoded(tmp_path / "out.mcap")["/flow/grid/500m"][0][1])
     assert np.isnan(packed).all()
 
 
-def test_a_grid_of_a_flow_without_uncertainty_has_no_fields_of_errors(
-    flow: FlowEstimate, tmp_path: Path
-) -> None:
+def test_a_grid_of_a_flow_without_uncertainty_has_no_fields_of_errors(flow, tmp_path):
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.grids(flow.time_ns, flow.mean_flow(), [0.5])
     value = decoded(tmp_path / "out.mcap")["/flow/grid/0.5m"][0][1]
@@ -183,7 +176,7 @@ def test_a_grid_of_a_flow_without_uncertainty_has_no_fields_of_errors(
     assert unpacked(value).shape == (5, 7, 3)
 
 
-def test_arrows(result, flow: FlowEstimate) -> None:
+def test_arrows(result, flow):
     lengths, scales = [], set()
     for depth in DEPTHS:
         (entity,) = result[f"/flow/arrows/{depth:g}m"][0][1].entities
@@ -204,7 +197,7 @@ def test_arrows(result, flow: FlowEstimate) -> None:
     assert max(lengths) == pytest.approx(1.5 * 5_000.0)
 
 
-def test_later_arrows_keep_the_scale(flow: FlowEstimate, tmp_path: Path) -> None:
+def test_later_arrows_keep_the_scale(flow, tmp_path):
     still = replace(flow, latent=np.zeros_like(flow.latent))
     with ResultWriter(tmp_path / "out.mcap") as writer:
         for factor, value in ((0, still), (1, flow), (2, replace(flow, latent=0.5 * flow.latent))):
@@ -218,7 +211,7 @@ def test_later_arrows_keep_the_scale(flow: FlowEstimate, tmp_path: Path) -> None
     )
 
 
-def test_plan(result, flow: FlowEstimate, plan: Plan) -> None:
+def test_plan(result, flow, plan):
     log_time, controls = result["/plan/controls"][0]
     assert log_time == time_ns(controls.timestamp) == plan.start_time_ns
     for name in (
@@ -256,7 +249,7 @@ def test_plan(result, flow: FlowEstimate, plan: Plan) -> None:
     )
 
 
-def test_path_poses_look_along_the_glide(result, plan: Plan) -> None:
+def test_path_poses_look_along_the_glide(result, plan):
     turn = result["/plan/path"][0][1].poses[0].orientation
     x, y, z, w = turn.x, turn.y, turn.z, turn.w
     ahead = [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)]
@@ -267,9 +260,7 @@ def test_path_poses_look_along_the_glide(result, plan: Plan) -> None:
     )
 
 
-def test_failed_plan_is_valid_json_without_a_line(
-    failed_plan: Plan, flow: FlowEstimate, tmp_path: Path
-) -> None:
+def test_failed_plan_is_valid_json_without_a_line(failed_plan, flow, tmp_path):
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.plan(failed_plan, flow.grid.projection)
     result = decoded(tmp_path / "out.mcap")
@@ -282,7 +273,7 @@ def test_failed_plan_is_valid_json_without_a_line(
     assert len(result["/plan/path"][0][1].poses) == 0
 
 
-def test_line_is_continuous_across_the_antimeridian(plan: Plan, tmp_path: Path) -> None:
+def test_line_is_continuous_across_the_antimeridian(plan, tmp_path):
     projection = Projection(179.99, 62.0)
     crossing = replace(
         plan,

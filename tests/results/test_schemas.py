@@ -24,7 +24,7 @@ def documented(message: str) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("message", MESSAGES)
-def test_the_contract_lists_every_field_in_order(message: str) -> None:
+def test_the_contract_lists_every_field_in_order(message):
     fields = [
         (field.name, field.type.lstrip(".") + ("[]" if field.repeated else ""))
         for field in MESSAGES[message]
@@ -32,18 +32,16 @@ def test_the_contract_lists_every_field_in_order(message: str) -> None:
     assert documented(message) == fields
 
 
-def test_the_contract_names_the_contract_version() -> None:
+def test_the_contract_names_the_contract_version():
     assert f"Contract version {CONTRACT_VERSION}." in CHANNELS
 
 
-def test_the_contract_lists_every_reason() -> None:
+def test_the_contract_lists_every_reason():
     listed = dict(re.findall(r"\b(\d+) \| ([a-z_]+) (?=\|)", CHANNELS))
     assert listed == {str(reason.value): str(reason.name).lower() for reason in Reason if reason}
 
 
-def test_examples_run(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_examples_run(capsys, monkeypatch, tmp_path):
     (tmp_path / "sample_logs").symlink_to(SAMPLES)
     monkeypatch.chdir(tmp_path)
     for text in (SHOWN, CHANNELS):

@@ -1,7 +1,6 @@
 """Slices of a flow: where their cells lie, and that the current and its standard error are there together or not at all."""
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,9 +32,7 @@ GRIDS = {
 
 
 @pytest.mark.parametrize("name", GRIDS)
-def test_current_and_standard_error_are_known_at_the_same_cells(
-    flow: FlowEstimate, tmp_path: Path, name: str
-) -> None:
+def test_current_and_standard_error_are_known_at_the_same_cells(flow, tmp_path, name):
     placed = GRIDS[name](flow)
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.grids(0, placed, [10.0, 200.0])
@@ -48,9 +45,7 @@ def test_current_and_standard_error_are_known_at_the_same_cells(
 
 
 @pytest.mark.parametrize("name", ["parallels", "turned by 1 degree", "columns north"])
-def test_a_slice_has_a_cell_near_each_point_of_a_grid_along_the_axes(
-    flow: FlowEstimate, name: str
-) -> None:
+def test_a_slice_has_a_cell_near_each_point_of_a_grid_along_the_axes(flow, name):
     placed = GRIDS[name](flow)
     found = depth_slice(placed, 10.0)
     assert {found.east.size, found.north.size} == {5, 7}
@@ -66,7 +61,7 @@ def test_a_slice_has_a_cell_near_each_point_of_a_grid_along_the_axes(
     assert np.isfinite(found.velocity[..., 0]).sum() >= 0.75 * east.size
 
 
-def test_a_slice_along_the_grid_s_own_axes_has_its_points(flow: FlowEstimate) -> None:
+def test_a_slice_along_the_grid_s_own_axes_has_its_points(flow):
     found = depth_slice(flow, 0.5)
     np.testing.assert_array_equal(found.east, flow.grid.east[0])
     np.testing.assert_array_equal(found.north, flow.grid.north[:, 0])

@@ -45,11 +45,11 @@ def printed(work, width: int = 80) -> list[str]:
         (["/a"], "/a"),
     ],
 )
-def test_names_that_differ_in_a_number_are_one(names, one) -> None:
+def test_names_that_differ_in_a_number_are_one(names, one):
     assert fold_names(names) == one
 
 
-def test_rows_fold_that_are_equal_but_for_one_number() -> None:
+def test_rows_fold_that_are_equal_but_for_one_number():
     rows = [
         ("/a1", "5"),
         ("/a2", "5"),
@@ -78,15 +78,15 @@ def test_rows_fold_that_are_equal_but_for_one_number() -> None:
         ((None, None), ["", ""]),
     ],
 )
-def test_times_are_shown_without_what_they_share(times, short) -> None:
+def test_times_are_shown_without_what_they_share(times, short):
     assert short_times(times) == short
 
 
-def test_a_time_is_iso_and_none_stays_none() -> None:
+def test_a_time_is_iso_and_none_stays_none():
     assert (iso(START), iso(None)) == ("2018-11-16T00:00:00Z", None)
 
 
-def test_a_table_keeps_names_and_folds_words_at_80_columns() -> None:
+def test_a_table_keeps_names_and_folds_words_at_80_columns():
     name, schema = (
         "/vehicles/glider42/sensors/adcp/current",
         "marine_acoustic_msgs/msg/CurrentProfile",
@@ -105,7 +105,7 @@ def test_a_table_keeps_names_and_folds_words_at_80_columns() -> None:
     assert lines[-1].endswith("   3")
 
 
-def test_a_name_wider_than_the_terminal_is_whole() -> None:
+def test_a_name_wider_than_the_terminal_is_whole():
     name = "/" + "0123456789" * 9
     lines = printed(lambda console: print_table(console, None, ("topic", "n"), [(name, "12")]))
     assert max(map(len, lines)) <= 80
@@ -127,11 +127,11 @@ def test_a_name_wider_than_the_terminal_is_whole() -> None:
         ("12.5: -3", "other"),
     ],
 )
-def test_a_code_has_no_numbers_and_no_details(reason, code) -> None:
+def test_a_code_has_no_numbers_and_no_details(reason, code):
     assert code_of(reason) == code
 
 
-def test_topics_alike_share_a_line_unless_all_are_asked_for() -> None:
+def test_topics_alike_share_a_line_unless_all_are_asked_for():
     not_used = {"/a1": {"late": 2}, "/a2": {"late": 3}, "/b": {"late": 4, "empty": 1}}
     assert list(not_used_lines(not_used, whole=False)) == [
         "Not used: 1 x /b: empty",
@@ -164,7 +164,7 @@ SUMMARY = ReplaySummary(
 )
 
 
-def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for() -> None:
+def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for():
     few = printed(lambda console: print_summary(outcome_of(SUMMARY), console), 400)
     # sqrt((1 x 0.1^2 + 3 x 0.3^2 + 0.2^2 + 0.05^2) / 6)
     assert (
@@ -181,13 +181,13 @@ def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for() -> None
     ]
 
 
-def test_reasons_have_codes_in_json() -> None:
+def test_reasons_have_codes_in_json():
     assert outcome_of(SUMMARY).to_json()["messages"][0]["reasons"] == [
         {"code": "late", "reason": "late: by 3 s", "count": 2}
     ]
 
 
-def test_a_plan_is_told_by_how_to_steer_and_a_failed_one_by_why(plan, failed_plan) -> None:
+def test_a_plan_is_told_by_how_to_steer_and_a_failed_one_by_why(plan, failed_plan):
     assert (
         plan_sentence(plan_json(plan) or {})
         == "reached: steer 45.0 degrees true at 0.30 m/s through water, 20.00 degrees down; ok"
@@ -198,7 +198,7 @@ def test_a_plan_is_told_by_how_to_steer_and_a_failed_one_by_why(plan, failed_pla
         assert plan_json(replace(plan, battery=energy))["battery_j"] == told
 
 
-def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside() -> None:
+def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside():
     ellipse = Ellipse(5.0, 62.0, 2000.0, 1000.0, 90.0)
     misses = (
         (ellipse, 60, 0.03, 1.5e3),

@@ -1,7 +1,5 @@
 """The messages of a topic: those of the library's reader, in its order."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -20,9 +18,7 @@ TOPICS = ("/a", "/b", "/c")
         pytest.param(False, IndexType.ALL, id="no chunks"),
     ],
 )
-def test_messages_come_by_time_then_as_they_lie_in_the_file(
-    tmp_path: Path, chunks: bool, index: IndexType
-) -> None:
+def test_messages_come_by_time_then_as_they_lie_in_the_file(tmp_path, chunks, index):
     """Times go back over several chunks, and many are equal."""
     path, draw = tmp_path / "log.mcap", np.random.default_rng(0)
     with path.open("wb") as file:

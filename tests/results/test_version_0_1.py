@@ -16,7 +16,7 @@ from tests.command import invoke
 OLD = str(Path(__file__).parent / "data" / "version_0_1.mcap")
 
 
-def test_the_library_opens_it() -> None:
+def test_the_library_opens_it():
     result = rk.open_result(OLD)
     assert len(result.fixes) == 25
     at = result.estimate.to_xarray().sel(
@@ -51,13 +51,13 @@ def test_the_library_opens_it() -> None:
     ],
     ids=lambda value: value[0] if isinstance(value, list) else None,
 )
-def test_each_command_opens_it(tmp_path, words, code, said) -> None:
+def test_each_command_opens_it(tmp_path, words, code, said):
     done = invoke([word.format(tmp_path) for word in words])
     assert (done.exit_code, done.exception) == (code, None)
     assert said in " ".join(done.output.split())
 
 
-def test_the_replay_that_made_it_can_be_named_and_is_not_the_same_any_more(tmp_path) -> None:
+def test_the_replay_that_made_it_can_be_named_and_is_not_the_same_any_more(tmp_path):
     done = invoke(["verify", OLD, "--json", str(tmp_path / "v.json")])
     assert done.exit_code in (3, 5)
     if done.exit_code == 5:

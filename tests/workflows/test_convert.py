@@ -34,9 +34,7 @@ def logs(tmp_path: Path) -> list[Path]:
     return paths
 
 
-def test_logs_are_merged_in_order_and_read_by_the_stock_reader(
-    tmp_path: Path, logs: list[Path]
-) -> None:
+def test_logs_are_merged_in_order_and_read_by_the_stock_reader(tmp_path, logs):
     out = tmp_path / "out.mcap"
     summary = convert(logs, out, False, LogConfig())
     with out.open("rb") as file:
@@ -64,9 +62,7 @@ def _profiles(path: Path) -> list[Observation]:
 
 
 @pytest.mark.parametrize("which", [0, 1])
-def test_a_converted_log_gives_the_same_observations(
-    tmp_path: Path, logs: list[Path], which: int
-) -> None:
+def test_a_converted_log_gives_the_same_observations(tmp_path, logs, which):
     out = tmp_path / "out.mcap"
     convert([logs[which]], out, False, LogConfig())
     pairs = [_profiles(path) for path in (logs[which], out)]
@@ -80,19 +76,19 @@ def test_a_converted_log_gives_the_same_observations(
         assert before.velocity.tobytes() == after.velocity.tobytes()
 
 
-def test_the_same_input_gives_the_same_bytes(tmp_path: Path, logs: list[Path]) -> None:
+def test_the_same_input_gives_the_same_bytes(tmp_path, logs):
     for name in ("a.mcap", "b.mcap"):
         convert(logs, tmp_path / name, False, LogConfig())
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
-def test_start_and_end_limit_what_is_written(tmp_path: Path, logs: list[Path]) -> None:
+def test_start_and_end_limit_what_is_written(tmp_path, logs):
     config = LogConfig(start="2018-11-16T01:00:00Z", end="2018-11-16T02:00:00Z")
     summary = convert(logs[:1], tmp_path / "out.mcap", False, config)
     assert summary.messages["/adcp"] == 7
 
 
-def test_losses_are_reported(tmp_path: Path, logs: list[Path]) -> None:
+def test_losses_are_reported(tmp_path, logs):
     data = logs[1].read_bytes()
     (tmp_path / "cut.tlog").write_bytes(data[:5000] + b"\x00" * 50 + data[5000:])
     summary = convert([tmp_path / "cut.tlog"], tmp_path / "out.mcap", False, LogConfig())
@@ -100,9 +96,7 @@ def test_losses_are_reported(tmp_path: Path, logs: list[Path]) -> None:
     assert {path for path, _ in summary.losses} == {str(tmp_path / "cut.tlog")}
 
 
-def test_the_command_ends_with_4_where_bytes_were_lost_and_with_0_where_none_were(
-    tmp_path: Path, logs: list[Path]
-) -> None:
+def test_the_command_ends_with_4_where_bytes_were_lost_and_with_0_where_none_were(tmp_path, logs):
     data = logs[1].read_bytes()
     (tmp_path / "sound.tlog").write_bytes(data)
     (tmp_path / "cut.tlog").write_bytes(data[:5000] + b"\x00" * 50 + data[5000:])
@@ -119,7 +113,7 @@ def test_the_command_ends_with_4_where_bytes_were_lost_and_with_0_where_none_wer
         )
 
 
-def test_an_input_is_never_overwritten(tmp_path: Path, logs: list[Path]) -> None:
+def test_an_input_is_never_overwritten(tmp_path, logs):
     before = logs[0].read_bytes()
     (tmp_path / "link.mcap").symlink_to(logs[0])
     for out in (logs[0], tmp_path / "link.mcap", tmp_path / "." / "glider.mcap"):
@@ -128,7 +122,7 @@ def test_an_input_is_never_overwritten(tmp_path: Path, logs: list[Path]) -> None
     assert logs[0].read_bytes() == before
 
 
-def test_an_output_is_kept_unless_asked(tmp_path: Path, logs: list[Path]) -> None:
+def test_an_output_is_kept_unless_asked(tmp_path, logs):
     out = tmp_path / "out.mcap"
     out.write_bytes(b"mine")
     with pytest.raises(ConfigError, match="exists"):
@@ -138,9 +132,7 @@ def test_an_output_is_kept_unless_asked(tmp_path: Path, logs: list[Path]) -> Non
     assert out.read_bytes()[:5] == b"\x89MCAP"
 
 
-def test_bad_inputs_are_refused_before_anything_is_written(
-    tmp_path: Path, logs: list[Path]
-) -> None:
+def test_bad_inputs_are_refused_before_anything_is_written(tmp_path, logs):
     with pytest.raises(LogError, match="file not found"):
         convert([*logs, tmp_path / "missing.mcap"], tmp_path / "out.mcap", False, LogConfig())
     with pytest.raises(ConfigError, match="at least one log"):
@@ -153,9 +145,7 @@ def _stamps(path: Path) -> list[int]:
 
 
 @pytest.mark.parametrize("by_way_of_mcap", [False, True])
-def test_a_telemetry_log_takes_frames_and_what_has_none(
-    tmp_path: Path, logs: list[Path], by_way_of_mcap: bool
-) -> None:
+def test_a_telemetry_log_takes_frames_and_what_has_none(tmp_path, logs, by_way_of_mcap):
     given = logs
     if by_way_of_mcap:
         given = [tmp_path / "both.mcap"]
@@ -176,7 +166,7 @@ def test_a_telemetry_log_takes_frames_and_what_has_none(
 
 
 @pytest.mark.parametrize("by_way_of_mcap", [False, True])
-def test_frames_of_several_logs_are_merged_by_time(tmp_path: Path, by_way_of_mcap: bool) -> None:
+def test_frames_of_several_logs_are_merged_by_time(tmp_path, by_way_of_mcap):
     (tmp_path / "a.tlog").write_bytes(b"".join(tlog(5)))
     (tmp_path / "b.tlog").write_bytes(b"".join(tlog(5, _stamps(tmp_path / "a.tlog")[1] + 1)))
     given = [tmp_path / "a.tlog", tmp_path / "b.tlog"]
@@ -188,7 +178,7 @@ def test_frames_of_several_logs_are_merged_by_time(tmp_path: Path, by_way_of_mca
     assert _stamps(tmp_path / "out.tlog") == stamps
 
 
-def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path: Path) -> None:
+def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path):
     ping = {
         **{
             "coordinate_system": "beam",
@@ -231,7 +221,7 @@ def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path: Path) -> None:
     assert "Excluded: 2 x /adcp: of each its beam_unit_vectors" in console.export_text()
 
 
-def test_late_fixes_become_frames_too(tmp_path: Path) -> None:
+def test_late_fixes_become_frames_too(tmp_path):
     fix = {"latitude": 1.0, "longitude": 2.0}
     stamps = [k * 10**9 for k in (1, 50, 60, 2, 70)]
     write_mcap_log(
@@ -242,7 +232,7 @@ def test_late_fixes_become_frames_too(tmp_path: Path) -> None:
     assert summary.messages == {"GPS_RAW_INT": 5, "GLOBAL_POSITION_INT": 5}
 
 
-def test_the_help_names_every_format() -> None:
+def test_the_help_names_every_format():
     for command in ("replay", "convert"):
         said = " ".join(invoke([command, "--help-all"], columns=400).output.split())
         assert (
@@ -250,13 +240,13 @@ def test_the_help_names_every_format() -> None:
         )
 
 
-def test_a_time_beyond_signed_64_bits_is_shown_as_the_last() -> None:
+def test_a_time_beyond_signed_64_bits_is_shown_as_the_last():
     assert iso(2**64 - 1) == iso(2**63 - 1) == "2262-04-11T23:47:16Z"
 
 
 @pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there")
 @pytest.mark.full
-def test_real_dives_become_ten_profiles(tmp_path: Path) -> None:
+def test_real_dives_become_ten_profiles(tmp_path):
     summary = convert(SEAGLIDER, tmp_path / "out.mcap", False, LogConfig())
     assert (
         summary.messages["/adcp/inverted"],

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -72,9 +71,7 @@ def content(data: bytes) -> tuple[Counter[Any], Counter[Any], Counter[Any], str]
     compression=st.sampled_from(CompressionType),
     chunked=st.booleans(),
 )
-def test_mcap_to_mcap(
-    tmp_path: Path, channels, messages, attachments, notes, compression, chunked
-) -> None:  # type: ignore[no-untyped-def]
+def test_mcap_to_mcap(tmp_path, channels, messages, attachments, notes, compression, chunked):  # type: ignore[no-untyped-def]
     out = BytesIO()
     writer = Writer(out, chunk_size=60, compression=compression, use_chunking=chunked)
     writer.start(profile="ros2")
@@ -98,7 +95,7 @@ def test_mcap_to_mcap(
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs are not on this machine")
-def test_real_and_conformance_files(tmp_path: Path) -> None:
+def test_real_and_conformance_files(tmp_path):
     files = (
         sorted((SHARED / "mcap-conformance").rglob("*.mcap"))[::13]
         + sorted((SHARED / "rosbag2").glob("*.mcap"))[::4]
@@ -118,9 +115,7 @@ def test_real_and_conformance_files(tmp_path: Path) -> None:
     entries=st.lists(st.sampled_from(tlog(12)), min_size=1, max_size=12),
     noise=st.lists(st.tuples(st.integers(0, 12), st.binary(min_size=1, max_size=9)), max_size=2),
 )
-def test_a_telemetry_log_comes_back_from_mcap(
-    tmp_path: Path, entries: list[bytes], noise: list[tuple[int, bytes]]
-) -> None:
+def test_a_telemetry_log_comes_back_from_mcap(tmp_path, entries, noise):
     sound = b"".join(entries)
     (tmp_path / "in.tlog").write_bytes(sound)
     convert([tmp_path / "in.tlog"], tmp_path / "mid.mcap", True, LogConfig())
@@ -137,7 +132,7 @@ def test_a_telemetry_log_comes_back_from_mcap(
 
 @pytest.mark.parametrize("name", ["ardusub/small.tlog"])
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs are not on this machine")
-def test_a_real_telemetry_log_comes_back(tmp_path: Path, name: str) -> None:
+def test_a_real_telemetry_log_comes_back(tmp_path, name):
     data = (SHARED / name).read_bytes()[:200_000]
     (tmp_path / "in.tlog").write_bytes(data)
     summary = convert([tmp_path / "in.tlog"], tmp_path / "mid.mcap", False, LogConfig())
@@ -147,7 +142,7 @@ def test_a_real_telemetry_log_comes_back(tmp_path: Path, name: str) -> None:
     assert lost or (tmp_path / "out.tlog").read_bytes() == data
 
 
-def test_kept_frames_are_no_trouble_to_a_reader(tmp_path: Path) -> None:
+def test_kept_frames_are_no_trouble_to_a_reader(tmp_path):
     (tmp_path / "in.tlog").write_bytes(b"".join(tlog(5)))
     convert([tmp_path / "in.tlog"], tmp_path / "out.mcap", False, LogConfig())
     reader = open_log(tmp_path / "out.mcap")
@@ -157,7 +152,7 @@ def test_kept_frames_are_no_trouble_to_a_reader(tmp_path: Path) -> None:
     assert report.read == {"mavlink/1/1/ATTITUDE": 5, "mavlink/frames": 5}
 
 
-def test_messages_of_an_mcap_without_frames_become_frames(tmp_path: Path) -> None:
+def test_messages_of_an_mcap_without_frames_become_frames(tmp_path):
     summary = convert(
         [ROOT / "sample_logs" / "glider.mcap"], tmp_path / "out.tlog", False, LogConfig()
     )
@@ -166,7 +161,7 @@ def test_messages_of_an_mcap_without_frames_become_frames(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("part", [0.3, 0.6, 0.97])
-def test_a_damaged_log_becomes_a_sound_one(tmp_path: Path, part: float) -> None:
+def test_a_damaged_log_becomes_a_sound_one(tmp_path, part):
     whole = json_mcap(range(200), CompressionType.ZSTD)
     (tmp_path / "cut.mcap").write_bytes(whole[: int(part * len(whole))])
     summary = convert([tmp_path / "cut.mcap"], tmp_path / "out.mcap", False, LogConfig())
@@ -178,7 +173,7 @@ def test_a_damaged_log_becomes_a_sound_one(tmp_path: Path, part: float) -> None:
     assert reader.report().losses == ()
 
 
-def test_a_damaged_attachment_is_left_out_and_said(tmp_path: Path) -> None:
+def test_a_damaged_attachment_is_left_out_and_said(tmp_path):
     out = BytesIO()
     writer = Writer(out, index_types=IndexType.ALL)
     writer.start()
@@ -196,7 +191,7 @@ def test_a_damaged_attachment_is_left_out_and_said(tmp_path: Path) -> None:
     assert [name for name, _ in noted] == ["note"]
 
 
-def test_late_messages_are_copied_too(tmp_path: Path) -> None:
+def test_late_messages_are_copied_too(tmp_path):
     (tmp_path / "in.mcap").write_bytes(json_mcap([k * 10**9 for k in (1, 50, 60, 2, 70)]))
     convert([tmp_path / "in.mcap"], tmp_path / "out.mcap", False, LogConfig())
     assert sorted(m.payload["n"] for m in open_log(tmp_path / "out.mcap").messages()) == [
@@ -208,9 +203,7 @@ def test_late_messages_are_copied_too(tmp_path: Path) -> None:
     ]
 
 
-def test_what_does_not_read_back_gets_no_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_does_not_read_back_gets_no_name(tmp_path, monkeypatch):
     (tmp_path / "in.mcap").write_bytes(json_mcap(range(5)))
     monkeypatch.setattr("replay_kit.logs.mcap.writer.McapLogWriter.written", {"/a": 9})
     with pytest.raises(ReplayKitError, match="read back"):

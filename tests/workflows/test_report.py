@@ -20,7 +20,7 @@ from tests.show.report.html_of import elements, text_of
 SHORT = ["--end", "2018-11-16T02:00:00Z", "--levels", "5,150", "--modes", "5"]
 
 
-def test_the_command_names_the_page(result_path: Path, page: str, tmp_path: Path) -> None:
+def test_the_command_names_the_page(result_path, page, tmp_path):
     outcome = invoke(f"report {result_path} -o {tmp_path}/page.html")
     assert outcome.exit_code == 0
     assert (tmp_path / "page.html").read_text() == page
@@ -34,12 +34,12 @@ def test_the_command_names_the_page(result_path: Path, page: str, tmp_path: Path
     assert invoke(f"report {result_path} -o {tmp_path}/page.pdf").exit_code == 2
 
 
-def test_the_page_lies_beside_the_result() -> None:
+def test_the_page_lies_beside_the_result():
     assert page_of(Path("a/out.mcap")) == Path("a/out.html")
     assert page_of(Path("out.mcap.part")) == Path("out.html")
 
 
-def test_a_replay_makes_the_page_with_the_score_against_a_truth(tmp_path: Path) -> None:
+def test_a_replay_makes_the_page_with_the_score_against_a_truth(tmp_path):
     logs, out = (
         [str(SAMPLES / "survey.mcap"), "--ensemble", str(SAMPLES / "ensemble.nc")],
         tmp_path / "out.mcap",
@@ -74,7 +74,7 @@ def test_a_replay_makes_the_page_with_the_score_against_a_truth(tmp_path: Path) 
     assert 'data-key="truth.rmse"' not in (tmp_path / "later.html").read_text()
 
 
-def test_a_result_that_is_cut_short_shows_what_is_left(result_path: Path, tmp_path: Path) -> None:
+def test_a_result_that_is_cut_short_shows_what_is_left(result_path, tmp_path):
     cut, data = tmp_path / "cut.mcap.part", result_path.read_bytes()
     cut.write_bytes(data[: int(0.6 * len(data))])
     report(cut, tmp_path / "cut.html")
@@ -89,7 +89,7 @@ def test_a_result_that_is_cut_short_shows_what_is_left(result_path: Path, tmp_pa
     assert (tmp_path / "again.html").read_text() == made
 
 
-def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_result_is_refused(tmp_path):
     with pytest.raises(LogError, match="cannot read the result"):
         report(tmp_path / "none.mcap", tmp_path / "page.html")
     (tmp_path / "text.mcap").write_text("no log")
@@ -102,9 +102,7 @@ def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "page.html").exists()
 
 
-def test_a_result_of_another_version_says_so(
-    result_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_result_of_another_version_says_so(result_path, tmp_path, monkeypatch):
     monkeypatch.setattr("replay_kit.workflows.report.CONTRACT_VERSION", 6)
     report(result_path, tmp_path / "page.html")
     assert "The result has version 5 of the contract, this program version 6" in text_of(
@@ -112,7 +110,7 @@ def test_a_result_of_another_version_says_so(
     )
 
 
-def test_the_summary_in_the_result_is_that_of_the_run(replayed) -> None:  # type: ignore[no-untyped-def]
+def test_the_summary_in_the_result_is_that_of_the_run(replayed):  # type: ignore[no-untyped-def]
     from replay_kit.results.views.record import read_record
 
     kept = read_record(replayed.path).summary
@@ -121,7 +119,7 @@ def test_the_summary_in_the_result_is_that_of_the_run(replayed) -> None:  # type
     assert open_result(replayed.path).outcome == made
 
 
-def test_names_of_files_topics_and_frames_are_text_in_the_page(tmp_path: Path) -> None:
+def test_names_of_files_topics_and_frames_are_text_in_the_page(tmp_path):
     evil = "<img src=x onerror=alert(1)>"
     topic = "</script><script>alert(1)</script>"
     logs = [tmp_path / f"{evil}{name}" for name in (".mcap", ".nc")]

@@ -12,14 +12,13 @@ from mcap.reader import make_reader
 
 from replay_kit.config.file import with_current_keys
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.results.compare import DAMAGED
+from replay_kit.results.compare import damage_named
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME
+from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME, stated_records
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,19 +63,10 @@ def read_planned_legs(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]
     Raises:
         LogError: It cannot be read, or is no plan with legs.
     """
-    try:
+    with damage_named(path, "plan of this version's replay-kit plan -o", "plan it again"):
         metadata = read_record(path).metadata
         legs, begun = metadata["legs"], metadata["mission"]
         int(begun["start_time_ns"])
-    except OSError as error:
-        raise LogError(
-            f"{path}: cannot be read: {error.strerror}; check the file and its permissions"
-        ) from error
-    except DAMAGED as error:
-        why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        raise LogError(
-            f"{path}: expected a plan of this version's replay-kit plan -o, but {why}; plan it again"
-        ) from error
     return legs, begun
 
 

@@ -14,7 +14,13 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.grid import Projection
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME, complete, read_messages
+from replay_kit.results.topics import (
+    CONFIG_NAME,
+    SUMMARY_NAME,
+    complete,
+    read_messages,
+    stated_records,
+)
 
 # Two plans tell what changed; their surfacings and the measurements between them tell why.
 _PLANS, _OUTCOMES = 2, 50
@@ -79,16 +85,7 @@ def read_held(path: Path) -> Held:
     with complete(path):
         with path.open("rb") as file:
             reader = make_reader(file)
-            metadata = {
-                record.name: dict(record.metadata)
-                for record in reader.iter_metadata()
-                if record.name != "replay_kit.digest"
-            }
-            attached = {
-                record.name: record.data
-                for record in reader.iter_attachments()
-                if record.name in (CONFIG_NAME, SUMMARY_NAME)
-            }
+            metadata, attached = stated_records(reader)
             summary = reader.get_summary()
         if (
             "frame map" not in metadata

@@ -32,7 +32,7 @@ def velocities(nodes: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("shape", [(9, 5), (5, 9)])
-def test_coefficients_are_those_of_dense_normal_equations(shape: tuple[int, int]):
+def test_coefficients_are_those_of_dense_normal_equations(shape):
     nodes = nodes_of(*shape)
     lattice, velocity = lattice_over(KERNEL, nodes), velocities(nodes)
     expected = slow.embed(lattice, nodes, velocity, NUGGET)
@@ -52,7 +52,7 @@ def test_the_flow_is_that_of_the_kernel_s_columns_also_between_nodes():
     assert np.all(error < [1e-5, 1e-5, 1e-5, 1e-3])
 
 
-def test_single_precision_is_refined_to_the_same(monkeypatch: pytest.MonkeyPatch):
+def test_single_precision_is_refined_to_the_same(monkeypatch):
     nodes = nodes_of(14, 11)
     lattice, velocity = lattice_over(KERNEL, nodes), velocities(nodes)
     expected = lattice.velocity(nodes, embed(lattice, nodes, velocity, NUGGET))
@@ -69,7 +69,7 @@ def test_a_nugget_that_is_too_small_is_refused():
 
 @pytest.mark.parametrize(("n", "width"), [(1, 0), (7, 3), (600, 40), (700, 300)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_banded_solutions_are_dense_ones(n: int, width: int, dtype: type[np.floating]):
+def test_banded_solutions_are_dense_ones(n, width, dtype):
     rng = np.random.default_rng(n)
     band = rng.uniform(-1.0, 1.0, (n, width + 1)).astype(dtype)
     band[:, 0] += 2.0 * width + 2.0

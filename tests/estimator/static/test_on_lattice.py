@@ -1,7 +1,6 @@
 """Estimates of the default preset on its lattice against those of the dense kernel of all nodes."""
 
 import numpy as np
-import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -24,7 +23,7 @@ def estimated(ensemble: Ensemble) -> tuple[FlowEstimate, FlowEstimate]:
 
 
 def test_increments_and_standard_errors_off_the_nodes_are_those_of_the_dense_kernel(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch,
 ):
     lattice = estimated(WORLD)
     on_lattice = modes.default_functions

@@ -1,6 +1,5 @@
 """Variants of gliders' files as their writers make them: each gives the messages of the file that it was changed from."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,6 @@ import pytest
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
 from tests.logs.glider import glider_samples as made
-
-Change = Callable[[made.Variables], made.Variables]
 
 
 def _changed(path, write, change, monkeypatch):

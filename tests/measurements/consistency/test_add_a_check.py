@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import pytest
 
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Observation, Reason, VehicleState
@@ -63,8 +62,8 @@ def _checked(*events: Checked) -> tuple[ConsistencyState, list[Checked]]:
 
 
 def test_an_added_check_of_pings_is_told_once_and_its_instrument_not_used(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     events = [_ping(1), _ping(1), _ping(1), _ping(2)]
     assert "clock" not in {finding.name for finding in _checked(*events)[0].findings}
     monkeypatch.setattr(checks, "PING_CHECKS", (Repeated(),))
@@ -75,8 +74,8 @@ def test_an_added_check_of_pings_is_told_once_and_its_instrument_not_used(
 
 
 def test_an_added_check_of_positions_leaves_the_pings_at_them_out(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     latitudes = (10.0, 91.0, 92.0, 20.0)
     places = [vehicle(1e-9 * k, latitude=latitude) for k, latitude in enumerate(latitudes)]
     events = [event for place in places for event in (place, _ping(place.time_ns))]

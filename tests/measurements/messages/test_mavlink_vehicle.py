@@ -1,6 +1,5 @@
 """Positions and depths of ArduPilot's logs: what is measured, what is computed, what is neither."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -43,13 +42,13 @@ def gps(fix_type: int) -> dict[str, Any]:
 FILTER = {"lat": 473000000, "lon": -1246305732, "relative_alt": -2500}
 
 
-def test_a_position_without_a_gps_in_the_log_is_taken_at_its_word() -> None:
+def test_a_position_without_a_gps_in_the_log_is_taken_at_its_word():
     fix, depth = said((0, "GLOBAL_POSITION_INT", FILTER))
     assert isinstance(fix, VehicleState)
     assert (fix.dead_reckoned, fix.latitude, depth) == (False, pytest.approx(47.3), 2.5)
 
 
-def test_a_position_is_computed_when_the_last_fix_is_old() -> None:
+def test_a_position_is_computed_when_the_last_fix_is_old():
     fixes = said(
         (0, "GPS_RAW_INT", gps(3)),
         (5, "GLOBAL_POSITION_INT", FILTER),
@@ -64,7 +63,7 @@ def test_a_position_is_computed_when_the_last_fix_is_old() -> None:
 
 
 @pytest.mark.parametrize(("asked", "counts"), [(None, "1"), (1, "1"), (2, "2")])
-def test_positions_of_one_system_count(asked: int | None, counts: str) -> None:
+def test_positions_of_one_system_count(asked, counts):
     state, places, skipped = initial_state(asked), [], []
     for n, system in enumerate("1212"):
         topic = f"mavlink/{system}/1/GLOBAL_POSITION_INT"
@@ -84,7 +83,7 @@ def test_positions_of_one_system_count(asked: int | None, counts: str) -> None:
     assert all("choose with system in [logs]" in event.reason for event in skipped)
 
 
-def test_fixes_that_are_none() -> None:
+def test_fixes_that_are_none():
     events = said(
         (0, "GPS_RAW_INT", gps(2)),
         (1, "GLOBAL_POSITION_INT", FILTER),
@@ -95,7 +94,7 @@ def test_fixes_that_are_none() -> None:
     assert events[2] == Skipped("mavlink/1/1/GLOBAL_POSITION_INT", "position is 0, 0 (no fix)")
 
 
-def test_dataflash_records() -> None:
+def test_dataflash_records():
     place = {"Lat": 47.3, "Lng": -124.63}
     first, filtered, depth = said(
         (0, "dataflash.CTUN", {"Alt": -3.25, "BAlt": -9.0}),
@@ -112,7 +111,7 @@ def test_dataflash_records() -> None:
     assert depth == 3.25
 
 
-def test_a_dataflash_log_places_the_pings_of_another_log(tmp_path: Path) -> None:
+def test_a_dataflash_log_places_the_pings_of_another_log(tmp_path):
     (tmp_path / "log.BIN").write_bytes(b"".join(dataflash(20)))
     start_ns = next(open_log(tmp_path / "log.BIN", wanted=MAVLINK_NAMES).messages()).time_ns
     write_mcap_log(
@@ -147,6 +146,6 @@ def test_a_dataflash_log_places_the_pings_of_another_log(tmp_path: Path) -> None
         ("dataflash.BARO", {"Alt": -9.2, "I": 0}, "message type not used by the estimator"),
     ],
 )
-def test_what_is_not_used(schema: str, payload: dict[str, Any], reason: str) -> None:
+def test_what_is_not_used(schema, payload, reason):
     (event, _) = said((0, schema, payload))
     assert event.reason == reason

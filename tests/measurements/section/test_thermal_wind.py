@@ -83,7 +83,7 @@ def expected(tilt: float) -> np.ndarray:
     return found - depth_weights(LEVELS) @ found
 
 
-def test_isopycnals_that_rise_to_the_east_give_their_thermal_wind() -> None:
+def test_isopycnals_that_rise_to_the_east_give_their_thermal_wind():
     (shear,) = geostrophic_shear(section_of(line(length=20e3)), 0.1)
     assert np.array_equal(shear.levels, LEVELS)
     # a mean over the line of the exponential's curvature, and the reference density, are left
@@ -94,7 +94,7 @@ def test_isopycnals_that_rise_to_the_east_give_their_thermal_wind() -> None:
     assert depth_weights(LEVELS) @ shear.velocity == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_current_is_the_same_whichever_way_the_line_is_run() -> None:
+def test_the_current_is_the_same_whichever_way_the_line_is_run():
     there, back = (
         geostrophic_shear(section_of(profiles), 0.1)[0]
         for profiles in (line(noise=5.0), line(noise=5.0)[::-1])
@@ -104,7 +104,7 @@ def test_the_current_is_the_same_whichever_way_the_line_is_run() -> None:
     assert back.covariance == pytest.approx(there.covariance, rel=1e-6)
 
 
-def test_in_the_south_the_same_density_drives_the_opposite_current() -> None:
+def test_in_the_south_the_same_density_drives_the_opposite_current():
     north, south = (
         geostrophic_shear(section_of(line(latitude=at, length=20e3)), 0.1)[0]
         for at in (40.0, -40.0)
@@ -112,13 +112,13 @@ def test_in_the_south_the_same_density_drives_the_opposite_current() -> None:
     assert south.velocity == pytest.approx(-north.velocity, abs=0.01 * np.abs(north.velocity).max())
 
 
-def test_the_slant_of_a_glider_is_taken_out() -> None:
+def test_the_slant_of_a_glider_is_taken_out():
     (cast,) = geostrophic_shear(section_of(line(length=40e3)), 0.1)
     (slanted,) = geostrophic_shear(section_of(line(length=40e3, slant=2.0)), 0.1)
     assert slanted.velocity == pytest.approx(cast.velocity, abs=0.02 * np.abs(cast.velocity).max())
 
 
-def test_a_short_line_states_a_large_error() -> None:
+def test_a_short_line_states_a_large_error():
     errors = [
         geostrophic_shear(section_of(line(n, length, noise=7.0)), 0.1)[0].standard_error.max()
         for n, length in ((5, 8e3), (9, 20e3), (13, 40e3))
@@ -126,7 +126,7 @@ def test_a_short_line_states_a_large_error() -> None:
     assert errors[0] > 2.0 * errors[1] > 2.0 * errors[2]
 
 
-def test_a_long_line_is_cut_into_windows() -> None:
+def test_a_long_line_is_cut_into_windows():
     found = geostrophic_shear(section_of(line(60, 300e3, noise=3.0)), 0.1)
     assert len(found) > 1
     assert sum(shear.profiles for shear in found) == 60
@@ -142,17 +142,17 @@ def test_a_long_line_is_cut_into_windows() -> None:
         (lambda made: [replace(each, salinity=np.full(164, np.nan)) for each in made], "got 0"),
     ],
 )
-def test_what_is_no_line_is_refused(change, words) -> None:
+def test_what_is_no_line_is_refused(change, words):
     with pytest.raises(MeasurementError, match=words):
         section_of(change(line()))
 
 
-def test_near_the_equator_it_is_refused() -> None:
+def test_near_the_equator_it_is_refused():
     with pytest.raises(MeasurementError, match=r"at least 5 degrees, got 3\.0"):
         geostrophic_shear(section_of(line(latitude=3.0)), 0.1)
 
 
-def test_the_parts_agree_with_their_slow_twins() -> None:
+def test_the_parts_agree_with_their_slow_twins():
     rng = np.random.default_rng(3)
     levels, n = np.sort(rng.uniform(0.0, 900.0, 9)), 8
     anomaly = rng.standard_normal((n, 9)) * 1e-7
@@ -182,7 +182,7 @@ def test_the_parts_agree_with_their_slow_twins() -> None:
         assert second[k] - first[k] == pytest.approx(by_hand[1] - by_hand[0], rel=1e-6)
 
 
-def test_a_hole_is_filled_from_its_own_profile_and_the_level_s_line() -> None:
+def test_a_hole_is_filled_from_its_own_profile_and_the_level_s_line():
     along = np.linspace(0.0, 30e3, 6)
     volume = 1e-3 + 1e-11 * along[:, None] * np.array([1.0, 2.0, 3.0])
     volume[2] += 1e-8
@@ -195,7 +195,7 @@ def test_a_hole_is_filled_from_its_own_profile_and_the_level_s_line() -> None:
     assert filled[:, [0, 2]] == pytest.approx(whole[:, [0, 2]], abs=1e-12)
 
 
-def test_waves_and_rossby_radius_have_the_size_that_the_open_ocean_has() -> None:
+def test_waves_and_rossby_radius_have_the_size_that_the_open_ocean_has():
     n2 = np.full(LEVELS.size, 2.7e-5)
     waves = garrett_munk(LEVELS, n2, geopotential_matrix(LEVELS))
     assert np.linalg.eigvalsh(waves).min() > -1e-12 * np.trace(waves)
@@ -204,7 +204,7 @@ def test_waves_and_rossby_radius_have_the_size_that_the_open_ocean_has() -> None
     assert 20e3 < rossby_radius(LEVELS, n2, float(gsw.f(40.0)), 4000.0) < 60e3
 
 
-def test_repeats_of_a_real_line_agree_within_their_stated_errors() -> None:
+def test_repeats_of_a_real_line_agree_within_their_stated_errors():
     files = sorted((DATA / "sections").glob("section*.nc"), key=lambda path: int(path.stem[7:]))
     if len(files) < 11:
         pytest.skip("the repeats of a line across a passage are not present")

@@ -183,9 +183,7 @@ def test_an_outcome_beyond_the_region_stops_at_its_edge():
         (2.0, 3.0, "the current, 0.10 m/s along the path"),
     ],
 )
-def test_the_deepest_level_and_the_surface_limit_a_goal_that_is_not_at_them(
-    end: float, goal: float, limit: str
-) -> None:
+def test_the_deepest_level_and_the_surface_limit_a_goal_that_is_not_at_them(end, goal, limit):
     flow = uniform_flow(0.1, 0.0)
     begin, through = np.array([0.0, 0.0, 200.0]), np.array([0.1, 0.0, (end - 200.0) / 1e4])
     track = fly_glide(flow, begin, through, np.linspace(0.0, 1e4, 20))
@@ -341,8 +339,8 @@ def test_a_glide_s_start_and_goal_lie_above_the_bottom():
 
 
 def test_what_the_optimiser_makes_worse_than_its_seed_is_polished_instead(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     def worse(task: GlideTask, guess: Glide) -> Candidate:
         return fly_candidate(task, guess._replace(heading=guess.heading + 0.3), 1)
 

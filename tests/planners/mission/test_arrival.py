@@ -158,7 +158,7 @@ def test_no_mission_is_later_than_one_that_heads_at_the_goal_at_each_surfacing(s
 
 
 def test_the_rest_of_a_plan_with_too_many_legs_is_replaced_by_one_with_as_many_as_the_front_suggests(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch,
 ):
     flow = eddying_flow(3, speed=0.1)
     asked = request_in(flow, (-12e3, 0.0), (6e3, 2e3))

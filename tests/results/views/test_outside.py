@@ -32,7 +32,7 @@ def contents(tmp_path, innovation, plan):
     return make
 
 
-def test_slices_know_which_cells_lie_off_the_grid(contents) -> None:
+def test_slices_know_which_cells_lie_off_the_grid(contents):
     slices, grid = contents().slices, contents().estimate.grid
     outside = ~inside_grid(grid, *np.meshgrid(slices.east, slices.north))
     assert 0.3 < outside.mean() < 0.7
@@ -43,12 +43,12 @@ def test_slices_know_which_cells_lie_off_the_grid(contents) -> None:
     assert np.isnan(slices.fields[0, -1, 0][~outside]).any()
 
 
-def test_what_was_published_of_another_grid_is_not_called_outside(contents) -> None:
+def test_what_was_published_of_another_grid_is_not_called_outside(contents):
     slices = published_slices(contents().result.path)
     assert on_grid(slices, synthetic_flow(spacing=1_000.0).grid).outside is None
 
 
-def test_a_coast_lies_between_water_and_land_alone(contents) -> None:
+def test_a_coast_lies_between_water_and_land_alone(contents):
     slices = contents().slices
     assert coastline(contents(land=False).slices)[0].size == 0
     x, y = (1e3 * line for line in coastline(slices))
@@ -70,7 +70,7 @@ def test_a_coast_lies_between_water_and_land_alone(contents) -> None:
     assert x.size > 0
 
 
-def test_the_page_calls_them_outside_the_forecast(contents) -> None:
+def test_the_page_calls_them_outside_the_forecast(contents):
     figure = figures(report_html(contents().result))["current-map"]
     outside = np.isfinite(unpacked(figure["packed"]["outside"]))
     np.testing.assert_array_equal(outside, contents().slices.outside)
@@ -79,7 +79,7 @@ def test_the_page_calls_them_outside_the_forecast(contents) -> None:
     assert "Grey: land, or below the bottom. Hatched: outside the forecast." in said
 
 
-def test_the_figures_hatch_them(contents) -> None:
+def test_the_figures_hatch_them(contents):
     for land in (True, False):
         figure = drawn(contents(land=land), "map")
         assert figure.axes[0].patch.get_hatch()
@@ -88,7 +88,7 @@ def test_the_figures_hatch_them(contents) -> None:
         assert ("Grey: land, or below the bottom." in said) == land
 
 
-def test_a_plan_that_leads_out_of_the_forecast_says_so(plan, innovation, tmp_path) -> None:
+def test_a_plan_that_leads_out_of_the_forecast_says_so(plan, innovation, tmp_path):
     # the goal lies 3.4 km away, the edge of the grid 15 km or 1.5 km
     for spacing, beyond in ((5_000.0, False), (500.0, True)):
         flow = synthetic_flow(spacing=spacing)
@@ -97,7 +97,7 @@ def test_a_plan_that_leads_out_of_the_forecast_says_so(plan, innovation, tmp_pat
         assert ("Hatched: outside the forecast." in said) == beyond
 
 
-def test_without_an_estimate_nothing_is_called_land_that_may_lie_outside(contents) -> None:
+def test_without_an_estimate_nothing_is_called_land_that_may_lie_outside(contents):
     result = contents(estimate=False)
     said = "land, below the bottom, or outside the forecast"
     figure = figures(report_html(result.result))["current-map"]

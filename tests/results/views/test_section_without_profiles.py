@@ -20,7 +20,7 @@ class _History:
         return self.flow if time_ns >= 2 * HOUR else None
 
 
-def test_it_is_the_estimate_at_each_place_and_depth_once_there_is_one() -> None:
+def test_it_is_the_estimate_at_each_place_and_depth_once_there_is_one():
     flow = synthetic_flow()
     times = HOUR * np.arange(9)
     east, north = np.linspace(-9e3, 9e3, 9), np.linspace(-4e3, 5e3, 9)
@@ -57,7 +57,7 @@ def test_it_is_the_estimate_at_each_place_and_depth_once_there_is_one() -> None:
     assert [bool(np.isfinite(one).any()) for one in values] == [False, True, False, True]
 
 
-def test_a_track_outside_the_region_of_the_estimate_has_no_section() -> None:
+def test_a_track_outside_the_region_of_the_estimate_has_no_section():
     flow, times, far = synthetic_flow(), HOUR * np.arange(3, 6), np.full(3, 9e6)
     track = Track(times, far, far, np.full(3, 20.0), far, far, 0.0 * far, np.zeros(3, dtype=bool))
     bins = estimate_along_track(track, _History(flow), flow)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.results.views.steering import (
     Dives,
     GriddedCurrents,
@@ -20,7 +19,7 @@ def uniform(*flows: tuple[float, float]) -> GriddedCurrents:
     return GriddedCurrents(np.array([0.0, 200.0]), 1e4 * np.arange(4), 1e4 * np.arange(3), velocity)
 
 
-def test_still_water_takes_the_straight_way() -> None:
+def test_still_water_takes_the_straight_way():
     assert DIVES.along == pytest.approx(ALONG, rel=1e-12)
     assert DIVES.duration == pytest.approx(DIVE, rel=1e-12)
     corner, goal = np.array([3_000.0, 4_000.0]), np.array([3_000.0, 4_500.0])
@@ -34,7 +33,7 @@ def test_still_water_takes_the_straight_way() -> None:
     np.testing.assert_allclose(found.surfacings[15], corner, atol=1e-6)
 
 
-def test_a_current_across_and_along_is_cancelled() -> None:
+def test_a_current_across_and_along_is_cancelled():
     goal = np.array([0.0, 5_000.0])
     across = fly_to_waypoints(uniform((0.2, 0.0)), 0, DIVES, np.zeros(2), [goal])
     assert across.duration == pytest.approx(5_000.0 / np.sqrt(ALONG**2 - 0.04), rel=1e-9)
@@ -43,7 +42,7 @@ def test_a_current_across_and_along_is_cancelled() -> None:
     assert behind.duration == pytest.approx(5_000.0 / (ALONG + 0.1), rel=1e-9)
 
 
-def test_a_sample_is_met_with_the_expectation_of_the_mean() -> None:
+def test_a_sample_is_met_with_the_expectation_of_the_mean():
     currents, goal = uniform((0.0, 0.0), (0.1, 0.0)), np.array([0.0, 5_000.0])
     found = fly_to_waypoints(currents, 1, DIVES, np.zeros(2), [goal])
     # the first dive drifts away unseen, from the second on the current is known
@@ -58,7 +57,7 @@ def test_a_sample_is_met_with_the_expectation_of_the_mean() -> None:
     assert short.miss < 1e-6
 
 
-def test_too_strong_a_current_is_given_up() -> None:
+def test_too_strong_a_current_is_given_up():
     dives = Dives(0.5, 30.0, 100.0, 60.0, 10.0, 5.5 * (DIVE + 60.0))
     found = fly_to_waypoints(
         uniform((0.0, -1.0)),
@@ -75,7 +74,7 @@ def test_too_strong_a_current_is_given_up() -> None:
     assert found.miss == pytest.approx(np.hypot(1e4, found.surfacings[-1][1] - 2e4), rel=1e-12)
 
 
-def test_currents_are_linear_between_points_and_constant_beyond(flow: FlowEstimate) -> None:
+def test_currents_are_linear_between_points_and_constant_beyond(flow):
     depths, east, north = (
         np.array([0.0, 50.0, 200.0]),
         np.array([0.0, 10.0, 20.0]),

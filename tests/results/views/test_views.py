@@ -1,13 +1,11 @@
 """Values taken out of results."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import distance, to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse
@@ -44,11 +42,11 @@ SECOND = 10**9
     ("count", "most", "kept"),
     [(0, 3, []), (3, 3, [0, 1, 2]), (5, 3, [0, 2, 4]), (10, 2, [0, 9]), (4, 1, [0])],
 )
-def test_thinned_keeps_the_ends(count: int, most: int, kept: list[int]) -> None:
+def test_thinned_keeps_the_ends(count, most, kept):
     assert thinned(count, most).tolist() == kept
 
 
-def test_a_track_is_sorted_and_measured() -> None:
+def test_a_track_is_sorted_and_measured():
     times = pd.to_datetime([TIME_NS + 2 * SECOND, TIME_NS, TIME_NS + SECOND])
     fixes = pd.DataFrame(
         {
@@ -78,7 +76,7 @@ def test_a_track_is_sorted_and_measured() -> None:
     assert empty.distance.size == 0
 
 
-def test_published_slices_are_those_of_the_flow(flow: FlowEstimate, tmp_path: Path) -> None:
+def test_published_slices_are_those_of_the_flow(flow, tmp_path):
     later = replace(flow, latent=2.0 * flow.latent)
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
@@ -112,8 +110,8 @@ def test_published_slices_are_those_of_the_flow(flow: FlowEstimate, tmp_path: Pa
 
 
 def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
-    flow: FlowEstimate, state, innovation, weights: np.ndarray, tmp_path: Path
-) -> None:
+    flow, state, innovation, weights, tmp_path
+):
     place = {"longitude": 5.01, "latitude": 62.02}
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
@@ -161,9 +159,7 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
     assert information_by_dive(result.observations).to_dict() == {2: 3 * 3.25, 3: 3.25}
 
 
-def test_mean_currents_are_those_that_the_log_states(
-    flow: FlowEstimate, state, innovation, tmp_path: Path
-) -> None:
+def test_mean_currents_are_those_that_the_log_states(flow, state, innovation, tmp_path):
     """Without an estimate too; the drift at the surface is no mean current of a dive, and profiles have none."""
     measured = np.array([0.015, 0.23])
     with ResultWriter(tmp_path / "out.mcap") as writer:
@@ -193,8 +189,8 @@ def test_mean_currents_are_those_that_the_log_states(
 
 
 def test_a_smoothed_result_keeps_the_estimate_before_smoothing(
-    flow: FlowEstimate, state, innovation, weights, tmp_path: Path
-) -> None:
+    flow, state, innovation, weights, tmp_path
+):
     before = innovation.residual + np.array([0.01, -0.02])
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
@@ -238,7 +234,7 @@ def test_a_smoothed_result_keeps_the_estimate_before_smoothing(
     assert limits == [0.3, 0.3, 0.3, 0.04, 0.04, 0.005]
 
 
-def test_calibration_counts_components() -> None:
+def test_calibration_counts_components():
     bins = pd.DataFrame(
         {
             "innovation_east": [0.5, -3.0, np.nan],
@@ -255,7 +251,7 @@ def test_calibration_counts_components() -> None:
     assert calibration(bins.iloc[2:]).coverage == {}
 
 
-def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends() -> None:
+def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends():
     projection, ellipse = Projection(5.0, 62.0), Ellipse(5.1, 62.05, 900.0, 300.0, 30.0)
     outline = ellipse.outline(projection)
     np.testing.assert_array_equal(outline[0], outline[-1])
@@ -268,7 +264,7 @@ def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends() -> None:
         )
 
 
-def test_changed_settings_and_leaves() -> None:
+def test_changed_settings_and_leaves():
     assert changed_settings("[estimator]\nmodes = 4\nnew = 1\n[planner]\nclearance = 20.0\n") == [
         ("estimator.modes", 4, 300),
         ("estimator.new", 1, None),

@@ -28,7 +28,7 @@ CHART = Chart(
 )
 
 
-def test_the_page_and_print_show_the_same() -> None:
+def test_the_page_and_print_show_the_same():
     page, axes = figure_of(CHART), Figure().add_subplot()
     drawing_of(CHART, 0)(axes)
     assert page.tables["t"] == {

@@ -16,7 +16,7 @@ def area(ring: np.ndarray) -> float:
     return float(0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
 
 
-def test_an_island_lies_where_it_is_and_has_its_area() -> None:
+def test_an_island_lies_where_it_is_and_has_its_area():
     # Gran Canaria: 1560 square kilometres
     projection = Projection(-15.6, 27.95)
     rings = coast_near(projection, np.array([-15.9, -15.3]), np.array([27.7, 28.2]))
@@ -29,7 +29,7 @@ def test_an_island_lies_where_it_is_and_has_its_area() -> None:
 
 
 @pytest.mark.parametrize("longitude", [179.0, 181.0])
-def test_land_on_both_sides_of_the_antimeridian_is_found(longitude: float) -> None:
+def test_land_on_both_sides_of_the_antimeridian_is_found(longitude):
     box = np.array([longitude - 4.0, longitude + 4.0])
     rings = coast_near(Projection(180.0, 66.0), box, np.array([64.0, 69.0]))
     east = np.concatenate(rings)[:, 0]
@@ -37,14 +37,14 @@ def test_land_on_both_sides_of_the_antimeridian_is_found(longitude: float) -> No
     assert east.max() > 50e3
 
 
-def test_the_open_ocean_has_no_coast() -> None:
+def test_the_open_ocean_has_no_coast():
     assert (
         coast_near(Projection(-40.0, 30.0), np.array([-42.0, -38.0]), np.array([28.0, 32.0])) == []
     )
 
 
 @pytest.mark.parametrize("latitude", [0.0, 45.0, 80.0])
-def test_degrees_between_nodes_are_linear_within_metres(latitude: float) -> None:
+def test_degrees_between_nodes_are_linear_within_metres(latitude):
     projection = Projection(20.0, latitude)
     frame = frame_of(projection, Extent(-150.0, 150.0, -100.0, 100.0))
     west, east, south, north = frame["ends"]
@@ -59,7 +59,7 @@ def test_degrees_between_nodes_are_linear_within_metres(latitude: float) -> None
     assert to_geographic(projection, 0.0, 0.0)[1] == pytest.approx(latitude)
 
 
-def test_numbers_are_written_as_people_do() -> None:
+def test_numbers_are_written_as_people_do():
     assert [fixed(value, 2) for value in (-0.001, 0.005, 1234.5, np.nan)] == [
         "0.00",
         "0.01" if round(0.005, 2) == 0.01 else "0.00",

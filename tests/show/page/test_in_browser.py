@@ -1,7 +1,5 @@
 """Every kind of page in Debian's Chromium: its figures are drawn, nothing is fetched, and nothing is complained of."""
 
-from pathlib import Path
-
 import pytest
 
 from tests.browser import MARKS, check_accessible, check_drawn, chromium, opened
@@ -12,7 +10,7 @@ pytestmark = MARKS
 
 
 @pytest.mark.parametrize("kind", [*QUICK, *SLOW])
-def test_a_page_draws_itself(kind: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+def test_a_page_draws_itself(kind, tmp_path, request):
     page = {**QUICK, **SLOW}[kind](tmp_path, request)
     # the status has pictures that need no script
     expected = len(figures(page)) if 'id="figures"' in page else 0

@@ -1,7 +1,5 @@
 """Every kind of page: no element takes the id of another, and links, controls and buttons find theirs."""
 
-from pathlib import Path
-
 import pytest
 
 from replay_kit.show.page import Figure, Section, page_html
@@ -16,16 +14,14 @@ SHARED = {"show/page", "studies/reports"}
 @pytest.mark.parametrize(
     "kind", [*QUICK, *(pytest.param(kind, marks=pytest.mark.full) for kind in SLOW)]
 )
-def test_ids_are_unique_and_figures_are_whole(
-    kind: str, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_ids_are_unique_and_figures_are_whole(kind, tmp_path, request):
     page = {**QUICK, **SLOW}[kind](tmp_path, request)
     check_ids(page)
     if kind != "show/status":
         assert check_figures(page)
 
 
-def test_every_module_that_makes_a_page_is_tried() -> None:
+def test_every_module_that_makes_a_page_is_tried():
     modules = {
         path.parent.relative_to(ROOT / "replay_kit").as_posix()
         for path in (ROOT / "replay_kit").rglob("page.py")
@@ -49,6 +45,6 @@ def figure(key: str) -> Figure:
         ],
     ],
 )
-def test_a_page_with_an_id_twice_is_not_made(sections: list[Section]) -> None:
+def test_a_page_with_an_id_twice_is_not_made(sections):
     with pytest.raises(AssertionError, match="ids of a page: expected each once"):
         page_html("Title", sections)

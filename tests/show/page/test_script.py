@@ -7,7 +7,7 @@ from importlib.resources import files
 SHA256 = "79542150855a52c567260e3137095dbe2b744e6d702a5cabe67da246942fba7a"
 
 
-def test_the_script_is_the_published_one() -> None:
+def test_the_script_is_the_published_one():
     packed = files("replay_kit.show.page").joinpath("plotly-cartesian.min.js.gz").read_bytes()
     script = gzip.decompress(packed)
     assert hashlib.sha256(script).hexdigest() == SHA256

@@ -52,7 +52,7 @@ def contents(tmp_path, innovation, plan):
 )
 def test_figures_have_panels_with_letters(contents, kind, letters, says):
     for columns, width in ((1, 3.35), (2, 6.9)):
-        figure = drawn(contents, kind, columns=columns)
+        figure = getattr(contents.result.plot, kind)(columns=columns)
         assert figure.get_figwidth() == width
         titles = [axes.get_title(loc="left") for axes in figure.axes]
         assert [title[:4] for title in titles if title[:1] == "("] == [
@@ -112,64 +112,58 @@ def far_north(path, flow, innovation, plan):
     return write(path, synthetic_flow(latitude=80.0), [innovation] * 4, plan)
 
 
-SAID = [
-    (no_estimate, "map", "The result holds no estimate: the map shows the last published current."),
-    (
-        no_estimate,
-        "section",
-        "The result holds no estimate: the section shows only measured minus estimated",
+# what figures say of each case, and of which of them texts and panels have room
+CASES = {
+    no_estimate: (
+        {
+            "map": "The result holds no estimate: the map shows the last published current.",
+            "section": "The result holds no estimate: the section shows only measured minus estimated",
+        },
+        ["section"],
     ),
-    (nothing_of_the_current, "map", "The result holds no current: the map shows only positions."),
-    (nothing_of_the_current, "series", "The result holds no published current."),
-    (nothing_of_the_current, "trust", "Fewer than two grids with a standard error were published"),
-    (
-        no_plan_and_one_ping,
-        "plan",
-        "The result holds no plan: no goal was given, or none was due; replay-kit plan makes one",
+    nothing_of_the_current: (
+        {
+            "map": "The result holds no current: the map shows only positions.",
+            "series": "The result holds no published current.",
+            "trust": "Fewer than two grids with a standard error were published",
+        },
+        ["map"],
     ),
-    (no_plan_and_one_ping, "series", "The current was published once: there is no series."),
-    (no_plan_and_one_ping, "trust", "Fewer than two dives: none can be predicted from another."),
-    (empty, "map", "The result holds neither a current nor a position."),
-    (
-        empty,
-        "section",
-        "The result holds no profile that was used, and no estimate along its track.",
+    no_plan_and_one_ping: (
+        {
+            "plan": "The result holds no plan: no goal was given, or none was due; replay-kit plan makes one",
+            "series": "The current was published once: there is no series.",
+            "trust": "Fewer than two dives: none can be predicted from another.",
+        },
+        ["section", "map"],
     ),
-    (empty, "series", "The result holds no published current."),
-    (
-        empty,
-        "trust",
-        "The result holds no measurement to compare the estimate with.",
+    empty: (
+        {
+            "map": "The result holds neither a current nor a position.",
+            "section": "The result holds no profile that was used, and no estimate along its track.",
+            "series": "The result holds no published current.",
+            "trust": "The result holds no measurement to compare the estimate with.",
+        },
+        [],
     ),
-    (plan_failed, "plan", "The last plan has no track: no path."),
-]
+    plan_failed: ({"plan": "The last plan has no track: no path."}, ["plan"]),
+    across_the_antimeridian: ({}, ["plan"]),
+    far_north: ({}, ["map"]),
+}
 
 
-@pytest.mark.parametrize(("case", "kind", "said"), SAID)
-def test_a_figure_says_what_there_is_not(tmp_path, flow, innovation, plan, case, kind, said):
-    contents = case(tmp_path / "case.mcap", flow, innovation, plan)
-    assert said in words(drawn(contents, kind))
-
-
-@pytest.mark.parametrize(
-    ("case", "kinds"),
-    [
-        (no_estimate, ["section"]),
-        (no_plan_and_one_ping, ["section", "map"]),
-        (nothing_of_the_current, ["map"]),
-        (plan_failed, ["plan"]),
-        (across_the_antimeridian, ["plan"]),
-        (far_north, ["map"]),
-    ],
-)
-def test_the_figures_of_difficult_results_can_be_laid_out(
-    tmp_path, flow, innovation, plan, case, kinds
+@pytest.mark.parametrize("case", CASES)
+def test_a_figure_says_what_there_is_not_and_can_be_laid_out(
+    tmp_path, flow, innovation, plan, case
 ):
     contents = case(tmp_path / "case.mcap", flow, innovation, plan)
-    for kind in kinds:
+    said, laid_out = CASES[case]
+    for kind in {*said, *laid_out}:
         figure = drawn(contents, kind, columns=1)
-        figure.draw_without_rendering()
-        assert all(axes.get_position().height > 0.02 for axes in figure.axes if axes.axison)
+        assert said.get(kind, "") in words(figure)
+        if kind in laid_out:
+            figure.draw_without_rendering()
+            assert all(axes.get_position().height > 0.02 for axes in figure.axes if axes.axison)
 
 
 def test_a_map_across_the_antimeridian_is_continuous(tmp_path, flow, innovation, plan):
@@ -195,8 +189,6 @@ def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
         match="figure: expected one of map, section, series, dac, trust, plan, got 'maps'",
     ):
         drawn(contents, "maps")
-    for name in KINDS:
-        assert isinstance(getattr(contents.result.plot, name)(), Figure)
 
 
 def test_a_place_outside_the_region_is_said(contents):

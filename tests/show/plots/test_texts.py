@@ -121,8 +121,8 @@ def crowded(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) 
     ],
 )
 def test_no_text_lies_over_another_or_leaves_the_figure(
-    tmp_path: Path, innovation: Innovation, plan: Plan, region: str, columns: int
-) -> None:
+    tmp_path, innovation, plan, region, columns
+):
     contents = crowded(tmp_path / "crowded.mcap", REGIONS[region](), innovation, plan)
     # a map depends on its region, the others do not
     found = {
@@ -132,9 +132,7 @@ def test_no_text_lies_over_another_or_leaves_the_figure(
     assert {kind: texts for kind, texts in found.items() if texts} == {}
 
 
-def test_the_map_has_the_plan_and_its_goal(
-    tmp_path: Path, innovation: Innovation, plan: Plan
-) -> None:
+def test_the_map_has_the_plan_and_its_goal(tmp_path, innovation, plan):
     contents = crowded(tmp_path / "crowded.mcap", scaled(6.0, 5.5), innovation, plan)
     axes = drawn(contents, "map").axes[0]
     (goal,) = (line for line in axes.lines if line.get_label() == "goal")
@@ -153,7 +151,7 @@ def test_the_map_has_the_plan_and_its_goal(
     np.testing.assert_allclose([*place.get_xdata(), *place.get_ydata()], [longitude, latitude])
 
 
-def test_texts_that_overlap_or_leave_a_figure_are_found() -> None:
+def test_texts_that_overlap_or_leave_a_figure_are_found():
     figure = Figure(figsize=(2.0, 1.0))
     figure.text(0.1, 0.5, "one", rotation=30.0)
     figure.text(0.15, 0.55, "other", rotation=30.0)

@@ -1,7 +1,5 @@
 """A section that is added as the README says: a function in a list, and the page shows it."""
 
-import pytest
-
 import replay_kit as rk
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page.section import Figure, Section
@@ -34,9 +32,7 @@ def _mine(contents: Contents) -> Section:
     )
 
 
-def test_an_added_section_is_on_the_page_with_its_figure(
-    replayed: rk.Result, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_added_section_is_on_the_page_with_its_figure(replayed, monkeypatch):
     monkeypatch.setattr(report, "SECTIONS", (*report.SECTIONS[1:2], _mine))
     page = report.report_html(rk.open_result(replayed.path))
     assert [attrs["id"] for attrs, _ in elements(page, "section")] == ["answer", "mine"]

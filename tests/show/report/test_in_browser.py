@@ -99,9 +99,7 @@ def _month(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("result", "largest"), [(_sample, 2e6), (_seaglider, 2e6), (_month, 2.5e6)]
 )
-def test_a_report_is_written_draws_itself_and_obeys(
-    browser: Any, result: Any, largest: float, tmp_path: Path
-) -> None:
+def test_a_report_is_written_draws_itself_and_obeys(browser, result, largest, tmp_path):
     page = tmp_path / "page.html"
     _write(result(tmp_path), page)
     assert page.stat().st_size < largest
@@ -226,7 +224,7 @@ def flown(page: str, waypoints: list[list[float]]) -> list[tuple[float, float, b
     return [(arrival.duration, arrival.miss, arrival.arrived) for arrival in found]
 
 
-def test_the_moved_waypoint_is_flown_as_in_python(browser: Any) -> None:
+def test_the_moved_waypoint_is_flown_as_in_python(browser):
     settings = {"estimator": {"modes": 20}, "forecast": {"levels": [5, 150, 500]}}
     page = report_html(
         rk.replay(
@@ -291,7 +289,7 @@ KINDS = """() => {
 }"""
 
 
-def test_no_cell_outside_of_a_turned_grid_is_drawn_as_land(browser: Any, tmp_path: Path) -> None:
+def test_no_cell_outside_of_a_turned_grid_is_drawn_as_land(browser, tmp_path):
     flow = turned(synthetic_flow(), 35.0)
     flow.grid.wet[:, 2, 2] = False
     write(tmp_path / "turned.mcap", flow, [], None)

@@ -13,8 +13,6 @@ import pytest
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Innovation, VehicleState
-from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.show import open_result
@@ -49,7 +47,7 @@ def write(tmp_path: Path, flow: FlowEstimate) -> Write:
     return make
 
 
-def test_nothing_at_all(write: Write) -> None:
+def test_nothing_at_all(write):
     page = write(lambda writer: None)
     assert figures(page) == {}
     assert "The result holds neither a position nor a measurement." in text_of(page, "answer")
@@ -61,9 +59,7 @@ def test_nothing_at_all(write: Write) -> None:
     assert "The result does not name its inputs." in text_of(page, "again")
 
 
-def test_one_ping_without_an_estimate(
-    write: Write, state: VehicleState, innovation: Innovation
-) -> None:
+def test_one_ping_without_an_estimate(write, state, innovation):
     def fill(writer: ResultWriter) -> None:
         writer.fix(state)
         writer.innovation(replace(innovation, dive=0))
@@ -81,7 +77,7 @@ def test_one_ping_without_an_estimate(
     ] == ["measured minus estimated</extra>"]
 
 
-def test_an_estimate_alone_is_drawn_at_its_levels(write: Write, flow: FlowEstimate) -> None:
+def test_an_estimate_alone_is_drawn_at_its_levels(write, flow):
     page = write(lambda writer: None, estimate=flow)
     figure = figures(page)["current-map"]
     assert figure["choices"] == [
@@ -99,9 +95,7 @@ def test_an_estimate_alone_is_drawn_at_its_levels(write: Write, flow: FlowEstima
 @pytest.mark.parametrize(
     ("longitude", "latitude"), [(180.0, -40.0), (-179.9, 80.0), (5.0, 80.0), (0.0, 89.5)]
 )
-def test_anywhere_on_the_globe(
-    write: Write, state: VehicleState, longitude: float, latitude: float
-) -> None:
+def test_anywhere_on_the_globe(write, state, longitude, latitude):
     flow = synthetic_flow(latitude=latitude)
     projection = Projection(longitude, latitude)
     places = to_geographic(projection, flow.grid.east, flow.grid.north)
@@ -138,9 +132,7 @@ def test_anywhere_on_the_globe(
     assert "The vehicle travelled 8.9 km" in text_of(page, "answer")
 
 
-def test_a_vehicle_far_from_the_estimate_has_no_section(
-    write: Write, state: VehicleState, flow: FlowEstimate
-) -> None:
+def test_a_vehicle_far_from_the_estimate_has_no_section(write, state, flow):
     page = write(
         lambda writer: writer.fix(replace(state, longitude=-128.0, latitude=51.7)), estimate=flow
     )
@@ -150,9 +142,7 @@ def test_a_vehicle_far_from_the_estimate_has_no_section(
     )
 
 
-def test_plans_that_failed_and_surfacings_with_and_without_ellipses(
-    write: Write, state: VehicleState, plan: Plan
-) -> None:
+def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write, state, plan):
     failed = replace(
         plan,
         status="failed",
@@ -188,7 +178,7 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(
     ]
 
 
-def test_a_million_positions_are_thinned_and_it_is_said(write: Write, state: VehicleState) -> None:
+def test_a_million_positions_are_thinned_and_it_is_said(write, state):
     def fill(writer: ResultWriter) -> None:
         for k in range(4000):
             writer.fix(replace(state, time_ns=TIME_NS + k * SECOND, longitude=5.0 + 1e-5 * k))
@@ -200,7 +190,7 @@ def test_a_million_positions_are_thinned_and_it_is_said(write: Write, state: Veh
     assert "Of 4,000 positions 3,000 are drawn, evenly spread." in text_of(page, "map")
 
 
-def test_a_plan_alone_is_drawn(write: Write, plan: Plan) -> None:
+def test_a_plan_alone_is_drawn(write, plan):
     leg = {
         "leg": 1,
         "heading_deg": 45.4,

@@ -20,7 +20,7 @@ KEYS = [
 ]
 
 
-def test_the_sections_are_an_answer_from_top_to_bottom(page: str) -> None:
+def test_the_sections_are_an_answer_from_top_to_bottom(page):
     keys = [attrs["id"] for attrs, _ in elements(page, "section")]
     assert [key for key in keys if key in KNOWN] == KNOWN
     assert (keys[0], keys[-1], len(keys)) == ("map", "again", len(SECTIONS))
@@ -32,21 +32,19 @@ def test_the_sections_are_an_answer_from_top_to_bottom(page: str) -> None:
 
 
 def test_every_figure_has_caption_text_alternative_data_and_units_and_nothing_is_fetched(
-    page: str,
-) -> None:
+    page,
+):
     assert [key for key in check_figures(page) if key in KEYS] == KEYS
     assert all(len(text) > 60 for _, text in elements(page, "figcaption"))
 
 
-def test_the_same_result_gives_the_same_page_and_it_is_small(
-    page: str, replayed: rk.Result
-) -> None:
+def test_the_same_result_gives_the_same_page_and_it_is_small(page, replayed):
     assert report_html(rk.open_result(replayed.path)) == page
     assert len(page) < 4e6
     assert str(replayed.path.parent) not in page
 
 
-def test_the_numbers_are_those_of_json(page: str, replayed: rk.Result) -> None:
+def test_the_numbers_are_those_of_json(page, replayed):
     assert replayed.summary is not None
     expected = {
         path: value
@@ -95,7 +93,7 @@ def _check_rounded(key: str, value: float, text: str) -> None:
     assert error <= max(0.5000001 * 10.0**-digits, 1e-5 * abs(value)), (key, value, text)
 
 
-def test_words_say_what_was_measured_found_and_not_used(page: str, replayed: rk.Result) -> None:
+def test_words_say_what_was_measured_found_and_not_used(page, replayed):
     words, summary = " ".join(text_of(page, "answer").split()), replayed.summary
     assert summary is not None
     means = summary.mean_currents
@@ -119,7 +117,7 @@ def test_words_say_what_was_measured_found_and_not_used(page: str, replayed: rk.
     assert "The estimated current at the last position" in words
 
 
-def test_the_map_holds_the_published_current(page: str, replayed: rk.Result) -> None:
+def test_the_map_holds_the_published_current(page, replayed):
     figure = figures(page)["current-map"]
     current, axes = unpacked(figure["packed"]["current"]), figure["tables"]["current"]["axes"]
     assert axes["depth_m"][1:] == [5.0, 150.0]
@@ -147,7 +145,7 @@ def test_the_map_holds_the_published_current(page: str, replayed: rk.Result) -> 
     np.testing.assert_allclose(track["longitude"], replayed.fixes["longitude"], atol=1e-6)
 
 
-def test_the_command_and_settings_are_named(page: str) -> None:
+def test_the_command_and_settings_are_named(page):
     text = text_of(page, "again")
     assert (
         "replay-kit replay glider.mcap --ensemble ensemble.nc --config config.toml --goal=153.05,-40.2,150.0 -o short.mcap"

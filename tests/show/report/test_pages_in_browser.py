@@ -14,8 +14,7 @@ import replay_kit as rk
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import VehicleState
-from replay_kit.core.plan import Area, Plan
+from replay_kit.core.plan import Area
 from replay_kit.results import ResultWriter
 from replay_kit.show import open_result
 from replay_kit.show.report import report_html
@@ -69,9 +68,7 @@ ODD: dict[str, Callable[[], FlowEstimate | None]] = {
 
 
 @pytest.mark.parametrize("name", ODD)
-def test_odd_results_are_drawn(
-    browser: Any, tmp_path: Path, state: VehicleState, plan: Plan, name: str
-) -> None:
+def test_odd_results_are_drawn(browser, tmp_path, state, plan, name):
     flow = ODD[name]()
     projection = Projection(5.0, 62.0) if flow is None else flow.grid.projection
     text = {"long name": "n" * 300, "markup": MARKUP}.get(name, "shoal")
@@ -107,7 +104,7 @@ def blocks(picture: bytes) -> np.ndarray:
 @pytest.mark.skipif(
     not REFERENCES.is_dir(), reason="the reference pictures are not in the source archive"
 )
-def test_the_first_screen_is_that_of_the_reference_pictures(browser: Any, tmp_path: Path) -> None:
+def test_the_first_screen_is_that_of_the_reference_pictures(browser, tmp_path):
     out, settings = tmp_path / "sample.mcap", {"estimator": {"modes": 40}}
     logs = SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc"
     page = report_html(rk.replay(*logs, goal=(152.8, -40.1, 300.0), settings=settings, out=out))

@@ -12,7 +12,7 @@ from replay_kit.show.report.sections.answer import _depths, _values
 from replay_kit.show.report.sections.warnings import found_warnings, next_steps
 
 
-def test_notes_of_what_was_chosen_stand_apart() -> None:
+def test_notes_of_what_was_chosen_stand_apart():
     names = "glider_1.nc: 5 variables were read by their names"
     notes = [
         names,
@@ -54,7 +54,7 @@ def test_notes_of_what_was_chosen_stand_apart() -> None:
     ("nis", "profiles", "first"),
     [(1.89, 3, "Nothing:"), (2.07, 3, "Run <code>replay-kit qc"), (2.07, 0, "Compare")],
 )
-def test_steps_follow_the_verdict_and_can_be_run(nis: float, profiles: int, first: str) -> None:
+def test_steps_follow_the_verdict_and_can_be_run(nis, profiles, first):
     """Quality control refuses logs of mean currents alone."""
     outcome = Outcome(nis_per_dof=nis)
     result = SimpleNamespace(plans=[0], observations=[0])
@@ -67,7 +67,7 @@ def test_steps_follow_the_verdict_and_can_be_run(nis: float, profiles: int, firs
     assert said.startswith("error bars consistent") == step.startswith("Nothing:")
 
 
-def test_mean_currents_have_no_depth_bins() -> None:
+def test_mean_currents_have_no_depth_bins():
     said = [
         _values(str(values), values, means) for values, means in ((6, 0), (6, 6), (1, 1), (9, 1))
     ]
@@ -79,5 +79,5 @@ def test_mean_currents_have_no_depth_bins() -> None:
     assert said[3] == "9 values: 1 mean current, 8 depth bins of profiles"
 
 
-def test_a_depth_of_a_little_above_the_surface_is_no_negative_zero() -> None:
+def test_a_depth_of_a_little_above_the_surface_is_no_negative_zero():
     assert _depths(np.array([-0.2, np.nan, 12.4])) == "0 to 12 m"

@@ -1,7 +1,6 @@
 """The pages of the studies: what they say and show of results that are written down."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,9 +38,7 @@ WRITTEN = [
 
 
 @pytest.mark.parametrize(("report_of", "result", "keys"), WRITTEN)
-def test_a_page_lies_beside_the_tables_and_is_whole(
-    report_of, result, keys, tmp_path: Path
-) -> None:
+def test_a_page_lies_beside_the_tables_and_is_whole(report_of, result, keys, tmp_path):
     report_of(result()).write(tmp_path)
     page = (tmp_path / "index.html").read_text()
     assert list(check_figures(page)) == keys
@@ -61,7 +58,7 @@ def test_a_page_lies_beside_the_tables_and_is_whole(
 
 
 @pytest.mark.parametrize(("report_of", "result"), [each[:2] for each in WRITTEN])
-def test_an_unfinished_study_has_no_page(report_of, result, tmp_path: Path) -> None:
+def test_an_unfinished_study_has_no_page(report_of, result, tmp_path):
     report_of(replace(result(), unfinished=True)).write(tmp_path)
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".csv", ".json"]
 
@@ -89,7 +86,7 @@ def test_the_page_says_what_errs_least_what_is_missing_and_what_keeps_to_no_limi
     assert (rms.value, rms.low, rms.high, rms.by_case) == (3.0, 3.0, 3.0, (3.0, 3.0))
 
 
-def test_plans_say_which_criteria_are_not_met(tmp_path: Path) -> None:
+def test_plans_say_which_criteria_are_not_met(tmp_path):
     report = planning.report_of(planning_result())
     report.write(tmp_path)
     page = (tmp_path / "index.html").read_text()
@@ -105,7 +102,7 @@ def test_plans_say_which_criteria_are_not_met(tmp_path: Path) -> None:
     assert "None of 1 missions is reported as reached" in planning.findings(none)
 
 
-def test_a_chart_says_its_data_in_words_and_fills_short_series() -> None:
+def test_a_chart_says_its_data_in_words_and_fills_short_series():
     axes = Axis("pings", log=True), Axis("error [m/s]")
     series = (
         Series("a.b", [1, 10, 100], [3.0, np.nan, 1.0]),
@@ -150,17 +147,15 @@ def test_a_chart_says_its_data_in_words_and_fills_short_series() -> None:
         (1.0, 1e6, [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6]),
     ],
 )
-def test_a_logarithmic_axis_has_round_ticks(
-    least: float, largest: float, expected: list[float]
-) -> None:
+def test_a_logarithmic_axis_has_round_ticks(least, largest, expected):
     assert _log_ticks(least, largest) == expected
 
 
-def test_words_are_escaped_and_marked() -> None:
+def test_words_are_escaped_and_marked():
     assert words_html(["*a* < `b` & c_d"]) == "<p><em>a</em> &lt; <code>b</code> &amp; c_d</p>"
 
 
-def test_what_is_drawn_is_listed() -> None:
+def test_what_is_drawn_is_listed():
     from matplotlib.figure import Figure
 
     def make() -> Any:
@@ -194,13 +189,13 @@ def test_what_is_drawn_is_listed() -> None:
     ]
 
 
-def test_misses_of_no_plan_are_no_line() -> None:
+def test_misses_of_no_plan_are_no_line():
     (series,) = misses_chart("k", "t", {"flow": [5.0]}).series
     assert (series.x, series.y) == ([5.0, 5.0], [0.0, 1.0])
     assert misses_chart("k", "t", {}).caption.endswith("distances below 1 m are drawn at 1 m.")
 
 
-def test_a_text_is_no_formula_in_a_table_as_csv() -> None:
+def test_a_text_is_no_formula_in_a_table_as_csv():
     table = Table(
         "names",
         "Names",

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ def _velocity(seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
-def test_speed_and_spread_are_those_of_an_eddying_ocean(seed: int) -> None:
+def test_speed_and_spread_are_those_of_an_eddying_ocean(seed):
     velocity = _velocity(seed)
     rms = np.sqrt((velocity**2).sum(axis=1).mean())
     spread = np.sqrt(velocity.var(axis=0, ddof=1).sum(axis=0).mean())
@@ -26,7 +24,7 @@ def test_speed_and_spread_are_those_of_an_eddying_ocean(seed: int) -> None:
     assert np.sqrt((velocity**2).sum(axis=1)).max() < 1.5
 
 
-def test_divergence_is_zero_at_every_depth() -> None:
+def test_divergence_is_zero_at_every_depth():
     rng = np.random.default_rng(0)
     eddies, jet = synthetic._draw_common_eddies(rng), synthetic._draw_jet(rng)
     east, north, depth = (
@@ -46,13 +44,13 @@ def test_divergence_is_zero_at_every_depth() -> None:
     np.testing.assert_allclose(across + along, 0.0, atol=1e-11)
 
 
-def test_the_truth_does_not_depend_on_the_number_of_members() -> None:
+def test_the_truth_does_not_depend_on_the_number_of_members():
     np.testing.assert_array_equal(
         synthetic.synthesize(5, 2)[1].uo, synthetic.synthesize(5, 9)[1].uo
     )
 
 
-def test_files_are_the_same_bytes_twice_and_small(tmp_path: Path) -> None:
+def test_files_are_the_same_bytes_twice_and_small(tmp_path):
     paths = [tmp_path / name for name in ("a.nc", "b.nc", "at.nc", "bt.nc")]
     synthetic.write_ensemble(paths[0], paths[2])
     synthetic.write_ensemble(paths[1], paths[3])
@@ -62,7 +60,7 @@ def test_files_are_the_same_bytes_twice_and_small(tmp_path: Path) -> None:
     assert sorted(tmp_path.iterdir()) == sorted(paths)
 
 
-def test_files_are_read_as_a_forecast(tmp_path: Path) -> None:
+def test_files_are_read_as_a_forecast(tmp_path):
     members, truth = synthetic.write_ensemble(
         tmp_path / "e.nc", tmp_path / "t.nc", n_members=3, seed=4
     )
@@ -76,7 +74,7 @@ def test_files_are_read_as_a_forecast(tmp_path: Path) -> None:
     assert np.abs(again.velocity[0, 0, 0] - truth.uo.values[0]).max() < 0.02
 
 
-def test_existing_files_are_kept(tmp_path: Path) -> None:
+def test_existing_files_are_kept(tmp_path):
     (tmp_path / "t.nc").write_text("mine")
     with pytest.raises(ConfigError, match="overwrite"):
         synthetic.write_ensemble(tmp_path / "e.nc", tmp_path / "t.nc")
@@ -86,6 +84,6 @@ def test_existing_files_are_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("members", "seed"), [(1, 0), (5, -1)])
-def test_bad_arguments_are_refused(members: int, seed: int) -> None:
+def test_bad_arguments_are_refused(members, seed):
     with pytest.raises(ConfigError, match="expected at least 2"):
         synthetic.synthesize(seed, members)

@@ -27,7 +27,7 @@ def _inner_places(truth: Ensemble, count: int) -> np.ndarray:
     )
 
 
-def test_grid_points_are_returned_exactly() -> None:
+def test_grid_points_are_returned_exactly():
     truth = make_truth()
     shape = truth.grid.wet.shape
     east, north = (np.broadcast_to(part, shape) for part in (truth.grid.east, truth.grid.north))
@@ -37,14 +37,14 @@ def test_grid_points_are_returned_exactly() -> None:
 
 
 @pytest.mark.full
-def test_equals_the_slow_twin() -> None:
+def test_equals_the_slow_twin():
     truth = make_truth()
     places = _inner_places(truth, 25)
     expected = [slow.velocity(truth, *place) for place in places]
     np.testing.assert_allclose(build_field(truth).velocity(*places.T), expected, atol=1e-9)
 
 
-def test_indices_of_a_curvilinear_grid_are_found_everywhere_in_it() -> None:
+def test_indices_of_a_curvilinear_grid_are_found_everywhere_in_it():
     truth = make_truth(bend=0.15)
     field = build_field(truth)
     rng = np.random.default_rng(0)
@@ -56,7 +56,7 @@ def test_indices_of_a_curvilinear_grid_are_found_everywhere_in_it() -> None:
     np.testing.assert_allclose(np.column_stack([j, i]), index, atol=1e-8)
 
 
-def test_interpolation_is_of_fourth_order() -> None:
+def test_interpolation_is_of_fourth_order():
     errors = []
     for refine in (1, 2, 4):
         levels = np.linspace(0.0, 700.0, 8 * refine + 1)
@@ -70,21 +70,21 @@ def test_interpolation_is_of_fourth_order() -> None:
     assert (orders > 3.3).all(), orders
 
 
-def test_outside_of_the_grid_and_below_it_is_nan() -> None:
+def test_outside_of_the_grid_and_below_it_is_nan():
     field = build_field(make_truth())
     assert np.isnan(
         field.velocity([2e5, 0.0, 0.0, np.nan], [0.0, -2e5, 0.0, 0.0], [10.0, 10.0, 751.0, 10.0])
     ).all()
 
 
-def test_above_the_first_level_is_the_first_level() -> None:
+def test_above_the_first_level_is_the_first_level():
     field = build_field(make_truth())
     np.testing.assert_array_equal(
         field.velocity(1e3, 2e3, 0.0), field.velocity(1e3, 2e3, LEVELS[0])
     )
 
 
-def test_a_cell_with_a_dry_corner_is_nan_and_no_other() -> None:
+def test_a_cell_with_a_dry_corner_is_nan_and_no_other():
     truth = make_truth()
     wet = truth.grid.wet.copy()
     wet[3:, 6, 10] = False
@@ -103,20 +103,20 @@ def test_a_cell_with_a_dry_corner_is_nan_and_no_other() -> None:
 @pytest.mark.parametrize(
     "levels", [np.array([10.0]), np.array([10.0, 60.0]), np.array([5.0, 20.0, 90.0])]
 )
-def test_few_levels_are_enough(levels: np.ndarray) -> None:
+def test_few_levels_are_enough(levels):
     truth = make_truth(levels=levels)
     sampled = build_field(truth).velocity(truth.grid.east, truth.grid.north, levels[-1])
     np.testing.assert_allclose(np.moveaxis(sampled, -1, 0), truth.velocity[0, :, -1], atol=1e-9)
 
 
-def test_a_truth_is_one_member() -> None:
+def test_a_truth_is_one_member():
     truth = make_truth()
     two = Ensemble(truth.grid, np.repeat(truth.velocity, 2, axis=0), None, "two")
     with pytest.raises(ForecastError, match="#MEMBER"):
         build_field(two)
 
 
-def test_a_truth_has_water() -> None:
+def test_a_truth_has_water():
     truth = make_truth()
     with pytest.raises(ForecastError, match="no wet point"):
         build_field(_with_land(truth, np.zeros_like(truth.grid.wet)))

@@ -62,7 +62,7 @@ def profiles(found) -> list[Observation]:
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.tlog"])
 @pytest.mark.parametrize("vehicle", ["vessel", "glider"])
-def test_the_same_arguments_give_the_same_bytes(tmp_path: Path, vehicle: str, name: str) -> None:
+def test_the_same_arguments_give_the_same_bytes(tmp_path, vehicle, name):
     out = tmp_path / name
     summary = make_twin(make_truth(), Twin(vehicle, 40, 0.09, 7), out)  # type: ignore[arg-type]
     first = out.read_bytes()
@@ -74,7 +74,7 @@ def test_the_same_arguments_give_the_same_bytes(tmp_path: Path, vehicle: str, na
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_a_ping_is_the_documented_json(tmp_path: Path) -> None:
+def test_a_ping_is_the_documented_json(tmp_path):
     out = tmp_path / "a.mcap"
     make_twin(make_truth(levels=LEVELS[:4]), Twin("glider", 30, 0.09, 0), out)
     with out.open("rb") as file:
@@ -103,7 +103,7 @@ def test_a_ping_is_the_documented_json(tmp_path: Path) -> None:
     assert {topic for _, topic, _ in read} == {"/adcp", "/vehicle/fix", "/vehicle/position", "/dac"}
 
 
-def test_a_tlog_is_read_by_pymavlink(tmp_path: Path) -> None:
+def test_a_tlog_is_read_by_pymavlink(tmp_path):
     out = tmp_path / "a.tlog"
     make_twin(make_truth(), Twin("glider", 30, 0.09, 0), out)
     log = mavutil.mavlink_connection(str(out), dialect="ardupilotmega")
@@ -130,7 +130,7 @@ def test_a_tlog_is_read_by_pymavlink(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("vehicle", ["vessel", "glider"])
-def test_both_carriers_give_the_same_observations(tmp_path: Path, vehicle: str) -> None:
+def test_both_carriers_give_the_same_observations(tmp_path, vehicle):
     truth = make_truth()
     for name in ("a.mcap", "a.tlog"):
         make_twin(truth, Twin(vehicle, 60, 0.09, 3), tmp_path / name)  # type: ignore[arg-type]
@@ -149,7 +149,7 @@ def test_both_carriers_give_the_same_observations(tmp_path: Path, vehicle: str) 
         assert ours.dive == theirs.dive
 
 
-def test_a_noise_free_log_states_no_error(tmp_path: Path) -> None:
+def test_a_noise_free_log_states_no_error(tmp_path):
     make_twin(make_truth(), Twin("vessel", 3, 0.0, 0), tmp_path / "a.mcap")
     pings = [
         message for message in open_log(tmp_path / "a.mcap").messages() if message.topic == "/adcp"
@@ -169,7 +169,7 @@ def test_a_noise_free_log_states_no_error(tmp_path: Path) -> None:
         ({"out": "no/such/folder/a.mcap"}, "there is no folder"),
     ],
 )
-def test_bad_arguments_are_refused(tmp_path: Path, change: dict[str, object], said: str) -> None:
+def test_bad_arguments_are_refused(tmp_path, change, said):
     (tmp_path / "there.mcap").write_bytes(b"mine")
     out = tmp_path / str(change.pop("out", "a.mcap"))
     with pytest.raises(ConfigError, match=said):
@@ -187,8 +187,8 @@ def made(folder: Path, truth=None, **options) -> list[Observation | PathMean]:
 
 
 def test_relative_pings_with_the_platforms_velocity_give_the_absolute_ones_back(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     absolute = profiles(made(tmp_path))
     relative = profiles(made(tmp_path, faults=Faults("platform")))
     stated = profiles(made(tmp_path, faults=Faults("platform", platform_std=0.02)))
@@ -205,7 +205,7 @@ def test_relative_pings_with_the_platforms_velocity_give_the_absolute_ones_back(
     assert np.std(errors) == pytest.approx(0.02, rel=0.25)
 
 
-def test_the_platform_moves_through_the_water_and_with_it(tmp_path: Path) -> None:
+def test_the_platform_moves_through_the_water_and_with_it(tmp_path):
     still = make_truth(
         lambda east, north, depth: (0.1 + 0.0 * (east + depth), -0.05 + 0.0 * (north + depth))
     )
@@ -224,7 +224,7 @@ def test_the_platform_moves_through_the_water_and_with_it(tmp_path: Path) -> Non
         assert speed == pytest.approx(0.3 * np.cos(np.deg2rad(20.0)), abs=0.05)
 
 
-def test_compass_and_scale_act_on_what_is_measured_relative_to_the_platform(tmp_path: Path) -> None:
+def test_compass_and_scale_act_on_what_is_measured_relative_to_the_platform(tmp_path):
     relative = profiles(made(tmp_path, faults=Faults("platform")))
     faulty = profiles(
         made(tmp_path, faults=Faults("platform", heading_bias_deg=5.0, scale_error=0.03))
@@ -245,7 +245,7 @@ def test_compass_and_scale_act_on_what_is_measured_relative_to_the_platform(tmp_
         )
 
 
-def test_a_share_of_the_pings_is_off_by_a_metre_a_second(tmp_path: Path) -> None:
+def test_a_share_of_the_pings_is_off_by_a_metre_a_second(tmp_path):
     clean, spoiled = (
         profiles(made(tmp_path, faults=Faults(outliers=share))) for share in (0.0, 0.2)
     )
@@ -255,7 +255,7 @@ def test_a_share_of_the_pings_is_off_by_a_metre_a_second(tmp_path: Path) -> None
     assert all(np.nanmax(np.abs(offset - np.nanmean(offset, axis=0))) < 2e-4 for offset in offsets)
 
 
-def test_mean_currents_alone_are_the_means_along_their_paths(tmp_path: Path) -> None:
+def test_mean_currents_alone_are_the_means_along_their_paths(tmp_path):
     truth, found = make_truth(), made(tmp_path, dac_only=True, pings=40)
     assert len(found) == 3
     field = build_field(truth)
@@ -271,7 +271,7 @@ def test_mean_currents_alone_are_the_means_along_their_paths(tmp_path: Path) -> 
         assert mean.weight @ mean.depth == pytest.approx(250.0, abs=8.0)
 
 
-def test_a_sea_that_changes_is_linear_between_its_times() -> None:
+def test_a_sea_that_changes_is_linear_between_its_times():
     early = replace(make_truth(), time_ns=EPOCH_NS)
     late = replace(early, velocity=-2.0 * early.velocity, time_ns=EPOCH_NS + DAY_NS)
     field, place = (
@@ -295,7 +295,7 @@ def test_a_sea_that_changes_is_linear_between_its_times() -> None:
 
 
 @pytest.mark.full
-def test_a_mission_through_a_sea_that_changes_measures_it(tmp_path: Path) -> None:
+def test_a_mission_through_a_sea_that_changes_measures_it(tmp_path):
     early = replace(make_truth(), time_ns=EPOCH_NS)
     late = replace(early, velocity=0.0 * early.velocity, time_ns=EPOCH_NS + DAY_NS)
     make_twin([early, late], Twin("glider", 14, 0.0, 3, interval_s=3600.0), tmp_path / "a.mcap")
@@ -317,7 +317,7 @@ def test_a_mission_through_a_sea_that_changes_measures_it(tmp_path: Path) -> Non
         make_twin([early, late], Twin("glider", 25, 0.0, 3, interval_s=3600.0), tmp_path / "b.mcap")
 
 
-def test_a_truth_is_read_at_all_its_leads(tmp_path: Path) -> None:
+def test_a_truth_is_read_at_all_its_leads(tmp_path):
     members = synthetic.dataset(n_members=2)
     leads = members.expand_dims(lead=[0.0, 12.0]).copy(deep=True)
     leads["lead"].attrs["units"] = "hours"
@@ -345,8 +345,6 @@ def test_a_truth_is_read_at_all_its_leads(tmp_path: Path) -> None:
         ({"faults": Faults(platform_std=0.1)}, "a.mcap", "reference platform"),
     ],
 )
-def test_options_that_do_not_fit_are_refused(
-    tmp_path: Path, options: dict[str, object], name: str, said: str
-) -> None:
+def test_options_that_do_not_fit_are_refused(tmp_path, options, name, said):
     with pytest.raises(ConfigError, match=said):
         make_twin(make_truth(), replace(PLAIN, **options), tmp_path / name)  # type: ignore[arg-type]

@@ -30,7 +30,7 @@ def _fly(flow: object, pings: int = 60, seed: int = 0) -> Mission:
     )  # type: ignore[arg-type]
 
 
-def test_a_survey_covers_the_region_at_five_metres_a_second() -> None:
+def test_a_survey_covers_the_region_at_five_metres_a_second():
     truth = make_truth()
     made = survey(build_field(truth), 200, EPOCH_NS, np.random.default_rng(1))
     east, north = made.pings.east, made.pings.north
@@ -52,7 +52,7 @@ def test_a_survey_covers_the_region_at_five_metres_a_second() -> None:
     assert not any(position.dead_reckoned for position in made.positions)
 
 
-def test_each_ping_has_a_logged_position_at_its_time() -> None:
+def test_each_ping_has_a_logged_position_at_its_time():
     for made in (
         _fly(_uniform),
         survey(build_field(make_truth()), 30, EPOCH_NS, np.random.default_rng(1)),
@@ -65,7 +65,7 @@ def test_each_ping_has_a_logged_position_at_its_time() -> None:
         assert times == sorted(times)
 
 
-def test_a_glider_pings_every_ten_minutes_on_a_sawtooth() -> None:
+def test_a_glider_pings_every_ten_minutes_on_a_sawtooth():
     made = _fly(_no_flow, 100)
     assert np.unique(np.diff(made.pings.time_ns)).tolist() == [600 * 10**9]
     depth, pitch = made.pings.depth, made.pings.pitch_deg
@@ -78,7 +78,7 @@ def test_a_glider_pings_every_ten_minutes_on_a_sawtooth() -> None:
     assert np.median(rate) == pytest.approx(0.3 * np.sin(np.deg2rad(20.0)), rel=0.03)
 
 
-def test_in_still_water_dead_reckoning_is_exact_and_the_mean_current_zero() -> None:
+def test_in_still_water_dead_reckoning_is_exact_and_the_mean_current_zero():
     made = _fly(_no_flow)
     for dive in made.dives:
         assert np.abs(dive.current).max() < 1e-12
@@ -92,7 +92,7 @@ def test_in_still_water_dead_reckoning_is_exact_and_the_mean_current_zero() -> N
     np.testing.assert_allclose(at, np.column_stack([made.pings.east, made.pings.north]), atol=0.1)
 
 
-def test_a_uniform_current_is_the_mean_current_of_each_dive() -> None:
+def test_a_uniform_current_is_the_mean_current_of_each_dive():
     made = _fly(_uniform)
     assert len(made.dives) > 2
     for dive in made.dives:
@@ -103,7 +103,7 @@ def test_a_uniform_current_is_the_mean_current_of_each_dive() -> None:
         assert dive.end.time_ns > dive.start.time_ns
 
 
-def test_dead_reckoning_errs_by_less_than_a_cell_in_shear() -> None:
+def test_dead_reckoning_errs_by_less_than_a_cell_in_shear():
     made = glider.mission(build_field(make_truth()), 100, EPOCH_NS, np.random.default_rng(0))
     logged = {position.time_ns: position for position in made.positions}
     longitude, latitude = to_geographic(CENTRE, made.pings.east, made.pings.north)
@@ -112,7 +112,7 @@ def test_dead_reckoning_errs_by_less_than_a_cell_in_shear() -> None:
     assert 0.0 < error.max() < 3000.0
 
 
-def test_a_dive_goes_no_deeper_than_the_truth() -> None:
+def test_a_dive_goes_no_deeper_than_the_truth():
     made = glider.mission(
         build_field(make_truth(levels=LEVELS[:3])), 40, EPOCH_NS, np.random.default_rng(0)
     )
@@ -120,7 +120,7 @@ def test_a_dive_goes_no_deeper_than_the_truth() -> None:
 
 
 @pytest.mark.full
-def test_a_long_mission_turns_and_stays_inside() -> None:
+def test_a_long_mission_turns_and_stays_inside():
     made = _fly(_uniform, 700)
     assert np.isfinite(
         build_field(make_truth(_uniform)).velocity(
@@ -130,7 +130,7 @@ def test_a_long_mission_turns_and_stays_inside() -> None:
     assert np.unique(np.round(made.pings.heading_deg, -1)).size > 3
 
 
-def test_a_glider_swept_out_of_the_truth_says_where() -> None:
+def test_a_glider_swept_out_of_the_truth_says_where():
     def torrent(
         east: np.ndarray, north: np.ndarray, depth: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -141,7 +141,7 @@ def test_a_glider_swept_out_of_the_truth_says_where() -> None:
         _fly(torrent)
 
 
-def test_bins_measure_the_truth_in_true_axes() -> None:
+def test_bins_measure_the_truth_in_true_axes():
     truth = make_truth(_uniform)
     field = build_field(truth)
     made = survey(field, 20, EPOCH_NS, np.random.default_rng(1))
@@ -158,7 +158,7 @@ def test_bins_measure_the_truth_in_true_axes() -> None:
     )
 
 
-def test_bins_below_the_last_level_are_nan() -> None:
+def test_bins_below_the_last_level_are_nan():
     field = build_field(make_truth(levels=LEVELS[:4]))
     made = survey(field, 3, EPOCH_NS, np.random.default_rng(1))
     velocity = measure(field, made.pings, AdcpSettings(), np.random.default_rng(0))
@@ -166,7 +166,7 @@ def test_bins_below_the_last_level_are_nan() -> None:
     assert (np.isnan(velocity).all(axis=(0, 2)) == below).all()
 
 
-def test_noise_has_the_stated_size() -> None:
+def test_noise_has_the_stated_size():
     field = build_field(make_truth(_no_flow))
     made = survey(field, 300, EPOCH_NS, np.random.default_rng(1))
     velocity = measure(field, made.pings, AdcpSettings(noise=0.09), np.random.default_rng(0))

@@ -5,7 +5,6 @@ import json
 import shutil
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -211,7 +210,7 @@ def test_names_in_the_page_are_text():
 
 
 @pytest.mark.full
-def test_one_process_of_its_own(table, alone, tmp_path: Path):
+def test_one_process_of_its_own(table, alone, tmp_path):
     done = invoke(f"fleet {table} -o {tmp_path}/out --workers 1")
     assert done.exit_code == 0, done.output
     assert contents(tmp_path / "out") == alone

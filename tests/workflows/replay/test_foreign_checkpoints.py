@@ -47,9 +47,7 @@ def read(path: Path, identity: str = IDENTITY) -> Checkpoint:
         (pickle.dumps(Checkpoint("state", 3, None, (0, 0), (0, None)), 5), "AttributeError"),
     ],
 )
-def test_contents_that_are_no_checkpoint_are_refused(
-    tmp_path: Path, body: bytes, words: str
-) -> None:
+def test_contents_that_are_no_checkpoint_are_refused(tmp_path, body, words):
     write(tmp_path / "run.ck", body)
     with pytest.raises(
         LogError, match=f"the checkpoint cannot be used: .*{words}.*; delete it to begin anew"
@@ -57,7 +55,7 @@ def test_contents_that_are_no_checkpoint_are_refused(
         read(tmp_path / "run.ck")
 
 
-def test_a_checkpoint_with_parts_of_other_kinds_ends_the_run_with_its_name(tmp_path: Path) -> None:
+def test_a_checkpoint_with_parts_of_other_kinds_ends_the_run_with_its_name(tmp_path):
     make_ocean(tmp_path, CONFIG, 30)
     job = ReplayJob(
         (tmp_path / "glider.mcap",),
@@ -85,7 +83,7 @@ def test_a_checkpoint_with_parts_of_other_kinds_ends_the_run_with_its_name(tmp_p
             replay(job, CONFIG)
 
 
-def test_errors_of_a_run_that_began_anew_stay_what_they_are(tmp_path: Path) -> None:
+def test_errors_of_a_run_that_began_anew_stay_what_they_are(tmp_path):
     for path in (None, tmp_path / "absent.ck"):
         with pytest.raises(ZeroDivisionError), resuming(path):
             raise ZeroDivisionError

@@ -60,8 +60,8 @@ def moved(folder, name, longitude, kinds=("replay_kit.AdcpPing", *CURRENTS)):
 def ocean(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ocean")
     ds = synthetic.dataset(seed=4, n_members=13, shape=(5, 16))
-    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
-    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="scipy")
+    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="scipy")
     make_twin(truth_in(folder, CONFIG), Twin("glider", 30, 0.05, 1), folder / "glider.mcap")
     for name, longitude in (("far", -30.0), ("first", 152.37), ("second", 153.13)):
         moved(folder, f"{name}.mcap", longitude)

@@ -332,7 +332,7 @@ def test_a_log_of_another_place(ocean, tmp_path):
     "goal", [Place(160.0, -39.8, 100.0), Place(152.3, -39.8, 5000.0), Place(152.6, -39.5, 100.0)]
 )
 def test_goals_outside_the_region_or_on_land(ocean, tmp_path, goal):
-    with xr.open_dataset(ocean / "ensemble.nc", engine="h5netcdf") as ds:
+    with xr.open_dataset(ocean / "ensemble.nc") as ds:
         island = ds.load()
     for name in ("uo", "vo"):
         island[name][:, :, 5, 6] = np.nan
@@ -506,7 +506,7 @@ def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
 
 @pytest.mark.full
 def test_a_truth_that_the_plan_leaves_costs_no_result(ocean, tmp_path):
-    with xr.open_dataset(ocean / "truth.nc", engine="h5netcdf") as ds:
+    with xr.open_dataset(ocean / "truth.nc") as ds:
         ds.isel(lon=slice(0, 3)).to_netcdf(tmp_path / "west.nc", engine="h5netcdf")
     out = tmp_path / "out.mcap"
     summary, _ = run(
@@ -536,7 +536,7 @@ def test_a_log_given_twice_is_refused(ocean, tmp_path):
 
 
 def test_bins_under_the_sea_floor_and_pings_on_land_are_not_used(ocean, tmp_path):
-    with xr.open_dataset(ocean / "ensemble.nc", engine="h5netcdf") as ds:
+    with xr.open_dataset(ocean / "ensemble.nc") as ds:
         shallow = ds.load()
     for name in ("uo", "vo"):
         shallow[name][:, 2:] = np.nan
