@@ -167,10 +167,15 @@ class MeasurementConfig(Section):
         ge=0.0,
         description="E-folding distance of the correlation of the errors within a ping that states none [m].",
     )
+    regional_speed: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="Rms speed of the region's currents [m/s], for the errors of geostrophic shear. Default: the ensemble's.",
+    )
     without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
         default=(),
-        description="Withhold measurements (data denial): dac, drift, profiles, dives:3-5. Values that the log's own "
-        "programs computed from them stay.",
+        description="Withhold measurements (data denial): dac, drift, profiles, shear, radar, drifters, dives:3-5. Values that the "
+        "log's own programs computed from them stay.",
     )
     map: tuple[TopicMap, ...] = Field(
         default=(),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from replay_kit.core.observation import Observation, PathMean, VehicleState
+from replay_kit.core.observation import Measurement, VehicleState
 from replay_kit.measurements.quality.tests import Check
 
 # What code that trusts a payload's types raises when they are not what they should be.
@@ -39,7 +39,7 @@ class Skipped:
     reason: str
 
 
-Event = VehicleState | Observation | PathMean | Used | Skipped
+Event = VehicleState | Measurement | Used | Skipped
 
 
 _LEFT_OUT, _BY = "left out: ", " (measurements.without)"

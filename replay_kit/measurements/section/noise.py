@@ -118,9 +118,7 @@ def garrett_munk(levels: Array, n2: Array, to_geopotential: Array) -> Array:
     return np.asarray(_OVER_GM * waves @ waves.T)
 
 
-def fit(
-    geopotential: Array, along: Array, time: Array, waves: Array, regime: Regime
-) -> Statistics:
+def fit(geopotential: Array, along: Array, time: Array, waves: Array, regime: Regime) -> Statistics:
     """Return the statistics of a line, averaged over the posterior of their settings.
 
     Args:
@@ -213,7 +211,9 @@ def _settings(
     apart = np.abs(time[:, None] - time)
     nothing = np.empty(0)
     for decay, tide in product(_DECAYS, _TIDES):
-        waves = (1.0 - _WHITE) * np.exp(-apart * abs(regime.coriolis) / decay) + _WHITE * (apart == 0.0)
+        waves = (1.0 - _WHITE) * np.exp(-apart * abs(regime.coriolis) / decay) + _WHITE * (
+            apart == 0.0
+        )
         tides = np.cos(2.0 * np.pi * apart / _TIDE_PERIOD) * np.exp(-apart / _TIDE_DECAY)
         noise = (1.0 - tide) * waves + tide * tides
         for radii, log_weight in _LENGTHS:

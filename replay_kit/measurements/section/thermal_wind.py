@@ -16,8 +16,8 @@ from replay_kit.measurements.section import noise
 from replay_kit.measurements.section.hydrography import GRAVITY, RHO0, Section
 from replay_kit.measurements.section.noise import Regime, Statistics
 
-# Degrees from the equator, within which there is no geostrophic balance to use.
-_EQUATOR = 5.0
+#: Degrees from the equator, within which there is no geostrophic balance to use.
+EQUATOR = 5.0
 _LEAST_PROFILES, _MOST_WINDOWS = 4, 8
 # Depth of the water where it is not known [m].
 _BOTTOM = 4000.0
@@ -107,9 +107,9 @@ def regime_of(section: Section, speed: float, bottom: float | None = None) -> Re
     Raises:
         MeasurementError: The line is too near the equator.
     """
-    if abs(section.latitude) < _EQUATOR:
+    if abs(section.latitude) < EQUATOR:
         raise MeasurementError(
-            f"geostrophic shear: expected a latitude of at least {_EQUATOR:g} degrees, got {section.latitude:.2f}"
+            f"geostrophic shear: expected a latitude of at least {EQUATOR:g} degrees, got {section.latitude:.2f}"
         )
     depth = _BOTTOM if bottom is None else bottom
     radius = noise.rossby_radius(section.levels, section.n2, section.coriolis, depth)
@@ -235,7 +235,7 @@ def window_shear(
 def _salinity_drift(levels: Array) -> Array:
     """Return what a drift of the salinity by its standard error changes of the geopotential, shape (Z,) [m2/s2]."""
     volume = _HALINE_CONTRACTION * _SALINITY_DRIFT / RHO0
-    return geopotential_matrix(levels) @ np.full(levels.size, volume)
+    return np.asarray(geopotential_matrix(levels) @ np.full(levels.size, volume))
 
 
 def _curvature(line: FittedLine, window: _Window, found: float) -> Array:

@@ -5,6 +5,7 @@ A position completes the pings that waited for it, and the mean current that it 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,6 +30,9 @@ from replay_kit.measurements.vehicle.dives import depth_of_pressure, is_submerge
 from replay_kit.measurements.vehicle.mean_current import Dives, MeanCurrent
 from replay_kit.measurements.vehicle.vessel_velocity import Fixes, append_fix
 
+if TYPE_CHECKING:
+    from replay_kit.measurements.section.lines import SectionLine
+
 
 @dataclass(frozen=True, slots=True)
 class MeasurementState:
@@ -48,6 +52,7 @@ class MeasurementState:
         dives: The way since the last fixes, for mean currents.
         bottom: Last velocity over the ground by a DVL, after its time [ns, UTC].
         track: Latest fixes at the surface.
+        line: Of the CTD; None before its first sample.
         system: Number of the MAVLink system whose position and depth count: the one asked for, or the first that states a position.
     """
 
@@ -65,6 +70,7 @@ class MeasurementState:
     bottom: tuple[int, PlatformVelocity] | None = None
     track: Fixes = ()
     system: str | None = None
+    line: "SectionLine | None" = None
 
     @property
     def latitude(self) -> float | None:

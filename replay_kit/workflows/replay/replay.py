@@ -30,6 +30,7 @@ from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements import finish, initial_state, interpret_block
+from replay_kit.measurements.steps.water import for_region
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.outcome.from_run import failed
 from replay_kit.results.outcome.run import ReplaySummary
@@ -277,7 +278,8 @@ def _loop(
     on_message: Callable[[], None],
 ) -> None:
     """Pass the logs' messages, those after the checkpoint, through the session."""
-    measurements, checkpoint = session.config.measurements, stream.checkpoint
+    checkpoint = stream.checkpoint
+    measurements = for_region(session.config, inputs.forecasts.ensemble).measurements
     state, count = (
         (initial_state(session.config.logs.system), 0)
         if checkpoint is None

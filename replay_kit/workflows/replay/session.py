@@ -25,7 +25,11 @@ from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.stages import consistency, plans
 from replay_kit.workflows.replay.stages.consistency import MonitoringState
-from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
+from replay_kit.workflows.replay.stages.estimation import (
+    EstimationState,
+    assimilate,
+    inputs_of,
+)
 from replay_kit.workflows.replay.stages.planner import VehiclePlanner
 from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.stages.publishing import (
@@ -112,12 +116,7 @@ class Session:
         self.writer: ResultWriter | None = None
         self.clock = clock or Stopwatch()
         self._levels = levels
-        paths = (PathMean,) if estimator.supports_path_means else ()
-        self._inputs: tuple[type[VehicleState | Observation | PathMean], ...] = (
-            VehicleState,
-            Observation,
-            *paths,
-        )
+        self._inputs = inputs_of(estimator)
         self._buffer: list[VehicleState | Measurement] = []
         self._n_observations = 0
         prior = estimator.initial()

@@ -8,13 +8,13 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.evidence import Evidence
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import LogReport, Message
-from replay_kit.core.observation import PathMean
+from replay_kit.core.observation import LinearMeasurement, PathMean, kind_of
 from replay_kit.logs.merge import ClockJump, Merge
 from replay_kit.logs.shared.payloads import gather, short
 from replay_kit.measurements import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.measurements.events import left_out_rules
-from replay_kit.results.outcome.run import DiveRow, ReplaySummary, TopicRow
-from replay_kit.workflows.replay.stages.counts import ProfileCounts, increment
+from replay_kit.results.outcome.run import DiveRow, ReplaySummary, SourceRow, TopicRow
+from replay_kit.workflows.replay.stages.counts import ProfileCounts, SourceCounts, increment
 from replay_kit.workflows.replay.stages.estimation import Step
 
 # Of a topic's pings; when more are lost, the summary begins with it.
@@ -108,8 +108,9 @@ class RunStatistics:
                 counts = replace(
                     counts, skipped=increment(counts.skipped, [(event.topic, event.reason)])
                 )
-            elif isinstance(event, PathMean):
-                counts = replace(counts, unsupported=increment(counts.unsupported, [event.kind]))
+            elif isinstance(event, PathMean | LinearMeasurement):
+                kind = kind_of(event)
+                counts = replace(counts, unsupported=increment(counts.unsupported, [kind]))
         return self if counts is self.messages else RunStatistics(counts, self.profiles)
 
     def after_steps(self, steps: Sequence[Step]) -> "RunStatistics":
@@ -235,6 +236,7 @@ class RunStatistics:
             rms_after=total.rms(total.after),
             rms_prior=total.rms(total.prior),
             nis_per_dof=total.nis_per_dof,
+            sources=tuple(_source_row(*each) for each in sorted(counts.sources.items())),
             evidence=Evidence(counts.evidence) if counts.evidence else None,
             by_dive=tuple(
                 DiveRow(
@@ -248,6 +250,14 @@ class RunStatistics:
                 for dive, sums in sorted(counts.dives.items())
             ),
         )
+
+
+def _source_row(kind: str, found: SourceCounts) -> SourceRow:
+    sums = found.sums
+    before, after, prior = map(sums.rms, (sums.before, sums.after, sums.prior))
+    doubts = tuple(f"{number} with {doubt}" for doubt, number in found.doubts.items())
+    counted = sums.profiles, found.rejected, sums.dof
+    return SourceRow(kind, *counted, before, after, prior, sums.nis_per_dof, doubts)
 
 
 def _notes_of(reports: Sequence[LogReport]) -> list[str]:

@@ -11,7 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
+from replay_kit.core.observation import (
+    Innovation,
+    LinearMeasurement,
+    Measurement,
+    Observation,
+    PathMean,
+    VehicleState,
+)
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 
@@ -67,6 +74,14 @@ class Step:
     before: Any
     after: Any
     assimilation: Assimilation | None = None
+
+
+def inputs_of(
+    estimator: Estimator[Any] | type[Estimator[Any]],
+) -> tuple[type[VehicleState | Measurement], ...]:
+    """Return the events that an estimator is given."""
+    sums = (PathMean, LinearMeasurement) if estimator.supports_path_means else ()
+    return (VehicleState, Observation, *sums)
 
 
 def assimilate(
