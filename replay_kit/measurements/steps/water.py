@@ -10,7 +10,7 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.measurements.events import Event, Skipped, Used
+from replay_kit.measurements.events import Event, Skipped, Used, left_out_reason
 from replay_kit.measurements.messages.water import Ctd
 from replay_kit.measurements.steps.state import MeasurementState, Step
 from replay_kit.measurements.vehicle.dives import depth_of_pressure
@@ -42,6 +42,8 @@ def record_ctd(
     state: MeasurementState, stated: Ctd, source: Source, config: MeasurementConfig
 ) -> Step:
     """Return the state after a sample of the CTD; what becomes of it is known when its line is complete."""
+    if "shear" in config.without:
+        return state, [Skipped(source.topic, left_out_reason(("shear",)))]
     from replay_kit.measurements.section.lines import SectionLine
 
     depth = stated.depth
