@@ -172,6 +172,21 @@ class MeasurementConfig(Section):
         gt=0.0,
         description="Rms speed of the region's currents [m/s], for the errors of geostrophic shear. Default: the ensemble's.",
     )
+    surface_tide_std: float = Field(
+        default=0.08,
+        ge=0.0,
+        description="Speed of tides and inertial motion at the surface that the forecast does not hold [m/s], of each component: an "
+        "error of currents by radar and of drifters; 0 for a forecast or a model of time that holds them.",
+    )
+    radar_spacing: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="Width of the boxes in which radar currents are averaged [m]. Default: the ensemble's cells.",
+    )
+    radar_box: tuple[float, float, float, float] | None = Field(
+        default=None,
+        description="West, south, east and north bound of the radar currents used [degrees]. Default: the ensemble's.",
+    )
     without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
         default=(),
         description="Withhold measurements (data denial): dac, drift, profiles, shear, radar, drifters, dives:3-5. Values that the "

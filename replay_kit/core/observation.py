@@ -245,9 +245,17 @@ class LinearMeasurement:
         """Longitude and latitude [degrees] of the point up to which half of the weight lies."""
         at = 0
         if self.weights is not None and not self.at_one_place:
-            share = np.cumsum(self.weights.mean(axis=0))
-            at = min(int(np.searchsorted(share, 0.5)), share.size - 1)
+            at = _half_way(self.weights.mean(axis=0))
         return float(self.longitude[at]), float(self.latitude[at])
+
+    @property
+    def value_places(self) -> tuple[Array, Array]:
+        """Longitude and latitude of each value [degrees], shapes (n,), as of ``middle``; shapes (1,) where all have one place."""
+        if self.weights is None or self.at_one_place or len(self.weights) == 1:
+            longitude, latitude = self.middle
+            return np.array([longitude]), np.array([latitude])
+        at = [_half_way(row) for row in self.weights]
+        return self.longitude[at], self.latitude[at]
 
     def covariance(self, used: NDArray[np.intp]) -> Array:
         """Return the error covariance of some values of a component [m^2/s^2], without the shared error where that is infinite."""
@@ -259,6 +267,12 @@ class LinearMeasurement:
             distance = np.abs(depth[:, None] - depth) / self.correlation_depth
             cov = np.outer(own, own) * np.exp(-distance)
         return cov + self.common_std**2 if 0.0 < self.common_std < np.inf else cov
+
+
+def _half_way(weights: Array) -> int:
+    """Return the point up to which half of the weight lies."""
+    share = np.cumsum(weights)
+    return min(int(np.searchsorted(share, 0.5)), share.size - 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

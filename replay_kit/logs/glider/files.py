@@ -82,7 +82,11 @@ def mission_key(path: Path) -> tuple[str, ...]:
         open_netcdf,
         lambda _, names: [name for name in names if name.lower() in MISSION_NAMES],
     )
-    if file is None or not file.dialect.in_parts:
+    if file is None:
+        from replay_kit.logs.radar.totals import is_totals
+
+        return ("radar-totals",) if is_totals(path) else ()
+    if not file.dialect.in_parts:
         return ()
     return file.dialect.name, *mission_of(file.content, file.dialect.name)
 

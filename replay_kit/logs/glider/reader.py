@@ -249,7 +249,7 @@ def open_glider(
     wanted: frozenset[str] | None = None,
     more: Sequence[Path] = (),
 ) -> LogFile:
-    """Return the reader of a glider file, or of several that are one log.
+    """Return the reader of a glider file, or of several that are one log; also of currents by HF radar, which come in NetCDF too.
 
     Args:
         path: The file, or the first of them.
@@ -262,4 +262,10 @@ def open_glider(
         LogError: A file cannot be read, or is of no known dialect.
     """
     files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
-    return GliderReader(files, input, config) if files else NetcdfRows(path, input, config, wanted)
+    if files:
+        return GliderReader(files, input, config)
+    from replay_kit.logs.radar.totals import TotalsReader, is_totals
+
+    if is_totals(path):
+        return TotalsReader((path, *more), input, config)
+    return NetcdfRows(path, input, config, wanted)

@@ -68,6 +68,7 @@ Statement = (
     | MeanCurrent
     | vehicle.Dvl
     | water.Ctd
+    | water.RadarCurrents
     | str
 )
 Reader = Callable[[Mapping[str, Any]], Statement]
@@ -77,6 +78,7 @@ _READERS: Mapping[str, Reader | str] = MappingProxyType(
         "replay_kit.AdcpPing": profiles.adcp_ping,
         "replay_kit.DepthAveragedCurrent": depth_averaged_current,
         "replay_kit.Ctd": water.ctd,
+        "replay_kit.RadarCurrents": water.radar_currents,
         "replay_kit.Altimeter": "height above the bottom, not used",
         "replay_kit.Battery": "state of the battery, not used",
         "replay_kit.Waypoint": "where the glider steers for, not where it is",

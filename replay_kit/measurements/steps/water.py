@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
+from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Source, VehicleState
+from replay_kit.core.observation import Label, Source, VehicleState
 from replay_kit.measurements.events import Event, Skipped, Used, left_out_reason
-from replay_kit.measurements.messages.water import Ctd
+from replay_kit.measurements.messages.water import Ctd, RadarCurrents
 from replay_kit.measurements.steps.state import MeasurementState, Step
 from replay_kit.measurements.vehicle.dives import depth_of_pressure
 
@@ -22,20 +23,55 @@ if TYPE_CHECKING:
 _LONGEST_NS = 3 * 3600 * 10**9
 # m/s; of currents where nothing else is known
 _SPEED = 0.2
+_SPACING = 10e3  # m
 _MEMBERS = 4
+_NO_VECTOR = "no vector slower than measurements.max_speed within the ensemble's box"
 _INCOMPLETE = "sample without depth, temperature, or salinity"
 _AT_SURFACE, _NO_POSITION = "sample at the surface", "sample before the first position"
 
 
 def for_region(config: RunConfig, ensemble: Ensemble) -> RunConfig:
-    """Return the settings of a run with what measurements leave to its ensemble: how fast its currents are."""
-    measurements = config.measurements
-    if measurements.regional_speed is None:
-        # some members tell as much as all of them
-        squares = np.square(ensemble.velocity[:_MEMBERS]).sum(axis=1)
-        speed = float(np.sqrt(np.mean(squares, where=np.isfinite(squares))))
-        measurements = measurements.model_copy(update={"regional_speed": speed or _SPEED})
-    return config.model_copy(update={"measurements": measurements})
+    """Return the settings of a run with what measurements leave to its ensemble: how fast its currents are, where, how densely."""
+    measurements, grid = config.measurements, ensemble.grid
+    # some members tell as much as all of them
+    squares = np.square(ensemble.velocity[:_MEMBERS]).sum(axis=1)
+    speed = float(np.sqrt(np.mean(squares, where=np.isfinite(squares))))
+    steps = [
+        np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis)) for axis in (0, 1)
+    ]
+    longitude = unwrap_longitude(grid.longitude, grid.projection.longitude)
+    found = {
+        "regional_speed": speed or None,
+        "radar_spacing": max((float(np.median(step)) for step in steps if step.size), default=None),
+        "radar_box": (
+            float(longitude.min()),
+            float(grid.latitude.min()),
+            float(longitude.max()),
+            float(grid.latitude.max()),
+        ),
+    }
+    stated = {name: value for name in found if (value := getattr(measurements, name)) is not None}
+    return config.model_copy(
+        update={"measurements": measurements.model_copy(update={**found, **stated})}
+    )
+
+
+def record_radar(
+    state: MeasurementState, stated: RadarCurrents, source: Source, config: MeasurementConfig
+) -> Step:
+    """Return the state as it is, and the measurements of the radars' vectors of one time."""
+    from replay_kit.measurements.surface.radar import superobservations
+
+    slow = np.abs(stated.value).max(axis=1) <= config.max_speed
+    stated = stated.part(slow)
+    stated = stated if config.radar_box is None else stated.within(config.radar_box)
+    if not stated.error_std.size:
+        return state, [Skipped(source.topic, _NO_VECTOR)]
+    label = Label(state.dive, source, kind="radar")
+    made = superobservations(
+        stated, label, config.radar_spacing or _SPACING, config.surface_tide_std
+    )
+    return state, [Used(source.topic), *made]
 
 
 def record_ctd(

@@ -1,0 +1,1 @@
+"""HF radar: total vectors on a grid, and radials of single stations."""
