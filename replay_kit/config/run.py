@@ -178,14 +178,14 @@ class MeasurementConfig(Section):
         description="Speed of tides and inertial motion at the surface that the forecast does not hold [m/s], of each component: an "
         "error of currents by radar and of drifters; 0 for a forecast or a model of time that holds them.",
     )
-    radar_spacing: float | None = Field(
+    surface_spacing: float | None = Field(
         default=None,
         gt=0.0,
         description="Width of the boxes in which radar currents are averaged [m]. Default: the ensemble's cells.",
     )
-    radar_box: tuple[float, float, float, float] | None = Field(
+    surface_box: tuple[float, float, float, float] | None = Field(
         default=None,
-        description="West, south, east and north bound of the radar currents used [degrees]. Default: the ensemble's.",
+        description="West, south, east and north bound of the radar currents and drifters used [degrees]. Default: the ensemble's.",
     )
     without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
         default=(),

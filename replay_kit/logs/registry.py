@@ -152,7 +152,7 @@ FORMATS = (
     LogFormat("slocum", _is_slocum, _reader("slocum.reader", "open_slocum")),
     LogFormat("pd0", _begins(PD0_MAGIC), _reader("adcp.reader", "RawAdcpReader")),
     LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _reader("adcp.reader", "RawAdcpReader")),
-    LogFormat("radials", _begins(_RADIALS), _reader("radar.lluv", "RadialsReader")),
+    LogFormat("radials", _begins(_RADIALS), _reader("surface.lluv", "RadialsReader")),
     LogFormat("tlog", _is_tlog, _reader("mavlink.reader", "TlogReader")),
     LogFormat("dataflash", _is_dataflash, _reader("dataflash.reader", "DataflashReader")),
 )
@@ -274,7 +274,7 @@ def _mission(path: Path) -> tuple[str, ...]:
         return *_NO_HEADER, *glider_of(path)
     head = _first_bytes(path)
     if head.startswith(_RADIALS):
-        from replay_kit.logs.radar.lluv import header, station
+        from replay_kit.logs.surface.lluv import header, station
 
         return *_OF_STATION, station(header(path))
     if not _is_glider(head):
@@ -300,7 +300,7 @@ def _opened(
 
         return open_slocum(group[0], number, config, wanted, group[1:])
     if _first_bytes(group[0]).startswith(_RADIALS):
-        from replay_kit.logs.radar.lluv import RadialsReader
+        from replay_kit.logs.surface.lluv import RadialsReader
 
         return RadialsReader(group, number, config)
     from replay_kit.logs.glider.reader import open_glider

@@ -33,7 +33,7 @@ from replay_kit.measurements.messages.mapped import Component, component, joined
 from replay_kit.measurements.messages.mavlink import PingFrame
 from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.messages.vehicle import Depth, Dvl, Pose, Position, Pressure
-from replay_kit.measurements.messages.water import Ctd, RadarCurrents
+from replay_kit.measurements.messages.water import Ctd, DrifterFix, RadarCurrents
 from replay_kit.measurements.ping.adcp_ping import Orientation
 from replay_kit.measurements.steps import pings, water
 from replay_kit.measurements.steps.pings import take_stated_ping
@@ -108,6 +108,7 @@ _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig
             MeanCurrent: record_mean_current,
             Ctd: water.record_ctd,
             RadarCurrents: water.record_radar,
+            DrifterFix: water.record_drifter,
         }
     )
 )

@@ -69,6 +69,7 @@ Statement = (
     | vehicle.Dvl
     | water.Ctd
     | water.RadarCurrents
+    | water.DrifterFix
     | str
 )
 Reader = Callable[[Mapping[str, Any]], Statement]
@@ -78,6 +79,7 @@ _READERS: Mapping[str, Reader | str] = MappingProxyType(
         "replay_kit.AdcpPing": profiles.adcp_ping,
         "replay_kit.DepthAveragedCurrent": depth_averaged_current,
         "replay_kit.Ctd": water.ctd,
+        "replay_kit.DrifterFix": water.drifter_fix,
         "replay_kit.RadarCurrents": water.radar_currents,
         "replay_kit.Altimeter": "height above the bottom, not used",
         "replay_kit.Battery": "state of the battery, not used",

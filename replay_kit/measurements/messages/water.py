@@ -1,5 +1,6 @@
 """What is measured beside the vehicle's own currents: temperature and salinity, and currents at the surface."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -70,6 +71,37 @@ class RadarCurrents:
         west, south, east, north = box
         along = (self.longitude - west) % 360.0 <= (east - west) % 360.0
         return self.part(along & (self.latitude >= south) & (self.latitude <= north))
+
+
+@dataclass(frozen=True, slots=True)
+class DrifterFix:
+    """Where a drifter was.
+
+    Attributes:
+        name: Of the drifter.
+        longitude: [degrees].
+        latitude: [degrees].
+        depth: Of the middle of its drogue [m].
+        error: Standard error of each component of its place [m]; NaN where it is not stated.
+    """
+
+    name: str
+    longitude: float
+    latitude: float
+    depth: float
+    error: float
+
+
+def drifter_fix(payload: Mapping[str, Any]) -> DrifterFix | str:
+    """Return the fix in a ``replay_kit.DrifterFix``, or why there is none."""
+    longitude, latitude, depth, error = (
+        number(payload.get(name)) for name in ("longitude", "latitude", "depth", "error")
+    )
+    if payload.get("drogued") is not True:
+        return "drifter without its drogue: the wind moves it"
+    if not (math.isfinite(longitude) and abs(latitude) <= 90.0 and depth >= 0.0):
+        return "drifter: no position, or no depth of its drogue"
+    return DrifterFix(str(payload.get("id")), longitude, latitude, depth, error)
 
 
 def ctd(payload: Mapping[str, Any]) -> Ctd:

@@ -23,6 +23,7 @@ from replay_kit.measurements.messages.mavlink import (
     is_dead_reckoned,
 )
 from replay_kit.measurements.messages.vehicle import Depth, Pose, Position, Pressure, checked
+from replay_kit.measurements.messages.water import DrifterFix
 from replay_kit.measurements.ping.adcp_ping import Orientation, PlatformVelocity
 from replay_kit.measurements.steps.position_matching import PlacedPing, WaitingPing, place, ready
 from replay_kit.measurements.vehicle import mean_current as currents
@@ -53,6 +54,7 @@ class MeasurementState:
         bottom: Last velocity over the ground by a DVL, after its time [ns, UTC].
         track: Latest fixes at the surface.
         line: Of the CTD; None before its first sample.
+        drifters: By name, the fix of each drifter from which its displacement is counted.
         system: Number of the MAVLink system whose position and depth count: the one asked for, or the first that states a position.
     """
 
@@ -71,6 +73,7 @@ class MeasurementState:
     track: Fixes = ()
     system: str | None = None
     line: "SectionLine | None" = None
+    drifters: Mapping[str, tuple[Source, DrifterFix]] = field(default_factory=dict)
 
     @property
     def latitude(self) -> float | None:

@@ -12,7 +12,7 @@ from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Label, Source, VehicleState
 from replay_kit.measurements.events import Event, Skipped, Used, left_out_reason
-from replay_kit.measurements.messages.water import Ctd, RadarCurrents
+from replay_kit.measurements.messages.water import Ctd, DrifterFix, RadarCurrents
 from replay_kit.measurements.steps.state import MeasurementState, Step
 from replay_kit.measurements.vehicle.dives import depth_of_pressure
 
@@ -25,6 +25,10 @@ _LONGEST_NS = 3 * 3600 * 10**9
 _SPEED = 0.2
 _SPACING = 10e3  # m
 _MEMBERS = 4
+_OUTSIDE, _TOO_FAST = (
+    "drifter outside the ensemble's box",
+    "drifter faster than measurements.max_speed",
+)
 _NO_VECTOR = "no vector slower than measurements.max_speed within the ensemble's box"
 _INCOMPLETE = "sample without depth, temperature, or salinity"
 _AT_SURFACE, _NO_POSITION = "sample at the surface", "sample before the first position"
@@ -42,8 +46,10 @@ def for_region(config: RunConfig, ensemble: Ensemble) -> RunConfig:
     longitude = unwrap_longitude(grid.longitude, grid.projection.longitude)
     found = {
         "regional_speed": speed or None,
-        "radar_spacing": max((float(np.median(step)) for step in steps if step.size), default=None),
-        "radar_box": (
+        "surface_spacing": max(
+            (float(np.median(step)) for step in steps if step.size), default=None
+        ),
+        "surface_box": (
             float(longitude.min()),
             float(grid.latitude.min()),
             float(longitude.max()),
@@ -64,14 +70,37 @@ def record_radar(
 
     slow = np.abs(stated.value).max(axis=1) <= config.max_speed
     stated = stated.part(slow)
-    stated = stated if config.radar_box is None else stated.within(config.radar_box)
+    stated = stated if config.surface_box is None else stated.within(config.surface_box)
     if not stated.error_std.size:
         return state, [Skipped(source.topic, _NO_VECTOR)]
     label = Label(state.dive, source, kind="radar")
     made = superobservations(
-        stated, label, config.radar_spacing or _SPACING, config.surface_tide_std
+        stated, label, config.surface_spacing or _SPACING, config.surface_tide_std
     )
     return state, [Used(source.topic), *made]
+
+
+def record_drifter(
+    state: MeasurementState, stated: DrifterFix, source: Source, config: MeasurementConfig
+) -> Step:
+    """Return the state after a drifter's fix, and the mean current since one of its fixes before."""
+    from replay_kit.measurements.surface.drifters import Errors, displacement, is_over
+
+    if config.surface_box is not None:
+        west, south, east, north = config.surface_box
+        inside = (stated.longitude - west) % 360.0 <= (east - west) % 360.0
+        if not (inside and south <= stated.latitude <= north):
+            return state, [Skipped(source.topic, _OUTSIDE)]
+    before = state.drifters.get(stated.name)
+    made = None
+    if before is not None:
+        errors = Errors(config.fix_std, config.surface_tide_std)
+        made = displacement(before, (source, stated), errors, state.dive)
+    if made is not None and np.abs(made.value).max() > config.max_speed:
+        return state, [Skipped(source.topic, _TOO_FAST)]
+    if made is not None or before is None or is_over(before[0], source):
+        state = replace(state, drifters={**state.drifters, stated.name: (source, stated)})
+    return state, [Used(source.topic), *([] if made is None else [made])]
 
 
 def record_ctd(

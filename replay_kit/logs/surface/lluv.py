@@ -12,10 +12,10 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
-from replay_kit.logs.radar.totals import SCHEMA, depth_of
 from replay_kit.logs.reader import LogFile, unreadable
 from replay_kit.logs.shared.payloads import numbers, stamp
 from replay_kit.logs.shared.statistics import ReadStatistics
+from replay_kit.logs.surface.totals import SCHEMA, depth_of
 
 #: First part of the topic, before the station's name.
 TOPIC = "/radar/radials"

@@ -95,15 +95,6 @@ def dialect_of(names: Collection[str]) -> TotalsDialect | None:
     return next((dialect for dialect in found if dialect.recognises(names)), None)
 
 
-def is_totals(path: Path) -> bool:
-    """Return whether a NetCDF file holds totals.
-
-    Raises:
-        LogError: The file cannot be read.
-    """
-    return dialect_of(open_netcdf(path, lambda names, attributes: []).names) is not None
-
-
 class TotalsReader(LogFile):
     """Files of total vectors that are one log."""
 

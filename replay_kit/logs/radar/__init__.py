@@ -1,1 +1,0 @@
-"""HF radar: total vectors on a grid, and radials of single stations."""
