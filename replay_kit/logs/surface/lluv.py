@@ -1,5 +1,6 @@
 """Radials of an HF radar station as LLUV text (CODAR, ``*.ruv``): the current along the bearing, each file a message in SI units."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -23,6 +24,7 @@ _COLUMNS = ("LOND", "LATD", "VELO", "HEAD", "ESPC", "ETMP", "VFLG", "RNGE", "BEA
 _KEYS = ("TimeStamp", "Origin", "TransmitCenterFreqMHz", "TableColumnTypes")
 # cm/s: what stands for no error, the least, and of flags the one of radials over land
 _NO_ERROR, _LEAST_ERROR, _OVER_LAND = 900.0, 3.0, 128
+_OTHER_UNITS = re.compile(r"\((?:knots?|kn|kts?|m/s)\)", re.IGNORECASE)
 # km by which places may depart from range and bearing
 _NEAR = 3.0
 _MOST = 1 << 26
@@ -186,7 +188,7 @@ def _check_station(
 
 def _check_unit(path: Path, head: Mapping[str, str], speed: Array) -> None:
     """Raise LogError where speeds are not in cm/s: by the unit stated, or slower than the Doppler spectrum resolves."""
-    if "units" in head and head["units"] and "cm/s" not in head["units"]:
+    if _OTHER_UNITS.search(head.get("units", "")):
         raise LogError(
             f"{path}: radials: expected speeds in cm/s, the file states {head['units'].strip('% ')}; convert them first"
         )

@@ -10,9 +10,11 @@ from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.results.views.record import read_record
 from replay_kit.show.summary import estimate_sentences
+from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
+from tests.logs.surface import made
 from tests.measurements.section.test_lines import mission
 
 LEVELS = np.array([5.0, 100.0, 300.0, 600.0])
@@ -28,10 +30,11 @@ def ocean(tmp_path_factory):
     return folder
 
 
-def run(ocean, out=None, **settings):
+def run(ocean, out=None, logs=None, **settings):
     measurements = {"dead_reckoning": "through_water", **settings}
     config = load_config(None, {"estimator": {"modes": 7}, "measurements": measurements})
-    job = ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc", out, overwrite=True)
+    logs = logs or (ocean / "glider.mcap",)
+    job = ReplayJob(logs, ocean / "ensemble.nc", out, overwrite=True)
     return replay(job, config)[0]
 
 
@@ -56,3 +59,23 @@ def test_withheld_it_leaves_the_other_measurements(ocean):
     assert denied.profiles_used == whole.profiles_used - 2
     with pytest.raises(MeasurementError, match="--without radar: expected something"):
         run(ocean, without=["radar"])
+
+
+def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
+    at = {"west": -59.9, "south": 39.8}
+    made.totals((0.1, 0.05), 4, **at).to_netcdf(tmp_path / "totals.nc", engine="h5netcdf")
+    made.write_radials(tmp_path / "one.ruv", (0.1, 0.05), (-59.9, 40.0))
+    made.drifters((0.1, 0.05), west=-59.6, south=40.0).to_netcdf(
+        tmp_path / "drifters.nc", engine="h5netcdf"
+    )
+    others = tuple(tmp_path / name for name in ("totals.nc", "one.ruv", "drifters.nc"))
+    alone = run(ocean, logs=others)
+    assert {row.kind: row.rejected for row in alone.sources} == {"drifters": 0, "radar": 0}
+    assert all(row.rms_after < row.rms_before for row in alone.sources)
+    beside = run(ocean, tmp_path / "out.mcap", (*others, ocean / "glider.mcap"))
+    assert [row.kind for row in beside.sources] == ["drifters", "radar", "shear"]
+    denied = run(ocean, None, (*others, ocean / "glider.mcap"), without=["radar", "drifters"])
+    assert [row.kind for row in denied.sources] == ["shear"]
+    content = inspect_logs(others, load_config(None))
+    assert [info.content.surface for info in content] == [4, 11, 8]
+    assert {info.use for info in content} == {"ready for replay: currents at the surface found"}
