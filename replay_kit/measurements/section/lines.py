@@ -24,8 +24,8 @@ from replay_kit.measurements.section.thermal_wind import (
     window_shear,
 )
 
-# Rossby radii: a line as long is complete, and one shorter tells less than an ensemble knows.
-_COMPLETE, _LEAST = 1.5, 0.5
+#: Rossby radii: a line as long is complete, and one shorter tells less than an ensemble knows.
+COMPLETE, LEAST = 1.5, 0.5
 _LEAST_PROFILES = 4
 # Levels at which the shear is stated.
 _STATED = 12
@@ -121,7 +121,7 @@ def after_dive(line: SectionLine, at: Surfacing) -> tuple[SectionLine, list[Outc
         _, done = close(line, at)
         begun = SectionLine(Cast(), tuple(profiles), (), cast.samples, cast.source, int(lags))
         return begun, done
-    if _length(section) < _COMPLETE * regime_of(section, at.speed).rossby_radius:
+    if _length(section) < COMPLETE * regime_of(section, at.speed).rossby_radius:
         return longer, []
     return close(longer, at)
 
@@ -132,7 +132,7 @@ def close(line: SectionLine, at: Surfacing) -> tuple[SectionLine, list[Outcome]]
     if not line.undecided:
         return after, []
     section = _section(line.profiles)
-    if section is None or _length(section) < _LEAST * regime_of(section, at.speed).rossby_radius:
+    if section is None or _length(section) < LEAST * regime_of(section, at.speed).rossby_radius:
         return after, [Outcome(_topic(line.source), line.undecided, _NO_LINE)]
     if is_fouled(line.profiles):
         return after, [Outcome(_topic(line.source), line.undecided, _FOULED)]
