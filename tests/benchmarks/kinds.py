@@ -1,15 +1,14 @@
-"""More water in the estimate: what geostrophic shear and radar add, and whether their stated errors hold.
+"""More water in the estimate: what geostrophic shear adds, and whether its stated errors hold.
 
-Shear: lines of a glider through members that are left out (quasi-geostrophic, changing while the glider flies) and through a truth of NEMO.
+Lines of a glider go through members of a quasi-geostrophic forecast that are left out and change while it flies.
 Density is the stream function's vertical derivative, with internal waves of Garrett and Munk; what of the truth is not geostrophic stays in
-it. The profile error is that of both components about their depth mean, at the line's profiles and its end's time, relative to that
-with mean currents alone. Radar: blocks of half of the cells of real hours are withheld, and of one station's radials the half.
+it. The profile error is that of the current across the line about its depth mean, at the profiles' places and the end's time, with
+mean currents and with shear beside them.
 """
 
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import gsw
 import numpy as np
@@ -56,11 +55,13 @@ class Sea:
 
     Attributes:
         ensemble: Without the truth.
+        estimator: Of the ensemble, as a replay builds it.
         truth: shape (T, 2, Z, J, I) [m/s], local axes, at the times.
         days: shape (T,).
     """
 
     ensemble: Ensemble
+    estimator: ReducedBasisEstimator
     truth: Array
     days: Array
 
@@ -79,29 +80,19 @@ class Sea:
         """Rms speed of the ensemble [m/s]."""
         return float(np.sqrt(np.nanmean(np.sum(self.ensemble.velocity[:4] ** 2, axis=1))))
 
-    @cached_property
-    def estimator(self) -> ReducedBasisEstimator:
-        """Of the ensemble, as a replay builds it."""
-        return build_estimator(self.ensemble, EstimatorConfig(), GatingConfig())
 
-
-def quasi_geostrophic(member: int) -> Sea:
-    """Return a member of the forecast as truth, and the others at one lead."""
+def quasi_geostrophic(members: Sequence[int], climatology: bool) -> list[Sea]:
+    """Return members of the forecast as truths, each with the climatology, or the others of one lead, as ensemble."""
     path = DATA / "qg" / "forecast.nc"
     read = {lead: read_ensemble(path, ForecastConfig(lead=lead)) for lead in _LEADS}
     prior = read[_PRIOR_LEAD]
-    left = [k for k in range(prior.n_members) if k not in (member, _COPIES.get(member))]
-    truth = np.stack([read[lead].velocity[member] for lead in _LEADS])
+    left = [k for k in range(prior.n_members) if not {k, _COPIES.get(k)} & set(members)]
     others = Ensemble(prior.grid, prior.velocity[left], prior.time_ns, prior.source)
-    return Sea(others, truth, np.array(_LEADS))
-
-
-def nemo() -> Sea:
-    """Return the truth of the North Atlantic, which does not change, and its ensemble."""
-    folder = DATA / "natl_nemo"
-    ensemble = read_ensemble(folder / "ensemble.nc", ForecastConfig())
-    truth = read_ensemble(folder / "truth.nc", ForecastConfig()).velocity[0]
-    return Sea(ensemble, np.stack([truth, truth]), np.array([_FIRST_LEAD, 30.0]))
+    if climatology:
+        others = read_ensemble(DATA / "qg" / "climatology.nc", ForecastConfig())
+    estimator = build_estimator(others, EstimatorConfig(), GatingConfig())
+    truths = (np.stack([read[lead].velocity[k] for lead in _LEADS]) for k in members)
+    return [Sea(others, estimator, truth, np.array(_LEADS)) for truth in truths]
 
 
 def stream_function(grid: Grid, velocity: Array) -> Array:
@@ -272,13 +263,15 @@ def judged(line: Line, whole: Section, shear: GeostrophicShear, part: slice) -> 
     }
 
 
-def profile_error(sea: Sea, flow: FlowEstimate, line: Line) -> float:
-    """Return the mean squared error of a flow's profiles about their depth means along a line, at its end's time [m2/s2]."""
+def profile_errors(flow: FlowEstimate, line: Line) -> Array:
+    """Return the mean squared errors [m2/s2] of a flow's profiles about their depth means at its end's time, across the line and along."""
     found = np.array(
         [[flow.velocity(*place, depth) for depth in line.levels] for place in line.places[::3]]
     )
-    truth = line.current(line.seconds[-1])[::3]
-    return float(np.mean((line.about_mean(found) - line.about_mean(truth)) ** 2))
+    error = line.about_mean(found) - line.about_mean(line.current(line.seconds[-1])[::3])
+    along = np.array([np.cos(line.direction), np.sin(line.direction)])
+    across = np.array([-along[1], along[0]])
+    return np.array([np.mean((error @ unit) ** 2) for unit in (across, along)])
 
 
 def shear_row(name: str, seas: Sequence[Sea], lines: int, length: float) -> Row:
@@ -290,7 +283,7 @@ def shear_row(name: str, seas: Sequence[Sea], lines: int, length: float) -> Row:
             line, state = flown(sea, length, rng), sea.estimator.initial()
             for mean in means(sea, line, rng):
                 state, _ = sea.estimator.step(state, mean)
-            alone = profile_error(sea, sea.estimator.flow(state), line)
+            alone = profile_errors(sea.estimator.flow(state), line)
             for whole, shear, part in shears(sea, line):
                 found.append(judged(line, whole, shear, part))
                 radius = shear.rossby_radius
@@ -299,13 +292,15 @@ def shear_row(name: str, seas: Sequence[Sea], lines: int, length: float) -> Row:
                     given = measurement(shear, whole, Label(0, source, kind="shear"))
                     state, _ = sea.estimator.step(state, given)
                     used += 1
-            errors.append((alone, profile_error(sea, sea.estimator.flow(state), line)))
-    alone, beside = np.sqrt(np.mean(errors, axis=0))
+            errors.append((alone, profile_errors(sea.estimator.flow(state), line)))
+    squares = np.mean(errors, axis=0)
+    alone, beside = np.sqrt(squares[:, 0])
     mean = {key: float(np.mean([each[key] for each in found])) for key in found[0]}
     figures = {
-        "profile error [m/s], mean currents": float(alone),
+        "profile error across [m/s], mean currents": float(alone),
         "and shear": float(beside),
         "ratio": float(beside / alone),
+        "ratio of both components": float(np.sqrt(squares[1].sum() / squares[0].sum())),
         "within 90 %": mean["held"],
         "NIS": mean["nis"],
         "stated over actual": float(np.sqrt(mean["stated"] / mean["actual"])),
@@ -319,13 +314,14 @@ def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
     if not (DATA / "qg").exists():
         return []
-    seas = {"qg": [quasi_geostrophic(k) for k in ((7,) if tiny else (1, 7, 13, 19, 25, 31))]}
-    if not tiny and (DATA / "natl_nemo").exists():
-        seas["NEMO"] = [nemo()]
-    lengths = _LENGTHS[2:3] if tiny else _LENGTHS
-    count = {"qg": 1 if tiny else 3, "NEMO": 12}
+    if tiny:
+        return [shear_row("qg", quasi_geostrophic((7,), True), 1, _LENGTHS[2])]
+    seas = {
+        "qg, prior of a climatology": (4, quasi_geostrophic((1, 7, 25), True)),
+        "qg, prior of a forecast of 8 days": (4, quasi_geostrophic((1, 7, 25), False)),
+    }
     return [
-        shear_row(name, of_name, count[name], length)
-        for name, of_name in seas.items()
-        for length in lengths
+        shear_row(name, of_name, count, length)
+        for name, (count, of_name) in seas.items()
+        for length in _LENGTHS
     ]

@@ -25,13 +25,13 @@ from replay_kit.measurements.section.thermal_wind import (
 )
 
 #: Rossby radii: a line as long is complete, and one shorter tells less than an ensemble knows.
-COMPLETE, LEAST = 1.5, 0.5
+COMPLETE, LEAST = 1.0, 0.3
 _LEAST_PROFILES = 4
 # Levels at which the shear is stated.
 _STATED = 12
 
 _NEAR_EQUATOR = f"within {EQUATOR:g} degrees of the equator there is no geostrophic balance"
-_NO_LINE = "profiles along no straight line of half a Rossby radius"
+_NO_LINE = "profiles along no straight line of 0.3 Rossby radii"
 _NO_LEG = "no leg of 40 m with temperature and salinity"
 _FOULED = "deep salinity drifts along the line: it looks like a fouled cell"
 

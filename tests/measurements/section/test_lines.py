@@ -96,7 +96,7 @@ def test_dives_along_a_line_give_the_shear_across_it_once_it_is_long_enough(dive
     assert not first.label.doubt
     # after the message at which the line was complete, before the mission ended
     assert first.time_ns < dives[-1].time_ns
-    assert reasons <= {"profiles along no straight line of half a Rossby radius"}
+    assert reasons <= {"profiles along no straight line of 0.3 Rossby radii"}
 
 
 def test_a_turn_ends_a_line():

@@ -41,22 +41,22 @@ def run(ocean, out=None, logs=None, **settings):
 def test_shear_is_counted_apart_and_the_result_says_the_same(ocean, tmp_path):
     summary = run(ocean, tmp_path / "out.mcap")
     (row,) = summary.sources
-    assert (row.kind, row.used, row.rejected) == ("shear", 2, 0)
+    assert (row.kind, row.used, row.rejected) == ("shear", 3, 0)
     # nine of twelve levels are within the grid, relative to an unknown current
-    assert row.values == 2 * 8
+    assert row.values == 3 * 8
     assert row.rms_after < row.rms_before
     outcome = outcome_of(summary)
     assert outcome_from(read_record(tmp_path / "out.mcap").summary) == outcome
     (said,) = [text for text in estimate_sentences(outcome) if "shear" in text]
     assert said.startswith(
-        "Also used: geostrophic shear: 2 measurements used (16 values), 0 rejected"
+        "Also used: geostrophic shear: 3 measurements used (24 values), 0 rejected"
     )
 
 
 def test_withheld_it_leaves_the_other_measurements(ocean):
     whole, denied = run(ocean), run(ocean, without=["shear"])
     assert not denied.sources
-    assert denied.profiles_used == whole.profiles_used - 2
+    assert denied.profiles_used == whole.profiles_used - 3
     with pytest.raises(MeasurementError, match="--without radar: expected something"):
         run(ocean, without=["radar"])
 
