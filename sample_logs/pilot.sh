@@ -1,4 +1,4 @@
-# The page of the pilot in the README: from the folder of the project, sh sample_logs/pilot.sh
+# The block of PILOT.md: from the folder of the project, sh sample_logs/pilot.sh
 set -e
 python sample_logs/make_example_data.py walk
 replay-kit info walk/dives --ensemble walk/forecast --members times:20d

@@ -1,4 +1,4 @@
-# The page of the scientist in the README: from the folder of the project, sh sample_logs/scientist.sh
+# The first block of SCIENTIST.md: from the folder of the project, sh sample_logs/scientist.sh
 set -e
 python sample_logs/make_example_data.py year
 replay-kit info year/og1.nc

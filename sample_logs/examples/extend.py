@@ -68,6 +68,6 @@ def use(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    where = Path(sys.argv[1])
+    where = Path(sys.argv[1]).resolve()
     install(where / "installed")
     use(where)

@@ -30,10 +30,11 @@ PACKAGES = (
 )
 #: Title of each chapter, and its pages.
 CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("Start", ("sample_logs/README.md",)),
+    ("Start", ("sample_logs/README.md", "sample_logs/RECIPES.md")),
     (
         "For pilots",
         (
+            "sample_logs/PILOT.md",
             "replay_kit/workflows/follow/README.md",
             "replay_kit/workflows/planning/README.md",
             "replay_kit/show/report/README.md",
@@ -43,6 +44,7 @@ CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (
         "For scientists",
         (
+            "sample_logs/SCIENTIST.md",
             "replay_kit/results/README.md",
             "replay_kit/forecast/README.md",
             "replay_kit/workflows/replay/README.md",
@@ -71,6 +73,7 @@ CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (
         "How it works",
         (
+            "replay_kit/estimator/METHOD.md",
             "replay_kit/estimator/README.md",
             "replay_kit/estimator/evolving/README.md",
             "replay_kit/measurements/README.md",
@@ -83,6 +86,9 @@ CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
         "For developers",
         (
             "replay_kit/README.md",
+            ".github/CONTRIBUTING.md",
+            ".github/CODE_OF_CONDUCT.md",
+            "sample_logs/paper/paper.md",
             "replay_kit/core/README.md",
             "replay_kit/show/README.md",
             "replay_kit/show/page/README.md",

@@ -129,10 +129,15 @@ def _moment(text: str | None) -> int | None:
         import time
 
         return time.time_ns()
+    return _time_of(text, "--now", ", or clock for the present time")
+
+
+def _time_of(text: str, name: str, other: str = "") -> int:
+    """Return a time of an option [ns, UTC], of which an error says the name."""
     try:
         return parse_time(text)
     except ConfigError as error:
-        raise ConfigError(f"--now: {error}, or clock for the present time") from error
+        raise ConfigError(f"{name}: {error}{other}") from error
 
 
 _PICTURES = Ending((".png", ".svg", ".pdf"))
@@ -146,10 +151,22 @@ class Look:
         str | None,
         option(
             "--at",
-            "Place of series; depth of map and plan [degrees, degrees, m].",
+            "Place of series; depth of map and plan, and a mark on the map [degrees, degrees, m].",
             metavar="LON,LAT,DEPTH",
         ),
         PLACE,
+    ] = None
+    depth: Annotated[
+        float | None,
+        option("--depth", "Depth of map and plan [m].", metavar="D"),
+    ] = None
+    time: Annotated[
+        str | None,
+        option(
+            "--time",
+            "Time of map, ISO 8601 UTC: the current published last before it, and nothing later.",
+            metavar="TIME",
+        ),
     ] = None
     columns: Annotated[
         Literal[1, 2],
@@ -188,15 +205,17 @@ def plot(
     check_paths([result], [out], replacing.overwrite)
     longitude, latitude, depth = numbers(look.at or "0,0,0", "--at", PLACE.form)
     at = None if look.at is None else (longitude, latitude, depth)
+    time_ns = None if look.time is None else _time_of(look.time, "--time")
 
     from replay_kit.core.atomic import atomic_file
-    from replay_kit.show.plots import drawn
+    from replay_kit.show.plots import Chosen, drawn
     from replay_kit.show.plots.style import saved
     from replay_kit.show.text import print_lines
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
-        content = saved(drawn(contents, figure, at, look.columns), out.suffix.lower())
+        chosen = Chosen(at, look.depth, time_ns)
+        content = saved(drawn(contents, figure, chosen, look.columns), out.suffix.lower())
     with atomic_file(out) as file:
         file.write(content)
     print_lines(console := console_beside(None), contents.notes)

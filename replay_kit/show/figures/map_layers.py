@@ -26,12 +26,19 @@ _GAP = np.full((1, 2), np.nan)
 _EDGE = "paper"
 
 
-def track_layer(contents: Contents) -> Layer:
-    """Return the track with its begin and end."""
+def track_layer(contents: Contents, time_ns: int | None = None) -> Layer:
+    """Return the track with its begin and end.
+
+    Args:
+        contents: Of the result.
+        time_ns: The end [ns, UTC]; None for that of the log.
+    """
     track = contents.track
-    if track.time_ns.size == 0:
+    end_ns = np.iinfo(np.int64).max if time_ns is None else time_ns
+    known = int(np.searchsorted(track.time_ns, end_ns, "right"))
+    if known == 0:
         return Layer()
-    kept = thinned(track.time_ns.size, POSITIONS)
+    kept = thinned(known, POSITIONS)
     table = {
         "time": track.time_ns[kept].astype("datetime64[ns]"),
         "longitude": track.longitude[kept],

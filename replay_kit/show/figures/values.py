@@ -1,7 +1,7 @@
 """A figure as a value: panels of marks on named columns, with labels, units and the roles of colours."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -137,6 +137,25 @@ class Layer:
 
     marks: Sequence[Mark] = ()
     tables: Tables = field(default_factory=dict)
+
+
+def until(layer: Layer, time_ns: int | None) -> Layer:
+    """Return a layer without the points that are later than a time [ns, UTC]; as it is for None."""
+    if time_ns is None:
+        return layer
+    end, marks = np.datetime64(time_ns, "ns"), []
+    for mark in layer.marks:
+        if mark.when is None:
+            marks.append(mark)
+            continue
+        earlier = values_of(layer.tables, mark.when) <= end
+        if earlier.any():
+            x, y = (
+                np.where(earlier, values_of(layer.tables, each), np.nan)
+                for each in (mark.x, mark.y)
+            )
+            marks.append(replace(mark, x=x, y=y))
+    return replace(layer, marks=marks)
 
 
 def values_of(tables: Tables, values: Values) -> NDArray[Any]:

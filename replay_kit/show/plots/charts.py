@@ -22,17 +22,16 @@ from replay_kit.show.figures.along_track import (
 from replay_kit.show.figures.in_print import date_axis, drawing_of
 from replay_kit.show.figures.trust import trust_charts
 from replay_kit.show.figures.values import Axis, Chart, Mark
-from replay_kit.show.plots.current_map import At
-from replay_kit.show.plots.panel import Panel, Panels, missing
+from replay_kit.show.plots.panel import Chosen, Panel, Panels, missing
 from replay_kit.show.plots.style import colorbar, colormap
 
 
-def dive_panels(contents: Contents, at: At | None) -> Panels:
+def dive_panels(contents: Contents, chosen: Chosen) -> Panels:
     """Return the depth-averaged currents of the dives, measured, corrected and estimated, through time and against each other.
 
     Args:
         contents: Of the result.
-        at: Not used: the currents are those of the dives.
+        chosen: Not used: the currents are those of the dives.
     """
     means, notes = contents.mean_currents, list(contents.notes)
     if means.time_ns.size == 0:
@@ -56,12 +55,12 @@ def dive_panels(contents: Contents, at: At | None) -> Panels:
 _SHOWN = {"dives": 0, "innovations": 1, "calibration": 0, "error": 0}
 
 
-def trust_panels(contents: Contents, at: At | None) -> Panels:
+def trust_panels(contents: Contents, chosen: Chosen) -> Panels:
     """Return what tells whether the estimate's stated errors hold.
 
     Args:
         contents: Of the result.
-        at: Not used: all measurements count.
+        chosen: Not used: all measurements count.
     """
     notes = list(contents.notes)
     if not len(contents.result.observations):
@@ -78,14 +77,15 @@ def trust_panels(contents: Contents, at: At | None) -> Panels:
 _COMPONENTS = {"u": "eastward", "v": "northward"}
 
 
-def series_panels(contents: Contents, at: At | None) -> Panels:
+def series_panels(contents: Contents, chosen: Chosen) -> Panels:
     """Return both components of the current at a place through time.
 
     Args:
         contents: Of the result.
-        at: The place; None for the last position, at a published depth that is typical of the measurements.
+        chosen: The place; without one the last position, at a published depth that is typical of the measurements.
     """
     notes, track, slices = list(contents.notes), contents.track, contents.slices
+    at = chosen.at
     if at is None and track.time_ns.size:
         depth = typical_depth(slices, contents.result.innovations["depth"].to_numpy(np.float64))
         at = (float(track.longitude[-1]), float(track.latitude[-1]), depth)
@@ -133,12 +133,12 @@ def _series_panel(series: Series, key: str, where: str) -> figures.Panel:
 _LEAST_NS = 600_000_000_000
 
 
-def section_panels(contents: Contents, at: At | None) -> Panels:
+def section_panels(contents: Contents, chosen: Chosen) -> Panels:
     """Return depth against time along the track, of both components.
 
     Args:
         contents: Of the result.
-        at: Not used: a section follows the track.
+        chosen: Not used: a section follows the track.
     """
     bins, notes = contents.section, list(contents.notes)
     if bins.time_ns.size == 0:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.colors import PRINT
+from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, unwrap_longitude
 from replay_kit.core.text import time_text
 from replay_kit.results.views.contents import Contents
@@ -27,12 +28,10 @@ from replay_kit.show.figures.map_layers import (
     surfacing_layer,
     track_layer,
 )
-from replay_kit.show.figures.values import Layer, Mark
-from replay_kit.show.plots.panel import CONTOUR_LABEL, Panel, Panels, missing
+from replay_kit.show.figures.values import Layer, Mark, until
+from replay_kit.show.plots.panel import CONTOUR_LABEL, Chosen, Panel, Panels, missing
 from replay_kit.show.plots.style import colorbar, colormap
 
-#: A place: longitude, latitude [degrees] and depth [m].
-At = tuple[float, float, float]
 # Most arrows along the longer side of a map; degrees between meridians; the least width of a map [degrees of latitude].
 _ARROWS, _LEAST = 24, 0.02
 # Of fewer arrows side by side each is still no longer than this share of the width.
@@ -41,16 +40,19 @@ _FEW = 10.0
 ABOVE_KEY, _TITLE = 13.0, 3.0
 
 
-def map_panels(contents: Contents, at: At | None) -> Panels:
+def map_panels(contents: Contents, chosen: Chosen) -> Panels:
     """Return the current and its standard error on a map, with the track.
 
     Args:
         contents: Of the result.
-        at: Its depth is that of the map, and its place is marked; None for a depth that is typical of the measurements.
+        chosen: Place, depth and time.
+
+    Raises:
+        ConfigError: Nothing was published before the time.
     """
-    slices = slices_at(contents, at)
+    slices = slices_at(contents, chosen)
     notes = list(contents.notes)
-    if contents.estimate is None and slices is not None:
+    if contents.estimate is None and chosen.time_ns is None and slices is not None:
         notes.append("The result holds no estimate: the map shows the last published current.")
     if slices is None and contents.track.time_ns.size == 0:
         also = "; the figure plan shows its plan." if contents.last_plan is not None else "."
@@ -61,13 +63,18 @@ def map_panels(contents: Contents, at: At | None) -> Panels:
     if slices is None:
         notes.append("The result holds no current: the map shows only positions.")
         return Panels(
-            [Panel("track", partial(_marks, contents, None, at), 0.8, shares_legend=True)], 1, notes
+            [Panel("track", partial(_marks, contents, None, chosen), 0.8, shares_legend=True)],
+            1,
+            notes,
         )
-    depth, time = f"{slices.depths[0]:g} m", time_text(int(slices.time_ns[-1]))[:16]
+    asked, shown = chosen.depth if chosen.at is None else chosen.at[2], float(slices.depths[0])
+    if asked not in (None, shown):
+        notes.append(f"Requested depth: {asked:g} m; nearest published depth: {shown:g} m.")
+    depth, time = f"{shown:g} m", time_text(int(slices.time_ns[-1]))[:16]
     panels = [
         Panel(
             f"{depth}, {time}",
-            partial(_current, contents, slices, at),
+            partial(_current, contents, slices, chosen),
             _height(slices),
             True,
             ABOVE_KEY,
@@ -75,7 +82,9 @@ def map_panels(contents: Contents, at: At | None) -> Panels:
     ]
     if np.isfinite(slices.fields[0, -1, 2:]).any():
         panels.append(
-            replace(panels[0], title="standard error", draw=partial(_error, contents, slices, at))
+            replace(
+                panels[0], title="standard error", draw=partial(_error, contents, slices, chosen)
+            )
         )
     else:
         notes.append("The current has no standard error.")
@@ -83,24 +92,31 @@ def map_panels(contents: Contents, at: At | None) -> Panels:
     return Panels(panels, 2, notes)
 
 
-def slices_at(contents: Contents, at: At | None) -> CurrentSlices | None:
-    """Return the last current at one depth: that of the estimate, or without one the published slice nearest in depth."""
-    published = contents.slices
-    depth = (
-        typical_depth(published, contents.result.innovations["depth"].to_numpy(np.float64))
-        if at is None
-        else at[2]
-    )
-    if contents.estimate is not None:
+def slices_at(contents: Contents, chosen: Chosen) -> CurrentSlices | None:
+    """Return the current at one depth, last or at a time: that of the estimate, or the published slice nearest in depth.
+
+    Raises:
+        ConfigError: Nothing was published before the time.
+    """
+    published, time_ns = contents.slices, chosen.time_ns
+    depth = chosen.at[2] if chosen.at is not None else chosen.depth
+    if depth is None:
+        measured = contents.result.innovations["depth"].to_numpy(np.float64)
+        depth = typical_depth(published, measured)
+    if contents.estimate is not None and time_ns is None:
         return slices_of(contents.estimate, np.array([depth]))
     if published is None:
         return None
-    k = int(np.argmin(np.abs(published.depths - depth)))
+    k, times = int(np.argmin(np.abs(published.depths - depth))), published.time_ns
+    end = times.size if time_ns is None else int(np.searchsorted(times, time_ns, "right"))
+    if time_ns is not None and end == 0:
+        said = f"{time_text(time_ns)}; the first is of {time_text(int(times[0]))}"
+        raise ConfigError(f"--time: no current was published before {said}")
     return replace(
         published,
         depths=published.depths[k : k + 1],
-        time_ns=published.time_ns[-1:],
-        fields=published.fields[k : k + 1, -1:],
+        time_ns=times[end - 1 : end],
+        fields=published.fields[k : k + 1, end - 1 : end],
     )
 
 
@@ -236,28 +252,29 @@ def draw_seabed(contents: Contents, axes: Axes) -> None:
             text.set_gid(CONTOUR_LABEL)
 
 
-def _current(contents: Contents, slices: CurrentSlices, at: At | None, axes: Axes) -> None:
+def _current(contents: Contents, slices: CurrentSlices, chosen: Chosen, axes: Axes) -> None:
     draw_speed(contents, slices, axes)
-    _marks(contents, slices, at, axes)
+    _marks(contents, slices, chosen, axes)
 
 
-def _error(contents: Contents, slices: CurrentSlices, at: At | None, axes: Axes) -> None:
+def _error(contents: Contents, slices: CurrentSlices, chosen: Chosen, axes: Axes) -> None:
     error = np.sqrt(0.5 * (slices.fields[0, -1, 2] ** 2 + slices.fields[0, -1, 3] ** 2))
     _field(contents, slices, error, axes, ("amp", "standard error [m s$^{-1}$]"))
-    _marks(contents, slices, at, axes)
+    _marks(contents, slices, chosen, axes)
 
 
-def _marks(contents: Contents, slices: CurrentSlices | None, at: At | None, axes: Axes) -> None:
+def _marks(contents: Contents, slices: CurrentSlices | None, chosen: Chosen, axes: Axes) -> None:
+    at, end = chosen.at, chosen.time_ns
     if slices is None:
         _widen(contents, axes)
     draw_seabed(contents, axes)
     draw_layers(
         contents,
         axes,
-        hazard_layer(contents),
-        track_layer(contents),
-        surfacing_layer(contents),
-        plan_layer(contents),
+        until(hazard_layer(contents), end),
+        track_layer(contents, end),
+        until(surfacing_layer(contents), end),
+        until(plan_layer(contents), end),
     )
     if at is not None:
         x = np.array([float(unwrap_longitude(at[0], contents.projection.longitude))])

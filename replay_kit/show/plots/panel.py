@@ -24,6 +24,25 @@ _LAYOUTS = 5
 CONTOUR_LABEL = "contour label"
 
 
+#: A place: longitude, latitude [degrees] and depth [m].
+At = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """What of a result a figure shows; None leaves the choice to the figure.
+
+    Attributes:
+        at: The place of a series, marked on a map, whose depth it states.
+        depth: Of a map without a place [m].
+        time_ns: Of a map [ns, UTC]: it shows the current published last before it, and nothing later.
+    """
+
+    at: At | None = None
+    depth: float | None = None
+    time_ns: int | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class Panel:
     """A panel of a figure.

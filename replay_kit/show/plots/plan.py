@@ -16,7 +16,6 @@ from replay_kit.show.figures.map_layers import hazard_layer, plan_layer, surfaci
 from replay_kit.show.figures.plan import profile_chart
 from replay_kit.show.plots.current_map import (
     ABOVE_KEY,
-    At,
     degrees,
     draw_layers,
     draw_seabed,
@@ -25,15 +24,15 @@ from replay_kit.show.plots.current_map import (
     slices_at,
     without_current,
 )
-from replay_kit.show.plots.panel import Panel, Panels, missing
+from replay_kit.show.plots.panel import Chosen, Panel, Panels, missing
 
 
-def plan_panels(contents: Contents, at: At | None) -> Panels:
+def plan_panels(contents: Contents, chosen: Chosen) -> Panels:
     """Return the last plan on a map, and its depth along its way.
 
     Args:
         contents: Of the result.
-        at: Its depth is that of the map's current; None for one that is typical of the measurements.
+        chosen: Depth of the map's current.
     """
     plan, notes = contents.last_plan, list(contents.notes)
     if plan is None:
@@ -53,7 +52,7 @@ def plan_panels(contents: Contents, at: At | None) -> Panels:
     else:
         notes.append(_in_words(plan.row))
         notes += _figures_in_words(plan)
-    slices, around = slices_at(contents, at), _around(plan)
+    slices, around = slices_at(contents, chosen), _around(plan)
     notes += [] if slices is None else without_current(slices, around)
     panels = [
         Panel(

@@ -7,16 +7,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.time import parse_time
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.plots.charts import dive_panels, section_panels, series_panels, trust_panels
-from replay_kit.show.plots.current_map import At, map_panels
-from replay_kit.show.plots.panel import Panels, compose
+from replay_kit.show.plots.current_map import map_panels
+from replay_kit.show.plots.panel import At, Chosen, Panels, compose
 from replay_kit.show.plots.plan import plan_panels
 from replay_kit.show.plots.style import WIDTHS
 
 #: Each figure by its name.
-KINDS: Mapping[str, Callable[[Contents, At | None], Panels]] = MappingProxyType(
+KINDS: Mapping[str, Callable[[Contents, Chosen], Panels]] = MappingProxyType(
     {
         "map": map_panels,
         "section": section_panels,
@@ -28,23 +29,35 @@ KINDS: Mapping[str, Callable[[Contents, At | None], Panels]] = MappingProxyType(
 )
 
 
-def drawn(contents: Contents, kind: str, at: At | None = None, columns: int = 2) -> Figure:
+_FREE = Chosen()
+# The figures that have a place, a depth, a time of the current.
+_HAVE = {"at": ("map", "series", "plan"), "depth": ("map", "plan"), "time": ("map",)}
+
+
+def drawn(contents: Contents, kind: str, chosen: Chosen = _FREE, columns: int = 2) -> Figure:
     """Return a figure of a result.
 
     Args:
         contents: Of the result.
         kind: One of ``KINDS``.
-        at: Longitude, latitude [degrees] and depth [m] of ``map``, ``series`` and ``plan``; None chooses them.
+        chosen: Place, depth and time.
         columns: 1 or 2, of a page, for the figure's width.
 
     Raises:
-        ConfigError: The figure is not known, or the number of columns is another.
+        ConfigError: The figure is not known, or has no such place, depth or time, or the number of columns is another.
     """
     if kind not in KINDS:
         raise ConfigError(f"figure: expected one of {', '.join(KINDS)}, got '{kind}'")
     if columns not in WIDTHS:
         raise ConfigError(f"columns: expected 1 or 2, got {columns!r}")
-    return compose(KINDS[kind](contents, at), columns)
+    for name, value in (("at", chosen.at), ("depth", chosen.depth), ("time", chosen.time_ns)):
+        if value is not None and kind not in _HAVE[name]:
+            raise ConfigError(
+                f"--{name}: the figure {kind} has none; {', '.join(_HAVE[name])} would obey it"
+            )
+    if chosen.at is not None and chosen.depth is not None:
+        raise ConfigError("--depth: --at states a depth already; leave one of them out")
+    return compose(KINDS[kind](contents, chosen), columns)
 
 
 class Plots:
@@ -59,41 +72,48 @@ class Plots:
         self._contents = Contents(result)
 
     def map(
-        self, ax: Axes | None = None, *, panel: int = 0, at: At | None = None, columns: int = 2
+        self,
+        ax: Axes | None = None,
+        *,
+        panel: int = 0,
+        at: At | None = None,
+        time: str | None = None,
+        columns: int = 2,
     ) -> Figure:
-        """Return the current and its standard error at a depth, with the track."""
-        return self._figure("map", ax, panel, at, columns)
+        """Return the current and its standard error at a depth, with the track; at ``time``, ISO 8601, nothing later."""
+        time_ns = None if time is None else parse_time(time)
+        return self._figure("map", ax, panel, Chosen(at, time_ns=time_ns), columns)
 
     def section(self, ax: Axes | None = None, *, panel: int = 0, columns: int = 2) -> Figure:
         """Return measured, estimated, difference and standard error along the track, each eastward and northward."""
-        return self._figure("section", ax, panel, None, columns)
+        return self._figure("section", ax, panel, Chosen(), columns)
 
     def series(
         self, ax: Axes | None = None, *, panel: int = 0, at: At | None = None, columns: int = 2
     ) -> Figure:
         """Return both components of the current at a place through time."""
-        return self._figure("series", ax, panel, at, columns)
+        return self._figure("series", ax, panel, Chosen(at), columns)
 
     def dac(self, ax: Axes | None = None, *, panel: int = 0, columns: int = 2) -> Figure:
         """Return the depth-averaged currents of the dives beside the estimate's."""
-        return self._figure("dac", ax, panel, None, columns)
+        return self._figure("dac", ax, panel, Chosen(), columns)
 
     def trust(self, ax: Axes | None = None, *, panel: int = 0, columns: int = 2) -> Figure:
         """Return the innovations against their stated errors."""
-        return self._figure("trust", ax, panel, None, columns)
+        return self._figure("trust", ax, panel, Chosen(), columns)
 
     def plan(
         self, ax: Axes | None = None, *, panel: int = 0, at: At | None = None, columns: int = 2
     ) -> Figure:
         """Return the last plan on a map, and its depth."""
-        return self._figure("plan", ax, panel, at, columns)
+        return self._figure("plan", ax, panel, Chosen(at), columns)
 
     def _figure(
-        self, kind: str, ax: Axes | None, panel: int, at: At | None, columns: int
+        self, kind: str, ax: Axes | None, panel: int, chosen: Chosen, columns: int
     ) -> Figure:
         if ax is None:
-            return drawn(self._contents, kind, at, columns)
-        panels = KINDS[kind](self._contents, at).panels
+            return drawn(self._contents, kind, chosen, columns)
+        panels = KINDS[kind](self._contents, chosen).panels
         if not 0 <= panel < len(panels):
             raise ConfigError(
                 f"panel: expected 0 to {len(panels) - 1}, got {panel}; {kind} has {len(panels)} here"

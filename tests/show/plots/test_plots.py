@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
+from replay_kit.core.text import time_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import series_at, typical_depth
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.figures.in_print import date_axis
-from replay_kit.show.plots import ENDINGS, KINDS, drawn
+from replay_kit.show.plots import ENDINGS, KINDS, Chosen, drawn
 from replay_kit.show.plots.current_map import _degrees_text, _nice
 from replay_kit.show.plots.style import colormap, saved
 from tests.results.cases import moved, write
@@ -200,19 +201,54 @@ def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
 
 def test_a_place_outside_the_region_is_said(contents):
     assert "is on land, below the bottom, or outside the region" in words(
-        drawn(contents, "series", (6.0, 62.0, 10.0))
+        drawn(contents, "series", Chosen((6.0, 62.0, 10.0)))
     )
 
 
 def test_the_depth_asked_for_is_that_of_the_map(contents):
-    assert "(a) 77 m, " in words(drawn(contents, "map", (5.0, 62.0, 77.0)))
-    figure = drawn(contents, "series", (5.0, 62.0, 77.0))
+    assert "(a) 77 m, " in words(drawn(contents, "map", Chosen((5.0, 62.0, 77.0))))
+    figure = drawn(contents, "series", Chosen((5.0, 62.0, 77.0)))
     said = words(figure)
     assert "(a) eastward current, 5.0000 E, 62.0000 N, 77 m" in said
     assert (
         "At 77 m only the last standard error is known; through time it was published at 0.5, 120 m."
         in said
     )
+
+
+def test_a_map_of_a_time_has_the_current_published_before_it_and_nothing_later(contents):
+    times, track = contents.slices.time_ns, contents.track
+    moment = int(times[1]) + 1
+    figure = drawn(contents, "map", Chosen(depth=100.0, time_ns=moment))
+    assert f"(a) 120 m, {time_text(int(times[1]))[:16]}" in words(figure)
+    assert "Requested depth: 100 m; nearest published depth: 120 m." in words(figure)
+    x, y = next(line for line in figure.axes[0].lines if line.get_label() == "track").get_data()
+    seen = int(np.searchsorted(track.time_ns, moment, "right"))
+    assert 0 < seen < track.time_ns.size == len(drawn_track(contents))
+    assert len(x) == len(y) == seen
+    np.testing.assert_allclose(y, track.latitude[:seen])
+    with pytest.raises(ConfigError, match="no current was published before"):
+        drawn(contents, "map", Chosen(time_ns=int(times[0]) - 1))
+
+
+@pytest.mark.parametrize(
+    ("kind", "chosen", "said"),
+    [
+        ("trust", Chosen((5.0, 62.0, 77.0)), "--at: the figure trust has none; map, series, plan"),
+        ("series", Chosen(depth=9.0), "--depth: the figure series has none; map, plan"),
+        ("plan", Chosen(time_ns=1), "--time: the figure plan has none; map would obey it"),
+        ("map", Chosen((5.0, 62.0, 77.0), 9.0), "--depth: --at states a depth already"),
+    ],
+)
+def test_what_a_figure_does_not_have_is_refused(contents, kind, chosen, said):
+    with pytest.raises(ConfigError, match=said):
+        drawn(contents, kind, chosen)
+
+
+def drawn_track(contents):
+    """Return the longitudes of the whole track as the map draws it."""
+    axes = drawn(contents, "map").axes[0]
+    return next(line for line in axes.lines if line.get_label() == "track").get_xdata()
 
 
 def test_at_a_depth_that_was_not_published_the_series_is_that_of_the_weights(contents):
@@ -244,7 +280,7 @@ def test_without_an_estimate_the_series_is_that_of_the_nearest_depth_and_says_so
     tmp_path, flow, innovation, plan
 ):
     contents = no_estimate(tmp_path / "case.mcap", flow, innovation, plan)
-    said = words(drawn(contents, "series", (5.0, 62.0, 77.0)))
+    said = words(drawn(contents, "series", Chosen((5.0, 62.0, 77.0))))
     assert "120 m" in said
     assert "Requested depth: 77 m; nearest published depth: 120 m." in said
 

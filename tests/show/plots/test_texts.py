@@ -16,7 +16,7 @@ from replay_kit.core.plan import Area, Odds, Plan
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.plots import KINDS, drawn
+from replay_kit.show.plots import KINDS, Chosen, drawn
 from tests.results.cases import on, one_bin, turned, write
 from tests.show.plots.texts import complaints
 from tests.synthetic_flow import synthetic_flow
@@ -148,7 +148,7 @@ def test_the_map_has_the_plan_and_its_goal(
         *axes.transData.transform((row["goal_longitude"], row["goal_latitude"]))
     )
     longitude, latitude = contents.track.longitude[-1], contents.track.latitude[-1]
-    figure = drawn(contents, "map", (longitude, latitude, 0.0))
+    figure = drawn(contents, "map", Chosen((longitude, latitude, 0.0)))
     (place,) = (line for line in figure.axes[0].lines if line.get_label() == "requested place")
     np.testing.assert_allclose([*place.get_xdata(), *place.get_ydata()], [longitude, latitude])
 
