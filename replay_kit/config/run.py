@@ -172,11 +172,11 @@ class MeasurementConfig(Section):
         gt=0.0,
         description="Rms speed of the region's currents [m/s], for the errors of geostrophic shear. Default: the ensemble's.",
     )
-    surface_tide_std: float = Field(
-        default=0.08,
+    surface_tide_std: float | None = Field(
+        default=None,
         ge=0.0,
         description="Speed of tides and inertial motion at the surface that the forecast does not hold [m/s], of each component: an "
-        "error of currents by radar and of drifters; 0 for a forecast or a model of time that holds them.",
+        "error of currents by radar and of drifters; 0 for a forecast or a model of time that holds them. Default: 0.08.",
     )
     surface_spacing: float | None = Field(
         default=None,

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 _LONGEST_NS = 3 * 3600 * 10**9
 # m/s; of currents where nothing else is known
 _SPEED = 0.2
-_SPACING = 10e3  # m
+# m, and m/s
+_SPACING, _TIDE = 10e3, 0.08
 _MEMBERS = 4
 _OUTSIDE, _TOO_FAST = (
     "drifter outside the ensemble's box",
@@ -62,6 +63,10 @@ def for_region(config: RunConfig, ensemble: Ensemble) -> RunConfig:
     )
 
 
+def _tide_of(config: MeasurementConfig) -> float:
+    return _TIDE if config.surface_tide_std is None else config.surface_tide_std
+
+
 def record_radar(
     state: MeasurementState, stated: RadarCurrents, source: Source, config: MeasurementConfig
 ) -> Step:
@@ -74,9 +79,7 @@ def record_radar(
     if not stated.error_std.size:
         return state, [Skipped(source.topic, _NO_VECTOR)]
     label = Label(state.dive, source, kind="radar")
-    made = superobservations(
-        stated, label, config.surface_spacing or _SPACING, config.surface_tide_std
-    )
+    made = superobservations(stated, label, config.surface_spacing or _SPACING, _tide_of(config))
     return state, [Used(source.topic), *made]
 
 
@@ -94,7 +97,7 @@ def record_drifter(
     before = state.drifters.get(stated.name)
     made = None
     if before is not None:
-        errors = Errors(config.fix_std, config.surface_tide_std)
+        errors = Errors(config.fix_std, _tide_of(config))
         made = displacement(before, (source, stated), errors, state.dive)
     if made is not None and np.abs(made.value).max() > config.max_speed:
         return state, [Skipped(source.topic, _TOO_FAST)]
