@@ -198,9 +198,8 @@ class QualityConfig(Section):
         return suspect, fail
 
 
-Kind = Literal["dac", "drift", "profiles"]
-_KINDS = ("dac", "drift", "profiles")
-_EXPECTED = "expected dac, drift, profiles or dives:3-5"
+_KINDS = ("dac", "drift", "profiles", "shear", "radar", "drifters")
+_EXPECTED = "expected dac, drift, profiles, shear, radar, drifters or dives:3-5"
 
 
 def checked_rules(rules: Sequence[str]) -> None:
@@ -220,7 +219,7 @@ def checked_rules(rules: Sequence[str]) -> None:
         raise ValueError(f"{_EXPECTED}, each once; '{repeated[0]}' is there twice")
 
 
-def rules_for(rules: Sequence[str], kind: Kind, dive: int) -> tuple[str, ...]:
+def rules_for(rules: Sequence[str], kind: str, dive: int) -> tuple[str, ...]:
     """Return the rules that leave out a measurement of some kind and dive.
 
     Args:

@@ -167,10 +167,30 @@ class MeasurementConfig(Section):
         ge=0.0,
         description="E-folding distance of the correlation of the errors within a ping that states none [m].",
     )
+    regional_speed: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="Rms speed of the region's currents [m/s], for the errors of geostrophic shear. Default: the ensemble's.",
+    )
+    surface_tide_std: float | None = Field(
+        default=None,
+        ge=0.0,
+        description="Speed of tides and inertial motion at the surface that the forecast does not hold [m/s], of each component: an "
+        "error of currents by radar and of drifters; 0 for a forecast or a model of time that holds them. Default: 0.08.",
+    )
+    surface_spacing: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="Width of the boxes in which radar currents are averaged [m]. Default: the ensemble's cells.",
+    )
+    surface_box: tuple[float, float, float, float] | None = Field(
+        default=None,
+        description="West, south, east and north bound of the radar currents and drifters used [degrees]. Default: the ensemble's.",
+    )
     without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
         default=(),
-        description="Withhold measurements (data denial): dac, drift, profiles, dives:3-5. Values that the log's own "
-        "programs computed from them stay.",
+        description="Withhold measurements (data denial): dac, drift, profiles, shear, radar, drifters, dives:3-5. Values that the "
+        "log's own programs computed from them stay.",
     )
     map: tuple[TopicMap, ...] = Field(
         default=(),

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 #: ``dialects``: ``Dialect`` of glider files. ``estimators``: function of an ``Ensemble`` and the ``EstimatorConfig`` that returns an
 #: ``Estimator``; its name is that of ``--estimator``. ``checks``: ``PingCheck`` or ``PositionCheck``. ``sections``: function of the
 #: report's ``Contents`` that returns a ``Section``. ``objectives``: ``Objective`` of missions; its name is that of ``--objective``.
-Kind = Literal["logs", "dialects", "estimators", "checks", "sections", "objectives"]
+#: ``radar_totals``: ``TotalsDialect`` of files of HF radars.
+Kind = Literal["logs", "dialects", "radar_totals", "estimators", "checks", "sections", "objectives"]
 
 
 def names_of(kind: Kind) -> tuple[str, ...]:

@@ -139,6 +139,10 @@ class RawValues:
 NO_RAW_VALUES = RawValues()
 
 
+#: Sources of measurements beside the vehicle's own profiles and mean currents.
+Kind = Literal["", "shear", "radar", "drifters"]
+
+
 @dataclass(frozen=True, slots=True)
 class Label:
     """What statistics say of a measurement; no estimate depends on it.
@@ -147,11 +151,15 @@ class Label:
         dive: Number of the dive; as in ``Observation``.
         source: The message that completed it.
         mean: The mean along a path that it was made of; None for others.
+        kind: ``shear``, ``radar`` or ``drifters``; empty for the vehicle's own profiles and mean currents.
+        doubt: What may be wrong with it, in words; empty where nothing is known.
     """
 
     dive: int
     source: Source
     mean: "PathMean | None" = None
+    kind: Kind = ""
+    doubt: str = ""
 
 
 #: Of a sensor that measures both components of the current: true east, true north.
@@ -163,7 +171,8 @@ class LinearMeasurement:
     """Sums of the current's components at points: what every measurement is to an estimator.
 
     Value i of component c is the sum over the points p of ``weights[i, p]`` times the current at p along ``components[c]``. The values of
-    a component err with the covariance s_i s_j exp(-|z_i - z_j| / L) + c^2, those of two components independently.
+    a component err with the covariance s_i s_j r_ij + c^2, where r_ij is stated or exp(-|z_i - z_j| / L), those of two components
+    independently.
 
     Attributes:
         time_ns: When it was known [ns, UTC].
@@ -181,6 +190,7 @@ class LinearMeasurement:
         label: For statistics.
         platform_velocity: As in ``Observation``: of an instrument whose systematic errors act along its motion.
         components: shape (c, 2), unit vectors along true east and true north; two of them are orthogonal.
+        correlation: shape (n, n), r: of the values' own errors, where it does not depend on depths alone; None for that by L.
     """
 
     time_ns: int
@@ -198,6 +208,7 @@ class LinearMeasurement:
     correlation_depth: float = 0.0
     platform_velocity: tuple[float, float] | None = None
     components: Array = field(default_factory=lambda: BOTH_COMPONENTS)
+    correlation: Array | None = None
 
     @property
     def linear(self) -> "LinearMeasurement":
@@ -234,18 +245,34 @@ class LinearMeasurement:
         """Longitude and latitude [degrees] of the point up to which half of the weight lies."""
         at = 0
         if self.weights is not None and not self.at_one_place:
-            share = np.cumsum(self.weights.mean(axis=0))
-            at = min(int(np.searchsorted(share, 0.5)), share.size - 1)
+            at = _half_way(self.weights.mean(axis=0))
         return float(self.longitude[at]), float(self.latitude[at])
+
+    @property
+    def value_places(self) -> tuple[Array, Array]:
+        """Longitude and latitude of each value [degrees], shapes (n,), as of ``middle``; shapes (1,) where all have one place."""
+        if self.weights is None or self.at_one_place or len(self.weights) == 1:
+            longitude, latitude = self.middle
+            return np.array([longitude]), np.array([latitude])
+        at = [_half_way(row) for row in self.weights]
+        return self.longitude[at], self.latitude[at]
 
     def covariance(self, used: NDArray[np.intp]) -> Array:
         """Return the error covariance of some values of a component [m^2/s^2], without the shared error where that is infinite."""
         own, depth = self.error_std[used], self.value_depth[used]
         cov = np.diag(own**2)
-        if self.correlation_depth > 0.0:
+        if self.correlation is not None:
+            cov = np.outer(own, own) * self.correlation[np.ix_(used, used)]
+        elif self.correlation_depth > 0.0:
             distance = np.abs(depth[:, None] - depth) / self.correlation_depth
             cov = np.outer(own, own) * np.exp(-distance)
         return cov + self.common_std**2 if 0.0 < self.common_std < np.inf else cov
+
+
+def _half_way(weights: Array) -> int:
+    """Return the point up to which half of the weight lies."""
+    share = np.cumsum(weights)
+    return min(int(np.searchsorted(share, 0.5)), share.size - 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -533,6 +560,13 @@ def _stated_errors(error: Any, n: int) -> Array:
 
 #: What an estimator may be given.
 Measurement = Observation | PathMean | LinearMeasurement
+
+
+def kind_of(measurement: Measurement) -> str:
+    """Return ``profiles``, the kind of a mean along a path, or that of another source."""
+    if isinstance(measurement, LinearMeasurement):
+        return measurement.label.kind
+    return measurement.kind if isinstance(measurement, PathMean) else "profiles"
 
 
 Decision = Literal["accepted", "softened", "rejected", "unusable"]

@@ -18,9 +18,9 @@ STREAMS = (".mcap", ".tlog", ".bin", ".pd0", ".enx", ".ens", ".ad2cp", ".000")
 _BAG = "metadata.yaml"
 _PART = re.compile(r"^\s*-\s+[\"']?([^\s\"':]+\.(?:mcap|db3)(?:\.zstd)?)[\"']?\s*$", re.MULTILINE)
 _SLOCUM_NAME = re.compile(r".*\.[demnst][bc]d", re.IGNORECASE)
-#: Names of glider files, which come whole.
+#: Names of files of gliders and radars, which come whole.
 GLIDER_NAMES = re.compile(
-    r".*\.(nc|nc4|cdf)|.*\.[demnst][bc]d|.*\.(gli|pld1)\.(sub|raw|all)(\.\d+)?(\.gz)?|.*\.(gli|pld1)(\.\d+)?(\.gz)?",
+    r".*\.(nc|nc4|cdf|ruv)|.*\.[demnst][bc]d|.*\.(gli|pld1)\.(sub|raw|all)(\.\d+)?(\.gz)?|.*\.(gli|pld1)(\.\d+)?(\.gz)?",
     re.IGNORECASE,
 )
 
@@ -78,6 +78,7 @@ def _bag(path: Path) -> list[Path]:
 
 
 _NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
+_RADIALS, _OF_STATION = b"%CTF:", ("radials",)
 _DATAFLASH_MAGIC = b"\xa3\x95"
 # as they are, or in the first block of a compressed file
 _SLOCUM = re.compile(rb"(.{3,5})?dbd_label:", re.DOTALL)
@@ -151,6 +152,7 @@ FORMATS = (
     LogFormat("slocum", _is_slocum, _reader("slocum.reader", "open_slocum")),
     LogFormat("pd0", _begins(PD0_MAGIC), _reader("adcp.reader", "RawAdcpReader")),
     LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _reader("adcp.reader", "RawAdcpReader")),
+    LogFormat("radials", _begins(_RADIALS), _reader("surface.lluv", "RadialsReader")),
     LogFormat("tlog", _is_tlog, _reader("mavlink.reader", "TlogReader")),
     LogFormat("dataflash", _is_dataflash, _reader("dataflash.reader", "DataflashReader")),
 )
@@ -209,7 +211,7 @@ def open_log(
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
         f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider file (NetCDF, "
-        "SeaExplorer, Slocum), or a raw ADCP file (PD0, AD2CP); "
+        "SeaExplorer, Slocum), currents by HF radar (NetCDF, LLUV), or a raw ADCP file (PD0, AD2CP); "
         + (
             f"this is {foreign}"
             if foreign
@@ -270,7 +272,12 @@ def _mission(path: Path) -> tuple[str, ...]:
         from replay_kit.logs.slocum.reader import glider_of
 
         return *_NO_HEADER, *glider_of(path)
-    if not _is_glider(_first_bytes(path)):
+    head = _first_bytes(path)
+    if head.startswith(_RADIALS):
+        from replay_kit.logs.surface.lluv import header, station
+
+        return *_OF_STATION, station(header(path))
+    if not _is_glider(head):
         return ()
     from replay_kit.logs.glider.files import mission_key
 
@@ -292,6 +299,10 @@ def _opened(
         from replay_kit.logs.slocum.reader import open_slocum
 
         return open_slocum(group[0], number, config, wanted, group[1:])
+    if _first_bytes(group[0]).startswith(_RADIALS):
+        from replay_kit.logs.surface.lluv import RadialsReader
+
+        return RadialsReader(group, number, config)
     from replay_kit.logs.glider.reader import open_glider
 
     return open_glider(group[0], number, config, wanted, group[1:])

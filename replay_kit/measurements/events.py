@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from replay_kit.core.observation import Observation, PathMean, VehicleState
 from replay_kit.measurements.quality.tests import Check, Checks
+from replay_kit.core.observation import Measurement, VehicleState
+from replay_kit.measurements.quality.tests import Check
 
 # What code that trusts a payload's types raises when they are not what they should be.
 MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
@@ -46,7 +48,7 @@ class Skipped:
     reason: str
 
 
-Event = VehicleState | Observation | PathMean | Used | Skipped
+Event = VehicleState | Measurement | Used | Skipped
 
 
 _LEFT_OUT, _BY = "left out: ", " (measurements.without)"

@@ -17,7 +17,7 @@ from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Measurement, Observation, PathMean, Source
+from replay_kit.core.observation import Measurement, PathMean, Source, kind_of
 from replay_kit.measurements.events import (
     MALFORMED,
     NOT_A_KIND,
@@ -33,8 +33,9 @@ from replay_kit.measurements.messages.mapped import Component, component, joined
 from replay_kit.measurements.messages.mavlink import PingFrame
 from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.messages.vehicle import Depth, Dvl, Pose, Position, Pressure
+from replay_kit.measurements.messages.water import Ctd, DrifterFix, RadarCurrents
 from replay_kit.measurements.ping.adcp_ping import Orientation
-from replay_kit.measurements.steps import pings
+from replay_kit.measurements.steps import pings, water
 from replay_kit.measurements.steps.pings import take_stated_ping
 from replay_kit.measurements.steps.position_matching import (
     PlacedPing,
@@ -105,6 +106,9 @@ _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig
             Depth: record_depth,
             Pressure: record_pressure,
             MeanCurrent: record_mean_current,
+            Ctd: water.record_ctd,
+            RadarCurrents: water.record_radar,
+            DrifterFix: water.record_drifter,
         }
     )
 )
@@ -200,7 +204,8 @@ def _step(state: MeasurementState, message: Message, config: MeasurementConfig) 
 def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
     """Return the events of what still waits when the log ends."""
     waiting = _ended(state, state.waiting, config)
-    events = [*pings.incomplete(state.frames), *alone(state), *waiting]
+    line = [] if state.line is None else water.unfinished(state, config)
+    events = [*pings.incomplete(state.frames), *alone(state), *waiting, *line]
     return _kept(observed([events], config), config)[0]
 
 
@@ -259,6 +264,9 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         # it counts even where the profile does not; the message counts once, as the ping that it is
         state, (_, *events) = record_position(state, stated.position, source, config)
     state, more = _STEPS[type(stated)](state, stated, source, config)
+    if state.line is not None and not state.submerged and isinstance(stated, Position):
+        state, of_dive = water.surfaced(state, config)
+        more = [*more, *of_dive]
     return state, [*events, *more]
 
 
@@ -286,11 +294,9 @@ def without(events: Sequence[Event], rules: Sequence[str]) -> list[Event]:
     """
     kept = list(events)
     for event in events:
-        if not isinstance(event, Observation | PathMean):
+        if not isinstance(event, Measurement):
             continue
-        applied = rules_for(
-            rules, "profiles" if isinstance(event, Observation) else event.kind, event.dive
-        )
+        applied = rules_for(rules, kind_of(event), event.dive)
         if not applied:
             continue
         kept = [other for other in kept if other is not event]

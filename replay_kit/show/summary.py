@@ -22,6 +22,7 @@ from replay_kit.show.words import (
     outcomes_sentence,
     plan_sentence,
     referee_sentences,
+    source_sentence,
     surfacings_sentences,
 )
 
@@ -132,13 +133,19 @@ def estimate_sentences(outcome: Outcome) -> Iterator[str]:
     counts, rms = outcome.observations, outcome.rms_innovation
     rejected = ", ".join(f"{count} {name}" for name, count in counts["bins_rejected"].items())
     means = counts.get("mean_currents", 0)
-    profiles = f"{counts['used'] - means} profiles used ({counts['bins_used'] - means} bins)"
+    others, values = (
+        sum(row[name] for row in counts.get("sources", ())) for name in ("used", "values")
+    )
+    own = counts["used"] - means - others
+    profiles = f"{own} profiles used ({counts['bins_used'] - means - values // 2} bins)"
     currents = f"{means} mean {'current' if means == 1 else 'currents'} used"
     used = [
-        *([profiles] if means < counts["used"] or not means else []),
+        *([profiles] if own or not means + others else []),
         *([currents] if means else []),
     ]
     yield f"Observations: {', '.join(used)}, {counts['rejected']} rejected; bins not used: {rejected or 'none'}"
+    for row in counts.get("sources", ()):
+        yield f"Also used: {source_sentence(row)}"
     nis = "none" if outcome.nis_per_dof is None else f"{outcome.nis_per_dof:.2f}"
     yield (
         f"RMS innovation: {_cm(rms['before'])} before each update, {_cm(rms['after'])} after it, "

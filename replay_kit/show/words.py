@@ -132,6 +132,26 @@ def referee_sentences(found: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
+#: The sources beside the vehicle's own profiles and mean currents.
+SOURCES = {"shear": "geostrophic shear", "radar": "HF radar", "drifters": "drifters"}
+
+
+def source_sentence(row: Mapping[str, Any]) -> str:
+    """Return what a source of ``observations.sources`` gave, as a sentence."""
+    rms = [
+        "none" if row[f"rms_{name}"] is None else f"{100.0 * row[f'rms_{name}']:.1f}"
+        for name in ("prior", "before", "after")
+    ]
+    nis = "none" if row["nis_per_dof"] is None else f"{row['nis_per_dof']:.2f}"
+    return "; ".join(
+        (
+            f"{SOURCES[row['kind']]}: {row['used']} measurements used ({row['values']} values), {row['rejected']} rejected",
+            f"RMS innovation {rms[0]} cm/s by the prior forecast, {rms[1]} before and {rms[2]} after each update; NIS per value {nis}",
+            *row["doubts"],
+        )
+    )
+
+
 def flight_correction_sentence(found: Mapping[str, Any]) -> str:
     """Return the figures of ``flight_correction_json`` as a sentence."""
     count = found["corrected"]

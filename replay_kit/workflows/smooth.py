@@ -18,7 +18,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown, FlownDive
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
+from replay_kit.core.observation import Innovation, Measurement, PathMean, VehicleState
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
@@ -28,6 +28,7 @@ from replay_kit.logs import merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency.tracks import LogTracks
+from replay_kit.measurements.steps.water import for_region
 from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.workflows.replay.inputs.estimator import build, flow_at
@@ -37,7 +38,7 @@ from replay_kit.workflows.replay.inputs.opened import forecasts_of
 from replay_kit.workflows.replay.inputs.provenance import run_metadata, run_settings_toml
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.stages.consistency import MonitoringState, require_one_vehicle
-from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
+from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate, inputs_of
 from replay_kit.workflows.replay.stages.publishing import Weights, depth_slices, write
 from replay_kit.workflows.replay.statistics import RunStatistics
 from replay_kit.workflows.replay.stopwatch import Stopwatch
@@ -111,7 +112,7 @@ def smooth(
             estimator = build(forecasts, config, None)
         with clock.stage("estimate"):
             readers = open_readers(job.logs, config)
-            read = _events(readers, estimator, config, progress)
+            read = _events(readers, estimator, for_region(config, forecasts.ensemble), progress)
             if config.consistency.on_failure != "ignore":
                 positions = (event for event in read.events if isinstance(event, VehicleState))
                 require_one_vehicle(
@@ -161,7 +162,7 @@ def _events(
     readers: Any, estimator: Estimator[Any], config: RunConfig, progress: Progress
 ) -> _Read:
     """Return what the logs hold, with the statistics of all but positions and measurements."""
-    kinds = (VehicleState, Observation, *((PathMean,) if estimator.supports_path_means else ()))
+    kinds = inputs_of(estimator)
     settings, advance = config.logs, reading(readers, progress, "reading the logs")
     merged = merge(readers, settings.reorder_window, settings.start_ns, settings.end_ns)
     kept: list[VehicleState | Measurement] = []

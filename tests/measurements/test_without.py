@@ -47,7 +47,9 @@ def test_what_is_left_out_counts_as_not_used_for_its_own_reason():
     "rule", ["current", "dives:", "dives:5-3", "dives:0", "dives:1-2-3", "DAC"]
 )
 def test_a_rule_that_is_none_is_refused(rule):
-    with pytest.raises(ValueError, match="expected dac, drift, profiles or dives:3-5"):
+    with pytest.raises(
+        ValueError, match="expected dac, drift, profiles, shear, radar, drifters or dives:3-5"
+    ):
         MeasurementConfig(without=(rule,))
     with pytest.raises(ValueError, match="each once"):
         MeasurementConfig(without=("dac", "dac"))

@@ -176,7 +176,7 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
             return screened, None
         if screened.observation.at_one_place:
             return screened, self.operator.profile(screened.observation, screened.used)
-        return screened, self.operator.path(screened.observation)
+        return screened, self.operator.path(screened.observation, screened.used)
 
     def update(
         self, state: EvolvingState, candidate: "Candidate"

@@ -257,13 +257,13 @@ class ObservationOperator:
         rows = np.matmul(r, np.tensordot(components, design, axes=1))
         return LinearObservation(q, noise, about, components, rows.reshape(-1, rows.shape[2]))
 
-    def path(self, observation: Measurement) -> LinearObservation:
-        """Return the rows of sums over several places: each point counts at its own time.
+    def path(self, observation: Measurement, used: NDArray[np.intp]) -> LinearObservation:
+        """Return the rows of a measurement's usable values, sums over several places: each point counts at its own time.
 
         The unknowns are those at the measurement's time. Pairs are rotated back to each point's; process noise in between is neglected.
         """
         mean, grid, process = observation.linear, self.basis.grid, self.process
-        used, places = np.arange(len(mean.value)), places_of(mean, grid.projection)
+        places = places_of(mean, grid.projection)
         assert mean.weights is not None, "each value is a sum over places"
         velocity = self.basis.horizontal.velocity
         modes, offset = velocity(places, self.basis.modes), velocity(places, self.basis.offset)
@@ -276,7 +276,7 @@ class ObservationOperator:
             self.oscillations.weights(mean.depth),
         )
         known, rows = [], []
-        for weights in mean.weights:
+        for weights in mean.weights[used]:
             levels, knots = weights[:, None] * at_levels, weights[:, None] * at_knots
             of_known, of_process = process.project_sum(levels, modes, shares)
             known.append(of_known + np.einsum("pz,cpz->c", levels, offset))

@@ -36,16 +36,22 @@ def screen(
         np.stack([getattr(each, name) for each in measurements])
         for name in ("flags", "reasons", "value_depth", "value", "error_std")
     )
-    east, north = to_local(grid.projection, *_places(measurements))
-    outside = np.broadcast_to(~inside_grid(grid, east, north)[:, None], flags.shape)
+    (first, *others) = measurements
+    spread = not (others or first.at_one_place)
+    places = first.value_places if spread else _places(measurements)
+    # shapes (n, 1), or (1, m) of one measurement whose values have places of their own
+    east, north = (
+        each[None] if spread else each[:, None] for each in to_local(grid.projection, *places)
+    )
+    outside = np.broadcast_to(~inside_grid(grid, east, north), flags.shape)
     # the level nearest in depth decides whether a bin is in the forecast's water
     level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
     nearest = np.argmin(
-        (grid.east.ravel() - east[:, None]) ** 2 + (grid.north.ravel() - north[:, None]) ** 2,
-        axis=1,
+        (grid.east.ravel() - east[..., None]) ** 2 + (grid.north.ravel() - north[..., None]) ** 2,
+        axis=-1,
     )
     wet = grid.wet.reshape(grid.levels.size, -1)
-    dry = ~outside & ~wet[level, nearest[:, None]]
+    dry = ~outside & ~wet[level, nearest]
     wrong = ~np.isfinite(value).all(axis=2) | ~(error_std > 0.0) | ~np.isfinite(error_std)
     for failed, reason in (
         (depth > grid.levels[-1], Reason.BELOW_GRID),

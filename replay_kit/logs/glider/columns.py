@@ -31,7 +31,15 @@ _SAMPLES = (
         "dive",
     ),
     *("dead_reckoning", "nav_state"),
-    *("temperature", "conductivity", "altitude", "water_depth", "voltage", "charge_used"),
+    *(
+        "temperature",
+        "salinity",
+        "conductivity",
+        "altitude",
+        "water_depth",
+        "voltage",
+        "charge_used",
+    ),
     *("waypoint_longitude", "waypoint_latitude"),
     *(
         "start_time",

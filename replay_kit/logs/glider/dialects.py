@@ -22,6 +22,7 @@ from replay_kit.logs.glider.units import (
     LONGITUDE,
     NUMBER,
     PRESSURE,
+    SALINITY,
     SPEED,
     TEMPERATURE,
     VOLTAGE,
@@ -43,6 +44,7 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         "pressure": PRESSURE,
         "temperature": TEMPERATURE,
         "conductivity": CONDUCTIVITY,
+        "salinity": SALINITY,
         "voltage": VOLTAGE,
         "charge_used": CHARGE,
         **dict.fromkeys(("heading", "pitch", "roll", "declination"), ANGLE),
@@ -134,6 +136,9 @@ _SEAGLIDER = Dialect(
         "longitude": "longitude",
         "latitude": "latitude",
         "depth": "ctd_depth depth",
+        "pressure": "ctd_pressure",
+        "temperature": "temperature",
+        "salinity": "salinity",
         "declination": "magnetic_variation",
         "gps_time": "log_gps_time",
         "gps_longitude": "log_gps_lon",
@@ -185,6 +190,8 @@ _SLOCUM = Dialect(
         "latitude": "m_lat",
         "depth": "m_depth",
         "pressure": "sci_water_pressure m_pressure",
+        "temperature": "sci_water_temp",
+        "conductivity": "sci_water_cond",
         "heading": "m_heading",
         "pitch": "m_pitch",
         "roll": "m_roll",
@@ -214,8 +221,6 @@ SLOCUM_BINARY = replace(
         "dac_time": "report_time",
         "dac_east": "m_water_vx",
         "dac_north": "m_water_vy",
-        "temperature": "sci_water_temp",
-        "conductivity": "sci_water_cond",
         "altitude": "m_altitude",
         "water_depth": "m_water_depth",
         "voltage": "m_battery",
@@ -228,6 +233,8 @@ SLOCUM_BINARY = replace(
 )
 
 # IOOS GliderDAC v2 and v3: a file a profile.
+# of IOOS templates and pyglider
+_CTD = {name: name for name in ("pressure", "temperature", "salinity", "conductivity")}
 #: A profile's means have one name in all files that follow the IOOS template.
 UV = {
     "dac_east": "u",
@@ -246,7 +253,7 @@ _GLIDERDAC = Dialect(
         "longitude": "lon",
         "latitude": "lat",
         "depth": "depth",
-        "pressure": "pressure",
+        **_CTD,
         **UV,
     },
     in_parts=True,
@@ -284,6 +291,9 @@ _OG1 = Dialect(
         # not depth_z, which has the standard name of a depth and the sign of a height
         "depth": "depth glider_depth",
         "pressure": "pres pressure",
+        "temperature": "temp temperature",
+        "salinity": "psal salinity",
+        "conductivity": "cndc conductivity",
         "heading": "heading glider_heading",
         "pitch": "pitch glider_pitch",
         "roll": "roll glider_roll",
@@ -348,7 +358,7 @@ _PYGLIDER = Dialect(
         "longitude": "longitude",
         "latitude": "latitude",
         "depth": "depth",
-        "pressure": "pressure",
+        **_CTD,
         "heading": "heading",
         "pitch": "pitch",
         "roll": "roll",

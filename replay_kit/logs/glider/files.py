@@ -82,9 +82,26 @@ def mission_key(path: Path) -> tuple[str, ...]:
         open_netcdf,
         lambda _, names: [name for name in names if name.lower() in MISSION_NAMES],
     )
-    if file is None or not file.dialect.in_parts:
+    if file is None:
+        return (kind,) if (kind := surface_kind(path)) else ()
+    if not file.dialect.in_parts:
         return ()
     return file.dialect.name, *mission_of(file.content, file.dialect.name)
+
+
+def surface_kind(path: Path) -> str:
+    """Return ``radar-totals`` or ``drifters`` for a NetCDF file of currents at the surface; empty for others.
+
+    Raises:
+        LogError: The file cannot be read.
+    """
+    from replay_kit.logs.surface.drifters import is_drifters
+    from replay_kit.logs.surface.totals import dialect_of as totals_of
+
+    names = open_netcdf(path, lambda names, attributes: []).names
+    if totals_of(names) is not None:
+        return "radar-totals"
+    return "drifters" if is_drifters(names) else ""
 
 
 _DATE = re.compile(r"(\d{2})/(\d{2})/(\d{4}) (\d{2}:\d{2}:\d{2}(?:\.\d{1,6})?)")

@@ -14,7 +14,11 @@ from replay_kit.logs.shared.payloads import PING, number, stamp
 #: Topics with the schema of their messages and the quantities in them; a message is written where one of the second group is known.
 _INSTRUMENTS = MappingProxyType(
     {
-        "/ctd": ("replay_kit.Ctd", ("depth",), ("temperature", "conductivity")),
+        "/ctd": (
+            "replay_kit.Ctd",
+            ("depth", "pressure"),
+            ("temperature", "salinity", "conductivity"),
+        ),
         "/vehicle/altimeter": ("replay_kit.Altimeter", ("depth",), ("altitude", "water_depth")),
         "/vehicle/battery": ("replay_kit.Battery", (), ("voltage", "charge_used")),
         "/vehicle/waypoint": (

@@ -14,7 +14,7 @@ from replay_kit.logs.glider.adcp import INVERTED
 from replay_kit.logs.glider.columns import Columns, joined, read_columns
 from replay_kit.logs.glider.currents import DiveMean, mean_currents
 from replay_kit.logs.glider.dialects import Dialect
-from replay_kit.logs.glider.files import GliderFile, open_glider_file
+from replay_kit.logs.glider.files import GliderFile, open_glider_file, surface_kind
 from replay_kit.logs.glider.fixes import fixes_of
 from replay_kit.logs.glider.instruments import PROFILES, absolute_profiles, instrument_entries
 from replay_kit.logs.glider.missions import mission_of
@@ -249,7 +249,7 @@ def open_glider(
     wanted: frozenset[str] | None = None,
     more: Sequence[Path] = (),
 ) -> LogFile:
-    """Return the reader of a glider file, or of several that are one log.
+    """Return the reader of a glider file, or of several that are one log; also of radar currents and drifters, in NetCDF too.
 
     Args:
         path: The file, or the first of them.
@@ -262,4 +262,15 @@ def open_glider(
         LogError: A file cannot be read, or is of no known dialect.
     """
     files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
-    return GliderReader(files, input, config) if files else NetcdfRows(path, input, config, wanted)
+    if files:
+        return GliderReader(files, input, config)
+    kind = surface_kind(path)
+    if kind == "drifters":
+        from replay_kit.logs.surface.drifters import DrifterReader
+
+        return DrifterReader((path, *more), input, config)
+    if kind:
+        from replay_kit.logs.surface.totals import TotalsReader
+
+        return TotalsReader((path, *more), input, config)
+    return NetcdfRows(path, input, config, wanted)

@@ -119,6 +119,8 @@ _SPEEDS |= {
     "knots": 1852.0 / 3600.0,
     "kt": 1852.0 / 3600.0,
 }
+_SALINITIES = ("1", "psu", "1e-3", "0.001", "pss-78", "pss", "g/kg")
+_CELSIUS = ("degc", "celsius", "degrees_celsius", "degree_celsius", "degree_c", "degrees_c", "°c")
 LATITUDE = Quantity("degrees", MappingProxyType(_ANGLES), -90.0, 90.0)
 LONGITUDE = Quantity("degrees", MappingProxyType(_ANGLES), -180.0, 360.0)
 LENGTH = Quantity("m", MappingProxyType(_LENGTHS), -12_000.0, 12_000.0)
@@ -126,8 +128,13 @@ PRESSURE = Quantity("dbar", MappingProxyType(_PRESSURES), -20.0, 12_000.0)
 ANGLE = Quantity("degrees", MappingProxyType(_ANGLES), -360.0, 720.0)
 SPEED = Quantity("m/s", MappingProxyType(_SPEEDS), -5.0, 5.0)
 HEIGHT = Quantity("m", MappingProxyType(_LENGTHS), 0.0, 12_000.0)
-TEMPERATURE = Quantity("degrees Celsius", MappingProxyType({"degc": 1.0}), -5.0, 60.0)
-CONDUCTIVITY = Quantity("S/m", MappingProxyType({"s/m": 1.0, "ms/cm": 0.1}), 0.0, 10.0)
+TEMPERATURE = Quantity(
+    "degrees Celsius", MappingProxyType(dict.fromkeys(_CELSIUS, 1.0)), -5.0, 60.0
+)
+SALINITY = Quantity("1", MappingProxyType(dict.fromkeys(_SALINITIES, 1.0)), 0.0, 80.0)
+CONDUCTIVITY = Quantity(
+    "S/m", MappingProxyType({"s/m": 1.0, "sm-1": 1.0, "ms/cm": 0.1, "mscm-1": 0.1}), 0.0, 10.0
+)
 VOLTAGE = Quantity("V", MappingProxyType({"volts": 1.0, "v": 1.0}), 0.0, 1000.0)
 CHARGE = Quantity("A h", MappingProxyType({"amp-hrs": 1.0}), 0.0, 1e6)
 NUMBER = Quantity("", MappingProxyType({}), -1e9, 1e9)

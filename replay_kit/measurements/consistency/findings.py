@@ -51,7 +51,13 @@ Rivals = Sequence[tuple[str, float]]
 OF_MOTION = "changes of the measured velocity follow those of the platform's velocity"
 OF_TRACK = "the platform's stated velocity contradicts that of its positions"
 OF_VEHICLE = "relative to the vehicle, profiles contradict the mean currents of dives"
-_SOURCE = {"dac": "mean currents of dives", "drift": "drifts at the surface"}
+_SOURCE = {
+    "dac": "mean currents of dives",
+    "drift": "drifts at the surface",
+    "shear": "geostrophic shears",
+    "radar": "radar currents",
+    "drifters": "drifters",
+}
 
 
 def dead(history: RawHistory, ping: Observation) -> Finding:
@@ -228,6 +234,18 @@ def preferred(rejected: str, kept: str, evidence: str) -> Finding:
         f"{words[rejected]} were rejected and {words[kept]} kept: {evidence}",
         f"{words[rejected]} and {words[kept]} are not of one current: either may be wrong, or its stated error is too small",
         f"check both, and withhold the wrong one (--without {rejected} or {kept})",
+    )
+
+
+def source_misfit(kind: str, nis: float, values: int) -> Finding:
+    """Return the finding that a source's values are farther from the estimate than their errors say."""
+    return Finding(
+        PREFERRED,
+        0,
+        f"{_SOURCE[kind]}: normalised innovation squared {nis:.1f} per value, of {values}",
+        f"{_SOURCE[kind]} and the estimate are not of one current, or their stated errors are too small",
+        f"compare the results with and without them (--without {kind})",
+        "warning",
     )
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Fix
-from replay_kit.measurements.messages import mavlink, profiles, vehicle
+from replay_kit.measurements.messages import mavlink, profiles, vehicle, water
 from replay_kit.measurements.messages.fields import STD_BELIEVED, dive_number, number
 from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.messages.vehicle import Depth, Pose, Position, Pressure
@@ -67,6 +67,9 @@ Statement = (
     | mavlink.NavigationPosition
     | MeanCurrent
     | vehicle.Dvl
+    | water.Ctd
+    | water.RadarCurrents
+    | water.DrifterFix
     | str
 )
 Reader = Callable[[Mapping[str, Any]], Statement]
@@ -75,7 +78,9 @@ _READERS: Mapping[str, Reader | str] = MappingProxyType(
     {
         "replay_kit.AdcpPing": profiles.adcp_ping,
         "replay_kit.DepthAveragedCurrent": depth_averaged_current,
-        "replay_kit.Ctd": "properties of the water, not used",
+        "replay_kit.Ctd": water.ctd,
+        "replay_kit.DrifterFix": water.drifter_fix,
+        "replay_kit.RadarCurrents": water.radar_currents,
         "replay_kit.Altimeter": "height above the bottom, not used",
         "replay_kit.Battery": "state of the battery, not used",
         "replay_kit.Waypoint": "where the glider steers for, not where it is",

@@ -30,6 +30,21 @@ _SPEED, _SPEED_SPREAD = 0.05, 1.3
 _MODES, _WAVE_MODES = 10, 30
 
 
+@dataclass(frozen=True, slots=True)
+class Regime:
+    """What sets the scales of a region's currents.
+
+    Attributes:
+        coriolis: Coriolis parameter [1/s]; negative in the south.
+        rossby_radius: First baroclinic [m].
+        speed: Rms speed of the currents over the levels [m/s].
+    """
+
+    coriolis: float
+    rossby_radius: float
+    speed: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Kernel:
     """The signal of one mode in place and time: amplitude times exp(-ds^2/2L^2 - dt^2/2T^2), averaged over what is not known.
@@ -103,15 +118,7 @@ def garrett_munk(levels: Array, n2: Array, to_geopotential: Array) -> Array:
     return np.asarray(_OVER_GM * waves @ waves.T)
 
 
-def fit(
-    geopotential: Array,
-    along: Array,
-    time: Array,
-    waves: Array,
-    coriolis: float,
-    rossby_radius: float,
-    speed: float,
-) -> Statistics:
+def fit(geopotential: Array, along: Array, time: Array, waves: Array, regime: Regime) -> Statistics:
     """Return the statistics of a line, averaged over the posterior of their settings.
 
     Args:
@@ -119,9 +126,7 @@ def fit(
         along: shape (n,) [m].
         time: shape (n,) [s].
         waves: shape (Z, Z) [m4/s4], prior covariance of the internal waves.
-        coriolis: [1/s].
-        rossby_radius: [m].
-        speed: Rms speed of the region's currents [m/s], over the levels.
+        regime: Of the region.
     """
     n = along.size
     modes = _vertical_modes(geopotential, along, waves)
@@ -129,11 +134,11 @@ def fit(
     prior = np.einsum("zk,zy,yk->k", modes, waves, modes)
     logs, noises, parts = [], [], []
     trend = np.stack([np.ones(n), along - along.mean()], axis=1)
-    for noise, kernel, ratio, log_weight in _settings(along, time, coriolis, rossby_radius, speed):
+    for noise, kernel, ratio, log_weight in _settings(along, time, regime):
         log_evidence, variance = _evidence(
             noise + ratio * kernel.covariance(along, time), trend, values, prior
         )
-        flow = np.sqrt(ratio * variance) / (abs(coriolis) * kernel.length)
+        flow = np.sqrt(ratio * variance) / (abs(regime.coriolis) * kernel.length)
         # modes are orthonormal over the levels: their squares sum up over these
         usual = _SPEED * np.sqrt(prior / prior.sum() * geopotential.shape[1])
         logs.append(log_evidence + log_weight - 0.5 * (np.log(flow / usual) / _SPEED_SPREAD) ** 2)
@@ -200,18 +205,20 @@ def _vertical_modes(geopotential: Array, along: Array, waves: Array) -> Array:
 
 
 def _settings(
-    along: Array, time: Array, coriolis: float, radius: float, speed: float
+    along: Array, time: Array, regime: Regime
 ) -> Iterator[tuple[Array, Kernel, float, float]]:
     """Yield correlations of the noise, shape (n, n), kernel and size of the signal, and log prior weight of each setting."""
     apart = np.abs(time[:, None] - time)
     nothing = np.empty(0)
     for decay, tide in product(_DECAYS, _TIDES):
-        waves = (1.0 - _WHITE) * np.exp(-apart * abs(coriolis) / decay) + _WHITE * (apart == 0.0)
+        waves = (1.0 - _WHITE) * np.exp(-apart * abs(regime.coriolis) / decay) + _WHITE * (
+            apart == 0.0
+        )
         tides = np.cos(2.0 * np.pi * apart / _TIDE_PERIOD) * np.exp(-apart / _TIDE_DECAY)
         noise = (1.0 - tide) * waves + tide * tides
         for radii, log_weight in _LENGTHS:
-            length = radii * radius
-            lasting = float(np.clip(_TURNOVER * length / speed, _SHORTEST, _LONGEST))
+            length = radii * regime.rossby_radius
+            lasting = float(np.clip(_TURNOVER * length / regime.speed, _SHORTEST, _LONGEST))
             for ratio in _RATIOS.tolist():
                 yield noise, Kernel(length, lasting, nothing), ratio, log_weight
 

@@ -14,15 +14,17 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
 from replay_kit.measurements.section import noise
 from replay_kit.measurements.section.hydrography import GRAVITY, RHO0, Section
-from replay_kit.measurements.section.noise import Statistics
+from replay_kit.measurements.section.noise import Regime, Statistics
 
-# Degrees from the equator, within which there is no geostrophic balance to use.
-_EQUATOR = 5.0
+#: Degrees from the equator, within which there is no geostrophic balance to use.
+EQUATOR = 5.0
 _LEAST_PROFILES, _MOST_WINDOWS = 4, 8
 # Depth of the water where it is not known [m].
 _BOTTOM = 4000.0
 # Least share of the shear that is not geostrophic, and the error that always stays [m/s].
 _AGEOSTROPHIC, _FLOOR = 0.05, 0.003
+# Drift of a conductivity cell over a window, as salinity; and haline contraction of sea water.
+_SALINITY_DRIFT, _HALINE_CONTRACTION = 0.002, 7.6e-4
 # Speed of the signal in units of the region's, which counts as one further line; and lengths of a line that count as one.
 _REGIONAL, _LINE = 0.25, 2.5
 
@@ -59,6 +61,23 @@ class GeostrophicShear:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedLine:
+    """A line with its statistics, of which windows give the shear.
+
+    Attributes:
+        section: The line.
+        geopotential: shape (n, Z) [m2/s2], of each profile, without its depth mean.
+        statistics: Of waves and signal.
+        regime: Of the region.
+    """
+
+    section: Section
+    geopotential: Array
+    statistics: Statistics
+    regime: Regime
+
+
 def geostrophic_shear(
     section: Section, speed: float, bottom: float | None = None
 ) -> tuple[GeostrophicShear, ...]:
@@ -72,35 +91,43 @@ def geostrophic_shear(
     Raises:
         MeasurementError: The line is too near the equator, or has too few profiles.
     """
-    if abs(section.latitude) < _EQUATOR:
+    line, order = fitted_line(section, speed, bottom), np.argsort(section.along, kind="stable")
+    most = min(_MOST_WINDOWS, order.size // _LEAST_PROFILES)
+    candidates = [
+        [window_shear(line, part) for part in np.array_split(order, count)]
+        for count in range(1, most + 1)
+    ]
+    best = min(candidates, key=lambda found: float(np.mean([error for _, error in found])))
+    return tuple(shear for shear, _ in best)
+
+
+def regime_of(section: Section, speed: float, bottom: float | None = None) -> Regime:
+    """Return the scales of a line's region; the arguments are those of ``geostrophic_shear``.
+
+    Raises:
+        MeasurementError: The line is too near the equator.
+    """
+    if abs(section.latitude) < EQUATOR:
         raise MeasurementError(
-            f"geostrophic shear: expected a latitude of at least {_EQUATOR:g} degrees, got {section.latitude:.2f}"
+            f"geostrophic shear: expected a latitude of at least {EQUATOR:g} degrees, got {section.latitude:.2f}"
         )
-    n = section.along.size
+    depth = _BOTTOM if bottom is None else bottom
+    radius = noise.rossby_radius(section.levels, section.n2, section.coriolis, depth)
+    return Regime(section.coriolis, radius, speed)
+
+
+def fitted_line(section: Section, speed: float, bottom: float | None = None) -> FittedLine:
+    """Return a line with its statistics; arguments and errors are those of ``geostrophic_shear``."""
+    regime, n = regime_of(section, speed, bottom), section.along.size
     if n < _LEAST_PROFILES:
         raise MeasurementError(
             f"geostrophic shear: expected at least {_LEAST_PROFILES} profiles, got {n}"
         )
     to_geopotential = geopotential_matrix(section.levels)
     values = section.anomaly @ to_geopotential.T
-    radius = noise.rossby_radius(
-        section.levels, section.n2, section.coriolis, _BOTTOM if bottom is None else bottom
-    )
-    fitted = noise.fit(
-        values,
-        section.along,
-        section.time,
-        noise.garrett_munk(section.levels, section.n2, to_geopotential),
-        section.coriolis,
-        radius,
-        speed,
-    )
-    candidates = [
-        _windows(section, values, fitted, radius, speed, count)
-        for count in range(1, min(_MOST_WINDOWS, n // _LEAST_PROFILES) + 1)
-    ]
-    best = min(candidates, key=lambda found: float(np.mean([error for _, error in found])))
-    return tuple(shear for shear, _ in best)
+    waves = noise.garrett_munk(section.levels, section.n2, to_geopotential)
+    fitted = noise.fit(values, section.along, section.time, waves, regime)
+    return FittedLine(section, values, fitted, regime)
 
 
 def geopotential_matrix(levels: Array) -> Array:
@@ -141,44 +168,52 @@ def place_of(along: Array, weights: Array) -> float:
     return float((kernel * middles).sum() / kernel.sum())
 
 
-def _windows(
-    section: Section,
-    values: Array,
-    fitted: Statistics,
-    radius: float,
-    speed: float,
-    count: int,
-) -> list[tuple[GeostrophicShear, float]]:
-    """Return the shear of each of some windows of equal numbers of profiles, with its expected variance."""
-    parts = np.array_split(np.argsort(section.along, kind="stable"), count)
-    return [_shear(section, values, fitted, radius, speed, part) for part in parts]
+@dataclass(frozen=True, slots=True, eq=False)
+class _Window:
+    """Some profiles of a line, and how they give the slope.
+
+    Attributes:
+        along: shape (n,) [m].
+        time: shape (n,) [s], from the time that the shear is for.
+        weights: shape (n,) [1/m].
+        at: Place that the shear is for [m].
+    """
+
+    along: Array
+    time: Array
+    weights: Array
+    at: float
 
 
-def _shear(
-    section: Section,
-    values: Array,
-    fitted: Statistics,
-    radius: float,
-    speed: float,
-    part: NDArray[np.int64],
+def window_shear(
+    line: FittedLine, part: NDArray[np.int64], at_end: bool = False
 ) -> tuple[GeostrophicShear, float]:
-    along, time, f = section.along[part], section.time[part], section.coriolis
+    """Return the shear of some profiles of a line, and its expected variance over all modes [m2/s2].
+
+    Args:
+        line: With its statistics.
+        part: Numbers of the profiles.
+        at_end: Whether the shear is for the time of the last of them, with the error that this adds; else for their mean time.
+    """
+    section, regime, fitted = line.section, line.regime, line.statistics
+    along, time, f = section.along[part], section.time[part], regime.coriolis
     of_modes = fitted.noise[:, part[:, None], part]
     weights = slope_weights(along, of_modes.sum(axis=0))
-    at, now = place_of(along, weights), float(time.mean())
-    velocity = weights @ values[part] / f
+    now = float(time.max() if at_end else time.mean())
+    window = _Window(along, time - now, weights, place_of(along, weights))
+    velocity = weights @ line.geopotential[part] / f
     variance = np.einsum("i,kij,j->k", weights, of_modes, weights)
-    velocities = _rms(velocity), speed
-    variance = variance + _curvature(fitted, section, along, time - now, weights, at, velocities)
+    variance = variance + _curvature(line, window, _rms(velocity))
+    baseline = float(along.max() - along.min())
     modes = fitted.modes / f
-    beside = (
-        max(_AGEOSTROPHIC, float(np.hypot(_rms(velocity), speed)) / (abs(f) * 1.6 * radius))
-        * velocity
-    )
+    rossby = float(np.hypot(_rms(velocity), regime.speed)) / (abs(f) * 1.6 * regime.rossby_radius)
+    beside = max(_AGEOSTROPHIC, rossby) * velocity
+    drifted = _salinity_drift(section.levels) / (baseline * f)
     unresolved = fitted.outside * float(weights @ weights) / f**2 + _FLOOR**2
     covariance = (
         modes * variance @ modes.T
         + np.outer(beside, beside)
+        + np.outer(drifted, drifted)
         + unresolved * np.eye(section.levels.size)
     )
     return (
@@ -186,43 +221,41 @@ def _shear(
             section.levels,
             velocity,
             covariance,
-            at,
+            window.at,
             section.direction + 0.5 * np.pi,
             section.time_ns + int(now * 1e9),
             part.size,
-            float(along.max() - along.min()),
-            radius,
+            baseline,
+            regime.rossby_radius,
         ),
         float(variance.sum()) / f**2,
     )
 
 
-def _curvature(
-    fitted: Statistics,
-    section: Section,
-    along: Array,
-    time: Array,
-    weights: Array,
-    at: float,
-    velocities: tuple[float, float],
-) -> Array:
-    """Return by mode the variance of the slope seen by the weights minus the slope at their place and time, shape (k,) [1/s4].
+def _salinity_drift(levels: Array) -> Array:
+    """Return what a drift of the salinity by its standard error changes of the geopotential, shape (Z,) [m2/s2]."""
+    volume = _HALINE_CONTRACTION * _SALINITY_DRIFT / RHO0
+    return np.asarray(geopotential_matrix(levels) @ np.full(levels.size, volume))
 
-    One line knows its own slope alone: the size of the signal is blended from the shear found on it and the speed of the region, both in
-    ``velocities`` [m/s].
+
+def _curvature(line: FittedLine, window: _Window, found: float) -> Array:
+    """Return by mode the variance of the slope seen by a window minus the slope at its place and time, shape (k,) [1/s4].
+
+    One line knows its own slope alone: the size of the signal is blended from the shear ``found`` on it [m/s] and the region's speed.
     """
-    f, amplitudes = section.coriolis, np.array([kernel.amplitude for kernel in fitted.kernels])
+    section, fitted, regime = line.section, line.statistics, line.regime
+    amplitudes = np.array([kernel.amplitude for kernel in fitted.kernels])
     lengths = np.array([kernel.length for kernel in fitted.kernels])
     # modes are orthonormal over the levels: of a level it is the mean
-    fitted_size = float((amplitudes / lengths[:, None] ** 2).sum()) / f**2 / section.levels.size
-    line = float(section.along.max() - section.along.min())
-    known = max(0.5, line / (_LINE * float(lengths.mean())))
-    found, speed = velocities
-    blended = (known * found**2 + (_REGIONAL * speed) ** 2) / (known + 1.0)
-    total = np.zeros(amplitudes.shape[1])
+    slopes = float((amplitudes / lengths[:, None] ** 2).sum())
+    fitted_size = slopes / regime.coriolis**2 / section.levels.size
+    length = float(section.along.max() - section.along.min())
+    known = max(0.5, length / (_LINE * float(lengths.mean())))
+    blended = (known * found**2 + (_REGIONAL * regime.speed) ** 2) / (known + 1.0)
+    total, weights = np.zeros(amplitudes.shape[1]), window.weights
     for kernel, amplitude in zip(fitted.kernels, amplitudes, strict=True):
-        seen = weights @ kernel.covariance(along, time) @ weights
-        both = weights @ kernel.with_slope(along, time, at)
+        seen = weights @ kernel.covariance(window.along, window.time) @ weights
+        both = weights @ kernel.with_slope(window.along, window.time, window.at)
         total += amplitude * (seen - 2.0 * both + 1.0 / kernel.length**2)
     return total * (blended / fitted_size)
 

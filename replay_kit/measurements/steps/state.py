@@ -5,6 +5,8 @@ A position completes the pings that waited for it, and the mean current that it 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,12 +25,16 @@ from replay_kit.measurements.messages.mavlink import (
     is_dead_reckoned,
 )
 from replay_kit.measurements.messages.vehicle import Depth, Pose, Position, Pressure, checked
+from replay_kit.measurements.messages.water import DrifterFix
 from replay_kit.measurements.ping.adcp_ping import Orientation, PlatformVelocity
 from replay_kit.measurements.steps.position_matching import PlacedPing, WaitingPing, place, ready
 from replay_kit.measurements.vehicle import mean_current as currents
 from replay_kit.measurements.vehicle.dives import depth_of_pressure, is_submerged
 from replay_kit.measurements.vehicle.mean_current import Dives, MeanCurrent
 from replay_kit.measurements.vehicle.vessel_velocity import Fixes, append_fix
+
+if TYPE_CHECKING:
+    from replay_kit.measurements.section.lines import SectionLine
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +55,8 @@ class MeasurementState:
         dives: The way since the last fixes, for mean currents.
         bottom: Last velocity over the ground by a DVL, after its time [ns, UTC].
         track: Latest fixes at the surface.
+        line: Of the CTD; None before its first sample.
+        drifters: By name, the fix of each drifter from which its displacement is counted.
         system: Number of the MAVLink system whose position and depth count: the one asked for, or the first that states a position.
     """
 
@@ -66,6 +74,8 @@ class MeasurementState:
     bottom: tuple[int, PlatformVelocity] | None = None
     track: Fixes = ()
     system: str | None = None
+    line: "SectionLine | None" = None
+    drifters: Mapping[str, tuple[Source, DrifterFix]] = field(default_factory=dict)
 
     @property
     def latitude(self) -> float | None:

@@ -241,6 +241,10 @@ def outcome_of(summary: ReplaySummary) -> Outcome:
                 "bins_used": summary.bins_used,
                 "mean_currents": summary.mean_currents,
                 "bins_rejected": dict(summary.bins_rejected),
+                # of a run without any nothing needs to be said
+                **(
+                    {"sources": [asdict(row) for row in summary.sources]} if summary.sources else {}
+                ),
             },
             "rms_innovation": {
                 "before": summary.rms_before,

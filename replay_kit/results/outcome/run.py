@@ -53,6 +53,33 @@ class DiveRow:
 
 
 @dataclass(frozen=True, slots=True)
+class SourceRow:
+    """Measurements of one source beside the vehicle's own.
+
+    Attributes:
+        kind: ``shear``, ``radar`` or ``drifters``.
+        used: Number used.
+        rejected: Number without a usable value, or rejected by the gate.
+        values: Number of values used.
+        rms_before: RMS component of measured minus estimated before each update [m/s].
+        rms_after: After it [m/s].
+        rms_prior: Of measured minus the prior forecast [m/s].
+        nis_per_dof: Normalised innovation squared per value.
+        doubts: What may be wrong with them, as sentences.
+    """
+
+    kind: str
+    used: int
+    rejected: int
+    values: int
+    rms_before: float
+    rms_after: float
+    rms_prior: float
+    nis_per_dof: float
+    doubts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class TruthScore:
     """Errors of the estimate against a known truth.
 
@@ -120,6 +147,7 @@ class ReplaySummary:
         lost_pings: Which pings were not used, when they are many and a setting would keep them; empty otherwise.
         mean_currents: Mean currents among the profiles used: each counts as one profile of one bin.
         flight_correction: What was taken from mean currents for the flight model's error; None where nothing was.
+        sources: One row for each source beside the vehicle's own measurements; they are among the profiles used.
         inputs: Logs and forecasts, which the outcome names without their folders.
         vehicles: Those of each vehicle by its name, where several share the estimate; the other figures are then of all together.
         value: Of each vehicle: ``measurements`` it gave, RMS change of the estimate at the published depths without them
@@ -156,6 +184,7 @@ class ReplaySummary:
     lost_pings: str = ""
     mean_currents: int = 0
     flight_correction: FlightCorrection | None = None
+    sources: tuple[SourceRow, ...] = ()
     inputs: tuple[Path, ...] = ()
     vehicles: Mapping[str, "ReplaySummary"] = field(default_factory=dict)
     value: Mapping[str, Mapping[str, float | int | None]] = field(default_factory=dict)

@@ -12,7 +12,13 @@ import numpy as np
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.message import LogReport
-from replay_kit.core.observation import Observation, PathMean, VehicleState, usable
+from replay_kit.core.observation import (
+    LinearMeasurement,
+    Observation,
+    PathMean,
+    VehicleState,
+    usable,
+)
 from replay_kit.core.paths import check_unchanged, stamps_of
 from replay_kit.core.progress import Progress, silent
 from replay_kit.logs import open_logs
@@ -31,6 +37,7 @@ class LogContent:
         profiles: Number of profiles of the current.
         bins: Number of usable bins in them.
         mean_currents: Number of mean currents between fixes.
+        surface: Number of measurements of the current by radar and drifters.
         positions: Number of positions.
         box: West, south, east, north [degrees] of the positions, east above 180 when they cross the antimeridian; None without positions.
         depths: Shallowest and deepest usable bin [m]; None without bins.
@@ -41,6 +48,7 @@ class LogContent:
     profiles: int = 0
     bins: int = 0
     mean_currents: int = 0
+    surface: int = 0
     positions: int = 0
     box: tuple[float, float, float, float] | None = None
     depths: tuple[float, float] | None = None
@@ -62,6 +70,8 @@ class LogContent:
                 )
             case PathMean():
                 return replace(self, mean_currents=self.mean_currents + 1)
+            case LinearMeasurement() if event.label.kind in ("radar", "drifters"):
+                return replace(self, surface=self.surface + 1)
             case VehicleState():
                 return self._with_position(event.longitude, event.latitude)
         return self
@@ -108,7 +118,7 @@ class LogInfo:
     def missing(self) -> str:
         """What a replay still needs; empty for a log that has it all, and for a result."""
         content, lacks = self.content, []
-        if self.is_result:
+        if self.is_result or content.surface:
             return ""
         if not content.positions and not content.bins:
             lacks.append("positions")
@@ -136,6 +146,8 @@ class LogInfo:
             return "ready for replay: positions and current profiles found"
         if self.content.mean_currents:
             return "ready for replay: mean currents between fixes found, no usable current profile"
+        if self.content.surface:
+            return "ready for replay: currents at the surface found"
         if self.is_result:
             return "a result of a replay, to be opened with status, report, plot, export or plan"
         if self.content.positions:

@@ -50,6 +50,7 @@ def info_json(info: LogInfo) -> dict[str, Any]:
         "profiles": content.profiles if whole else None,
         "bins": content.bins if whole else None,
         "mean_currents": content.mean_currents if whole else None,
+        "surface_currents": content.surface if whole else None,
         "positions": content.positions if whole else None,
         "dives": info.dives if whole else None,
         "box": content.box if whole else None,
@@ -92,6 +93,8 @@ def _content_lines(log: LogInfo) -> Iterator[str]:
         yield f"Positions: {content.box[0]:.4f}..{content.box[2]:.4f} E, {content.box[1]:.4f}..{content.box[3]:.4f} N"
     if content.mean_currents:
         yield f"Mean currents between fixes: {content.mean_currents}"
+    if content.surface:
+        yield f"Currents at the surface, by radar or drifters: {content.surface} measurements"
     if content.depths is not None:
         yield f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m"
 
@@ -170,7 +173,8 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
 def asks_for_replay(logs: Sequence[LogInfo]) -> bool:
     """Return whether logs are of one mission and measure a current, so that a replay comes next."""
     missions = {log.report.mission for log in logs if log.report.mission}
-    return len(missions) <= 1 and any(log.content.bins or log.content.mean_currents for log in logs)
+    held = (log.content for log in logs)
+    return len(missions) <= 1 and any(c.bins or c.mean_currents or c.surface for c in held)
 
 
 def next_command(

@@ -21,6 +21,8 @@ from replay_kit.estimator.update.screening import screen_measurement
 from replay_kit.logs import merge
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import Event, finish, initial_state, interpret_block
+from replay_kit.measurements.consistency.monitor import Checked
+from replay_kit.measurements.steps.water import for_region
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.opened import forecasts_of
@@ -86,17 +88,16 @@ def check_inputs(
         settings = with_planner_kind(job, readers, config).planner
         check_goal(planner_of(settings, ensemble.grid), ensemble, job, config)
     merged = merge(readers, config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns)
+    config = for_region(config, ensemble)
     kinds = (
-        (VehicleState, Observation, PathMean)
-        if config.estimator.name == OWN
-        else (VehicleState, Observation)
+        (VehicleState, Measurement) if config.estimator.name == OWN else (VehicleState, Observation)
     )
     monitoring, statistics, profiles, used, last_ns = MonitoringState(), RunStatistics(), 0, 0, None
     taken = list[Observation]()
     for time_ns, events in _blocks(merged, config):
         last_ns, steps = time_ns or last_ns, list[Step]()
         for event in events:
-            if isinstance(event, VehicleState | Measurement):
+            if isinstance(event, Checked):
                 monitoring, event, _ = monitor(monitoring, event, config, speeds)
             if isinstance(event, kinds):
                 steps.append(Step(event, None, None, _screened(event, forecasts, config)))

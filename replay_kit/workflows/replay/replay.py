@@ -37,6 +37,7 @@ from replay_kit.measurements import (
     initial_state,
     interpret_block,
 )
+from replay_kit.measurements.steps.water import for_region
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.outcome.from_run import failed
 from replay_kit.results.outcome.run import ReplaySummary
@@ -335,6 +336,7 @@ def _loop(
     states, count = [initial_state(session.config.logs.system) for _ in sessions], 0
     if checkpoint is not None:
         states, count = list(checkpoint.measurement), checkpoint.messages
+    measurements = for_region(session.config, inputs.forecasts.ensemble).measurements
     while True:
         with session.clock.stage("read"):
             block = list(islice(stream.messages, _BLOCK))

@@ -26,7 +26,7 @@ from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.shared import BUFFERED, SharedEstimate
 from replay_kit.workflows.replay.stages import consistency, plans
 from replay_kit.workflows.replay.stages.consistency import MonitoringState
-from replay_kit.workflows.replay.stages.estimation import EstimationState, Step
+from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, inputs_of
 from replay_kit.workflows.replay.stages.planner import VehiclePlanner
 from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.stages.publishing import (
@@ -114,12 +114,7 @@ class Session:
         self.writer: ResultWriter | None = None
         self.clock = clock or Stopwatch()
         self._levels = levels
-        paths = (PathMean,) if estimator.supports_path_means else ()
-        self._inputs: tuple[type[VehicleState | Observation | PathMean], ...] = (
-            VehicleState,
-            Observation,
-            *paths,
-        )
+        self._inputs = inputs_of(estimator)
         self._uncounted: list[Event] = []
         self.name = name
         self.shared = shared or SharedEstimate(self.clock)

@@ -9,13 +9,13 @@ from replay_kit.core.evidence import Evidence
 from replay_kit.core.frozen import replace
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import LogReport, Message
-from replay_kit.core.observation import PathMean
+from replay_kit.core.observation import LinearMeasurement, PathMean, kind_of
 from replay_kit.logs.merge import ClockJump, Merge
 from replay_kit.logs.shared.payloads import gather, short
 from replay_kit.measurements import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.measurements.events import left_out_rules
-from replay_kit.results.outcome.run import DiveRow, ReplaySummary, TopicRow
-from replay_kit.workflows.replay.stages.counts import ProfileCounts, Sums, increment
+from replay_kit.results.outcome.run import DiveRow, ReplaySummary, SourceRow, TopicRow
+from replay_kit.workflows.replay.stages.counts import ProfileCounts, SourceCounts, Sums, increment
 from replay_kit.workflows.replay.stages.estimation import Step
 
 # Of a topic's pings; when more are lost, the summary begins with it.
@@ -104,7 +104,7 @@ class RunStatistics:
         counts, of = self.messages, list(events)
         used = [event.topic for event in of if isinstance(event, Used)]
         skipped = [(event.topic, event.reason) for event in of if isinstance(event, Skipped)]
-        unsupported = [event.kind for event in of if isinstance(event, PathMean)]
+        unsupported = [kind_of(event) for event in of if isinstance(event, PathMean | LinearMeasurement)]
         counts = replace(
             counts,
             used=increment(counts.used, used),
@@ -242,6 +242,7 @@ class RunStatistics:
             rms_after=total.rms(total.after),
             rms_prior=total.rms(total.prior),
             nis_per_dof=total.nis_per_dof,
+            sources=tuple(_source_row(*each) for each in sorted(counts.sources.items())),
             evidence=Evidence(counts.evidence) if counts.evidence else None,
             by_dive=tuple(
                 DiveRow(
@@ -287,6 +288,12 @@ def pooled(each: Mapping[str, tuple[RunStatistics, Sequence[LogReport]]]) -> Rep
         late=sum(one.late for one in summaries.values()),
         evidence=evidence if evidence.total.measurements else None,
     )
+def _source_row(kind: str, found: SourceCounts) -> SourceRow:
+    sums = found.sums
+    before, after, prior = map(sums.rms, (sums.before, sums.after, sums.prior))
+    doubts = tuple(f"{number} with {doubt}" for doubt, number in found.doubts.items())
+    counted = sums.profiles, found.rejected, sums.dof
+    return SourceRow(kind, *counted, before, after, prior, sums.nis_per_dof, doubts)
 
 
 def _notes_of(reports: Sequence[LogReport]) -> list[str]:

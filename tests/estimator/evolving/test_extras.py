@@ -76,7 +76,7 @@ def test_a_mean_along_a_path_sees_an_oscillation_at_each_point_s_own_time(latitu
     east, north = np.random.default_rng(1).standard_normal((2, swinging.knots.size))
     state = np.zeros(estimator.state_space.size)
     state[estimator.state_space.parts["oscillations"]] = np.concatenate([east, north])
-    seen = model.path(path)
+    seen = model.path(path, np.arange(1))
     expected = np.zeros(2)
     for depth, weight, time_ns in zip(path.depth, path.weight, path.path_time_ns, strict=True):
         # clockwise for a positive omega

@@ -190,7 +190,7 @@ def test_the_operator_sees_a_forecast_that_changes_during_the_dive():
             weight=np.ones(1),
         )
         expected += path.weight[k] * mean_by_brute_force(flow, point)
-    seen = estimator.operator.path(path)
+    seen = estimator.operator.path(path, np.arange(1))
     # vectors are turned where the path ends
     measured = rotate_to_local(
         SMALL.grid.projection, path.longitude[-1], path.latitude[-1], *path.velocity

@@ -124,7 +124,7 @@ def test_mean_currents_that_are_none_are_said_to_be_missing():
     )
     report, _ = _read("p2710001.nc")
     assert report.undecodable == {"/dac": (1, "mean current flagged bad (depth_avg_curr_qc)")}
-    assert "depth_avg_curr_qc: 1 x 4 (QC_BAD), not used" in report.notes
+    assert "salinity_qc, depth_avg_curr_qc: 1 x 4 (QC_BAD), not used" in report.notes
     assert "magnetic_variation: declination 111.7 degrees" in report.notes
 
 

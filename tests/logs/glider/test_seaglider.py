@@ -324,7 +324,8 @@ def test_relative_velocities_are_in_earth_coordinates(path):
 @pytest.mark.parametrize("path", WITHOUT_ADCP, ids=lambda path: path.stem)
 def test_real_dives_without_adcp(path):
     messages = _read(path)
-    assert {message.topic for message in messages} == {"/vehicle/fix", "/vehicle/position", "/dac"}
+    topics = {"/vehicle/fix", "/vehicle/position", "/dac", "/ctd"}
+    assert {message.topic for message in messages} == topics
     (dac,) = _topic(messages, "/dac")
     assert np.hypot(dac.payload["dac_eastward"], dac.payload["dac_northward"]) < 0.2
     assert dac.payload["error"] < 0.02

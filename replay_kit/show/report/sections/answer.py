@@ -12,7 +12,7 @@ from replay_kit.results.views.along_track import mean_current_topics
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page.section import Section, cm, items_html, number, table_html
 from replay_kit.show.report.sections.warnings import next_steps
-from replay_kit.show.words import flight_correction_sentence
+from replay_kit.show.words import flight_correction_sentence, source_sentence
 
 
 def words_section(contents: Contents) -> Section:
@@ -75,6 +75,7 @@ def _measured(contents: Contents) -> str:
         parts.append(f" The vehicle travelled {track.distance[-1] / 1e3:.1f} km{depth}.")
     if contents.bins.depth.size:
         parts.append(f" The bins of profiles that were used lie at {_depths(contents.bins.depth)}.")
+    parts += [f" {source_sentence(row)}." for row in observations.get("sources", ())]
     if correction := outcome.flight_correction:
         parts.append(f" {flight_correction_sentence(correction)}.")
     return "".join(parts)

@@ -10,7 +10,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError
 from replay_kit.core.frozen import replace
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Measurement, PathMean, VehicleState
+from replay_kit.core.observation import Measurement, PathMean, VehicleState, kind_of
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import (
     Checked,
@@ -37,6 +37,8 @@ _LEAST_OBSERVATIONS = 3
 _FORECAST_STD, _LEAST_DIVES, _OF_FILE = 0.1, 8, ("turn", "mirror", "unit", "scale")
 # Rejected measurements of one source before which nothing is said.
 _LEAST_REJECTED = 5
+# Values of another source, and their normalised innovation squared, before they are said not to fit.
+_LEAST_VALUES, _MOST_NIS = 20, 3.0
 # Measurements beyond the gate that are remembered.
 _MOST_GATED = 256
 _SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"
@@ -141,7 +143,7 @@ def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState
     for event, found in done:
         if found.decision == "unusable":
             continue
-        kind = event.kind if isinstance(event, PathMean) else "profiles"
+        kind = kind_of(event) if isinstance(event, Measurement) else "profiles"
         asked, rejected = decisions.get(kind, (0, 0))
         decisions[kind] = asked + found.profiles, rejected + found.profiles * (not found.accepted)
         if kind == "dac" and found.mean_current is not None and found.prior_innovation.size:
@@ -258,6 +260,12 @@ def conclusions(
     # the mean of members that differ is slower than any of them
     if of_file is not None and of_file.fault.scale >= 1.0:
         found += (findings.forecast_fault(of_file),)
+    if not found:
+        found += tuple(
+            findings.source_misfit(kind, each.sums.nis_per_dof, each.sums.dof)
+            for kind, each in counts.sources.items()
+            if each.sums.dof >= _LEAST_VALUES and each.sums.nis_per_dof > _MOST_NIS
+        )
     of_forecast = _of_forecast(counts, config.forecast.place)
     # faults of the log explain that it does not fit
     if all(finding.name in (findings.ENSEMBLE, findings.FORECAST) for finding in found):

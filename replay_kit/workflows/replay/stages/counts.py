@@ -10,6 +10,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.evidence import BlockEvidence, block_of
 from replay_kit.core.observation import (
     Innovation,
+    LinearMeasurement,
     Measurement,
     Observation,
     PathMean,
@@ -17,7 +18,7 @@ from replay_kit.core.observation import (
     reasons_of,
 )
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.workflows.replay.stages.estimation import Step
+from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 
 # Inflations of the covariance given in a note.
 _INFLATIONS_SHOWN = 5
@@ -50,7 +51,7 @@ class Sums:
     predicted: float = 0.0
 
     def with_profile(self, innovation: Innovation, dive_innovation: Array) -> "Sums":
-        """Return the sums with one more profile, or with those of a group."""
+        """Return the sums with one more measurement, or with the profiles of a group."""
         if (totals := innovation.totals) is not None:
             return Sums(
                 self.profiles + innovation.profiles,
@@ -84,6 +85,30 @@ class Sums:
 
 
 @dataclass(frozen=True, slots=True)
+class SourceCounts:
+    """Measurements of one source beside the vehicle's own.
+
+    Attributes:
+        sums: Over those used.
+        rejected: Number without a usable value, or rejected by the gate.
+        doubts: What may be wrong with them, and with how many.
+    """
+
+    sums: Sums = field(default_factory=Sums)
+    rejected: int = 0
+    doubts: Mapping[str, int] = field(default_factory=dict)
+
+    def after(self, measurement: LinearMeasurement, found: Assimilation) -> "SourceCounts":
+        """Return the counts with one more."""
+        innovation, doubt = found.innovation, measurement.label.doubt
+        doubts = increment(self.doubts, [doubt] if doubt else [])
+        if not innovation.accepted:
+            return SourceCounts(self.sums, self.rejected + 1, doubts)
+        sums = self.sums.with_profile(innovation, found.dive_innovation)
+        return SourceCounts(sums, self.rejected, doubts)
+
+
+@dataclass(frozen=True, slots=True)
 class ProfileCounts:
     """Number of profiles, and of their bins, by what became of them.
 
@@ -101,6 +126,7 @@ class ProfileCounts:
         position_std: Largest standard error of such a place [m].
         path_means: Mean currents used, by kind.
         corrections: Length of what was taken from each mean current for the flight model's error [m/s].
+        sources: Of measurements that are not the vehicle's own, by kind.
         evidence: Log evidence of the measurements, rejected ones too: a forecast must not gain by what it rejects.
     """
 
@@ -118,6 +144,7 @@ class ProfileCounts:
     path_means: Mapping[str, int] = field(default_factory=dict)
     corrections: tuple[float, ...] = ()
     evidence: Mapping[int, BlockEvidence] = field(default_factory=dict)
+    sources: Mapping[str, SourceCounts] = field(default_factory=dict)
 
     def after(self, steps: Sequence[Step]) -> "ProfileCounts":
         """Return the counts after some steps."""
@@ -129,9 +156,9 @@ class ProfileCounts:
             if found.innovation.accepted and not isinstance(event, VehicleState)
         ]
         total, dives = self.total, dict(self.dives)
-        for _, found in used:
+        for event, found in used:
             total = total.with_profile(found.innovation, found.dive_innovation)
-            if (dive := found.innovation.dive) > 0:
+            if (dive := found.innovation.dive) > 0 and not isinstance(event, LinearMeasurement):
                 dives[dive] = dives.get(dive, Sums()).with_profile(
                     found.innovation, found.dive_innovation
                 )
@@ -168,6 +195,7 @@ class ProfileCounts:
                 if isinstance(event, PathMean) and event.corrected
             ),
             _with_evidence(self.evidence, innovations),
+            _with_sources(self.sources, done),
         )
 
     def notes(self) -> list[str]:
@@ -204,6 +232,19 @@ class ProfileCounts:
                 f"by {factors}{more}: the ensemble, or the errors stated, do not fit this log"
             )
         return notes
+
+
+def _with_sources(
+    sources: Mapping[str, SourceCounts],
+    done: Sequence[tuple[VehicleState | Measurement | ProfileGroup, Assimilation]],
+) -> Mapping[str, SourceCounts]:
+    """Return the counts of other sources with more measurements."""
+    out = sources
+    for event, found in done:
+        if isinstance(event, LinearMeasurement):
+            kind = event.label.kind
+            out = {**out, kind: out.get(kind, SourceCounts()).after(event, found)}
+    return out
 
 
 def increment(counts: Mapping[Key, int], keys: Iterable[Key]) -> dict[Key, int]:

@@ -13,7 +13,14 @@ from typing import Any
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.frozen import replace
-from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
+from replay_kit.core.observation import (
+    Innovation,
+    LinearMeasurement,
+    Measurement,
+    Observation,
+    PathMean,
+    VehicleState,
+)
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 
@@ -82,6 +89,12 @@ class Contributor:
 
     estimator: Estimator[Any]
     state: EstimationState
+def inputs_of(
+    estimator: Estimator[Any] | type[Estimator[Any]],
+) -> tuple[type[VehicleState | Measurement], ...]:
+    """Return the events that an estimator is given."""
+    sums = (PathMean, LinearMeasurement) if estimator.supports_path_means else ()
+    return (VehicleState, Observation, *sums)
 
 
 def assimilate(

@@ -1,0 +1,203 @@
+"""Radials of an HF radar station as LLUV text (CODAR, ``*.ruv``): the current along the bearing, each file a message in SI units."""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import LogError
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.message import Message
+from replay_kit.logs.reader import LogFile, unreadable
+from replay_kit.logs.shared.payloads import numbers, stamp
+from replay_kit.logs.shared.statistics import ReadStatistics
+from replay_kit.logs.surface.totals import SCHEMA, depth_of
+
+#: First part of the topic, before the station's name.
+TOPIC = "/radar/radials"
+_COLUMNS = ("LOND", "LATD", "VELO", "HEAD", "ESPC", "ETMP", "VFLG", "RNGE", "BEAR")
+_KEYS = ("TimeStamp", "Origin", "TransmitCenterFreqMHz", "TableColumnTypes")
+# cm/s: what stands for no error, the least, and of flags the one of radials over land
+_NO_ERROR, _LEAST_ERROR, _OVER_LAND = 900.0, 3.0, 128
+_OTHER_UNITS = re.compile(r"\((?:knots?|kn|kts?|m/s)\)", re.IGNORECASE)
+# km by which places may depart from range and bearing
+_NEAR = 3.0
+_MOST = 1 << 26
+
+
+class RadialsReader(LogFile):
+    """Files of the radials of one station that are one log."""
+
+    format = "radar-radials"
+    without_checksum = "values of NetCDF, text or Slocum files"
+
+    def __init__(
+        self,
+        paths: Path | Sequence[Path],
+        input: int = 0,
+        config: LogConfig | None = None,
+        wanted: frozenset[str] | None = None,
+    ) -> None:
+        """Read the files' headers.
+
+        Args:
+            paths: The file, or the files.
+            input: Position of the log among the run's inputs.
+            config: How logs are read.
+            wanted: Without effect.
+
+        Raises:
+            LogError: A file cannot be read, or lacks its time, origin, frequency or a column.
+        """
+        del wanted
+        files = (paths,) if isinstance(paths, Path) else tuple(paths)
+        super().__init__(files[0], input, config)
+        self.files = files
+        self._times = sorted((_time_ns(path, header(path)), path) for path in files)
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the radials of each file as a message on ``/radar/radials/STATION``.
+
+        Raises:
+            LogError: A file's radials are not of its station, or not in cm/s.
+        """
+        self.statistics = ReadStatistics()
+        lost: Counter[str] = Counter()
+        for position, (time_ns, path) in enumerate(self._times):
+            head = header(path)
+            columns, dropped = _radials(path, head)
+            name = self._topic(f"{TOPIC}/{station(head)}")
+            lost.update(dropped)
+            self.statistics.notes = tuple(
+                f"{station(head)}: {count} radials {what}, not used" for what, count in lost.items()
+            )
+            self.statistics.read[name] += 1
+            payload = {
+                "stamp": stamp(time_ns),
+                "depth": depth_of(float(head["TransmitCenterFreqMHz"])),
+                "averaged": 60.0 * float(head.get("TimeCoverage", "60").split()[0]),
+                "error_length": 0.0,
+                **{key: numbers(values) for key, values in columns.items()},
+            }
+            yield Message(time_ns, name, SCHEMA, payload, self.input, position)
+
+
+def header(path: Path) -> Mapping[str, str]:
+    """Return the keys of a file's header, those before its first row, and the line of its units as ``units``.
+
+    Raises:
+        LogError: The file cannot be read, or lacks one that is needed.
+    """
+    found: dict[str, str] = {}
+    for line in _lines(path):
+        if not line.startswith("%"):
+            break
+        if line.startswith("%%"):
+            found["units"] = line if "(" in line and "deg" in line else found.get("units", "")
+        elif ":" in line:
+            key, _, value = line[1:].partition(":")
+            found.setdefault(key.strip(), value.strip())
+    names = found.get("TableColumnTypes", "").split()
+    missing = [key for key in _KEYS if key not in found]
+    missing += [name for name in _COLUMNS if name not in names]
+    if missing:
+        raise LogError(
+            f"{path}: expected radials of a station as LLUV text, it lacks {', '.join(missing)}; give the file as it was made"
+        )
+    return found
+
+
+def station(head: Mapping[str, str]) -> str:
+    """Return the name of the station that a header states."""
+    return (head.get("Site", "").split() or ["unnamed"])[0]
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        with open(path, "rb") as file:
+            return file.read(_MOST).decode("latin-1").splitlines()
+    except OSError as error:
+        raise unreadable(path, error) from error
+
+
+def _time_ns(path: Path, head: Mapping[str, str]) -> int:
+    parts = head["TimeStamp"].split()
+    try:
+        year, month, day, hour, minute, second = (int(part) for part in parts)
+        time = np.datetime64(
+            f"{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}", "ns"
+        )
+    except ValueError as error:
+        raise LogError(f"{path}: TimeStamp: expected six numbers, got {parts}") from error
+    return int(time.astype(np.int64))
+
+
+def _radials(path: Path, head: Mapping[str, str]) -> tuple[dict[str, Array], Counter[str]]:
+    """Return the columns of the radials that can be used, and what was left out."""
+    names = head["TableColumnTypes"].split()
+    rows = [row.split() for row in _lines(path) if row.strip() and not row.startswith("%")]
+    try:
+        table = np.array([row for row in rows if len(row) == len(names)], np.float64)
+    except ValueError as error:
+        raise LogError(f"{path}: radials: expected numbers, got {error}") from error
+    table = table.reshape(-1, len(names))
+    east, north, speed, heading, spatial, temporal, flag, distance, bearing = (
+        table[:, names.index(name)] for name in _COLUMNS
+    )
+    _check_station(path, head, (east, north), (distance, bearing))
+    _check_unit(path, head, speed)
+    errors = np.where(np.stack([spatial, temporal]) < _NO_ERROR, [spatial, temporal], np.nan)
+    known, over_land = np.isfinite(errors).any(axis=0), flag.astype(np.int64) & _OVER_LAND > 0
+    good = known & ~over_land & (flag == 0)
+    std = np.fmax(np.fmax(errors[0], errors[1]), _LEAST_ERROR)
+    dropped = Counter(
+        {
+            "over land": int(over_land.sum()),
+            "flagged otherwise": int(((flag != 0) & ~over_land).sum()),
+            "without an error": int((~known & (flag == 0)).sum()),
+            "in lines that are not whole": len(rows) - len(table),
+        }
+    )
+    columns = {"longitude": east, "latitude": north, "direction": heading}
+    columns |= {"speed": 1e-2 * speed, "error": 1e-2 * std}
+    return {key: values[good] for key, values in columns.items()}, +dropped
+
+
+def _check_station(
+    path: Path,
+    head: Mapping[str, str],
+    places: tuple[Array, Array],
+    polar: tuple[Array, Array],
+) -> None:
+    """Raise LogError where radials do not lie at their range and bearing from the station that the header names."""
+    latitude, longitude = map(float, head["Origin"].split()[:2])
+    x, y = to_local(Projection(longitude, latitude), *places)
+    distance, angle = 1e3 * polar[0], np.deg2rad(polar[1])
+    away = np.hypot(x - distance * np.sin(angle), y - distance * np.cos(angle))
+    if away.size and float(np.median(away)) > 1e3 * _NEAR:
+        raise LogError(
+            f"{path}: radials of another station: they lie {np.median(away) / 1e3:.0f} km from their range and bearing about "
+            f"{station(head)} at {latitude:.4f} N, {longitude:.4f} E; give the file as it was made"
+        )
+
+
+def _check_unit(path: Path, head: Mapping[str, str], speed: Array) -> None:
+    """Raise LogError where speeds are not in cm/s: by the unit stated, or slower than the Doppler spectrum resolves."""
+    if _OTHER_UNITS.search(head.get("units", "")):
+        raise LogError(
+            f"{path}: radials: expected speeds in cm/s, the file states {head['units'].strip('% ')}; convert them first"
+        )
+    resolved = float(head.get("DopplerResolutionHzPerBin", "nan").split()[0])
+    # half a radar's wavelength a cycle, in cm
+    resolution = 50.0 * 299.792458 / float(head["TransmitCenterFreqMHz"]) * resolved
+    rms = float(np.sqrt(np.mean(speed**2))) if speed.size else np.nan
+    if rms < resolution:
+        raise LogError(
+            f"{path}: radials: expected speeds in cm/s, got {rms:.2f} RMS, less than the {resolution:.1f} cm/s that the radar resolves: "
+            "they look like knots or m/s; convert them first"
+        )

@@ -1,0 +1,194 @@
+"""Dives along a line to measurements of the geostrophic shear across it, as soon as the line is long enough: online as afterwards.
+
+Windows of a line have no profile in common, so that no dive counts twice; the statistics of waves are those of the window and of the one
+before it. The shear is relative to an unknown current: the mean over its depths is left to mean currents of dives, whose errors are
+others'.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Flag, Label, LinearMeasurement, Source, VehicleState
+from replay_kit.measurements.section.casts import Cast, without_spikes
+from replay_kit.measurements.section.faults import LAG, fault_of_units, has_lag, is_fouled
+from replay_kit.measurements.section.hydrography import Profile, Section, section_of
+from replay_kit.measurements.section.thermal_wind import (
+    EQUATOR,
+    GeostrophicShear,
+    fitted_line,
+    regime_of,
+    window_shear,
+)
+
+#: Rossby radii: a line as long is complete, and one shorter tells less than an ensemble knows.
+COMPLETE, LEAST = 1.0, 0.3
+_LEAST_PROFILES = 4
+# Levels at which the shear is stated.
+_STATED = 12
+
+_NEAR_EQUATOR = f"within {EQUATOR:g} degrees of the equator there is no geostrophic balance"
+_NO_LINE = "profiles along no straight line of 0.3 Rossby radii"
+_NO_LEG = "no leg of 40 m with temperature and salinity"
+_FOULED = "deep salinity drifts along the line: it looks like a fouled cell"
+
+
+@dataclass(frozen=True, slots=True)
+class SectionLine:
+    """What is remembered of a CTD.
+
+    Attributes:
+        cast: The samples since the last surfacing.
+        profiles: Of the line so far, that are in no window.
+        earlier: Of the window before, if the line goes on from it.
+        undecided: Number of messages of ``profiles``.
+        source: Of the first of their messages; None without.
+        lagging: Number of dives of ``profiles`` whose legs differ as a lagging cell makes them.
+    """
+
+    cast: Cast = field(default_factory=Cast)
+    profiles: tuple[Profile, ...] = ()
+    earlier: tuple[Profile, ...] = ()
+    undecided: int = 0
+    source: Source | None = None
+    lagging: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of messages.
+
+    Attributes:
+        topic: Theirs.
+        messages: How many.
+        reason: Why they are not used; empty where they are.
+        shear: The measurement that they gave.
+    """
+
+    topic: str
+    messages: int
+    reason: str = ""
+    shear: LinearMeasurement | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Surfacing:
+    """When and where a line is looked at.
+
+    Attributes:
+        time_ns: Of the message that ended the dive [ns, UTC].
+        dive: Its number.
+        fix: After it; None where there is none.
+        surface_depth: [m].
+        speed: Rms speed of the region's currents [m/s].
+    """
+
+    time_ns: int
+    dive: int
+    fix: VehicleState | None
+    surface_depth: float
+    speed: float
+
+
+def after_dive(line: SectionLine, at: Surfacing) -> tuple[SectionLine, list[Outcome]]:
+    """Return the line after a dive, and what became of the messages of those that are decided."""
+    cast, line = line.cast, replace(line, cast=Cast())
+    profiles = cast.profiles(at.fix, at.surface_depth)
+    if fault := fault_of_units(cast, profiles):
+        return line, [Outcome(_topic(cast.source), cast.samples, fault)]
+    cleaned = [without_spikes(each) for each in profiles]
+    profiles = [each for each, _ in cleaned if np.isfinite(each.salinity).sum() > 2]
+    if not profiles:
+        return line, [Outcome(_topic(cast.source), cast.samples, _NO_LEG)]
+    if abs(float(np.mean(profiles[0].latitude))) < EQUATOR:
+        return line, [Outcome(_topic(cast.source), cast.samples, _NEAR_EQUATOR)]
+    lags = has_lag(profiles, [share for _, share in cleaned])
+    longer = replace(
+        line,
+        profiles=(*line.profiles, *profiles),
+        undecided=line.undecided + cast.samples,
+        source=line.source or cast.source,
+        lagging=line.lagging + lags,
+    )
+    if len(longer.profiles) < _LEAST_PROFILES:
+        return longer, []
+    section = _section(longer.profiles)
+    if section is None:
+        # it turned here, or came into other water
+        _, done = close(line, at)
+        begun = SectionLine(Cast(), tuple(profiles), (), cast.samples, cast.source, int(lags))
+        return begun, done
+    if _length(section) < COMPLETE * regime_of(section, at.speed).rossby_radius:
+        return longer, []
+    return close(longer, at)
+
+
+def close(line: SectionLine, at: Surfacing) -> tuple[SectionLine, list[Outcome]]:
+    """Return what goes on from a line that is looked at as it is, and what became of its messages."""
+    after = SectionLine(line.cast, (), line.profiles)
+    if not line.undecided:
+        return after, []
+    section = _section(line.profiles)
+    if section is None or _length(section) < LEAST * regime_of(section, at.speed).rossby_radius:
+        return after, [Outcome(_topic(line.source), line.undecided, _NO_LINE)]
+    if is_fouled(line.profiles):
+        return after, [Outcome(_topic(line.source), line.undecided, _FOULED)]
+    whole = _section((*line.earlier, *line.profiles)) or section
+    begun_s = (int(line.profiles[0].time_ns.mean()) - whole.time_ns) * 1e-9
+    part = np.flatnonzero(whole.time >= begun_s - 1.0)
+    shear, _ = window_shear(fitted_line(whole, at.speed), part, at_end=True)
+    doubt = LAG if 4 * line.lagging > len(line.profiles) else ""
+    assert line.source is not None, "it has profiles"
+    label = Label(at.dive, replace(line.source, time_ns=at.time_ns), kind="shear", doubt=doubt)
+    return after, [
+        Outcome(line.source.topic, line.undecided, shear=measurement(shear, whole, label))
+    ]
+
+
+def measurement(shear: GeostrophicShear, section: Section, label: Label) -> LinearMeasurement:
+    """Return the shear as values at some of its levels, relative to an unknown current, of the component across the line.
+
+    Args:
+        shear: The shear.
+        section: Of which it is.
+        label: For statistics; its source has the time at which the shear was known.
+    """
+    at = np.unique(np.linspace(0, shear.levels.size - 1, _STATED).round().astype(np.int64))
+    along = shear.along * np.array([np.cos(section.direction), np.sin(section.direction)])
+    east, north = to_geographic(Projection(section.longitude, section.latitude), *along)
+    std = shear.standard_error[at]
+    return LinearMeasurement(
+        label.source.time_ns,
+        None,
+        np.array([float(east)]),
+        np.array([float(north)]),
+        shear.levels[at],
+        None,
+        shear.velocity[at, None],
+        std,
+        np.full(at.size, Flag.GOOD, np.int8),
+        np.zeros(at.size, np.int32),
+        label,
+        np.inf,
+        components=np.array([[np.cos(shear.direction), np.sin(shear.direction)]]),
+        correlation=shear.covariance[np.ix_(at, at)] / np.outer(std, std),
+    )
+
+
+def _section(profiles: tuple[Profile, ...]) -> Section | None:
+    """Return profiles as a section; None where they make none."""
+    try:
+        return section_of(profiles)
+    except MeasurementError:
+        return None
+
+
+def _length(section: Section) -> float:
+    return float(np.ptp(section.along))
+
+
+def _topic(source: Source | None) -> str:
+    return "" if source is None else source.topic

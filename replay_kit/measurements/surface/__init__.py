@@ -1,0 +1,1 @@
+"""Currents at the surface: by HF radar, and by drifters."""

@@ -1,0 +1,113 @@
+"""Currents by HF radar averaged to boxes as wide as the ensemble's cells: 500 vectors an hour are not 500 measurements.
+
+The error of a box has that of its vectors, correlated over a length; tides and inertial motion, which daily fields do not hold, are an
+error that all boxes of a time share. Radials are averaged along bearings: each sector of a station measures one component.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import BOTH_COMPONENTS, Flag, Label, LinearMeasurement
+from replay_kit.measurements.messages.water import RadarCurrents
+
+# m; boxes at least so wide, and over which errors are correlated where the file does not say
+_LEAST_SPACING, _ERROR_LENGTH = 2e3, 10e3
+# boxes of a time at most: they become wider
+_MOST_BOXES = 300
+# m/s; error of a box at least, and a current of which an oblique bearing sees a part
+_LEAST_ERROR, _CURRENT = 0.02, 0.2
+# s; over which tides and inertial motion keep their direction: a quarter of the semidiurnal period
+_TIDE = 0.25 * 12.42 * 3600.0
+# degrees of a sector
+_SECTOR = 10.0
+
+
+def superobservations(
+    currents: RadarCurrents, label: Label, spacing: float, tide_std: float
+) -> list[LinearMeasurement]:
+    """Return the measurements of a time: one of total vectors, or one of each sector of radials.
+
+    Args:
+        currents: At least one vector.
+        label: For statistics; its source has the time.
+        spacing: Width of the boxes [m].
+        tide_std: Speed of tides and inertial motion that the forecast does not hold, of each component [m/s].
+    """
+    common = tide_std * np.sqrt(max(1.0, _TIDE / currents.averaged))
+    if currents.direction is None:
+        return [_averaged(currents, label, spacing, common, BOTH_COMPONENTS)]
+    sector = np.round(currents.direction / _SECTOR) % (360.0 / _SECTOR)
+    numbers = np.unique(sector)
+    # sectors see two components of one tide, however many they are
+    common *= np.sqrt(max(1.0, 0.5 * numbers.size))
+    made = []
+    for number in numbers:
+        part = currents.part(sector == number)
+        assert part.direction is not None
+        angle = np.deg2rad(part.direction)
+        mean = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
+        component = np.array([[np.sin(mean), np.cos(mean)]])
+        made.append(_averaged(part, label, spacing, common, component, angle - mean))
+    return made
+
+
+def _averaged(
+    currents: RadarCurrents,
+    label: Label,
+    spacing: float,
+    common: float,
+    components: Array,
+    oblique: Array | None = None,
+) -> LinearMeasurement:
+    """Return vectors averaged to boxes; ``oblique``, shape (n,), are the angles of radials from the component [rad]."""
+    middle = Projection(float(currents.longitude[0]), float(currents.latitude[0]))
+    x, y = to_local(middle, currents.longitude, currents.latitude)
+    spacing = max(spacing, _LEAST_SPACING)
+    number, count = _boxes(x, y, spacing)
+    while count > _MOST_BOXES:
+        spacing *= 1.2
+        number, count = _boxes(x, y, spacing)
+    size = np.bincount(number, minlength=count)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.bincount(number, values, minlength=count) / size)
+
+    length = currents.error_length or _ERROR_LENGTH
+    std = np.empty(count)
+    for box in range(count):
+        at = np.flatnonzero(number == box)
+        apart = np.hypot(x[at, None] - x[at], y[at, None] - y[at])
+        own = currents.error_std[at]
+        std[box] = np.sqrt(own @ np.exp(-apart / length) @ own) / at.size
+    std = np.maximum(std, _LEAST_ERROR)
+    if oblique is not None:
+        std = np.hypot(std, _CURRENT * np.sqrt(mean(np.sin(oblique) ** 2)))
+    east, north = mean(x), mean(y)
+    between = np.hypot(east[:, None] - east, north[:, None] - north)
+    west = currents.longitude[0] + (currents.longitude - currents.longitude[0] + 180.0) % 360.0
+    return LinearMeasurement(
+        label.source.time_ns,
+        None,
+        mean(west - 180.0),
+        mean(currents.latitude),
+        np.full(count, currents.depth),
+        np.eye(count),
+        np.column_stack([mean(each) for each in currents.value.T]),
+        std,
+        np.full(count, Flag.GOOD, np.int8),
+        np.zeros(count, np.int32),
+        label,
+        float(common),
+        components=components,
+        correlation=np.exp(-between / length),
+    )
+
+
+def _boxes(x: Array, y: Array, spacing: float) -> tuple[NDArray[np.intp], int]:
+    """Return the number of each place's box, shape (n,), and how many there are."""
+    at = np.column_stack([np.floor(x / spacing), np.floor(y / spacing)]).astype(np.int64)
+    found, number = np.unique(at, axis=0, return_inverse=True)
+    return number.ravel().astype(np.intp), len(found)

@@ -1,0 +1,87 @@
+"""Files of radars and drifters as tests need them: small, and wrong where asked."""
+
+import numpy as np
+import xarray as xr
+
+_HEADER = """%CTF: 1.00
+%FileType: LLUV rdls "RadialMap"
+%Site: MADE ""
+%TimeStamp: 2019 01 01  0{hour} 00 00
+%TimeCoverage: 75.000 Minutes
+%Origin:  {latitude}  {longitude}
+%DopplerResolutionHzPerBin: 0.001953125
+%TransmitCenterFreqMHz: 13.450000
+%TableColumnTypes: LOND LATD VELU VELV VFLG ESPC ETMP RNGE BEAR VELO HEAD
+%TableStart:
+%%     (deg)       (deg)     (cm/s)   (cm/s)  (GridCode)  Quality  Quality (km)  (True)  ({unit})  (True)
+"""
+START = np.datetime64("2019-01-01T00:00:00", "ns")
+
+
+def write_radials(
+    path, current, origin=(152.0, -39.8), hour=0, unit="cm/s", scale=1.0, moved=0.0, spread=True
+):
+    """Write the radials of a current, (east, north) [m/s], that a station sees on the eastern side; the last is over land."""
+    rows = []
+    for distance in (10.0, 16.0, 22.0, 28.0):
+        for bearing in range(40, 141, 5):
+            angle, heading = np.deg2rad(bearing), (bearing + 180.0) % 360.0
+            towards = np.deg2rad(heading)
+            speed = 100.0 * (current[0] * np.sin(towards) + current[1] * np.cos(towards))
+            north = origin[1] + distance * np.cos(angle) / 111.0
+            east = origin[0] + distance * np.sin(angle) / (111.32 * np.cos(np.deg2rad(origin[1])))
+            flag = 128 if (distance, bearing) == (28.0, 140) else 0
+            spatial = 999.0 if bearing == 40 else 4.0
+            rows.append(
+                f" {east + moved:.6f} {north:.6f} 0.0 0.0 {flag} {spatial} 5.0 {distance} {bearing} {scale * speed:.4f} {heading}"
+            )
+    text = _HEADER.format(hour=hour, longitude=origin[0], latitude=origin[1], unit=unit)
+    path.write_text(text + "\n".join(rows) + "\n%TableEnd:\n%%\n%TableType: rads rad1\n")
+
+
+def totals(current, hours=3, n=(12, 14), west=152.0, south=-40.0, step=0.03, noise=0.0, seed=1):
+    """Return hourly totals of a current (east, north) [m/s], with one vector of questionable quality and one missing."""
+    rng = np.random.default_rng(seed)
+    shape = (hours, 1, *n)
+    u, v = (100.0 * (each + noise * rng.standard_normal(shape)) for each in current)
+    error = np.full(shape, 0.25)
+    error[:, :, 0, 0] = 0.9
+    u[:, :, 0, 1] = np.nan
+    dims = ("time", "z", "lat", "lon")
+    cm = {"units": "cm/s"}
+    parameters = [300.0, 2.0, 3.0, 0.02, 10.0, 10.0, 400.0, 66.0]
+    return xr.Dataset(
+        {
+            "u": (dims, u, cm),
+            "v": (dims, v, cm),
+            "u_err": (dims, error, {"units": "1"}),
+            "v_err": (dims, error, {"units": "1"}),
+            "processing_parameters": ("parameters", parameters),
+        },
+        {
+            "time": ("time", START + np.arange(hours) * np.timedelta64(1, "h")),
+            "lat": ("lat", south + step * np.arange(n[0])),
+            "lon": ("lon", west + step * np.arange(n[1])),
+        },
+        {"platform": "HF Radar 13 MHz Network"},
+    )
+
+
+def drifters(velocity=(0.2, 0.0), lost_after=99, n=9, west=152.1, south=-39.8):
+    """Return the six-hourly track of one drifter with a current (east, north) [m/s], and of one that has lost its drogue."""
+    hours = 6.0 * np.arange(n)
+    east, north = (3600.0 * hours * each for each in velocity)
+    longitude = west + east / (111.32e3 * np.cos(np.deg2rad(south)))
+    latitude = south + north / 111.2e3
+    lost = [START + np.timedelta64(int(6 * lost_after), "h"), START - np.timedelta64(1, "D")]
+    time = START + (hours * 3600).astype("timedelta64[s]")
+    return xr.Dataset(
+        {
+            "rowsize": ("traj", [n, n]),
+            "ID": ("traj", np.array([101, 102])),
+            "drogue_lost_date": ("traj", np.array(lost)),
+            "longitude": ("obs", np.tile(longitude, 2)),
+            "latitude": ("obs", np.tile(latitude, 2)),
+        },
+        {"time": ("obs", np.tile(time, 2))},
+    )

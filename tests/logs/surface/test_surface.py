@@ -1,0 +1,112 @@
+"""Files of HF radars and drifters to messages: units, errors, depths, what is left out, and what is refused."""
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.errors import LogError
+from replay_kit.core.observation import LinearMeasurement
+from replay_kit.logs import merge, open_logs
+from replay_kit.measurements import Skipped
+from replay_kit.measurements.interpret import events_of
+from tests.logs.surface import made
+from tests.places import DATA
+
+CURRENT = (0.15, -0.25)
+NO_TIDE = MeasurementConfig(surface_tide_std=0.0, surface_spacing=10e3)
+REAL = DATA / "hfradar"
+
+
+def read(paths, config=NO_TIDE):
+    logs = open_logs(paths)
+    events = [event for each in events_of(merge(logs, 1.0), config) for event in each]
+    notes = [note for log in logs for note in log.report().notes]
+    return logs, [each for each in events if isinstance(each, LinearMeasurement)], events, notes
+
+
+def test_totals_have_their_units_errors_and_depth(tmp_path):
+    whole = made.totals(CURRENT)
+    paths = [tmp_path / f"{k}.nc" for k in range(3)]
+    for k, path in enumerate(reversed(paths)):
+        whole.isel(time=[k]).to_netcdf(path, engine="h5netcdf")
+    (log,), found, _, notes = read(paths)
+    assert log.format == "radar-totals"
+    assert [each.time_ns for each in found] == whole.time.values.astype(int).tolist()
+    first = found[0]
+    np.testing.assert_allclose(first.value, np.tile(CURRENT, (len(first.value), 1)), atol=1e-6)
+    # 13 MHz; normalised variance of 0.25 of 400 cm2/s2, over boxes of up to twelve vectors whose errors are correlated over 10 km
+    assert first.depth[0] == pytest.approx(0.918, abs=1e-3)
+    assert 0.05 < first.error_std.min() < 0.1
+    assert first.error_std.max() <= 0.1 + 1e-9
+    assert len(first.value) < 12 * 14 / 4
+    assert any("times the signal's stated variance of 400 cm2/s2" in note for note in notes)
+    made.totals(CURRENT).to_netcdf(tmp_path / "one.nc", engine="h5netcdf")
+    _, same, _, _ = read([tmp_path / "one.nc"])
+    assert [each.value.tolist() for each in same] == [each.value.tolist() for each in found]
+
+
+def test_two_stations_give_the_current_of_the_totals(tmp_path):
+    for name, origin in (("west", (151.8, -39.8)), ("north", (152.2, -39.5))):
+        made.write_radials(tmp_path / f"{name}.ruv", CURRENT, origin)
+    _, found, _, notes = read([tmp_path / "west.ruv", tmp_path / "north.ruv"])
+    assert "MADE: 2 radials over land, not used" in notes
+    components = np.concatenate([np.repeat(each.components, len(each.value), 0) for each in found])
+    speeds = np.concatenate([each.value[:, 0] for each in found])
+    solved = np.linalg.lstsq(components, speeds, rcond=None)[0]
+    np.testing.assert_allclose(solved, CURRENT, atol=0.002)
+    assert all(each.label.kind == "radar" for each in found)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"moved": 0.5}, "radials of another station: they lie 43 km"),
+        ({"unit": "knots"}, "expected speeds in cm/s, the file states .*knots"),
+        ({"scale": 1.0 / 51.44}, "they look like knots or m/s"),
+    ],
+)
+def test_radials_that_are_not_what_they_say_are_refused(tmp_path, change, words):
+    made.write_radials(tmp_path / "one.ruv", CURRENT, **change)
+    with pytest.raises(LogError, match=words):
+        read([tmp_path / "one.ruv"])
+
+
+def test_a_file_that_lacks_a_key_or_a_variance_is_refused(tmp_path):
+    path = tmp_path / "one.ruv"
+    made.write_radials(path, CURRENT)
+    path.write_text(path.read_text().replace("%Origin", "%Place"))
+    with pytest.raises(LogError, match="it lacks Origin"):
+        open_logs([path])
+    totals = made.totals(CURRENT).drop_vars("processing_parameters")
+    totals.to_netcdf(tmp_path / "totals.nc", engine="h5netcdf")
+    with pytest.raises(LogError, match="expected the signal's variance"):
+        read([tmp_path / "totals.nc"])
+
+
+def test_drifters_give_the_current_at_their_drogues_until_they_lose_them(tmp_path):
+    path = tmp_path / "drifters.nc"
+    made.drifters(lost_after=5).to_netcdf(path, engine="h5netcdf")
+    (log,), found, events, notes = read([path])
+    assert log.format == "drifters"
+    # a mean between each fix and the next of five, of one drifter
+    assert len(found) == 4
+    for each in found:
+        np.testing.assert_allclose(each.value, [[0.2, 0.0]], atol=0.003)
+        assert each.value_depth == pytest.approx(15.0)
+        assert each.error_std[0] == pytest.approx(np.hypot(0.01, 28.3 / 21600.0), rel=0.01)
+    lost = [event for event in events if isinstance(event, Skipped)]
+    assert {event.reason for event in lost} == {"drifter without its drogue: the wind moves it"}
+    assert len(lost) == 9 + 4
+    assert "depth of the drogues is not stated: 15 m taken" in notes
+
+
+@pytest.mark.skipif(not REAL.exists(), reason="real currents by radar are not there")
+def test_real_totals_and_radials_are_read():
+    (totals,), found, _, _ = read(sorted(REAL.glob("RU_MARA*.nc")))
+    assert len(totals.files) == len(found) == 12
+    assert all(len(each.value) <= 300 for each in found)
+    rms = np.sqrt(np.mean([np.mean(each.value**2) for each in found]))
+    assert 0.1 < rms < 0.5
+    (radials,), found, _, notes = read(sorted(REAL.glob("*.ruv")))
+    assert len(radials.files) == len({each.time_ns for each in found}) == 4
+    assert "SEAB: 1346 radials over land, not used" in notes

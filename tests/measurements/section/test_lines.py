@@ -1,0 +1,183 @@
+"""Samples of a CTD to measurements of the shear: as they come, with faults, with turns, and in the estimate."""
+
+import gsw
+import numpy as np
+import pytest
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.message import Message
+from replay_kit.core.observation import LinearMeasurement
+from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
+from tests.measurements.section.test_thermal_wind import LATITUDE, expected
+
+CONFIG = MeasurementConfig()
+HOUR_NS = 3600 * 10**9
+START_NS = 1_700_000_000 * 10**9
+
+
+def mission(
+    dives=14, spacing=4e3, tilt=1e-3, latitude=LATITUDE, turn=99, change=lambda ctd, dive: ctd
+):
+    """Return the messages of dives to 800 m in water whose isopycnals rise to the east; from dive ``turn`` on the way goes north."""
+    messages, place, latitude0 = [], np.zeros(2), latitude
+
+    def put(time_ns, topic, schema, payload):
+        messages.append(Message(time_ns, topic, schema, payload, 0, len(messages)))
+
+    def fix(time_ns, at, depth, reckoned):
+        longitude, north = to_geographic(Projection(-60.0, latitude0), *at)
+        extra = {"depth": depth, "dead_reckoned": str(reckoned).lower()}
+        metadata = [{"key": key, "value": str(value)} for key, value in extra.items()]
+        payload = {"longitude": float(longitude), "latitude": float(north), "metadata": metadata}
+        put(time_ns, "/vehicle/fix", "foxglove.LocationFix", payload)
+
+    rng = np.random.default_rng(1)
+    for dive in range(dives):
+        time_ns = START_NS + dive * 4 * HOUR_NS
+        unit = np.array([0.0, 1.0] if dive >= turn else [1.0, 0.0])
+        fix(time_ns, place, 0.0, False)
+        heave = 3.0 * rng.standard_normal(2)
+        for share in np.linspace(0.004, 0.996, 250):
+            depth = 800.0 * (1.0 - abs(2.0 * share - 1.0))
+            at = place + share * spacing * unit
+            if round(share * 250) % 10 == 1:
+                fix(time_ns + int(share * 3.8 * HOUR_NS) - 1, at, depth, True)
+            risen = depth + tilt * at[0] + heave[int(share > 0.5)] * np.sin(np.pi * depth / 800.0)
+            pressure = float(gsw.p_from_z(-depth, latitude))
+            absolute = gsw.SA_from_SP(35.0, pressure, -60.0, latitude)
+            temperature = gsw.t_from_CT(absolute, 4.0 + 14.0 * np.exp(-risen / 300.0), pressure)
+            ctd = {"depth": depth, "temperature": float(temperature), "salinity": 35.0}
+            ctd = change(ctd | {"pressure": pressure, "conductivity": None}, dive)
+            put(time_ns + int(share * 3.8 * HOUR_NS), "/ctd", "replay_kit.Ctd", ctd)
+        place = place + spacing * unit
+    fix(START_NS + dives * 4 * HOUR_NS, place, 0.0, False)
+    return messages
+
+
+def measured(messages, config=CONFIG):
+    """Return the shears, the reasons by number of messages, and how many messages of the CTD were used."""
+    state, events = initial_state(), []
+    for message in messages:
+        state, more = interpret(state, message, config)
+        events += more
+    events += finish(state, config)
+    reasons = [
+        event.reason for event in events if isinstance(event, Skipped) and event.topic == "/ctd"
+    ]
+    used = sum(isinstance(event, Used) and event.topic == "/ctd" for event in events)
+    given = sum(message.topic == "/ctd" for message in messages)
+    assert used + len(reasons) == given
+    return [event for event in events if isinstance(event, LinearMeasurement)], set(reasons), used
+
+
+@pytest.fixture(scope="module")
+def dives():
+    return mission()
+
+
+def test_dives_along_a_line_give_the_shear_across_it_once_it_is_long_enough(dives):
+    shears, reasons, used = measured(dives)
+    first = shears[0]
+    at = first.depth / 10.0
+    truth = expected(1e-3)[at.astype(int)]
+    relative = first.value[:, 0] - first.value[:, 0].mean() - (truth - truth.mean())
+    sign = np.sign(first.components[0, 1])
+    assert sign == 1.0
+    assert np.abs(relative).max() < 2.0 * first.error_std.max()
+    assert np.abs(relative).max() < 0.3 * np.ptp(truth)
+    assert first.reference == "relative"
+    assert first.source.topic == "/ctd"
+    # known at a surfacing, of dives that count in no other
+    assert len({each.time_ns for each in shears}) == len(shears)
+    assert used >= 250 * 8
+    assert first.label.kind == "shear"
+    assert not first.label.doubt
+    # after the message at which the line was complete, before the mission ended
+    assert first.time_ns < dives[-1].time_ns
+    assert reasons <= {"profiles along no straight line of 0.3 Rossby radii"}
+
+
+def test_a_turn_ends_a_line():
+    shears, _, _ = measured(mission(20, turn=10))
+    directions = {round(float(abs(each.components[0, 1])), 1) for each in shears}
+    assert directions == {1.0, 0.0}
+
+
+def test_it_can_be_withheld(dives):
+    shears, reasons, used = measured(dives, MeasurementConfig(without=("shear",)))
+    assert not shears
+    assert reasons == {"left out: shear (measurements.without)"}
+    assert used == 0
+
+
+def _in_ms_cm(ctd, dive):
+    return ctd | {"salinity": float(gsw.C_from_SP(35.0, ctd["temperature"], ctd["pressure"]))}
+
+
+def _conductivity(ctd, dive):
+    return _in_ms_cm(ctd, dive) | {
+        "conductivity": _in_ms_cm(ctd, dive)["salinity"],
+        "salinity": None,
+    }
+
+
+def _bar(ctd, dive):
+    return ctd | {"pressure": 0.1 * ctd["pressure"]}
+
+
+def _depth_of_bar(ctd, dive):
+    return ctd | {"pressure": 0.1 * ctd["pressure"], "depth": None}
+
+
+def _fouled(ctd, dive):
+    return ctd | {"salinity": 35.0 - 0.05 * dive}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (_in_ms_cm, "it looks like conductivity in mS/cm"),
+        (_conductivity, "it looks like mS/cm"),
+        (_bar, "it looks like bar"),
+        (_depth_of_bar, "looks like bar"),
+        (_fouled, "it looks like a fouled cell"),
+    ],
+)
+def test_a_fault_of_the_ctd_is_named_and_gives_no_shear(change, words):
+    shears, reasons, used = measured(mission(11, change=change))
+    assert not shears
+    assert used == 0
+    assert any(words in reason for reason in reasons), reasons
+
+
+def test_near_the_equator_there_is_none():
+    shears, reasons, _ = measured(mission(6, spacing=30e3, latitude=3.0))
+    assert not shears
+    assert any("of the equator" in reason for reason in reasons)
+
+
+def test_a_lag_of_the_cell_is_named_beside_the_shear():
+    last = [10.0]
+
+    def lagging(ctd, dive):
+        behind = ctd["temperature"] - last[0]
+        last[0] += 0.3 * behind
+        return ctd | {"salinity": 35.0 + 0.4 * behind}
+
+    shears, _, _ = measured(mission(change=lagging))
+    assert shears
+    assert all("lag" in each.label.doubt for each in shears)
+    sound, _, _ = measured(mission())
+    assert shears[0].error_std.max() > sound[0].error_std.max()
+
+
+def test_a_conductivity_gives_the_salinity(dives):
+    def stated(ctd, dive):
+        conductivity = 0.1 * gsw.C_from_SP(35.0, ctd["temperature"], ctd["pressure"])
+        return ctd | {"salinity": None, "conductivity": float(conductivity)}
+
+    (first, *_), _, _ = measured(mission(change=stated))
+    (same, *_), _, _ = measured(dives)
+    np.testing.assert_allclose(first.value, same.value, atol=0.003)

@@ -1,0 +1,81 @@
+"""Measurements beside the vehicle's own in a replay: counted by source, withheld by source, the same from the result and after a pause."""
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import load_config
+from replay_kit.core.errors import MeasurementError
+from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.results.outcome.from_run import outcome_of
+from replay_kit.results.outcome.outcome import outcome_from
+from replay_kit.results.views.record import read_record
+from replay_kit.show.summary import estimate_sentences
+from replay_kit.workflows.info.inspect import inspect_logs
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.replay import replay
+from tests import synthetic
+from tests.logs.surface import made
+from tests.measurements.section.test_lines import mission
+
+LEVELS = np.array([5.0, 100.0, 300.0, 600.0])
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory):
+    """A folder with an ensemble and a glider's line through it."""
+    folder = tmp_path_factory.mktemp("line")
+    made = synthetic.dataset(3, 8, (6, 10), LEVELS, west=-60.2, south=39.75)
+    made.to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    write_mcap_log(folder / "glider.mcap", mission())
+    return folder
+
+
+def run(ocean, out=None, logs=None, **settings):
+    measurements = {"dead_reckoning": "through_water", **settings}
+    config = load_config(None, {"estimator": {"modes": 7}, "measurements": measurements})
+    logs = logs or (ocean / "glider.mcap",)
+    job = ReplayJob(logs, ocean / "ensemble.nc", out, overwrite=True)
+    return replay(job, config)[0]
+
+
+def test_shear_is_counted_apart_and_the_result_says_the_same(ocean, tmp_path):
+    summary = run(ocean, tmp_path / "out.mcap")
+    (row,) = summary.sources
+    assert (row.kind, row.used, row.rejected) == ("shear", 3, 0)
+    # nine of twelve levels are within the grid, relative to an unknown current
+    assert row.values == 3 * 8
+    assert row.rms_after < row.rms_before
+    outcome = outcome_of(summary)
+    assert outcome_from(read_record(tmp_path / "out.mcap").summary) == outcome
+    (said,) = [text for text in estimate_sentences(outcome) if "shear" in text]
+    assert said.startswith(
+        "Also used: geostrophic shear: 3 measurements used (24 values), 0 rejected"
+    )
+
+
+def test_withheld_it_leaves_the_other_measurements(ocean):
+    whole, denied = run(ocean), run(ocean, without=["shear"])
+    assert not denied.sources
+    assert denied.profiles_used == whole.profiles_used - 3
+    with pytest.raises(MeasurementError, match="--without radar: expected something"):
+        run(ocean, without=["radar"])
+
+
+def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
+    at = {"west": -59.9, "south": 39.8}
+    made.totals((0.1, 0.05), 4, **at).to_netcdf(tmp_path / "totals.nc", engine="h5netcdf")
+    made.write_radials(tmp_path / "one.ruv", (0.1, 0.05), (-59.9, 40.0))
+    made.drifters((0.1, 0.05), west=-59.6, south=40.0).to_netcdf(
+        tmp_path / "drifters.nc", engine="h5netcdf"
+    )
+    others = tuple(tmp_path / name for name in ("totals.nc", "one.ruv", "drifters.nc"))
+    alone = run(ocean, logs=others)
+    assert {row.kind: row.rejected for row in alone.sources} == {"drifters": 0, "radar": 0}
+    assert all(row.rms_after < row.rms_before for row in alone.sources)
+    beside = run(ocean, tmp_path / "out.mcap", (*others, ocean / "glider.mcap"))
+    assert [row.kind for row in beside.sources] == ["drifters", "radar", "shear"]
+    denied = run(ocean, None, (*others, ocean / "glider.mcap"), without=["radar", "drifters"])
+    assert [row.kind for row in denied.sources] == ["shear"]
+    content = inspect_logs(others, load_config(None))
+    assert [info.content.surface for info in content] == [4, 11, 8]
+    assert {info.use for info in content} == {"ready for replay: currents at the surface found"}
