@@ -232,7 +232,7 @@ def _dives(
         )
     place_at, first_ns = look_ahead(data, config)
     ensemble = local_ensemble(known.ensemble, data, config)
-    region = find_region(data, ensemble, config, first_ns, None, may_follow=False)
+    region = find_region(data, ensemble, config, first_ns, (), may_follow=False)
     forecasts = read_forecasts(ensemble, config, first_ns, place_at, region)
     notes += forecasts.notes
     return missions, build_evolving(forecasts.series, config.estimator, config.time, config.gating)

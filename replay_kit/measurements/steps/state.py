@@ -5,7 +5,6 @@ A position completes the pings that waited for it, and the mean current that it 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np

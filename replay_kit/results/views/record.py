@@ -18,7 +18,7 @@ from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME, stated_records
+from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,8 @@ from replay_kit.workflows.replay.referee import name_of, rival_inputs
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stages.consistency import conclusions
-from replay_kit.workflows.replay.statistics import pooled
 from replay_kit.workflows.replay.stages.planner import PlanQuery
+from replay_kit.workflows.replay.statistics import pooled
 from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
 
 _NOT_DENIED = (

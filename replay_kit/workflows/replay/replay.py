@@ -14,7 +14,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from replay_kit.config.run import RunConfig
+from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.errors import (
     ConfigError,
     LogError,
@@ -346,7 +346,7 @@ def _loop(
         if not count:
             _begin_result(session, inputs, block[0].time_ns)
         with session.clock.stage("measure"):
-            steps = _interpreted(states, block, inputs, session.config)
+            steps = _interpreted(states, block, inputs, measurements)
         pings = [
             one.summarised(event for of, _, events in steps if of == number for event in events)
             for number, one in enumerate(sessions)
@@ -363,7 +363,7 @@ def _loop(
     if checkpoints is not None:
         checkpoints.write_last()
     if not inputs.job.vehicles:
-        sessions[0].take(finish(states[0], session.config.measurements))
+        sessions[0].take(finish(states[0], measurements))
     session.shared.assimilate(last=True)
     for one, merged, readers in zip(sessions, stream.merged, inputs.by_vehicle, strict=True):
         one.statistics = one.statistics.with_order(merged, readers[0].input)
@@ -373,22 +373,22 @@ def _interpreted(
     states: Sequence[MeasurementState],
     block: Sequence[Message],
     inputs: Prepared,
-    config: RunConfig,
+    config: MeasurementConfig,
 ) -> list[tuple[int, MeasurementState, Sequence[Event]]]:
     """Return for each message of a block the number of its vehicle, the vehicle's state after it and its events."""
     if not inputs.job.vehicles:
         (state,) = states
-        return [(0, *one) for one in interpret_block(state, block, config.measurements)]
+        return [(0, *one) for one in interpret_block(state, block, config)]
     owners = inputs.owners
     found: dict[int, tuple[int, MeasurementState, Sequence[Event]]] = {}
     for number, state in enumerate(states):
         own = [k for k, message in enumerate(block) if owners[message.input] == number]
         read = [k for k in own if block[k].schema != END]
-        steps = interpret_block(state, [block[k] for k in read], config.measurements)
+        steps = interpret_block(state, [block[k] for k in read], config)
         for k, (after, events) in zip(read, steps, strict=True):
             state, found[k] = after, (number, after, events)
         for k in own[len(read) :]:
-            found[k] = (number, state, finish(state, config.measurements))
+            found[k] = (number, state, finish(state, config))
     return [found[k] for k in range(len(block))]
 
 

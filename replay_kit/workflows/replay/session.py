@@ -14,7 +14,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import Observation, PathMean, VehicleState
+from replay_kit.core.observation import Observation, PathMean
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.next_dive.flight import local_current

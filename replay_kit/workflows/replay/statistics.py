@@ -104,7 +104,9 @@ class RunStatistics:
         counts, of = self.messages, list(events)
         used = [event.topic for event in of if isinstance(event, Used)]
         skipped = [(event.topic, event.reason) for event in of if isinstance(event, Skipped)]
-        unsupported = [kind_of(event) for event in of if isinstance(event, PathMean | LinearMeasurement)]
+        unsupported = [
+            kind_of(event) for event in of if isinstance(event, PathMean | LinearMeasurement)
+        ]
         counts = replace(
             counts,
             used=increment(counts.used, used),
@@ -288,6 +290,8 @@ def pooled(each: Mapping[str, tuple[RunStatistics, Sequence[LogReport]]]) -> Rep
         late=sum(one.late for one in summaries.values()),
         evidence=evidence if evidence.total.measurements else None,
     )
+
+
 def _source_row(kind: str, found: SourceCounts) -> SourceRow:
     sums = found.sums
     before, after, prior = map(sums.rms, (sums.before, sums.after, sums.prior))

@@ -89,6 +89,8 @@ class Contributor:
 
     estimator: Estimator[Any]
     state: EstimationState
+
+
 def inputs_of(
     estimator: Estimator[Any] | type[Estimator[Any]],
 ) -> tuple[type[VehicleState | Measurement], ...]:
