@@ -40,7 +40,8 @@ def test_every_benchmark_runs_and_its_answers_are_right(name, tmp_path, capsys):
     file = tmp_path / "benchmarks.json"
     main([name, "--tiny", "--json", str(file)])
     result = json.loads(file.read_text())
-    assert "asked" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "asked" in said or all(row["ratio"] is None for row in result["rows"])
     assert {"rows", "machine", "versions", "limits", "scaling"} <= set(result)
     assert result["rows"]
     assert not result["scaling"]
