@@ -11,7 +11,7 @@ import xarray as xr
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Paths
 from replay_kit.core.text import some_text
-from replay_kit.forecast.files import find_sources, natural, open_file
+from replay_kit.forecast.files import find_sources, natural, opened_file
 from replay_kit.forecast.layout import U, V
 from replay_kit.forecast.members import (
     WARNING,
@@ -107,7 +107,7 @@ def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collectio
     try:
         with ExitStack() as stack:
             opened = [
-                (number, path, stack.enter_context(open_file(path)))
+                (number, path, stack.enter_context(opened_file(path)))
                 for number, argument in enumerate(sources.arguments)
                 for path in argument
             ]

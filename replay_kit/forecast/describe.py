@@ -16,7 +16,7 @@ from replay_kit.core.region import DEGREE, Region, around
 from replay_kit.core.text import some_text
 from replay_kit.forecast.axes import AxesCheck
 from replay_kit.forecast.blocks import Collection, open_collection
-from replay_kit.forecast.files import find_sources, open_file
+from replay_kit.forecast.files import find_sources, opened_file
 from replay_kit.forecast.grid import region_block
 from replay_kit.forecast.members import MemberRule, parse_rule
 from replay_kit.forecast.names import find_current, suffixes
@@ -96,7 +96,7 @@ def _without_current(files: Sequence[Path]) -> list[str] | None:
     """Return the variables of files of which none holds a current; None where one does."""
     variables: set[str] = set()
     for path in files:
-        with open_file(path) as ds:
+        with opened_file(path) as ds:
             if suffixes(ds) or find_current(ds, str(path)) is not None:
                 return None
             variables |= {str(name) for name in ds.data_vars}

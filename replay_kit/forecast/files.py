@@ -4,7 +4,8 @@ import glob
 import math
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -186,6 +187,21 @@ def open_file(path: Path) -> xr.Dataset:
     ) as error:
         raise ForecastError(f"{path}: cannot be read as {engine}: {error}; {_HINT}") from error
     return with_dates(ds)
+
+
+@contextmanager
+def opened_file(path: Path) -> Iterator[xr.Dataset]:
+    """Give what ``open_file`` returns; it is closed at the end.
+
+    Values of NetCDF-3 that something still refers to then stay mapped until nothing does, which is harmless.
+    """
+    ds = open_file(path)
+    try:
+        yield ds
+    finally:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Cannot close a netcdf_file", RuntimeWarning)
+            ds.close()
 
 
 def with_dates(ds: xr.Dataset) -> xr.Dataset:

@@ -11,7 +11,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble, read_series, read_truth
-from replay_kit.forecast.files import open_file
+from replay_kit.forecast.files import opened_file
 from tests import synthetic
 from tests.forecast.forms import noted, read_with, refused
 from tests.forecast.test_reader import PLAIN, write
@@ -154,6 +154,6 @@ def test_real_files_keep_their_levels(path):
     if not path.exists():
         pytest.skip("the shared data are not on this machine")
     read = read_truth(str(path), PLAIN) if path in TRUTHS else read_with(path)
-    with open_file(path) as ds:
+    with opened_file(path) as ds:
         assert_array_equal(read.grid.levels, ds["depth"].values.astype(np.float64))
     assert not noted(read, "coordinate")
