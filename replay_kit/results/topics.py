@@ -49,7 +49,10 @@ class Digest:
 
 
 def stated_records(reader: McapReader) -> tuple[dict[str, dict[str, str]], dict[str, bytes]]:
-    """Return the metadata of a result by name, without its digests, and the attached configuration and summary."""
+    """Return the metadata of a result by name, without its digests, and the attached configuration and summary.
+
+    Of several vehicles each has a summary too, whose name has the vehicle's and a slash before it.
+    """
     metadata = {
         record.name: dict(record.metadata)
         for record in reader.iter_metadata()
@@ -58,7 +61,7 @@ def stated_records(reader: McapReader) -> tuple[dict[str, dict[str, str]], dict[
     attached = {
         record.name: record.data
         for record in reader.iter_attachments()
-        if record.name in (CONFIG_NAME, SUMMARY_NAME)
+        if record.name.rpartition("/")[2] in (CONFIG_NAME, SUMMARY_NAME)
     }
     return metadata, attached
 

@@ -18,7 +18,7 @@ from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME
+from replay_kit.results.topics import CONFIG_NAME, stated_records
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,17 +41,7 @@ class RunRecord:
 def read_record(path: Path) -> RunRecord:
     """Return what a result MCAP states of its run."""
     with path.open("rb") as file:
-        reader = make_reader(file)
-        metadata = {
-            record.name: dict(record.metadata)
-            for record in reader.iter_metadata()
-            if record.name != "replay_kit.digest"
-        }
-        attached = {
-            record.name: record.data
-            for record in reader.iter_attachments()
-            if record.name.rpartition("/")[2] in (CONFIG_NAME, SUMMARY_NAME)
-        }
+        metadata, attached = stated_records(make_reader(file))
     config = attached.pop(CONFIG_NAME, b"").decode()
     summaries = {name.rpartition("/")[0]: json.loads(data) for name, data in attached.items()}
     return RunRecord(metadata, config, summaries.pop("", None), summaries)
