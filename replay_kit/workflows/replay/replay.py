@@ -213,9 +213,7 @@ def _prepare(
                 planner, vehicle.goal, own.planner, own.measurements.surface_depth, goals
             )
         levels = ensemble.grid.levels
-        sessions.append(
-            Session(estimator, levels, own, problem, clock, speeds, shared, vehicle.name)
-        )
+        sessions.append(Session(estimator, levels, own, problem, speeds, shared, vehicle.name))
     # without a goal nothing reads the bathymetry
     arguments, bathymetry = (
         find_sources(job.ensemble).arguments,

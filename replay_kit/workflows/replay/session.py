@@ -90,7 +90,6 @@ class Session:
         levels: Array,
         config: RunConfig,
         problem: PlanningProblem | None = None,
-        clock: Stopwatch | None = None,
         speeds: EnsembleSpeeds | None = None,
         shared: SharedEstimate | None = None,
         name: str = "",
@@ -102,9 +101,8 @@ class Session:
             levels: shape (Z,) [m], of the weights.
             config: The run's settings.
             problem: What to plan; None plans nothing.
-            clock: Wall time of each stage so far; None for a new one.
             speeds: Of the ensemble, with which those of the log are compared; None compares none.
-            shared: The estimate that is given the measurements; None for one of its own.
+            shared: The estimate that is given the measurements, with the clock of its stages; None for one of its own.
             name: Of the vehicle, where it is one of several.
         """
         self.estimator = self.built = estimator
@@ -112,12 +110,12 @@ class Session:
         self.config = config
         self._problem = problem
         self.writer: ResultWriter | None = None
-        self.clock = clock or Stopwatch()
         self._levels = levels
         self._inputs = inputs_of(estimator)
         self._uncounted: list[Event] = []
         self.name = name
-        self.shared = shared or SharedEstimate(self.clock)
+        self.shared = shared or SharedEstimate(Stopwatch())
+        self.clock = self.shared.clock
         prior = estimator.initial()
         self.restore(ReplayState(EstimationState(prior, prior)))
         self._number = self.shared.add(self)

@@ -76,6 +76,7 @@ class SharedEstimate:
 
     Attributes:
         vehicles: In the order of their names.
+        clock: Wall time of each stage so far.
         kept: As in ``Queued``.
         next_slices_ns: As in ``Queued``.
     """
@@ -85,7 +86,7 @@ class SharedEstimate:
         self.vehicles: list[Vehicle] = []
         self.kept: list[tuple[int, Measurement]] = []
         self.next_slices_ns: int | None = None
-        self._clock = clock
+        self.clock = clock
         self._queues: list[deque[tuple[int, Input]]] = []
         self._due_ns: list[int | None] = []
         self._ended: list[bool] = []
@@ -174,7 +175,7 @@ class SharedEstimate:
         Args:
             last: Whether profiles that others might join wait no longer.
         """
-        with self._clock.stage("estimate"):
+        with self.clock.stage("estimate"):
             states, steps = assimilate_together(self._contributors(), self._buffer, last)
         if self.is_pooled:
             self.kept += [
@@ -213,7 +214,7 @@ class SharedEstimate:
                 one for one in queue if not isinstance(one[1], Observation)
             )
             kept = self.kept
-        with self._clock.stage("estimate"):
+        with self.clock.stage("estimate"):
             states, steps = assimilate_together(self._contributors(begun=True), list(kept))
         for vehicle, state in zip(self.vehicles, states, strict=True):
             vehicle.estimation = state
