@@ -29,6 +29,10 @@ Entry = tuple[int, str, str, dict[str, Any]]
 OnExtra = Callable[[Attachment | Metadata], None]
 
 
+#: Of formats that are values alone, what no checksum covers.
+VALUES = "values of NetCDF, text or Slocum files"
+
+
 class LogFile(AbstractContextManager["LogFile"]):
     """A log opened for reading. Each pass reads the file anew; leaving the context closes the passes that were not finished.
 
@@ -52,7 +56,7 @@ class LogFile(AbstractContextManager["LogFile"]):
 
     def __init__(
         self,
-        path: Path,
+        path: Path | Sequence[Path],
         input: int = 0,
         config: LogConfig | None = None,
         wanted: frozenset[str] | None = None,
@@ -60,14 +64,14 @@ class LogFile(AbstractContextManager["LogFile"]):
         """Remember what to read.
 
         Args:
-            path: The log.
+            path: The log, or its files; it is named after the first.
             input: Position of the log among the run's inputs.
             config: Which clock orders the messages, which topics are renamed; the defaults when None.
             wanted: MAVLink message names, and schemas of DataFlash records, to decode; others are counted only. None decodes all.
                 Without effect on other formats.
         """
-        self.path = str(path)
-        self.files: tuple[Path, ...] = (path,)
+        self.files: tuple[Path, ...] = (path,) if isinstance(path, Path) else tuple(path)
+        self.path = str(self.files[0])
         self.input = input
         self.statistics = ReadStatistics()
         self._config = config or LogConfig()

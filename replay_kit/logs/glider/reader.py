@@ -19,7 +19,7 @@ from replay_kit.logs.glider.fixes import fixes_of
 from replay_kit.logs.glider.instruments import PROFILES, absolute_profiles, instrument_entries
 from replay_kit.logs.glider.missions import mission_of
 from replay_kit.logs.glider.rows import NetcdfRows
-from replay_kit.logs.reader import Entry, LogFile
+from replay_kit.logs.reader import VALUES, Entry, LogFile
 from replay_kit.logs.shared.payloads import (
     FIX,
     by_variable,
@@ -40,7 +40,7 @@ _DAC = "replay_kit.DepthAveragedCurrent"
 class GliderReader(LogFile):
     """The files of one dialect that are one log, read whole: a mission has some ten thousand samples."""
 
-    without_checksum = "values of NetCDF, text or Slocum files"
+    without_checksum = VALUES
 
     def __init__(
         self,

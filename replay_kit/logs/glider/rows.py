@@ -11,7 +11,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf
-from replay_kit.logs.reader import LogFile
+from replay_kit.logs.reader import VALUES, LogFile
 from replay_kit.logs.shared.payloads import numbers
 from replay_kit.logs.shared.statistics import ReadStatistics
 
@@ -32,7 +32,7 @@ class NetcdfRows(LogFile):
 
     format = "netcdf"
 
-    without_checksum = "values of NetCDF, text or Slocum files"
+    without_checksum = VALUES
 
     def _prepare(self) -> None:
         """Read the file.

@@ -1,19 +1,18 @@
 """Tracks of drifters in NetCDF as of the Global Drifter Program: one file or several drifters as a ragged array, each fix a message."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, open_netcdf
-from replay_kit.logs.reader import LogFile
+from replay_kit.logs.reader import VALUES, LogFile
 from replay_kit.logs.shared.payloads import number, stamp
 from replay_kit.logs.shared.statistics import ReadStatistics
 
@@ -53,25 +52,16 @@ class DrifterReader(LogFile):
     """Files of drifters that are one log, read whole."""
 
     format = "drifters"
-    without_checksum = "values of NetCDF, text or Slocum files"
+    without_checksum = VALUES
 
-    def __init__(
-        self, paths: Sequence[Path], input: int = 0, config: LogConfig | None = None
-    ) -> None:
+    def _prepare(self) -> None:
         """Read the files.
-
-        Args:
-            paths: The files.
-            input: Position of the log among the run's inputs.
-            config: How logs are read.
 
         Raises:
             LogError: A file cannot be read, or its columns are of unlike lengths.
         """
-        super().__init__(paths[0], input, config)
-        self.files = tuple(paths)
         notes: list[str] = []
-        self._columns = [_columns(path, notes) for path in paths]
+        self._columns = [_columns(path, notes) for path in self.files]
         self._notes = tuple(dict.fromkeys(notes))
         self.statistics.notes = self._notes
 

@@ -2,18 +2,17 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
-from replay_kit.logs.reader import LogFile, unreadable
+from replay_kit.logs.reader import VALUES, LogFile, unreadable
 from replay_kit.logs.shared.payloads import numbers, stamp
 from replay_kit.logs.shared.statistics import ReadStatistics
 from replay_kit.logs.surface.totals import SCHEMA, depth_of
@@ -34,31 +33,15 @@ class RadialsReader(LogFile):
     """Files of the radials of one station that are one log."""
 
     format = "radar-radials"
-    without_checksum = "values of NetCDF, text or Slocum files"
+    without_checksum = VALUES
 
-    def __init__(
-        self,
-        paths: Path | Sequence[Path],
-        input: int = 0,
-        config: LogConfig | None = None,
-        wanted: frozenset[str] | None = None,
-    ) -> None:
+    def _prepare(self) -> None:
         """Read the files' headers.
-
-        Args:
-            paths: The file, or the files.
-            input: Position of the log among the run's inputs.
-            config: How logs are read.
-            wanted: Without effect.
 
         Raises:
             LogError: A file cannot be read, or lacks its time, origin, frequency or a column.
         """
-        del wanted
-        files = (paths,) if isinstance(paths, Path) else tuple(paths)
-        super().__init__(files[0], input, config)
-        self.files = files
-        self._times = sorted((_time_ns(path, header(path)), path) for path in files)
+        self._times = sorted((_time_ns(path, header(path)), path) for path in self.files)
 
     def messages(self) -> Iterator[Message]:
         """Yield the radials of each file as a message on ``/radar/radials/STATION``.

@@ -4,21 +4,20 @@ To add a dialect, write its ``TotalsDialect`` and add it to ``DIALECTS``, or off
 """
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.extensions import additions
 from replay_kit.core.message import Message
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, open_netcdf
-from replay_kit.logs.reader import LogFile
+from replay_kit.logs.reader import VALUES, LogFile
 from replay_kit.logs.shared.payloads import numbers, stamp
 from replay_kit.logs.shared.statistics import ReadStatistics
 
@@ -99,25 +98,17 @@ class TotalsReader(LogFile):
     """Files of total vectors that are one log."""
 
     format = "radar-totals"
-    without_checksum = "values of NetCDF, text or Slocum files"
+    without_checksum = VALUES
 
-    def __init__(
-        self, paths: Sequence[Path], input: int = 0, config: LogConfig | None = None
-    ) -> None:
+    def _prepare(self) -> None:
         """Read the files' times.
-
-        Args:
-            paths: The files.
-            input: Position of the log among the run's inputs.
-            config: How logs are read.
 
         Raises:
             LogError: A file cannot be read, or holds no time.
         """
-        super().__init__(paths[0], input, config)
-        self.files, self._notes = tuple(paths), dict[str, None]()
+        self._notes = dict[str, None]()
         times = []
-        for path in paths:
+        for path in self.files:
             notes: list[str] = []
             file = open_netcdf(path, lambda names, attributes: ["time"])
             time_ns, known = units.time_ns("time", file.variables["time"], file, notes)
