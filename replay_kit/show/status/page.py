@@ -18,16 +18,15 @@ from replay_kit.show.vehicles import vehicle_rows
 
 # What is focused and unfolded is kept for the next look; nothing is loaded while no one looks.
 _SCRIPT = """
-const key = `status ${location.pathname}`;
 const parts = () => [...document.querySelectorAll("details")];
-const kept = JSON.parse(sessionStorage.getItem(key) || "{}");
+const kept = history.state || {};
 parts().forEach((part) => { part.open = (kept.open || []).includes(part.id); });
 document.getElementById(kept.focus)?.focus({ preventScroll: true });
 scrollTo(0, kept.top || 0);
 setInterval(() => {
   if (document.hidden) return;
   const open = parts().filter((part) => part.open).map((part) => part.id);
-  sessionStorage.setItem(key, JSON.stringify({ open, focus: document.activeElement.id, top: scrollY }));
+  history.replaceState({ open, focus: document.activeElement.id, top: scrollY }, "");
   location.reload();
 }, 1000 * document.documentElement.dataset.again);
 """
