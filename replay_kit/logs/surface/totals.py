@@ -112,6 +112,7 @@ class TotalsReader(LogFile):
             notes: list[str] = []
             file = open_netcdf(path, lambda names, attributes: ["time"])
             time_ns, known = units.time_ns("time", file.variables["time"], file, notes)
+            self._notes |= dict.fromkeys(notes)
             times += [
                 (int(at), path, k)
                 for k, at in enumerate(time_ns.ravel().tolist())
