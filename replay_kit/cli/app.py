@@ -111,7 +111,8 @@ _COMMANDS = {
     ),
     "bench": (
         "[DATA...] [--ensemble FILE...]",
-        "Benchmark methods, and programs of your own, on frozen tasks: dives of real missions predicted, withheld truths estimated.",
+        "Benchmark methods, and programs of your own, on frozen tasks: dives of real missions predicted, withheld truths estimated and "
+        "planned in.",
     ),
     "verify": (
         "OUT.mcap",
@@ -121,11 +122,7 @@ _COMMANDS = {
 _STUDIES = {
     "paper": (
         "--ensemble FILE (--truth FILE | --leave-out K) -o DIR",
-        "Compute the study of Kong et al. (IROS 2021) on an ensemble: its tables, figures, and a report of where its method holds.",
-    ),
-    "planning": (
-        "--ensemble FILE -o DIR",
-        "Plan missions on estimates, fly them in the truth, and compare the odds stated for them.",
+        "Compute the study of Kong et al. (IROS 2021) on an ensemble: its tables, and a report of where its method holds.",
     ),
 }
 _EVERY = {**_COMMANDS, **{f"experiment {_name}": _words for _name, _words in _STUDIES.items()}}
@@ -163,9 +160,7 @@ app = _group(
     suppress_keyboard_interrupt=False,
     print_error=False,
 )
-experiment = _group(
-    "experiment", "Studies: the accuracy of the estimator and of the plans made on it."
-)
+experiment = _group("experiment", "Studies: the tables of a paper on any ensemble.")
 # by their import paths, so that the modules of a command are loaded when it is called
 for _group_of, _module, _table in (
     (app, "replay_kit.cli.commands", _COMMANDS),

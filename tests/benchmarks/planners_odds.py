@@ -20,7 +20,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.estimator import embed_member
 from replay_kit.forecast import read_ensemble
-from replay_kit.studies.planning.odds import PlanningJob, _estimate, as_sample, draw_missions
+from replay_kit.studies.bench.plans import PlanJob, _estimate, as_sample, draw_missions
 from replay_kit.studies.twins.field import build_field
 from tests.benchmarks.measure import Row, row, seconds
 from tests.places import DATA, SAMPLES
@@ -50,7 +50,7 @@ def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH) -> Row
     qg, config = DATA / "qg" / "climatology.nc", RunConfig()
     whole = qg.exists() and truths > 1
     ensemble = read_ensemble(qg if whole else SAMPLES / "ensemble.nc", config.forecast)
-    job = PlanningJob(pairs=truths, pings=pings, legs=10)
+    job = PlanJob(plans=truths, pings=pings, legs=10)
     found = list[Paired]()
     for case in job.cases(ensemble, None)[:truths]:
         field, truth = build_field(case.truth), embed_member(case.truth, 0, config.estimator)

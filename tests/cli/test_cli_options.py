@@ -79,7 +79,7 @@ def test_the_outputs_of_every_command_are_known():
             ("fetch",),
             ("bench",),
         ),
-        *(("experiment", name) for name in ("paper", "planning")),
+        ("experiment", "paper"),
     }
     without = set(COMMANDS) - {words for words, option in OUTPUTS if option == "--json"}
     assert without == {("twin",), ("synthesize",), ("report",), ("plot",), ("export",), ("layout",)}
@@ -159,8 +159,8 @@ def test_the_names_that_annotations_state_are_those_that_the_parser_knows(words)
             "-o: its value is missing; expected replay-kit replay LOG...",
         ),
         (
-            ["experiment", "planning", "-o", "out"],
-            "--ensemble is missing; expected replay-kit experiment planning --ensemble FILE -o DIR.",
+            ["experiment", "paper", "-o", "out"],
+            "--ensemble is missing; expected replay-kit experiment paper --ensemble FILE (--truth FILE | --leave-out K) -o DIR.",
         ),
     ],
 )
@@ -249,7 +249,7 @@ def test_every_command_that_reads_an_ensemble_takes_several_files():
     assert {words for words, option in SINGLE if option.name == "--ensemble"} == {("synthesize",)}
     assert {words for words, name, option in OPTIONS if option.name == "--ensemble"} == {
         *(("replay",), ("smooth",), ("info",), ("synthesize",), ("fleet",), ("fetch",), ("bench",)),
-        *(("experiment", name) for name in ("paper", "planning")),
+        ("experiment", "paper"),
     }
 
 

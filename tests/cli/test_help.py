@@ -145,9 +145,9 @@ def test_forms_choices_and_defaults_are_told():
         (["-h"], 0, "Usage: replay-kit COMMAND [OPTIONS]\n"),
         (["experiment"], 2, "Usage: replay-kit experiment COMMAND [OPTIONS]\n"),
         (
-            ["experiment", "planning", "-h"],
+            ["experiment", "paper", "-h"],
             0,
-            "Usage: replay-kit experiment planning --ensemble FILE -o DIR [OPTIONS]\n",
+            "Usage: replay-kit experiment paper --ensemble FILE (--truth FILE | --leave-out K) -o DIR [OPTIONS]\n",
         ),
         (["--help", "qc", "a.mcap"], 0, "Usage: replay-kit qc LOG... [OPTIONS]\n"),
     ],

@@ -143,8 +143,8 @@ def test_a_repeated_key_is_named_with_its_line(ocean, tmp_path, text, why):
             "--json=x.json: stands before the command; write replay-kit info --json=x.json ...",
         ),
         (
-            ["--noise", "1", "experiment", "planning"],
-            "--noise: stands before the command; write replay-kit experiment planning --noise ...",
+            ["--pairs", "1", "experiment", "paper"],
+            "--pairs: stands before the command; write replay-kit experiment paper --pairs ...",
         ),
     ],
 )

@@ -91,7 +91,7 @@ def test_words_in_a_path_leave_a_module_out():
     assert is_target(Path("planners/route/front.py"))
     assert not is_target(Path("planners/output/mission.py"))
     assert not is_target(Path("planners/output/mission.py"))
-    assert not is_target(Path("replay_kit/studies/planning/rows.py"))
+    assert not is_target(Path("replay_kit/studies/paper/rows.py"))
 
 
 class _Lines:

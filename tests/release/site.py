@@ -51,9 +51,8 @@ CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
             "replay_kit/workflows/fleet/README.md",
             "replay_kit/studies/README.md",
             "replay_kit/studies/bench/README.md",
+            "replay_kit/studies/bench/PLANS.md",
             "replay_kit/studies/paper/README.md",
-            "replay_kit/studies/planning/README.md",
-            "replay_kit/studies/planning/RESULTS.md",
         ),
     ),
     (

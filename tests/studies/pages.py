@@ -1,8 +1,6 @@
 """Small results of studies, written down, to make pages of."""
 
 from replay_kit.studies.bench.frame import BenchResult, Figure, Lost, of_case, rows_of
-from replay_kit.studies.planning import PlanningJob
-from replay_kit.studies.planning.odds import JudgedMission, PlanningResult
 from replay_kit.studies.reports.tables import NAN
 
 
@@ -42,16 +40,3 @@ def bench_result() -> BenchResult:
     ]
     inputs = {"ensemble": "ensemble.nc", "missions": {}, "job": {"surveys": {"noise": 0.09}}}
     return BenchResult(rows_of(figures, lost), tuple(map(str, lost)), inputs)
-
-
-def planning_result() -> PlanningResult:
-    """Two missions reported as reached, of which one arrives, and one that is not."""
-    missions = (
-        JudgedMission(1, "reached", 0.95, 0.9, 120.0, 250.0),
-        JudgedMission(1, "reached", 0.975, 0.94, 400.0, 250.0),
-        JudgedMission(3, "unreachable", 0.2, NAN, NAN, 250.0),
-    )
-    job = PlanningJob("1,3", pairs=3)
-    return PlanningResult(
-        missions, "ensemble.nc", ("member 1", "member 3"), 6, (5.0, 150.0), 8, job
-    )

@@ -1,4 +1,4 @@
-"""``bench``: frozen tasks on real missions, twin surveys and simulated missions; methods and programs in one table."""
+"""``bench``: frozen tasks on real missions, twin surveys, simulated missions and plans; methods and programs in one table."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +67,7 @@ class Simulated:
         str,
         option(
             "--pings",
-            "Numbers of pings at which estimates are scored; of a simulated mission, the largest.",
+            "Numbers of pings at which estimates are scored; of a simulated mission or an estimate that is planned on, the largest.",
             metavar="N1,N2,...",
         ),
     ] = "5,10,25,50,150,450"
@@ -80,6 +80,7 @@ class Simulated:
         ),
     ] = 20.0
     noise: Noise = 0.09
+    plans: Annotated[int, option("--plans", "Missions planned, over all truths.", least=1)] = 100
     seeds: Annotated[
         int, option("--seeds", "Surveys or missions of each truth, with seeds 0 to N-1.", least=1)
     ] = 3
@@ -93,7 +94,8 @@ class Asked(Simulated):
         str | None,
         option(
             "--task",
-            "Tasks: next-dive, planned-dive, deny-dive, deny-day, profile, deny-adcp on DATA; pings, outliers, bias on an ensemble. "
+            "Tasks: next-dive, planned-dive, deny-dive, deny-day, profile, deny-adcp on DATA; pings, outliers, bias, plans on an "
+            "ensemble. "
             "Default: all on DATA, else pings.",
             metavar="T1,T2,...",
         ),
@@ -162,6 +164,8 @@ def bench(
 def _job(has_dives: bool, known: Known, asked: Asked) -> "BenchJob":
     from replay_kit.studies.bench.dives import DiveJob
     from replay_kit.studies.bench.faults import FAULT_TASKS, FaultJob
+    from replay_kit.studies.bench.plans import TASK as PLANS
+    from replay_kit.studies.bench.plans import PlanJob
     from replay_kit.studies.bench.records import DIVE_TASKS
     from replay_kit.studies.bench.run import (
         DIVE_METHODS,
@@ -176,13 +180,14 @@ def _job(has_dives: bool, known: Known, asked: Asked) -> "BenchJob":
     of_dives = tuple(task for task in tasks if task in DIVE_TASKS)
     faulty = tuple(task for task in tasks if task in FAULT_TASKS)
     pings = tuple(int(n) for n in numbers(asked.pings, "--pings"))
-    if (TASK in tasks or faulty) and not known.ensemble:
-        raise ConfigError(f"bench: {TASK if TASK in tasks else faulty[0]} needs an --ensemble")
+    on_ensemble = [task for task in tasks if task not in of_dives]
+    if on_ensemble and not known.ensemble:
+        raise ConfigError(f"bench: {on_ensemble[0]} needs an --ensemble")
     if TASK in tasks:
         known.check(f"bench {TASK}")
     if faulty and known.leave_out is None:
         raise ConfigError(f"bench: {faulty[0]} needs --leave-out")
-    dives = surveys = faults = None
+    dives = surveys = faults = plans = None
     if of_dives:
         chosen = chosen_methods(asked.methods, DIVE_METHODS)
         dives = DiveJob(of_dives, chosen, _programs(asked.entry), asked.time_limit, asked.first)
@@ -192,7 +197,9 @@ def _job(has_dives: bool, known: Known, asked: Asked) -> "BenchJob":
     if faulty:
         sizes = pings[-1], asked.days, asked.noise, asked.seeds
         faults = FaultJob(str(known.leave_out), faulty, *sizes)
-    return BenchJob(dives, surveys, faults)
+    if PLANS in tasks:
+        plans = PlanJob(known.leave_out, asked.plans, pings[-1], asked.noise)
+    return BenchJob(dives, surveys, faults, plans)
 
 
 def _programs(entries: tuple[str, ...]) -> dict[str, str]:
@@ -241,8 +248,8 @@ def _dives(
 def _simulated(
     known: Known, config: "RunConfig", job: "BenchJob"
 ) -> "tuple[Members | None, Members | None, Sequence[Members]]":
-    """Return the ensemble and the truth of twin surveys, and the forecast at its times of simulated missions, as far as they are needed."""
+    """Return ensemble and truth of surveys and plans, and the forecast at its times of simulated missions, as far as they are needed."""
     from replay_kit.forecast import read_series
 
-    members, truth = known.read(config.forecast) if job.surveys else (None, None)
+    members, truth = known.read(config.forecast) if job.surveys or job.plans else (None, None)
     return members, truth, read_series(known.ensemble, config.forecast) if job.faults else ()

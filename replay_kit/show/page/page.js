@@ -115,7 +115,6 @@ function fitMap(figure, place, traces, layout) {
 
 async function draw(figure) {
   const place = document.querySelector(`#${figure.key} .plot`);
-  if (!place) return; // a finished picture
   if (figure.map.frame) {
     if (state.map) sizeMap(state.map); else startMap(figure);
     return;

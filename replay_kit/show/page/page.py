@@ -149,8 +149,6 @@ def _map_html(figure: Figure, controls: str, about: str) -> str:
 
 
 def _shown_html(figure: Figure) -> str:
-    if figure.image:
-        return f'<img class="picture" alt="{escape(figure.alternative)}" src="{figure.image}">'
     height = "" if figure.map else f' style="height:{figure.layout.get("height", 420)}px"'
     return (
         f'<div class="plot" tabindex="0" role="group" aria-label="{escape(figure.alternative)}"{height}>'

@@ -49,7 +49,6 @@ class Figure:
         flight: What ``flight.js`` flies; empty for other figures.
         readout: Text below the controls, which the script keeps up to date; empty without one.
         map: What the map's scripts draw: axes, frame, views, marks (``figures/on_canvas.py``); empty for charts.
-        image: A finished picture as a data URL, shown instead of traces; empty without one.
     """
 
     key: str
@@ -64,7 +63,6 @@ class Figure:
     flight: Mapping[str, Any] = field(default_factory=dict)
     readout: str = ""
     map: Mapping[str, Any] = field(default_factory=dict)
-    image: str = ""
 
 
 @dataclass(frozen=True, slots=True)

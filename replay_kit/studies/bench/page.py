@@ -41,6 +41,7 @@ TITLES = {
     "pings": "A withheld truth from pings at random places",
     "outliers": "Simulated missions with outliers",
     "bias": "Simulated missions with biases of compass and scale",
+    "plans": "Missions planned on estimates, flown in fresh samples of these and in the truth",
 }
 # Figures of which smaller ones are better, the first of a task's is what its methods are compared by.
 _COMPARED = ("over last dive", "relative error")

@@ -15,12 +15,14 @@ from replay_kit.studies.bench.faults import FAULT_TASKS, FaultJob, run_faults
 from replay_kit.studies.bench.frame import BenchResult, Figure, Lost, results_of
 from replay_kit.studies.bench.methods import methods_of
 from replay_kit.studies.bench.missions import Mission
+from replay_kit.studies.bench.plans import TASK as PLAN_TASK
+from replay_kit.studies.bench.plans import PlanJob, run_plans
 from replay_kit.studies.bench.records import DIVE_TASKS
 from replay_kit.studies.bench.surveys import TASK, SurveyJob, run_surveys
 from replay_kit.studies.jobs import check_names
 from replay_kit.studies.scoring import METHODS
 
-TASKS = (*DIVE_TASKS, TASK, *FAULT_TASKS)
+TASKS = (*DIVE_TASKS, TASK, *FAULT_TASKS, PLAN_TASK)
 #: Methods of tasks on dives.
 DIVE_METHODS = tuple(methods_of(False, True) | methods_of(True, True))
 
@@ -33,15 +35,17 @@ class BenchJob:
         dives: On real dives.
         surveys: On twin surveys.
         faults: On simulated missions with faults.
+        plans: On missions planned on estimates.
     """
 
     dives: DiveJob | None = None
     surveys: SurveyJob | None = None
     faults: FaultJob | None = None
+    plans: PlanJob | None = None
 
     def check(self) -> None:
         """Raise ConfigError when an option is wrong."""
-        for job in (self.dives, self.surveys, self.faults):
+        for job in (self.dives, self.surveys, self.faults, self.plans):
             if job is not None:
                 job.check()
 
@@ -90,9 +94,9 @@ def run_bench(
 
     Args:
         missions: Of the tasks on dives.
-        forecast: The estimator of the tasks on dives, the ensemble of the surveys, and the forecast at its times of the missions with
+        forecast: The estimator of the tasks on dives, the ensemble of surveys and plans, and the forecast at its times of the missions with
             faults, each where it is needed.
-        truth: Of the surveys; None to leave members out.
+        truth: Of surveys and plans; None to leave members out.
         config: Settings of the estimators.
         job: What is run.
         progress: Called with steps done, steps in all, and what is being run.
@@ -110,6 +114,8 @@ def run_bench(
         parts.append(run_surveys(members, truth, config.estimator, job.surveys, progress))
     if job.faults is not None:
         parts.append(run_faults(series, config, job.faults, progress))
+    if job.plans is not None and members is not None:
+        parts.append(run_plans(members, truth, config.estimator, job.plans, progress))
     source = members.source if members is not None else series[0].source if series else None
     inputs = {
         "ensemble": source,

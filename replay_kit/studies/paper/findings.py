@@ -23,7 +23,7 @@ def conditions(tables: PaperTables) -> str:
     modes = "all modes" if tables.plan_modes is None else f"at most {tables.plan_modes} modes"
     return (
         f"{tables.members} members of `{tables.ensemble}` on {rows} x {columns} points and levels {levels} m; truth `{tables.truth}`; seed "
-        f"{tables.seed}. {turns if tables.truths > 1 else ''}Table III and the figures show truth `{tables.shown_truth}`; plans are made "
+        f"{tables.seed}. {turns if tables.truths > 1 else ''}Table III shows truth `{tables.shown_truth}`; plans are made "
         f"on the estimates after Table II's last ping, with {modes}. Relative error: RMSE over the RMS speed of the truth, over all "
         "wet grid points. Bound: the least-squares fit of the truth within a method's span. Elements in H: two for each mode and node, of "
         "whole flows for each level too, of `default` one for each mode and point of its lattice. `paper` and the naive basis take "

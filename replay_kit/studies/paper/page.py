@@ -1,4 +1,4 @@
-"""The study of the paper on the console, as CSV, JSON and Markdown, and as a page with its figures."""
+"""The study of the paper on the console, as CSV, JSON and Markdown, and as a page with charts."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -7,7 +7,7 @@ from typing import Any
 from replay_kit.show.page import Section
 from replay_kit.studies.paper import findings
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
-from replay_kit.studies.paper.run import PaperResult, PaperTables
+from replay_kit.studies.paper.run import PaperTables
 from replay_kit.studies.reports.charts import (
     LABELS,
     Axis,
@@ -18,9 +18,7 @@ from replay_kit.studies.reports.charts import (
 )
 from replay_kit.studies.reports.page import (
     PAGE,
-    Drawn,
     StudyReport,
-    picture_figure,
     study_page,
     tables_html,
     words_html,
@@ -35,25 +33,15 @@ from replay_kit.studies.reports.tables import (
 )
 
 _RUNGS = {"full": "full rank", "members": "one a member"}
-FIGURES = {
-    "singular_values": "Singular values of the depth slices, over the largest",
-    "modes_top": "Basis flows from above, each over its largest speed",
-    "ping": "The bins of one ping, and the truth",
-    "truth_top": "The truth from above, and the pings of Table II",
-    "sparse": "Relative error against the number of pings",
-    "glides_top": "Glides planned on each flow and flown in the truth, from above",
-}
 
 
-def to_json(result: PaperResult) -> dict[str, Any]:
+def to_json(tables: PaperTables) -> dict[str, Any]:
     """Return the JSON object of ``paper.json`` and ``--json``; undefined figures are null."""
-    return answer_of(
-        {**asdict(result[0]), "figures": FIGURES}, "numpy", "scipy", "casadi", "matplotlib"
-    )
+    return answer_of(asdict(tables), "numpy", "scipy", "casadi")
 
 
 def to_markdown(tables: PaperTables) -> str:
-    """Return the study as Markdown: conditions, tables, findings, figures."""
+    """Return the study as Markdown: conditions, tables, findings."""
     table1, table2, sparse, table3 = map(markdown, text_tables(tables))
     where, *why = findings.sparse_logs(tables)
     parts = [
@@ -62,10 +50,6 @@ def to_markdown(tables: PaperTables) -> str:
         *("## Errors", table1, table2, findings.errors(tables)),
         *("## Sparse logs: where `paper` has larger errors, and why", sparse, where, *why),
         *("## Glides", table3, findings.glides(tables)),
-        *(
-            "## Figures",
-            *(f"![{caption}]({name}.png)\n\n*{caption}.*" for name, caption in FIGURES.items()),
-        ),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -142,48 +126,31 @@ FILES = (
     "paper.json",
     "report.md",
     PAGE,
-    *(f"{name}.{ending}" for name in FIGURES for ending in ("png", "svg")),
 )
 
 
-def report_of(result: PaperResult) -> StudyReport:
-    """Return what the study says so far; its figures are drawn when its files are asked for."""
-    tables, shown = result
+def report_of(tables: PaperTables) -> StudyReport:
+    """Return what the study says so far."""
     csv = {
         f"{name}.csv": rows_to_csv(type(rows[0]), rows)
         for name in _TABLES
         if (rows := getattr(tables, name))
     }
 
-    def pages() -> dict[str, str | bytes]:
-        # matplotlib takes half a second to load, and nothing but this needs it
-        from replay_kit.studies.paper.figures import draw
-
-        pictures = dict(draw(shown, tables.target_depth, _sparse(tables)))
-        files: dict[str, str | bytes] = {
-            f"{name}.{ending}": content
-            for name, picture in pictures.items()
-            for ending, content in picture.files.items()
-        }
-        return {**files, "report.md": to_markdown(tables), PAGE: paper_page(result, pictures)}
+    def pages() -> dict[str, str]:
+        return {"report.md": to_markdown(tables), PAGE: paper_page(tables)}
 
     if tables.unfinished:
-        return StudyReport("paper", to_json(result), (), (), csv, None)
+        return StudyReport("paper", to_json(tables), (), (), csv, None)
     words = [findings.errors(tables), findings.sparse_logs(tables)[0]]
-    beside = "report.md, paper.json, tables as CSV, figures as PNG and SVG"
-    return StudyReport("paper", to_json(result), text_tables(tables), words, csv, pages, beside)
+    beside = "report.md, paper.json, tables as CSV"
+    return StudyReport("paper", to_json(tables), text_tables(tables), words, csv, pages, beside)
 
 
-def paper_page(result: PaperResult, pictures: dict[str, Drawn]) -> str:
-    """Return the page of the finished study, with its pictures by name."""
-    tables, _ = result
+def paper_page(tables: PaperTables) -> str:
+    """Return the page of the finished study."""
     table1, table2, sparse, table3 = text_tables(tables)
     where, *why = findings.sparse_logs(tables)
-    shown = [
-        picture_figure(name, caption, pictures[name])
-        for name, caption in FIGURES.items()
-        if name != "sparse" and name in pictures
-    ]
     misses = {
         LABELS[row.flow]: row.closest_approach for row in tables.table3 if row.closest_approach
     }
@@ -207,9 +174,8 @@ def paper_page(result: PaperResult, pictures: dict[str, Drawn]) -> str:
             words_html([findings.glides(tables)]) + tables_html([table3]),
             [chart_figure(distribution)],
         ),
-        Section("pictures", "Figures of the paper", figures=shown),
     ]
-    return study_page("The paper's study on this ensemble", sections, to_json(result))
+    return study_page("The paper's study on this ensemble", sections, to_json(tables))
 
 
 def _sparse(tables: PaperTables) -> Chart:
@@ -219,4 +185,4 @@ def _sparse(tables: PaperTables) -> Chart:
         "Error on the way through the pings of Table II. Lower is better; at 1 (dotted) an "
         "estimate is no better than no current at all."
     )
-    return Chart("sparse", FIGURES["sparse"], caption, axes, series, 1.0)
+    return Chart("sparse", "Relative error against the number of pings", caption, axes, series, 1.0)

@@ -1,14 +1,13 @@
-"""The study of the paper on any ensemble: tables, figures, and a report with their findings."""
+"""The study of the paper on any ensemble: its tables."""
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Observation
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
@@ -31,7 +30,6 @@ from replay_kit.studies.paper.rows import (
     sparse_over_truths,
 )
 from replay_kit.studies.paper.tables import (
-    Glides,
     Survey,
     run_glides,
     run_table,
@@ -88,7 +86,7 @@ class PaperTables:
         sparse: Errors on the way through Table II's pings.
         ensemble: Its file.
         truth: Its file, the member left out, or ``all``.
-        shown_truth: Truth of Table III and of the figures.
+        shown_truth: Truth of Table III.
         members: Number of members.
         truths: Number of truths in Tables I and II.
         grid: Points along the grid's two directions.
@@ -127,31 +125,6 @@ class PaperTables:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shown:
-    """What the figures show, of one truth.
-
-    Attributes:
-        case: Truth and members.
-        truth: The truth as the planner sees it.
-        observations: Profiles of Table II.
-        pairs: Starts and targets.
-        glides: Paths planned on each flow and flown in the truth.
-        config: Of the estimators.
-    """
-
-    case: Case
-    truth: FlowEstimate
-    observations: tuple[Observation, ...]
-    pairs: tuple[Pair, ...]
-    glides: tuple[Glides, ...]
-    config: EstimatorConfig
-
-
-#: The tables so far, and what the figures show.
-PaperResult = tuple[PaperTables, Shown]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _OfCase:
     """Tables I and II of one truth, and the runs whose estimates are planned on."""
 
@@ -159,7 +132,6 @@ class _OfCase:
     table2: tuple[ErrorRow, ...]
     sparse: tuple[SparseRow, ...]
     planned: Mapping[str, FlowEstimate | None]
-    observations: tuple[Observation, ...]
 
 
 def run_paper(
@@ -168,8 +140,8 @@ def run_paper(
     config: EstimatorConfig,
     job: PaperJob,
     progress: Progress = silent,
-) -> Iterator[PaperResult]:
-    """Yield the study's tables, and what its figures show: those so far after each truth's Tables I and II, then the whole ones.
+) -> Iterator[PaperTables]:
+    """Yield the study's tables: those so far after each truth's Tables I and II, then the whole ones.
 
     Args:
         ensemble: All members.
@@ -190,22 +162,15 @@ def run_paper(
     truth_flow = embed_member(case.truth, 0, config)
     # before the hours of work, because this fails where the region is too small
     pairs = draw_pairs(build_field(case.truth), truth_flow, case.ensemble.grid, job.pairs, job.seed)
-    shown = Shown(case, truth_flow, (), pairs, (), config)
     advance = Advance(_total(each, job), progress)
-    tables, done, planned = (
-        _without_tables(shown, ensemble, job),
-        list[_OfCase](),
-        dict[str, FlowEstimate | None](),
-    )
+    tables, done = _without_tables(case, truth_flow, pairs, job, config), list[_OfCase]()
+    planned: Mapping[str, FlowEstimate | None] = {}
     calls = ((one, config, job, advance) for one in each)
     for (one, *_), of_case in each_counted(_run_case, calls, advance, _steps):
         if one is case:
-            planned, shown = (
-                dict(of_case.planned),
-                replace(shown, observations=of_case.observations),
-            )
-        # only the shown truth's profiles and estimates are needed later
-        done.append(replace(of_case, planned={}, observations=()))
+            planned = of_case.planned
+        # only the shown truth's estimates are needed later
+        done.append(replace(of_case, planned={}))
         tables = replace(
             tables,
             table1=over_truths([of.table1 for of in done]),
@@ -214,24 +179,13 @@ def run_paper(
             truths=len(done),
             seconds={"tables": time.perf_counter() - began},
         )
-        yield tables, shown
+        yield tables
     measured = time.perf_counter()
-    flows = {
-        TRUTH: truth_flow,
-        AVERAGED: average_over_depth(truth_flow, pairs[0].target.depth),
-        **planned,
-    }
-    shown = replace(shown, glides=run_glides(flows, truth_flow, pairs, advance))
+    averaged = average_over_depth(truth_flow, pairs[0].target.depth)
+    flows = {TRUTH: truth_flow, AVERAGED: averaged, **planned}
+    table3 = run_glides(flows, truth_flow, pairs, advance)
     seconds = {**tables.seconds, "glides": time.perf_counter() - measured}
-    yield (
-        replace(
-            tables,
-            table3=tuple(glides.row for glides in shown.glides),
-            seconds=seconds,
-            unfinished=False,
-        ),
-        shown,
-    )
+    yield replace(tables, table3=table3, seconds=seconds, unfinished=False)
 
 
 def _total(each: list[Case], job: PaperJob) -> int:
@@ -264,31 +218,28 @@ def _run_case(case: Case, config: EstimatorConfig, job: PaperJob, advance: Advan
         if run.row.method not in planned and few_enough:
             planned[run.row.method] = run
     sparse = sparse_rows(list(planned.values()), noisy)
-    return _OfCase(
-        table1,
-        tuple(rows),
-        sparse,
-        {name: run.flow for name, run in planned.items()},
-        noisy.observations,
-    )
+    flows = {name: run.flow for name, run in planned.items()}
+    return _OfCase(table1, tuple(rows), sparse, flows)
 
 
-def _without_tables(shown: Shown, ensemble: Ensemble, job: PaperJob) -> PaperTables:
+def _without_tables(
+    case: Case, truth: FlowEstimate, pairs: Sequence[Pair], job: PaperJob, config: EstimatorConfig
+) -> PaperTables:
     """Return what is known of the study before its tables are computed."""
-    grid = shown.case.ensemble.grid
-    depth = shown.pairs[0].target.depth
+    grid = case.ensemble.grid
+    depth = pairs[0].target.depth
     return PaperTables(
-        ensemble=ensemble.source,
-        truth="all" if job.leave_out == "all" else shown.case.truth.source,
-        shown_truth=shown.case.truth.source,
-        members=shown.case.ensemble.n_members,
+        ensemble=case.ensemble.source,
+        truth="all" if job.leave_out == "all" else case.truth.source,
+        shown_truth=case.truth.source,
+        members=case.ensemble.n_members,
         grid=(grid.east.shape[0], grid.east.shape[1]),
         levels=tuple(float(level) for level in grid.levels),
         plan_modes=job.plan_modes,
         seed=job.seed,
         noise=NOISE,
         target_depth=depth,
-        coherence=coherence(shown.truth, depth),
-        level_correlation=level_correlation(shown.case.ensemble),
-        depth_kernel=depth_kernel(grid.levels, shown.config.length_vertical),
+        coherence=coherence(truth, depth),
+        level_correlation=level_correlation(case.ensemble),
+        depth_kernel=depth_kernel(grid.levels, config.length_vertical),
     )

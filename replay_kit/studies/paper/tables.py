@@ -9,7 +9,6 @@ import numpy as np
 
 import planners
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Observation
@@ -226,25 +225,12 @@ def _rmse(flow: FlowEstimate, at: ScoredPoints) -> float:
     return rms_length(flow.velocity(*at.place) - at.velocity)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Glides:
-    """The outcome of planning on one flow.
-
-    Attributes:
-        row: Its figures.
-        tracks: Pair by pair, shape (n, 3) [m], the path flown in the truth: east, north, depth in the truth's local frame.
-    """
-
-    row: GlideRow
-    tracks: tuple[Array, ...]
-
-
 def run_glides(
     flows: Mapping[str, FlowEstimate | None],
     truth: FlowEstimate,
     pairs: tuple[Pair, ...],
     advance: Advance,
-) -> tuple[Glides, ...]:
+) -> tuple[GlideRow, ...]:
     """Return how close to the targets the plans on each flow pass, in the flows' order.
 
     Args:
@@ -258,7 +244,7 @@ def run_glides(
         for name, flow in flows.items()
     )
     each = each_counted(_glides_on, calls, advance, lambda *_: len(pairs))
-    return tuple(glides for _, glides in each)
+    return tuple(row for _, row in each)
 
 
 def _glides_on(
@@ -267,23 +253,21 @@ def _glides_on(
     truth: FlowEstimate,
     pairs: tuple[Pair, ...],
     advance: Callable[[int], None],
-) -> Glides:
+) -> GlideRow:
     if flow is None:
         advance(len(pairs))
-        return Glides(GlideRow(name, note="there is no estimate to plan on"), ())
+        return GlideRow(name, note="there is no estimate to plan on")
     began = time.perf_counter()
-    tracks, distances = [], []
+    distances = []
     for pair in pairs:
-        _, track, distance = planners.fly(truth, planners.plan(flow, pair.start, pair.target))
-        tracks.append(track)
+        _, _, distance = planners.fly(truth, planners.plan(flow, pair.start, pair.target))
         distances.append(distance)
         advance(1)
     seconds = time.perf_counter() - began
-    row = GlideRow(
+    return GlideRow(
         name,
         len(pairs),
         **miss_figures(np.array(distances)),
         seconds=seconds,
         closest_approach=tuple(distances),
     )
-    return Glides(row, tuple(tracks))

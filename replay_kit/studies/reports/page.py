@@ -1,19 +1,14 @@
-"""What a study says, for console, JSON and files, and the parts of its page: words, tables, pictures, how to repeat the study."""
+"""What a study says, for console, JSON and files, and the parts of its page: words, tables, how to repeat the study."""
 
-import io
 import re
-from base64 import b64encode
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from replay_kit.show.page import Figure, Section, page_html
-from replay_kit.show.page.section import column, items_html, table_html
+from replay_kit.show.page import Section, page_html
+from replay_kit.show.page.section import items_html, table_html
 from replay_kit.studies.reports.tables import (
     Criterion,
     Table,
@@ -29,14 +24,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 PAGE = "index.html"
-_STYLE: Any = {
-    "font.size": 12.0,
-    "axes.titlesize": 12.0,
-    "figure.dpi": 110.0,
-    # ids in an SVG are salted hashes; words stay words, so that they can be searched and read aloud
-    "svg.hashsalt": "replay-kit",
-    "svg.fonttype": "none",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,94 +60,6 @@ class StudyReport:
         write_files(out, self.pages() if self.pages else {})
 
 
-#: Of what is drawn: where, under which name, coordinates along the axes, and what colours or arrows show.
-_COLUMNS = ("panel", "series", "x", "y", "value", "u", "v")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
-    """A picture that is drawn.
-
-    Attributes:
-        files: The picture by file ending, ``png`` or ``svg``.
-        data: Columns of equal length: panel, series, coordinates, values.
-    """
-
-    files: Mapping[str, bytes]
-    data: Mapping[str, list[Any]]
-
-
-def saved(make: Callable[[], Any], *endings: str) -> Drawn:
-    """Return a figure in some formats.
-
-    Args:
-        make: Makes the figure; called under the style of all studies.
-        endings: ``png`` or ``svg``.
-    """
-    # matplotlib takes half a second to load, and nothing but pictures needs it
-    import matplotlib
-
-    files = {}
-    with matplotlib.rc_context(_STYLE):
-        figure = make()
-        for ending in endings:
-            content = io.BytesIO()
-            # an SVG states when it was made unless asked not to
-            figure.savefig(
-                content, format=ending, metadata={"Date": None} if ending == "svg" else {}
-            )
-            files[ending] = content.getvalue()
-    # the cells of a colour bar are no data
-    rows = [row for axes in figure.axes if axes.get_label() != "<colorbar>" for row in _rows(axes)]
-    return Drawn(
-        files,
-        {
-            name: [row[k] for row in rows]
-            for k, name in enumerate(_COLUMNS)
-            if any(row[k] not in ("", None) for row in rows)
-        },
-    )
-
-
-def _rows(axes: Any) -> Iterator[tuple[Any, ...]]:
-    """Yield what is drawn in axes, a row a point: lines, markers, cells and arrows."""
-    panel = axes.get_title().replace("\n", " ")
-
-    def row(
-        series: str, place: ArrayLike, value: ArrayLike = (), arrow: ArrayLike = ()
-    ) -> tuple[Any, ...]:
-        cells: list[Any] = [panel, series]
-        for values, width in ((place, 2), (value, 1), (arrow, 2)):
-            known = column(values)
-            cells += [*known, *[None] * (width - len(known))]
-        return tuple(cells)
-
-    for line in axes.lines:
-        label = "" if line.get_label().startswith("_") else line.get_label()
-        for point in np.column_stack(
-            [np.asarray(each, dtype=np.float64) for each in line.get_data()]
-        ):
-            yield row(label, point)
-    for each in axes.collections:
-        label = "" if each.get_label().startswith("_") else each.get_label()
-        kind = type(each).__name__
-        if kind == "PathCollection":
-            for place in np.asarray(each.get_offsets()):
-                yield row(label, place)
-        elif kind == "QuadMesh":
-            corners = each.get_coordinates()
-            centres = (
-                corners[:-1, :-1] + corners[1:, :-1] + corners[:-1, 1:] + corners[1:, 1:]
-            ).reshape(-1, 2) / 4.0
-            values = np.ma.filled(np.ma.masked_invalid(each.get_array()), np.nan).ravel()
-            for place, value in zip(centres, values, strict=True):
-                if np.isfinite(value):
-                    yield row("colours", place, value)
-        elif kind == "Quiver":
-            for x, y, u, v in np.ma.column_stack([each.X, each.Y, each.U, each.V]).filled(np.nan):
-                yield row("arrows", (x, y), arrow=(u, v))
-
-
 def words_html(paragraphs: Sequence[str]) -> str:
     """Return paragraphs of Markdown that have `code` and *emphasis* at most as HTML."""
     return "".join(f"<p>{_marked(text)}</p>" for text in paragraphs)
@@ -192,22 +91,6 @@ def tables_html(tables: Sequence[Table]) -> str:
 def _cell(text: str) -> str:
     # what is not met is what a reader looks for
     return f"<strong>{escape(text)}</strong>" if text == "NOT MET" else escape(text)
-
-
-def picture_figure(name: str, caption: str, picture: Drawn) -> Figure:
-    """Return a finished picture as a figure of a page, by the name of its file."""
-    title = re.split(r"[,:;]", caption, maxsplit=1)[0]
-    image = f"data:image/png;base64,{b64encode(picture.files['png']).decode()}"
-    return Figure(
-        name.replace("_", "-"),
-        title,
-        f"{escape(caption)}.",
-        f"{caption}.",
-        {"drawn": picture.data},
-        (),
-        {},
-        image=image,
-    )
 
 
 def criteria_html(criteria: Sequence[Criterion]) -> str:

@@ -11,7 +11,6 @@ from replay_kit.show.report import report_html
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
 from replay_kit.studies.bench.page import bench_page
-from replay_kit.studies.planning.page import report_of as planning_report
 from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome
 from tests import synthetic
@@ -19,7 +18,7 @@ from tests.command import invoke
 from tests.planners.learning.scenes import static
 from tests.results.cases import write
 from tests.show.status.held_samples import held
-from tests.studies.pages import bench_result, planning_result
+from tests.studies.pages import bench_result
 from tests.synthetic_flow import synthetic_flow
 
 #: Makes a page, of files in a folder and of the fixtures of a request.
@@ -102,9 +101,6 @@ QUICK: dict[str, Make] = {
     "show/report": _report,
     "show/status": lambda folder, request: status_page(status_of(held())),
     "studies/bench": lambda folder, request: bench_page(bench_result()),
-    "studies/planning": lambda folder, request: planning_report(planning_result()).pages()[
-        "index.html"
-    ],
     "workflows/fleet": _fleet,
 }
 #: Those that take long to make.

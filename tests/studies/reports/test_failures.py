@@ -5,10 +5,10 @@ import json
 import pytest
 
 from replay_kit.core.errors import ConfigError
-from replay_kit.studies.planning import odds
-from replay_kit.studies.planning.odds import JudgedMission
+from replay_kit.studies.bench import plans as of_plans
+from replay_kit.studies.bench.plans import JudgedMission
 from tests import synthetic
-from tests.studies.results import experiment
+from tests.studies.results import bench
 
 
 class Killed(BaseException):
@@ -22,31 +22,26 @@ def ensemble(tmp_path_factory):
     return path
 
 
-def planning(ensemble, out, words):
-    return experiment(f"planning --ensemble {ensemble} -o {out} --modes 6 {words}")
+def plans(ensemble, out, words):
+    return bench(f"--task plans --ensemble {ensemble} -o {out} --modes 6 {words}")
 
 
-def test_a_planning_run_that_is_killed_leaves_the_missions_that_were_done(
-    monkeypatch, ensemble, tmp_path
-):
+def test_a_run_that_is_killed_leaves_the_missions_that_were_done(monkeypatch, ensemble, tmp_path):
     def made_up(case, *_):
         if case.member == 2:
             raise Killed
-        return [JudgedMission(case.member, "reached", 0.95, 0.9, 100.0, 250.0)]
+        return [JudgedMission(True, 0.9, 100.0)]
 
-    monkeypatch.setattr(odds, "_of_truth", made_up)
+    monkeypatch.setattr(of_plans, "_of_truth", made_up)
     with pytest.raises(Killed):
-        planning(ensemble, tmp_path / "out", "--leave-out 1,2 --pairs 2")
-    said = json.loads((tmp_path / "out" / "planning.json").read_text())
-    assert (said["unfinished"], [one["truth"] for one in said["missions"]]) == (True, [1])
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "odds.csv",
-        "planning.json",
-    ]
+        plans(ensemble, tmp_path / "out", "--leave-out 1,2 --plans 2")
+    said = json.loads((tmp_path / "out" / "bench.json").read_text())
+    assert (said["unfinished"], said["rows"][0]["cases"]) == (True, [f"{ensemble}#1"])
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["bench.csv", "bench.json"]
 
 
 def test_a_member_that_is_not_there_makes_no_folder(ensemble, tmp_path):
-    done = planning(ensemble, tmp_path / "out", "--leave-out 77")
+    done = plans(ensemble, tmp_path / "out", "--leave-out 77")
     assert isinstance(done.exception, ConfigError)
     assert "--leave-out: expected 0 to 4, got 77" in str(done.exception)
     assert not (tmp_path / "out").exists()

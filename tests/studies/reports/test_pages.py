@@ -1,14 +1,12 @@
 """The pages of the studies: what they say and show of results that are written down."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from replay_kit import __version__
 from replay_kit.studies.bench import page as bench
-from replay_kit.studies.planning import page as planning
 from replay_kit.studies.reports.charts import (
     Axis,
     Chart,
@@ -17,31 +15,21 @@ from replay_kit.studies.reports.charts import (
     chart_figure,
     misses_chart,
 )
-from replay_kit.studies.reports.page import saved, words_html
+from replay_kit.studies.reports.page import words_html
 from replay_kit.studies.reports.tables import Table, to_csv
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, table, text_of
-from tests.studies.pages import bench_result, planning_result
-
-WRITTEN = [
-    (
-        bench.report_of,
-        bench_result,
-        [
-            f"{task}-{k}"
-            for task, n in (("pings", 2), ("next-dive", 3), ("outliers", 2))
-            for k in range(n)
-        ],
-    ),
-    (planning.report_of, planning_result, ["misses"]),
-]
+from tests.studies.pages import bench_result
 
 
-@pytest.mark.parametrize(("report_of", "result", "keys"), WRITTEN)
-def test_a_page_lies_beside_the_tables_and_is_whole(report_of, result, keys, tmp_path):
-    report_of(result()).write(tmp_path)
+def test_a_page_lies_beside_the_tables_and_is_whole(tmp_path):
+    bench.report_of(bench_result()).write(tmp_path)
     page = (tmp_path / "index.html").read_text()
-    assert list(check_figures(page)) == keys
+    assert list(check_figures(page)) == [
+        f"{task}-{k}"
+        for task, n in (("pings", 2), ("next-dive", 3), ("outliers", 2))
+        for k in range(n)
+    ]
     assert [attrs["href"] for attrs, _ in elements(page, "a")] == [
         f"#{attrs['id']}" for attrs, _ in elements(page, "section")
     ]
@@ -50,16 +38,15 @@ def test_a_page_lies_beside_the_tables_and_is_whole(report_of, result, keys, tmp
     assert ["replay-kit", __version__] in table(page, "Versions")
     assert ["ensemble", "ensemble.nc"] in table(page, "Inputs and options")
     assert len(page) < 1e6
-    (csv, *_) = tmp_path.glob("*.csv")
+    (csv,) = tmp_path.glob("*.csv")
     assert csv.read_text().count("\n") > 3
     (tmp_path / "again").mkdir()
-    report_of(result()).write(tmp_path / "again")
+    bench.report_of(bench_result()).write(tmp_path / "again")
     assert (tmp_path / "again" / "index.html").read_text() == page
 
 
-@pytest.mark.parametrize(("report_of", "result"), [each[:2] for each in WRITTEN])
-def test_an_unfinished_study_has_no_page(report_of, result, tmp_path):
-    report_of(replace(result(), unfinished=True)).write(tmp_path)
+def test_an_unfinished_study_has_no_page(tmp_path):
+    bench.report_of(replace(bench_result(), unfinished=True)).write(tmp_path)
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".csv", ".json"]
 
 
@@ -84,22 +71,6 @@ def test_the_page_says_what_errs_least_what_is_missing_and_what_keeps_to_no_limi
     # the same error in both missions: all that were sampled again have it
     (rms,) = (row for row in bench_result().rows if row.figure == "RMS error [cm/s]")
     assert (rms.value, rms.low, rms.high, rms.by_case) == (3.0, 3.0, 3.0, (3.0, 3.0))
-
-
-def test_plans_say_which_criteria_are_not_met(tmp_path):
-    report = planning.report_of(planning_result())
-    report.write(tmp_path)
-    page = (tmp_path / "index.html").read_text()
-    words = text_of(page, "answer")
-    assert "1 of 2 criteria are met; these are not:" in words
-    assert "arrives in the withheld truth: 0.5, required >= 0.8" in words
-    assert "In the truth 1 of 2 arrive; the median miss there is 260 m." in text_of(page, "odds")
-    assert [one["met"] for one in report.answer["criteria"]] == [True, False]
-    assert report.answer["missions"][2]["arrive in fresh samples"] is None
-    assert {path.name for path in tmp_path.iterdir()} == set(planning.FILES)
-    none = replace(planning_result(), missions=planning_result().missions[2:])
-    assert planning.report_of(none).answer["criteria"] == []
-    assert "None of 1 missions is reported as reached" in planning.findings(none)
 
 
 def test_a_chart_says_its_data_in_words_and_fills_short_series():
@@ -153,40 +124,6 @@ def test_a_logarithmic_axis_has_round_ticks(least, largest, expected):
 
 def test_words_are_escaped_and_marked():
     assert words_html(["*a* < `b` & c_d"]) == "<p><em>a</em> &lt; <code>b</code> &amp; c_d</p>"
-
-
-def test_what_is_drawn_is_listed():
-    from matplotlib.figure import Figure
-
-    def make() -> Any:
-        figure = Figure(figsize=(4.0, 3.0))
-        left, right = figure.subplots(1, 2)
-        left.plot([1.0, 2.0], [3.0, np.nan], label="line")
-        left.scatter([5.0], [6.0])
-        left.set_title("left\npanel")
-        mesh = right.pcolormesh(
-            [0.0, 1.0], [10.0, 20.0], [[1.0, np.nan], [3.0, 4.0]], shading="nearest"
-        )
-        right.quiver([0.5], [15.0], [0.25], [-0.125])
-        figure.colorbar(mesh, ax=right)
-        return figure
-
-    picture = saved(make, "png")
-    assert picture.files["png"][:4] == b"\x89PNG"
-    data = picture.data
-    assert list(data) == ["panel", "series", "x", "y", "value", "u", "v"]
-    rows = list(zip(*data.values(), strict=True))
-    assert rows[:3] == [
-        ("left panel", "line", 1.0, 3.0, None, None, None),
-        ("left panel", "line", 2.0, None, None, None, None),
-        ("left panel", "", 5.0, 6.0, None, None, None),
-    ]
-    assert rows[3:] == [
-        ("", "colours", 0.0, 10.0, 1.0, None, None),
-        ("", "colours", 0.0, 20.0, 3.0, None, None),
-        ("", "colours", 1.0, 20.0, 4.0, None, None),
-        ("", "arrows", 0.5, 15.0, None, 0.25, -0.125),
-    ]
 
 
 def test_misses_of_no_plan_are_no_line():

@@ -13,9 +13,9 @@ from replay_kit.estimator.evolving import build_evolving
 from replay_kit.studies.bench.dives import DiveJob, run_dives
 from replay_kit.studies.bench.faults import FaultJob, run_faults
 from replay_kit.studies.bench.missions import mission_of
+from replay_kit.studies.bench.plans import PlanJob, run_plans
 from replay_kit.studies.bench.surveys import SurveyJob, run_surveys
 from replay_kit.studies.paper import PaperJob, run_paper
-from replay_kit.studies.planning import PlanningJob, run_planning
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.fit import fit_prior
 from tests import synthetic
@@ -97,12 +97,12 @@ def test_paper(cluster):
 
 
 @pytest.mark.full
-def test_planning(cluster):
+def test_plans(cluster):
     slow = replace(MEMBERS, velocity=0.3 * MEMBERS.velocity)
-    job = PlanningJob("1,3", 2, 6, legs=2, fresh=10)
-    here, there = both(cluster, lambda: final(run_planning(slow, None, MODES, job)).missions)
+    job = PlanJob("1,3", 2, 6, legs=2, fresh=10)
+    here, there = both(cluster, lambda: list(run_plans(slow, None, MODES, job)))
     assert len(here) == 2
-    assert alike([astuple(one) for one in here], [astuple(one) for one in there])
+    assert here == there
 
 
 def test_the_switch_is_on_every_command_of_the_studies_and_gives_the_same_table(
@@ -115,7 +115,6 @@ def test_the_switch_is_on_every_command_of_the_studies_and_gives_the_same_table(
     assert (tmp_path / "here.json").read_bytes() == (tmp_path / "there.json").read_bytes()
     for command in (
         "bench",
-        "experiment planning",
         "experiment paper",
         "fit",
     ):

@@ -39,7 +39,7 @@ class Outputs(Answer):
 class Report(Answer):
     """What is written, a folder at least."""
 
-    out: Annotated[Path, folder("a page, report, tables and figures"), Ending()]
+    out: Annotated[Path, folder("a page, report and tables"), Ending()]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,7 +1,5 @@
 """Odds of missions against truths: the study at its smallest, and that each of its checks can fail."""
 
-import csv
-import json
 import math
 from dataclasses import replace
 
@@ -14,17 +12,16 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import to_local
 from replay_kit.estimator import embed_member
-from replay_kit.studies.planning import PlanningJob, odds
-from replay_kit.studies.planning.odds import as_sample, draw_missions
-from replay_kit.studies.planning.page import report_of
+from replay_kit.studies.bench import plans as odds
+from replay_kit.studies.bench.frame import rows_of
+from replay_kit.studies.bench.plans import JudgedMission, PlanJob, as_sample, draw_missions
 from replay_kit.studies.scoring import bootstrap_ratio
 from replay_kit.studies.twins.field import build_field
 from tests import synthetic
-from tests.studies.results import experiment, final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 CONFIG = EstimatorConfig(modes=8)
-JOB = PlanningJob("1", pairs=2, pings=6, legs=2, fresh=5)
+JOB = PlanJob("1", plans=2, pings=6, legs=2, fresh=5)
 
 
 def test_goals_are_of_the_reachable_set():
@@ -57,20 +54,30 @@ def test_odds_are_of_samples_and_of_a_truth(lenient, monkeypatch):
         return real(flow, samples, plan, request)
 
     monkeypatch.setattr(planners, "mission_odds", judged)
-    found = final(odds.run_planning(MEMBERS, None, CONFIG, JOB))
+    (found,) = odds.run_plans(MEMBERS, None, CONFIG, JOB)
     # a plan is flown in other samples than those that judged it
     assert not np.allclose(first[0], first[1])
-    assert [one.truth for one in found.missions] == [1, 1]
-    reached = [one for one in found.missions if one.status == "reached"]
-    assert reached
-    fresh, arrived = report_of(found).answer["criteria"]
-    assert fresh["value"] == pytest.approx(np.mean([one.fresh for one in reached]))
-    near = [one.miss <= planners.MissionSettings().tolerance for one in reached]
-    assert arrived["value"] == pytest.approx(np.mean(near))
+    assert [one.name for one in found] == [
+        "reported as reached",
+        "arrive in fresh samples",
+        "arrive in the truth",
+        "miss in the truth [m]",
+    ]
+    assert {(one.task, one.case) for one in found} == {("plans", f"{MEMBERS.source}#1")}
     monkeypatch.setattr(odds, "ARRIVING", 1.1)
-    none = final(odds.run_planning(MEMBERS, None, CONFIG, JOB))
-    assert report_of(none).answer["criteria"] == []
-    assert all(math.isnan(one.miss) for one in none.missions)
+    (none,) = odds.run_plans(MEMBERS, None, CONFIG, JOB)
+    assert [(one.part, one.whole) for one in none] == [(0, 2)]
+
+
+def test_shares_are_of_the_missions_reported_as_reached():
+    missions = [JudgedMission(True, 0.9, 120.0), JudgedMission(True, 0.94, 400.0)]
+    rows = rows_of(odds.figures_of([*missions, JudgedMission(False)]))
+    assert [(row.figure, pytest.approx(row.value), row.met) for row in rows] == [
+        ("reported as reached", 2 / 3, None),
+        ("arrive in fresh samples", 0.92, True),
+        ("arrive in the truth", 0.5, False),
+        ("miss in the truth [m]", 260.0, None),
+    ]
 
 
 def test_a_truth_is_a_sample_on_the_nodes_of_the_estimate():
@@ -83,28 +90,6 @@ def test_a_truth_is_a_sample_on_the_nodes_of_the_estimate():
     )
     same = as_sample(estimate, truth)
     np.testing.assert_allclose(same.velocity(*at), truth.velocity(*at), rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.full
-def test_the_study_is_reported_in_every_form(lenient, tmp_path):
-    out, ensemble = tmp_path / "out", tmp_path / "ensemble.nc"
-    synthetic.dataset(n_members=6, shape=(8, 9)).to_netcdf(ensemble, engine="h5netcdf")
-    command = f"planning --ensemble {ensemble} -o {out} --modes 8 --leave-out 1,4 --pairs 2 --pings 6 --legs 2 --fresh 5"
-    done = experiment(f"{command} --json {tmp_path}/answer.json")
-    assert done.exit_code == 0, done.output
-    said = json.loads((tmp_path / "answer.json").read_text())
-    assert said == {"format_version": 2, **json.loads((out / "planning.json").read_text())}
-    assert [one["truth"] for one in said["missions"]] == [1, 4]
-    read = list(csv.DictReader((out / "odds.csv").read_text().splitlines()))
-    assert [row["status"] for row in read] == [one["status"] for one in said["missions"]]
-    report = (out / "report.md").read_text()
-    for words in (*said["findings"], *(one["what"] for one in said["criteria"])):
-        assert words in report
-    assert "Acceptance criteria" in done.output
-    # what is there already is not replaced without being asked to
-    again = experiment(command)
-    assert isinstance(again.exception, ConfigError)
-    assert "index.html: exists" in str(again.exception)
 
 
 def test_a_ratio_of_medians_is_resampled_case_by_case():
@@ -124,20 +109,14 @@ def test_a_ratio_of_medians_is_resampled_case_by_case():
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"pairs": 0}, "--pairs"),
+        ({"plans": 0}, "--plans"),
         ({"noise": math.nan}, "--noise"),
         ({"leave_out": "2,2"}, "each once"),
     ],
 )
 def test_what_is_refused(changed, words):
     with pytest.raises(ConfigError, match=words):
-        final(odds.run_planning(MEMBERS, None, CONFIG, replace(JOB, **changed)))
-
-
-def test_a_wrong_option_makes_no_folder(tmp_path):
-    done = experiment(f"planning --ensemble {tmp_path}/none.nc -o {tmp_path}/out --noise=-1")
-    assert "--noise" in str(done.exception)
-    assert not (tmp_path / "out").exists()
+        list(odds.run_plans(MEMBERS, None, CONFIG, replace(JOB, **changed)))
 
 
 def test_a_truth_of_its_own_leaves_no_member_out():
@@ -150,6 +129,6 @@ def test_a_truth_of_its_own_leaves_no_member_out():
 
 
 def test_members_are_spread_over_the_ensemble():
-    job = replace(JOB, leave_out=None, pairs=3)
+    job = replace(JOB, leave_out=None, plans=3)
     assert [case.member for case in job.cases(MEMBERS, None)] == [1, 3, 5]
-    assert len(replace(job, pairs=500).cases(MEMBERS, None)) == 6
+    assert len(replace(job, plans=500).cases(MEMBERS, None)) == 6

@@ -1,4 +1,4 @@
-"""How true the odds of missions are: plans reported as reached, flown in fresh samples of the estimate and in withheld truths."""
+"""How true the odds of plans are: missions reported as reached, flown in fresh samples of the estimate and in withheld truths."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,8 @@ from replay_kit.core.flow.horizontal import NodeKernel
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import embed_member
-from replay_kit.studies.jobs import Advance, check_not_negative, check_positive, each_counted
+from replay_kit.studies.bench.frame import Figure, Lost, of_case
+from replay_kit.studies.jobs import Advance, check_positive, each_counted
 from replay_kit.studies.reports.tables import NAN
 from replay_kit.studies.scoring import build_method
 from replay_kit.studies.twins.adcp import random_observations
@@ -32,6 +33,12 @@ from replay_kit.studies.twins.truths import (
 from replay_kit.studies.twins.vehicle import random_places
 from replay_kit.workflows.planning.adapters import JUDGING
 
+TASK = "plans"
+_METHOD = "default"
+# Shares that arrive, least asked for: of fresh samples, in withheld truths.
+_FRESH, _TRUTH = 0.87, 0.8
+# Miss distance that counts as arrival [m].
+_TOLERANCE = planners.MissionSettings().tolerance
 # Members that are the truth in turn when none are named.
 _TRUTHS = 20
 # Least and greatest glide angle of a mission, and of the flights that goals are drawn with, so that some of its range is left [degrees].
@@ -45,13 +52,13 @@ _OTHER_SEED = 1_000_003
 
 
 @dataclass(frozen=True, slots=True)
-class PlanningJob:
+class PlanJob:
     """Which truths, and how many missions of what size.
 
     Attributes:
         leave_out: Positions of members from 0, with commas between them, or ``all``: each is the truth in turn; None for at most
             twenty, evenly spread.
-        pairs: Missions, spread over the truths.
+        plans: Missions, spread over the truths.
         pings: Given to each estimate.
         noise: Standard deviation of each component of each bin [m/s].
         legs: Of each mission that goals are drawn with.
@@ -61,7 +68,7 @@ class PlanningJob:
     """
 
     leave_out: str | None = None
-    pairs: int = 100
+    plans: int = 100
     pings: int = 450
     noise: float = 0.09
     legs: int = 10
@@ -71,9 +78,8 @@ class PlanningJob:
 
     def check(self) -> None:
         """Raise ConfigError when an option is wrong."""
-        counts = ("pairs", "pings", "legs", "fresh", "noise")
+        counts = ("plans", "pings", "legs", "fresh", "noise")
         check_positive(**{name: getattr(self, name) for name in counts})
-        check_not_negative(seed=self.seed)
 
     def cases(self, ensemble: Ensemble, truth: Ensemble | None) -> list[Case]:
         """Return the truths with the members that do not know them.
@@ -87,13 +93,13 @@ class PlanningJob:
         """
         if truth is not None:
             if self.leave_out is not None:
-                raise ConfigError("planning: expected one of --truth and --leave-out")
+                raise ConfigError("bench plans: expected one of --truth and --leave-out")
             return [Case(None, truth, ensemble)]
         n_members = ensemble.n_members
         if self.leave_out is not None:
             members = members_named(self.leave_out, n_members)
         else:
-            count = min(_TRUTHS, n_members, self.pairs)
+            count = min(_TRUTHS, n_members, self.plans)
             members = tuple(int(k) for k in (np.arange(count) + 0.5) * n_members / count)
         return [leave_out(ensemble, member) for member in members]
 
@@ -103,55 +109,24 @@ class JudgedMission:
     """A mission.
 
     Attributes:
-        truth: Position of the member left out; for a truth of its own the number of members.
-        status: Of the plan.
-        stated: Share of the samples that arrives.
-        fresh: That of fresh ones; NaN unless it is reported as reached.
+        is_reached: Whether its plan is reported as reached.
+        fresh: Share of fresh samples that arrives; NaN unless it is.
         miss: Its miss distance in the truth [m]; NaN likewise.
-        tolerance: Miss distance that counts as arrival [m].
     """
 
-    truth: int
-    status: str
-    stated: float
-    fresh: float
-    miss: float
-    tolerance: float
+    is_reached: bool
+    fresh: float = NAN
+    miss: float = NAN
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlanningResult:
-    """The missions, and what they were planned on.
-
-    Attributes:
-        missions: Truth after truth.
-        ensemble: Its file.
-        truths: Their files, or the members left out in turn.
-        n_members: Of the ensemble.
-        levels: [m].
-        modes: Limit on the basis flows of a level; None for all.
-        job: The options.
-        unfinished: Whether more missions were to follow when this was written.
-    """
-
-    missions: tuple[JudgedMission, ...]
-    ensemble: str
-    truths: tuple[str, ...]
-    n_members: int
-    levels: tuple[float, ...]
-    modes: int | None
-    job: PlanningJob
-    unfinished: bool = False
-
-
-def run_planning(
+def run_plans(
     ensemble: Ensemble,
     truth: Ensemble | None,
     config: EstimatorConfig,
-    job: PlanningJob,
+    job: PlanJob,
     progress: Progress = silent,
-) -> Iterator[PlanningResult]:
-    """Yield the missions so far after each truth, then all.
+) -> Iterator[list[Figure | Lost]]:
+    """Yield how many missions are reported as reached, and how many of these arrive; its cases are the truths.
 
     Args:
         ensemble: All members.
@@ -165,31 +140,35 @@ def run_planning(
         ForecastError: Hardly any mission stays in the truth's water.
     """
     job.check()
-    cases, advance, made = job.cases(ensemble, truth), Advance(job.pairs, progress), []
-    result = PlanningResult(
-        (),
-        ensemble.source,
-        tuple(case.truth.source for case in cases),
-        ensemble.n_members,
-        tuple(float(level) for level in ensemble.grid.levels),
-        config.modes,
-        job,
-        unfinished=True,
-    )
-    shares = [len(part) for part in np.array_split(np.arange(job.pairs), len(cases))]
+    cases, advance = job.cases(ensemble, truth), Advance(job.plans, progress)
+    shares = [len(part) for part in np.array_split(np.arange(job.plans), len(cases))]
     calls = (
         (case, share, config, job, advance)
         for case, share in zip(cases, shares, strict=True)
         if share
     )
-    for _, of_truth in each_counted(_of_truth, calls, advance, lambda _, share, *__: share):
-        made += of_truth
-        yield replace(result, missions=tuple(made))
-    yield replace(result, missions=tuple(made), unfinished=False)
+    for (case, *_), made in each_counted(_of_truth, calls, advance, lambda _, share, *__: share):
+        yield [*of_case(figures_of(made), TASK, case.truth.source)]
+
+
+def figures_of(missions: Sequence[JudgedMission]) -> list[Figure]:
+    """Return the figures of one truth's missions: of those reported as reached, shares that arrive and the miss in the truth."""
+    reached = [one for one in missions if one.is_reached]
+    figures = [Figure(_METHOD, "reported as reached", len(reached), len(missions))]
+    if not reached:
+        return figures
+    fresh, miss = np.array([(one.fresh, one.miss) for one in reached]).T
+    arrived = float(np.sum(miss <= _TOLERANCE))
+    return [
+        *figures,
+        Figure(_METHOD, "arrive in fresh samples", float(fresh.sum()), fresh.size, _FRESH),
+        Figure(_METHOD, "arrive in the truth", arrived, miss.size, _TRUTH),
+        Figure(_METHOD, "miss in the truth [m]", float(miss.sum()), miss.size),
+    ]
 
 
 def _of_truth(
-    case: Case, count: int, config: EstimatorConfig, job: PlanningJob, advance: Advance
+    case: Case, count: int, config: EstimatorConfig, job: PlanJob, advance: Advance
 ) -> list[JudgedMission]:
     """Return missions planned on an estimate of one truth, and judged."""
     member = case.ensemble.n_members if case.member is None else case.member
@@ -203,12 +182,12 @@ def _of_truth(
     samples = flow.sample(JUDGING, job.seed), flow.sample(job.fresh, job.seed + _OTHER_SEED)
     made = []
     for pair in pairs:
-        advance(f"odds, truth {member}")
-        made.append(_judged(member, (flow, *samples), as_sample(flow, truth), pair, depth))
+        advance(f"{TASK}, {case.truth.source}")
+        made.append(_judged((flow, *samples), as_sample(flow, truth), pair, depth))
     return made
 
 
-def _estimate(case: Case, field: Field, config: EstimatorConfig, job: PlanningJob) -> FlowEstimate:
+def _estimate(case: Case, field: Field, config: EstimatorConfig, job: PlanJob) -> FlowEstimate:
     """Return the estimate after profiles at random places."""
     config = config.model_copy(update={"preset": "default"})
     estimator = build_method("default", case.ensemble, config)
@@ -221,7 +200,6 @@ def _estimate(case: Case, field: Field, config: EstimatorConfig, job: PlanningJo
 
 
 def _judged(
-    member: int,
     known: tuple[FlowEstimate, Sequence[FlowEstimate], Sequence[FlowEstimate]],
     truth: FlowEstimate,
     pair: Pair,
@@ -234,15 +212,13 @@ def _judged(
     request = planners.MissionRequest(pair.start, (pair.target,), glider, settings)
     plan = planners.plan_mission(flow, request)
     if len(plan.headings_deg) == 0:
-        return JudgedMission(member, plan.status, NAN, NAN, NAN, settings.tolerance)
+        return JudgedMission(False)
     stated = planners.mission_odds(flow, judging, plan, request)
-    status = planners.with_odds(plan, stated, ARRIVING, ACCEPTED_RISK).status
-    share, miss = NAN, NAN
-    if status == "reached":
-        share = planners.mission_odds(flow, fresh, plan, request).corrected.reached
-        pilot = planners.Pilot()
-        miss = planners.fly_scenarios(flow, (truth,), plan, pilot=pilot).miss_median
-    return JudgedMission(member, status, stated.corrected.reached, share, miss, settings.tolerance)
+    if planners.with_odds(plan, stated, ARRIVING, ACCEPTED_RISK).status != "reached":
+        return JudgedMission(False)
+    share = planners.mission_odds(flow, fresh, plan, request).corrected.reached
+    flown = planners.fly_scenarios(flow, (truth,), plan, pilot=planners.Pilot())
+    return JudgedMission(True, share, flown.miss_median)
 
 
 def as_sample(flow: FlowEstimate, truth: FlowEstimate) -> FlowEstimate:
