@@ -107,6 +107,20 @@ class Velocities:
         )
         return encoded(dataset)
 
+    def to_og1(self, platform: str, **stated: str) -> "xr.Dataset":
+        """Return a trajectory after OG1.0 (OceanGliders), on the dimension ``N_MEASUREMENTS``; what is not stated is left out.
+
+        Args:
+            platform: Serial number of the glider with its prefix, such as ``sg033``.
+            **stated: What a person knows: ``PLATFORM_MODEL`` and ``WMO_IDENTIFIER``, and global attributes such as ``contributor_name``.
+
+        Raises:
+            EstimatorError: There is no point, or the time of one is not known.
+        """
+        from replay_kit.core.flow.og1 import trajectory
+
+        return trajectory(self, platform, stated)
+
     def to_pandas(self) -> "pd.DataFrame":
         """Return a table with a row a point."""
         return self.to_xarray().reset_coords().to_dataframe()

@@ -36,6 +36,7 @@ _UNITS = (
     ("estimated", _SPEED),
     ("rms", _SPEED),
     ("nis", {"units": "1"}),
+    ("bottom", _METRES | {"standard_name": "sea_floor_depth_below_sea_surface"}),
 )
 _COORDINATES = ("time", "latitude", "longitude", "depth")
 _COMPONENTS = {
