@@ -34,6 +34,7 @@ from replay_kit.forecast.names import (
     without_partner,
 )
 from replay_kit.forecast.pairs import OpenedFile, Part, pair_files
+from replay_kit.forecast.starts import rule_of, start_of
 from replay_kit.forecast.times import runs_of
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
@@ -177,6 +178,9 @@ def _collected(
     others = [file.path for file in holders if file not in states]
     if rule is None and usual_labels(others) is not None:
         rule = MemberRule("files")
+    if rule is None:
+        rule, more = rule_of(holders)
+        notes += more
     background = states if kind_of(rule) == "files" else []
     holders = _labelled([file for file in holders if file not in background], rule)
     blocks: list[Block] = []
@@ -230,7 +234,7 @@ def _labelled(holders: list[OpenedFile], rule: MemberRule | None) -> list[Opened
         )
     if kind == "lags":
         return sorted(
-            (replace(file, label=_reference(file)) for file in holders), key=lambda file: file.label
+            (replace(file, label=start_of(file)) for file in holders), key=lambda file: file.label
         )
     if kind == "models":
         several = len({file.argument for file in holders}) > 1
@@ -239,25 +243,6 @@ def _labelled(holders: list[OpenedFile], rule: MemberRule | None) -> list[Opened
             for file in holders
         ]
     return holders
-
-
-def _reference(file: OpenedFile) -> str:
-    """Return when a forecast was started: stated, or its first time."""
-    for name, variable in file.ds.variables.items():
-        if (
-            "forecast_reference_time" in (variable.attrs.get("standard_name"), name)
-            and variable.size == 1
-            and variable.dtype.kind == "M"
-        ):
-            return str(np.datetime_as_string(variable.values.ravel()[0], unit="m"))
-    if "bulletin_date" in file.ds.attrs:
-        return str(file.ds.attrs["bulletin_date"])
-    time = find_time(file.ds, file.dims)
-    if time is None or file.ds[time].dtype.kind != "M":
-        raise ForecastError(
-            f"{file.path}: --members lags needs dated forecasts; expected a dimension of times with an epoch"
-        )
-    return str(np.datetime_as_string(file.ds[time].values.min(), unit="m"))
 
 
 def _blocks(parts: tuple[Part, ...], rule: MemberRule | None, label: str) -> list[Block]:

@@ -131,6 +131,71 @@ def test_lagged_forecasts_valid_at_one_time(tmp_path):
     )
 
 
+def _in_centimetres(ds):
+    parts = {
+        u: (100.0 * ds[name]).assign_attrs(units="cm/s")
+        for u, name in (("UVEL", "uo"), ("VVEL", "vo"))
+    }
+    return ds.drop_vars(["uo", "vo"]).assign(parts)
+
+
+def _hours_since_analysis(ds, run, lead):
+    return ds.assign(tau=("time", [24.0 * lead], {"units": "hours since analysis"}))
+
+
+# Of each producer: the names of its files by run and lead, whether all runs hold the same times, and what else is in a file.
+FORMS = {
+    "CROCO": (
+        "run{}/croco_his.nc",
+        True,
+        lambda ds, run, lead: ds.assign_coords(time=("time", [0.0, 86400.0], {"units": "second"})),
+    ),
+    "ROMS": ("run{}/roms_avg_0001.nc", True, lambda ds, run, lead: ds.rename(time="ocean_time")),
+    "POP": ("{}.pop.h.nc", True, lambda ds, run, lead: _in_centimetres(ds)),
+    "HYCOM": ("hycom_glby_930_2020010{}12_t{:03d}_uv3z.nc", False, _hours_since_analysis),
+    "CMEMS": (
+        "glo12_uovo_R{}.nc",
+        False,
+        lambda ds, run, lead: ds.assign_attrs(bulletin_date=f"2020-01-0{1 + run}"),
+    ),
+    "GLONET": ("{}.nc", False, lambda ds, run, lead: ds),
+}
+
+
+@pytest.mark.parametrize("producer", FORMS)
+def test_members_of_producers_files_are_found_without_an_option(tmp_path, producer):
+    name, same_times, form = FORMS[producer]
+    for run in range(3):
+        times = START + (np.arange(2) if same_times else run + np.arange(4)) * DAY
+        whole = forms.known().isel(member=run, drop=True).expand_dims(time=times)
+        leads = range(4) if producer == "HYCOM" else (slice(None),)
+        for lead in leads:
+            path = tmp_path / name.format(run, lead)
+            path.parent.mkdir(exist_ok=True)
+            one = whole.isel(time=[lead] if isinstance(lead, int) else lead)
+            save(form(one.transpose("time", "depth", ...), run, lead), path)
+    read = read_with(tmp_path)
+    assert_comes_back(read, 1e-12)
+    assert read.made_from == ("" if same_times else "lags")
+    assert noted(read, "members: the 3 files" if same_times else "members: forecasts of 3 starts")
+    if not same_times:
+        # the last that all hold, without a log
+        assert read.time_ns == (START + 3 * DAY).astype(np.int64)
+
+
+def test_files_of_one_run_or_of_other_grids_are_no_members_by_themselves(tmp_path):
+    whole = forms.known().isel(member=0, drop=True)
+    for k in range(3):
+        (tmp_path / f"part{k}").mkdir()
+        # the last time of each is the first of the next
+        times = START + (k + np.arange(2)) * DAY
+        save(whole.expand_dims(time=times), tmp_path / f"part{k}" / "his.nc")
+    refused("no member dimension; .*--members lags", tmp_path)
+    other = whole.isel(latitude=slice(1, None)).expand_dims(time=[START, START + DAY])
+    save(other, tmp_path / "other.nc")
+    refused("no member dimension; .*--members models", [tmp_path / "part0", tmp_path / "other.nc"])
+
+
 def test_fields_of_the_season_are_anomalies_about_the_forecast(tmp_path):
     one = synthetic.dataset().isel(member=0, drop=True)
     days = ["2018-01-10", "2018-07-01", "2019-01-25", "2019-02-20", "2020-01-02", "2020-01-15"]
