@@ -1,4 +1,4 @@
-"""``python -m tests.benchmarks [NAME ...] --json FILE``: measure, print a table, write all as JSON and the scaling as a figure."""
+"""``python -m tests.benchmarks [NAME ...] --json FILE``: measure, print a table, write it as JSON and a figure of the growth."""
 
 import argparse
 import json
@@ -24,7 +24,6 @@ from tests.benchmarks import (
     longlogs,
     planners,
     safety,
-    scaling,
     size,
     start,
     windows,
@@ -55,13 +54,12 @@ BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     """Run the named benchmarks, all without a name, and return what was measured."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
-    known = [*BENCHMARKS, "scaling"]
     parser.add_argument(
         "names",
         nargs="*",
-        choices=[*known, []],
+        choices=[*BENCHMARKS, []],
         metavar="NAME",
-        help=f"{', '.join(known)}; default all",
+        help=f"{', '.join(BENCHMARKS)}; default all",
     )
     parser.add_argument(
         "--json", type=Path, help="file of the results; the figure is written beside it"
@@ -72,27 +70,21 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--threads", type=int, default=1, help="BLAS threads")
     parser.add_argument("--count", type=int, default=300, help="missions of safety")
     options = parser.parse_args(arguments)
-    names = options.names or known
+    names = options.names or list(BENCHMARKS)
     benchmarks = BENCHMARKS | {"safety": partial(safety.rows, count=options.count)}
     with threadpool_limits(options.threads):
         result = {
             "limits": limits(options.tiny),
             "threads": options.threads,
             "rows": [],
-            "scaling": [],
         } | environment()
         for name in names:
-            if name in benchmarks:
-                result["rows"] += [
-                    _shared(row, result["limits"]) for row in benchmarks[name](options.tiny)
-                ]
-        if "scaling" in names:
-            result["scaling"] = scaling.curves(options.tiny)
+            result["rows"] += [
+                _shared(row, result["limits"]) for row in benchmarks[name](options.tiny)
+            ]
     _print(result)
     if options.json is not None:
         options.json.write_text(json.dumps(result, indent=1))
-        if result["scaling"]:
-            scaling.draw(result["scaling"], options.json)
         if "size" in names and not options.tiny:
             size.draw(result["rows"], options.json)
     return result
@@ -127,11 +119,6 @@ def _print(result: dict[str, Any]) -> None:
                 if name not in known and value is not None
             )
         )
-    for curve in result["scaling"]:
-        pairs = ", ".join(
-            f"{v}: {s:.2f} s" for v, s in zip(curve["values"], curve["seconds"], strict=True)
-        )
-        print(f"\n{curve['name']}: time ~ value^{curve['exponent_of_time']:.2f} ({pairs})")
 
 
 def _short(value: Any) -> str:

@@ -4,7 +4,6 @@ The default preset takes the paper's kernel length here: the last modes of the f
 their weights are quotients of small numbers. Its modes are 752, not 760: the mean is kept apart.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,15 +11,10 @@ import numpy as np
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.horizontal import velocity_kernel
-from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import ReducedBasisEstimator, build_estimator
-from replay_kit.estimator.baselines import build_baseline
-from replay_kit.estimator.baselines.etkf import RADIUS_IN_CELLS
 from replay_kit.estimator.basis.modes import build_basis
-from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
-from replay_kit.estimator.prior.localised import gaspari_cohn
+from replay_kit.estimator.basis.slices import ensemble_slices
 from tests.benchmarks import scene, slow
 from tests.benchmarks.measure import Row, peak_mb, row, runner, seconds
 
@@ -188,113 +182,6 @@ def _probed(state, probes):
     return probes @ state.posterior.covariance() @ probes.T
 
 
-def filterpy_rows(work: Work, ours_s: dict[str, float]) -> list[Row]:
-    """One update, which takes the same whatever the prior."""
-    estimator, observation = work.estimators["hybrid"], work.track[0]
-    design, value, error = slow.rows(estimator, observation)
-    first, innovation = estimator.step(estimator.initial(), observation)
-    cov = estimator.prior.covariance()
-    scaled = error * np.sqrt(innovation.error_inflation)
-    peer_s, (mean, _) = seconds(
-        lambda: slow.filterpy_update(estimator.prior.mean, cov, design, value, scaled)
-    )
-    errors = {"mean_after_1": relative(first.mean, mean)}
-    peer = "filterpy's KalmanFilter (Joseph form), 1 ping timed and multiplied"
-    whole_s = peer_s * len(work.track)
-    return [
-        row(f"the same track, {which} prior", ours, peer, whole_s, 1000.0, errors)
-        for which, ours in ours_s.items()
-    ]
-
-
-def static_row(work: Work, pings: int = 20_000) -> Row:
-    """A long survey: all pings until the state grows no more, then some, multiplied."""
-    estimator = work.estimators["hybrid"]
-    enough = 40 if work.tiny else 640
-    observations = scene.scattered(work.world[1], enough, work.size, seed=7)
-    before = peak_mb(anew=True)
-    state, _, times = online(estimator, observations)
-    grown = peak_mb() - before
-    last = times[-10:] if work.tiny else times[-128:]
-    total = sum(times) + float(np.mean(last)) * (pings - len(times))
-    return row(
-        f"{pings} pings static, mean after each; {enough} timed, the last {len(last)} multiplied",
-        total,
-        "35 ms a ping, bounded memory",
-        0.035 * pings,
-        1.0,
-        ms_a_ping=1e3 * total / pings,
-        ms_a_ping_when_full=1e3 * float(np.mean(last)),
-        directions=getattr(state.posterior, "size", None),
-        form=type(state.posterior).__name__,
-        peak_mb=grown,
-    )
-
-
-def letkf_row(work: Work) -> Row:
-    """The estimate at the nodes after each ping; both errors against the truth."""
-    ensemble, truth = work.world
-    estimator, grid = work.estimators["hybrid"], ensemble.grid
-    basis = estimator.basis
-    show, offset = (
-        basis.horizontal.velocity(grid.nodes, latent).reshape(2 * len(grid.nodes), -1)
-        for latent in (basis.modes, basis.offset)
-    )
-    state, ours_s = estimator.initial(), 0.0
-    for start in range(0, len(work.track), ReducedBasisEstimator.block_size):
-
-        def publish(
-            state=state, block=work.track[start : start + ReducedBasisEstimator.block_size]
-        ):
-            done = [after for after, _ in estimator.steps(state, block)]
-            weights = np.stack(estimator.weights(done)).reshape(-1, show.shape[1])
-            fields = (weights @ show.T).reshape(len(done), grid.levels.size, -1) + offset.T
-            return done[-1], fields[-1]
-
-        took, (state, field) = seconds(publish)
-        ours_s += took
-    slices, true = ensemble_slices(ensemble), ensemble_slices(truth)[0]
-    baseline = build_baseline("letkf", ensemble, EstimatorConfig())
-    theirs = baseline.initial()
-    for observation in work.track:
-        theirs, _ = baseline.step(theirs, observation)
-    at_grid = baseline.flow(theirs).velocity(*grid.nodes.T, grid.levels[:, None])  # (Z, N, 2)
-    theirs_field = np.moveaxis(at_grid, 2, 1).reshape(true.shape)
-    radius = RADIUS_IN_CELLS * float(np.sqrt(np.prod(cell_size(grid))))
-    members, peer_times = slices.reshape(len(slices), -1), []
-    for observation in work.track[:2]:
-        observe = _observer(work, observation)
-        took, members = seconds(
-            lambda m=members, o=observation, f=observe: slow.letkf(
-                m, grid, o, f, radius, gaspari_cohn
-            )
-        )
-        peer_times.append(took)
-    errors = {
-        "ours_to_truth": relative(field, true),
-        "letkf_to_truth": relative(theirs_field, true),
-    }
-    peer = "DAPPER's LETKF, 2 pings timed and multiplied; its error by our baseline, which a test holds equal to it"
-    name = f"{len(work.track)} pings, estimate at the nodes after each"
-    return row(name, ours_s, peer, float(np.mean(peer_times)) * len(work.track), 3.0, errors)
-
-
-def _observer(work: Work, observation: Observation) -> Callable[[np.ndarray], np.ndarray]:
-    estimator, grid = work.estimators["hybrid"], work.world[0].grid
-    inverse = np.linalg.inv(
-        velocity_kernel(estimator.basis.horizontal.kernel, grid.nodes, grid.nodes)
-    )
-    place = np.array([to_local(grid.projection, observation.longitude, observation.latitude)])
-    row_at = velocity_kernel(estimator.basis.horizontal.kernel, place, grid.nodes) @ inverse
-    weights = depth_weights(estimator.basis.depth_functions, observation.depth, grid.levels)
-
-    def observe(members: np.ndarray) -> np.ndarray:
-        by_level = members.reshape(len(members), grid.levels.size, -1) @ row_at.T  # (E, Z, 2)
-        return np.einsum("nz,ezc->ecn", weights, by_level).reshape(len(members), -1)
-
-    return observe
-
-
 def end_row(work: Work) -> Row:
     estimator = work.estimators["paper"]
     ours_s, state = seconds(lambda: online(estimator, work.track, mean=False)[0])
@@ -368,7 +255,4 @@ def rows(tiny: bool) -> list[Row]:
     }
     for (which, where), times in asked.items():
         done.append(run(lambda a=which, b=where, c=times: update_row(work, a, b, c)))
-    ours_s = {"hybrid": done[1]["ours_s"], "paper": done[2]["ours_s"]}
-    done += run(lambda: {"rows": filterpy_rows(work, ours_s)})["rows"]
-    done += [run(lambda job=job: job(work)) for job in (static_row, letkf_row, end_row, grid_row)]
-    return done
+    return done + [run(lambda job=job: job(work)) for job in (end_row, grid_row)]

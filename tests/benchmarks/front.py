@@ -1,4 +1,4 @@
-"""The earliest arrival: against Zermelo's solutions and rays, against a fine search among obstacles, and missions above its bound."""
+"""The earliest arrival: against Zermelo's rays, against a fine search among obstacles, and missions above its bound."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,24 +31,20 @@ from replay_kit.forecast import read_ensemble
 from tests.benchmarks.measure import Row, cpu, row
 from tests.benchmarks.planners_masked import asked, bounds, islands, random_area
 from tests.places import DATA
-from tests.planners.flow_samples import eddying_flow, fitted_flow
+from tests.planners.flow_samples import eddying_flow
 from tests.reference.fine_search import search_time
 from tests.reference.rays import fan, in_front
-from tests.reference.zermelo import time_in_jet, time_in_solid_rotation, time_in_uniform_current
 
 QG = DATA / "qg" / "climatology.nc"
 DAY = 86400.0
-# Turning of the water [rad/s], and the current of the uniform case [m/s].
-_RATE, _UNIFORM = 1.2e-5, np.array([0.3, -0.4])
 # Depth of the water that a vehicle flies through on average [m].
 _DEPTH = 800.0
 
 
 def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
-    made = zermelo_rows(1 if tiny else 25)
     flows = _flows(tiny)
-    made += [ray_row(flows, 0.6, *((0.2, 4) if tiny else (2.0, 20)))]
+    made = [ray_row(flows, 0.6, *((0.2, 4) if tiny else (2.0, 20)))]
     if not tiny:
         # as slow as the current: told, not held to the same
         made += [ray_row(flows, 0.29, 4.0, 20)]
@@ -93,55 +89,6 @@ def _times_of(
         for n in numbers
     ]
     return np.array(arrived), took
-
-
-def zermelo_rows(count: int) -> list[Row]:
-    """Random pairs in currents whose quickest paths are known."""
-
-    def jet(north: Any) -> Any:
-        return 0.6 * np.cos(2.0 * np.pi * north / 6e4)
-
-    cases: dict[str, tuple[Callable[[Any, Any], Any], Callable[[Array, Array], float]]] = {
-        "a uniform current": (
-            lambda x, y: (0 * x + 0.3, 0 * y - 0.4),
-            lambda b, e: time_in_uniform_current(e - b, _UNIFORM, 1.0),
-        ),
-        "solid rotation": (
-            lambda x, y: (_RATE * y, -_RATE * x),
-            lambda b, e: time_in_solid_rotation(b, e, _RATE, 1.0),
-        ),
-        "a jet": (
-            lambda x, y: (jet(y), 0 * x),
-            lambda b, e: time_in_jet(b, e, lambda y: float(jet(y)), 1.0),
-        ),
-    }
-    made = []
-    for name, (velocity, exact) in cases.items():
-        flow, rng, errors, took = (
-            fitted_flow(velocity),
-            np.random.default_rng(3),
-            list[float](),
-            list[float](),
-        )
-        current = current_lattice(flow, flow.latent, np.zeros(1), spacing_over(flow), np.ones(1))
-        while len(errors) < count:
-            begin, end = rng.uniform(-22e3, 22e3, (2, 2))
-            # the shooting of the jet's solution needs a way across it
-            if abs(end[1] - begin[1]) > max(12e3, abs(end[0] - begin[0])) and np.isfinite(
-                truth := exact(begin, end)
-            ):
-                found, seconds = _times_of(current, 1.0, begin, end[None], 1e6)
-                errors.append(float(found[0] / truth - 1.0))
-                took.append(seconds)
-        made.append(
-            _error_row(
-                f"earliest arrival in {name}, {count} pairs",
-                np.array(errors),
-                max(took),
-                "Zermelo's solution",
-            )
-        )
-    return made
 
 
 def ray_row(flows: tuple[FlowEstimate, ...], speed: float, days: float, count: int) -> Row:

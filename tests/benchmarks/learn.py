@@ -10,12 +10,11 @@ from planners import Glider
 from planners.front.current import shares_of_levels
 from planners.learning.choose import Aim
 from planners.learning.closed_loop import mean_currents
-from planners.learning.current import currents_of
 from planners.learning.loops import shapes, timed
 from planners.learning.maps import plan_map
 from planners.learning.rows import rows_at
 from planners.learning.survey import plan_survey
-from planners.learning.transit import end_sensitivity, fly_transit, plan_transit
+from planners.learning.transit import end_sensitivity, plan_transit
 from planners.learning.values import Box, LearnRequest, LearnSettings
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.arrays import Array
@@ -95,14 +94,6 @@ def rows(tiny: bool) -> list[Row]:
             peer_runs_s=whole,
         )
     ]
-    took, difference = cpu(lambda: _difference(known.flow, known, planned))
-    end = row(
-        "sensitivity of an end: 1e-6 asked",
-        took,
-        "central differences",
-        error={"latents_end": difference},
-    )
-    made.append(end)
     return made + _plans(flow, tiny)
 
 
@@ -112,27 +103,6 @@ def _profiles(ensemble: Ensemble, flow: FlowEstimate, places: Array, depth: Arra
         values = flow.velocity(*at, depth) + _NOISE * rng.standard_normal((depth.size, 2))
         found.append(synthetic.profile(ensemble.grid, *at, depth, values, _NOISE, time_ns=k))
     return found
-
-
-def _difference(flow: FlowEstimate, known: Any, planned: Any) -> float:
-    """Return the relative difference of the end's derivative by the current from that by central differences."""
-    mean = mean_currents(known, np.zeros(1))
-    latent = known.latent(0)[:, 0]
-    shape = np.random.default_rng(1).standard_normal(latent.size) * np.abs(latent).max()
-    added, step = currents_of(flow, [shape[None]], np.zeros(1)), 1e-4
-    more, less = (
-        replace(mean, coefficients=mean.coefficients + sign * step * added.coefficients)
-        for sign in (1, -1)
-    )
-    ends = [
-        fly_transit(one, np.zeros(1, dtype=complex), _SURVEY * _HOUR, planned)[0]
-        for one in (more, less)
-    ]
-    by_difference = (ends[0] - ends[1]) / (2.0 * step)
-    sense = end_sensitivity(mean, 0j, _SURVEY * _HOUR, planned)
-    current = added.at(sense.points[None], 0.0)[0]
-    found = complex(*(sense.weights @ np.stack([current.real, current.imag], axis=-1).ravel()))
-    return abs(found / by_difference - 1.0)
 
 
 def _plans(flow: FlowEstimate, tiny: bool) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Large logs: what is in them, by the index and in full, and their conversion, against a loop of the stock reader and writer."""
+"""Large logs: what is in them, by the index and in full, against a loop of the stock reader."""
 
 import tempfile
 from collections import Counter
@@ -10,11 +10,10 @@ import orjson
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from replay_kit.config.run import LogConfig, load_config
+from replay_kit.config.run import load_config
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap import survey
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.workflows import convert as converting
 from replay_kit.workflows.info.inspect import LogInfo, inspect_logs
 from tests.benchmarks.logs_replay import padded
 from tests.benchmarks.measure import Row, row, seconds
@@ -72,33 +71,6 @@ def _stock_counts(path: Path) -> Counter[str]:
         )
 
 
-def _stock_copy(path: Path, out: Path) -> None:
-    with path.open("rb") as file, out.open("wb") as copy:
-        writer, schemas, channels = Writer(copy), {0: 0}, {}
-        writer.start()
-        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
-            if channel.id not in channels:
-                if schema is not None and schema.id not in schemas:
-                    schemas[schema.id] = writer.register_schema(
-                        schema.name, schema.encoding, schema.data
-                    )
-                made = writer.register_channel(
-                    channel.topic,
-                    channel.message_encoding,
-                    schemas[channel.schema_id],
-                    channel.metadata,
-                )
-                channels[channel.id] = made
-            writer.add_message(
-                channels[channel.id],
-                message.log_time,
-                message.data,
-                message.publish_time,
-                message.sequence,
-            )
-        writer.finish()
-
-
 def _counts(info: LogInfo) -> dict[str, int]:
     return {name: topic.messages for name, topic in info.topics.items()}
 
@@ -142,28 +114,6 @@ def _summary(path: Path) -> Any:
         return make_reader(file).get_summary()
 
 
-def _convert_row(what: str, path: Path) -> Row:
-    """Our own check, in which the copy is read again, is no part of the ratio."""
-    out, copy, check_s = path.with_name("out.mcap"), path.with_name("stock.mcap"), []
-
-    def timed(*arguments: Any) -> None:
-        check_s.append(seconds(lambda: check(*arguments))[0])
-
-    check = converting.check_written
-    with mock.patch.object(converting, "check_written", timed):
-        whole_s, summary = seconds(lambda: converting.convert([path], out, True, LogConfig()))
-    stock_s, _ = seconds(lambda: _stock_copy(path, copy))
-    return row(
-        f"convert: {what}; the copy read again apart",
-        whole_s - check_s[0],
-        "loop of the mcap reader and writer, not synced and not read again",
-        stock_s,
-        1.0 / 1.5,
-        {"messages_differ": float(dict(summary.messages) != _stock_counts(copy))},
-        check_s=check_s[0],
-    )
-
-
 def rows(tiny: bool) -> list[Row]:
     """Five million small messages, and a gigabyte; temporary files go when each ends."""
     found: list[Row] = []
@@ -180,5 +130,5 @@ def rows(tiny: bool) -> list[Row]:
         ):
             with tempfile.TemporaryDirectory() as folder:
                 path = make(Path(folder))
-                found += [*_info_rows(what, path), _convert_row(what, path)]
+                found += _info_rows(what, path)
     return found

@@ -22,7 +22,7 @@ from replay_kit.estimator import embed_member
 from replay_kit.forecast import read_ensemble
 from replay_kit.studies.bench.plans import PlanJob, _estimate, as_sample, draw_missions
 from replay_kit.studies.twins.field import build_field
-from tests.benchmarks.measure import Row, row, seconds
+from tests.benchmarks.measure import Row, cpu, row, seconds
 from tests.places import DATA, SAMPLES
 
 #: Profiles given to the estimates of uncertain missions, and of easy ones; samples searched, and fresh ones.
@@ -34,7 +34,10 @@ _NINETY = 1.645
 
 @dataclass(frozen=True, slots=True)
 class Paired:
-    """One mission both ways, the quickest first: shares of fresh samples, whether it arrives in the truth; the share stated."""
+    """One mission both ways, the quickest first: shares of fresh samples, whether it arrives in the truth; the share stated; what it takes.
+
+    ``odds_over_plan`` is the processor time of the odds of the quickest, with drawing their samples, over that of planning it.
+    """
 
     fresh: tuple[float, float]
     truth: tuple[float, float]
@@ -43,6 +46,7 @@ class Paired:
     safe: float
     costs_h: float
     took: float
+    odds_over_plan: float
 
 
 def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH) -> Row:
@@ -73,17 +77,18 @@ def _paired(
     flow: FlowEstimate, truth: FlowEstimate, request: MissionRequest, count: int
 ) -> Paired | None:
     """Return a mission both ways; None where the goal is out of reach in the estimate."""
-    quickest = plan_mission(flow, request)
+    planning, quickest = cpu(lambda: plan_mission(flow, request))
     if quickest.status != "reached" or not len(quickest.headings_deg):
         return None
     took, chosen = seconds(lambda: plan_for_odds(flow, flow.sample(_SEARCHED, 3), request))
+    odds, _ = cpu(lambda: mission_odds(flow, flow.sample(_JUDGING, 4), quickest, request))
     fresh = flow.sample(count, 1_000_003)
 
     def shares(samples: list[Sample]) -> tuple[float, float]:
-        quick, odds = (
+        first, second = (
             fly_scenarios(flow, samples, one, pilot=Pilot()).reached for one in (quickest, chosen)
         )
-        return quick, odds
+        return first, second
 
     stated = mission_odds(flow, flow.sample(_JUDGING, 5), chosen, request).corrected
     return Paired(
@@ -94,6 +99,7 @@ def _paired(
         stated.safe,
         float(chosen.statistics["odds_costs_h"]),
         took,
+        odds / planning,
     )
 
 
@@ -120,6 +126,7 @@ def _row(pings: int, found: list[Paired]) -> Row:
         "oracle_in_truth": float(np.mean([one.oracle for one in found])),
         "stated_minus_fresh": float(off.mean()),
         "costs_h": float(np.mean([one.costs_h for one in found])),
+        "odds_over_plan": float(np.median([one.odds_over_plan for one in found])),
     }
     return row(
         f"{len(found)} missions for the odds after {pings} profiles: share that arrives, beside the quickest",

@@ -1,8 +1,7 @@
 """How set-up, a ping and a standard error grow with the region: processor time, and memory in a process of its own.
 
 Members are random eddies on cells of 1/12 degree, some three cells in size, in six vertical modes with a little noise, so that the prior's
-correlation length is the same in every region. The dense way is the kernel's eigenvectors, the SVD of all slices and one N x N taper, as
-the default was set up before; it takes minutes and gigabytes at 60 x 60 nodes and is made where it takes seconds.
+correlation length is the same in every region.
 """
 
 import tempfile
@@ -13,20 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 import xarray as xr
 from matplotlib.figure import Figure
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
 from replay_kit.core.flow.netcdf import to_dataset
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator import ReducedBasisEstimator, build_estimator
-from replay_kit.estimator.basis.modes import DEFAULT_LENGTH_IN_CELLS, mean_variance
-from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
-from replay_kit.estimator.prior.hybrid import HybridPrior
-from replay_kit.estimator.prior.localised import gaspari_cohn
 from replay_kit.forecast import read_ensemble
 from replay_kit.forecast.grid import local_grid
 from tests import synthetic
@@ -52,8 +45,6 @@ DENSE = (
     (1600, 25.3, 470.0),
     (3600, 133.0, 2400.0),
 )
-# Nodes up to which the dense way is made.
-_DENSE = 600
 
 
 def region(rows: int, columns: int, levels: int) -> Grid:
@@ -137,50 +128,6 @@ def setup(make: Callable[[], Ensemble], modes: int) -> tuple[float, float, Reduc
     return took, peak_mb() - before, estimator
 
 
-def dense(world: Ensemble, estimator: ReducedBasisEstimator) -> tuple[float, float]:
-    """Return the processor time of the dense way, and the relative difference of the localised covariance of the first function."""
-    prior, settings = _hybrid(estimator), estimator.prior.settings
-    assert settings is not None
-    grid = world.grid
-    start = time.process_time()
-    lengths = [DEFAULT_LENGTH_IN_CELLS * side for side in cell_size(grid)]
-    values, vectors = np.linalg.eigh(
-        velocity_kernel(HorizontalKernel(*lengths, 1.0), grid.nodes, grid.nodes)
-    )
-    slices = ensemble_slices(world)
-    mean = slices.mean(axis=0)
-    of_mean = np.sqrt(mean_variance(EstimatorConfig()) * len(slices)) * mean
-    columns = np.concatenate([(slices - mean).reshape(-1, slices.shape[2]), of_mean]).T
-    velocities = scipy.linalg.svd(columns, full_matrices=False)[0][:, : estimator.basis.n_modes]
-    modes = vectors @ (
-        (vectors.T @ velocities)
-        * (values / (values + EstimatorConfig().nugget * values[-1]))[:, None]
-    )
-    ours = estimator.basis.horizontal.velocity(grid.nodes, estimator.basis.modes).reshape(
-        modes.shape
-    )
-    modes *= np.sign(np.sum(modes * ours, axis=0))
-    apart = np.hypot(*(grid.nodes[:, None] - grid.nodes).T)
-    taper = np.tile(gaspari_cohn(apart, settings.radius), (2, 2))
-    # the last row is the mean's amplitude, which is not localised
-    fields = (
-        np.einsum(
-            "z,fzr->fr", prior.vertical[0], prior.factor[:-1] / np.sqrt(settings.sample_share)
-        )
-        @ modes.T
-    )
-    projector = np.linalg.pinv(modes)
-    theirs = (1.0 - settings.sample_share) * projector @ (taper * (fields.T @ fields)) @ projector.T
-    took = time.process_time() - start
-    return took, float(np.linalg.norm(prior.horizontal[0] - theirs) / np.linalg.norm(theirs))
-
-
-def _hybrid(estimator: ReducedBasisEstimator) -> HybridPrior:
-    prior = estimator.prior
-    assert isinstance(prior, HybridPrior)
-    return prior
-
-
 def size_row(
     rows: int,
     columns: int,
@@ -191,13 +138,8 @@ def size_row(
     modes: int,
 ) -> Row:
     took, grown, estimator = setup(lambda: ensemble(rows, columns, levels, members), modes)
-    peer_s, error = None, {}
-    if rows * columns <= _DENSE:
-        peer_s, difference = dense(ensemble(rows, columns, levels, members), estimator)
-        error = {"localised_covariance": difference}
     name = f"set-up, {rows} x {columns} nodes, {levels} levels, {members} members, {estimator.basis.n_modes} modes"
-    peer = "kernel, slices and one taper, all dense"
-    return row(name, took, peer, peer_s, asked or 0.0, error, peak_mb=grown, asked_mb=asked_mb)
+    return row(name, took, asked=asked or 0.0, peak_mb=grown, asked_mb=asked_mb)
 
 
 def from_zarr_row(

@@ -1,21 +1,11 @@
 """The slow ways that the estimator's benchmarks are measured against; each is as its textbook has it."""
 
-import warnings
-
 import numpy as np
 import scipy.linalg
-from filterpy.kalman import KalmanFilter
 
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
-from replay_kit.core.geodesy import to_local
 from tests.reference import lattice
-
-with warnings.catch_warnings():
-    # DAPPER leaves its configuration file to the garbage collector
-    warnings.simplefilter("ignore", ResourceWarning)
-    from dapper.da_methods.ensemble import local_analyses
-    from dapper.tools.randvars import GaussRV
 
 
 def rows(estimator, observation):
@@ -35,14 +25,6 @@ def textbook(mean, cov, design, value, error):
     cov_design = cov @ design.T
     gain = np.linalg.solve(design @ cov_design + np.diag(error**2), cov_design.T).T
     return mean + gain @ (value - design @ mean), cov - gain @ cov_design.T
-
-
-def filterpy_update(mean, cov, design, value, error):
-    """The Joseph form of the same."""
-    theirs = KalmanFilter(dim_x=mean.size, dim_z=value.size)
-    theirs.x, theirs.P = mean[:, None].copy(), cov
-    theirs.update(value[:, None], R=np.diag(error**2), H=design)
-    return theirs.x.ravel(), theirs.P
 
 
 def batch(estimator, observations, inflation, probes):
@@ -86,21 +68,3 @@ def grid_std(flow, nodes):
     return at_nodes @ flow.latent, np.sqrt(
         np.einsum("ij,ij->i", design @ flow.weight_cov, design)
     ).reshape(flow.levels.size, -1)
-
-
-def letkf(members, grid, observation, observe, radius, taper):
-    """DAPPER's analysis of members (E, Z 2N) after a profile; ``observe`` gives what members have at its bins, (E, 2 n)."""
-    nodes = grid.nodes
-    place = np.array(to_local(grid.projection, observation.longitude, observation.latitude))
-    columns = [np.arange(2 * grid.levels.size) * len(nodes) + node for node in range(len(nodes))]
-    value = observation.velocity.T.ravel()
-
-    def localise(batch):
-        weight = np.full(
-            value.size, taper(np.hypot(*(place - nodes[batch[0] % len(nodes)])), radius)
-        )
-        near = np.flatnonzero(weight > 0.0)
-        return near, weight[near]
-
-    noise = GaussRV(C=float(observation.error_std[0]) ** 2, M=value.size).C
-    return local_analyses(members, observe(members), noise, value, columns, localise)[0]

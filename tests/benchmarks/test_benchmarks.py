@@ -42,9 +42,8 @@ def test_every_benchmark_runs_and_its_answers_are_right(name, tmp_path, capsys):
     result = json.loads(file.read_text())
     said = capsys.readouterr().out
     assert "asked" in said or all(row["ratio"] is None for row in result["rows"])
-    assert {"rows", "machine", "versions", "limits", "scaling"} <= set(result)
+    assert {"rows", "machine", "versions", "limits"} <= set(result)
     assert result["rows"]
-    assert not result["scaling"]
     for row in result["rows"]:
         assert {"name", "ours_s", "peer", "peer_s", "ratio", "asked", "error", "peak_mb"} <= set(
             row
@@ -56,13 +55,3 @@ def test_every_benchmark_runs_and_its_answers_are_right(name, tmp_path, capsys):
         "ObservationSpacePosterior",
         "ReducedSubspacePosterior",
     }
-
-
-def test_the_scaling_is_measured_and_drawn(tmp_path):
-    file = tmp_path / "benchmarks.json"
-    main(["scaling", "--tiny", "--json", str(file)])
-    result = json.loads(file.read_text())
-    assert not result["rows"]
-    assert len(result["scaling"]) == 4
-    assert (tmp_path / "benchmarks.png").exists()
-    assert (tmp_path / "benchmarks.svg").exists()

@@ -1,7 +1,5 @@
 """The planner's slow twin: every heading and time to depth flown in the flow itself, the best polished without derivatives."""
 
-from typing import Any
-
 import numpy as np
 from scipy.optimize import minimize
 
@@ -20,7 +18,6 @@ def exhaustive_closest_approach(
     headings: int = 360,
     times: int = 60,
     steps: int = 40,
-    table: Any = None,
 ) -> float:
     """Return the least closest approach [m] of all glides that reach the goal's depth, found by trying them.
 
@@ -33,7 +30,6 @@ def exhaustive_closest_approach(
         headings: Number of headings tried.
         times: Number of times to depth tried, evenly in the logarithm.
         steps: RK4 steps of a glide; twice as many where the best are polished.
-        table: The same current, quicker, in which glides are tried; the best are polished in ``flow``.
     """
     shortest = max(abs(goal[2] - start[2]) / speed, 600.0)
     heading, duration = (
@@ -44,7 +40,7 @@ def exhaustive_closest_approach(
         )
     )
     tried = np.column_stack([heading, (goal[2] - start[2]) / (speed * duration), np.log(duration)])
-    distance = _closest(table or flow, start, goal, speed, tried, steps)
+    distance = _closest(flow, start, goal, speed, tried, steps)
     best = np.inf
     for i in np.argsort(distance, kind="stable")[:2]:
         simplex = tried[i] + np.vstack([np.zeros(3), np.diag([0.02, 0.05 * tried[i, 1], 0.03])])
