@@ -25,7 +25,7 @@ _LONGEST_NS = 3 * 3600 * 10**9
 _SPEED = 0.2
 # m, and m/s
 _SPACING, _TIDE = 10e3, 0.08
-_MEMBERS = 4
+_MEMBERS, _COLUMNS = 4, 500
 _OUTSIDE, _TOO_FAST = (
     "drifter outside the ensemble's box",
     "drifter faster than measurements.max_speed",
@@ -38,8 +38,9 @@ _AT_SURFACE, _NO_POSITION = "sample at the surface", "sample before the first po
 def for_region(config: RunConfig, ensemble: Ensemble) -> RunConfig:
     """Return the settings of a run with what measurements leave to its ensemble: how fast its currents are, where, how densely."""
     measurements, grid = config.measurements, ensemble.grid
-    # some members tell as much as all of them
-    squares = np.square(ensemble.velocity[:_MEMBERS]).sum(axis=1)
+    # some columns of some members tell as much as all of them, and a region without a CTD is not read for it
+    every = 1 + math.isqrt(grid.east.size // _COLUMNS)
+    squares = np.square(ensemble.velocity[:_MEMBERS, ..., ::every, ::every]).sum(axis=1)
     speed = float(np.sqrt(np.mean(squares, where=np.isfinite(squares))))
     steps = [
         np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis)) for axis in (0, 1)
