@@ -8,11 +8,12 @@ mean currents and with shear beside them.
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import gsw
 import numpy as np
-from scipy.interpolate import CloughTocher2DInterpolator, CubicSpline
+from scipy.interpolate import CubicSpline
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import lsqr
 
@@ -24,7 +25,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Label, Observation, PathMean, Source
 from replay_kit.estimator import ReducedBasisEstimator, build_estimator
-from replay_kit.forecast import read_ensemble
+from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.measurements.section.hydrography import Section
 from replay_kit.measurements.section.lines import COMPLETE, LEAST, measurement
 from replay_kit.measurements.section.noise import garrett_munk
@@ -36,6 +37,8 @@ from replay_kit.measurements.section.thermal_wind import (
     regime_of,
     window_shear,
 )
+from replay_kit.studies.twins.field import Field, build_field
+from tests.benchmarks import kinds_surface
 from tests.benchmarks.measure import Row, row
 from tests.places import DATA
 
@@ -70,6 +73,17 @@ class Sea:
         """Of the forecast."""
         return self.ensemble.grid
 
+    @cached_property
+    def fields(self) -> tuple[list[Field], list[Field]]:
+        """The truth at its times, and its stream function [m2/s], twice."""
+        psi = [np.stack([stream_function(self.grid, each)] * 2) for each in self.truth]
+        one = replace(self.ensemble, time_ns=None)
+        of_truth, of_psi = (
+            [build_field(replace(one, velocity=each[None])) for each in values]
+            for values in (self.truth, psi)
+        )
+        return of_truth, of_psi
+
     @property
     def coriolis(self) -> float:
         """Coriolis parameter [1/s]."""
@@ -96,22 +110,29 @@ def quasi_geostrophic(members: Sequence[int], climatology: bool) -> list[Sea]:
 
 
 def stream_function(grid: Grid, velocity: Array) -> Array:
-    """Return the stream function whose derivatives along the grid's edges are nearest to velocities, shape (N, Z) [m2/s]."""
+    """Return the stream function whose differences along the grid's edges are nearest to velocities, shape (Z, J, I) [m2/s].
+
+    Args:
+        grid: Of J x I columns.
+        velocity: shape (2, Z, J, I) [m/s], taken as a cubic spline along each row and column.
+    """
     number = np.arange(grid.east.size).reshape(grid.east.shape)
-    rows, values = [], []
-    for a, b in ((number[:, :-1], number[:, 1:]), (number[:-1], number[1:])):
-        a, b = a.ravel(), b.ravel()
-        u, v = (
-            0.5 * (flat[:, a] + flat[:, b]) for flat in velocity.reshape(*velocity.shape[:2], -1)
+    pairs, found = [], []
+    for axis in (0, 1):
+        at = np.arange(number.shape[axis])
+        integral = CubicSpline(at, velocity, axis=axis + 2).antiderivative()(at)
+        u, v = np.diff(integral, axis=axis + 2)
+        dx, dy = (np.diff(each, axis=axis) for each in (grid.east, grid.north))
+        found.append((v * dx - u * dy).reshape(len(u), -1))
+        pairs.append(
+            np.column_stack([np.take(number, ends, axis).ravel() for ends in (at[:-1], at[1:])])
         )
-        dx, dy = (np.ravel(axis)[b] - np.ravel(axis)[a] for axis in (grid.east, grid.north))
-        rows.append(np.column_stack([a, b]))
-        values.append(v * dx - u * dy)
-    pairs, right = np.concatenate(rows), np.concatenate(values, axis=1)
-    n = len(pairs)
-    at = np.repeat(np.arange(n), 2)
-    matrix = coo_matrix((np.tile([-1.0, 1.0], n), (at, pairs.ravel())), (n, number.size)).tocsr()
-    return np.stack([lsqr(matrix, each, atol=1e-10, btol=1e-10)[0] for each in right], axis=1)
+    edges, right = np.concatenate(pairs), np.concatenate(found, axis=1)
+    row_of = np.repeat(np.arange(len(edges)), 2)
+    signs = np.tile([-1.0, 1.0], len(edges))
+    matrix = coo_matrix((signs, (row_of, edges.ravel())), (len(edges), number.size)).tocsr()
+    psi = [lsqr(matrix, each, atol=1e-10, btol=1e-10)[0] for each in right]
+    return np.reshape(psi, (-1, *number.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,22 +186,16 @@ def flown(sea: Sea, length: float, rng: np.random.Generator) -> Line:
         unit = np.array([np.cos(direction), np.sin(direction)])
         places = rng.uniform(*corners) + along[:, None] * unit
         inside = bool(np.all((places[-1] > corners[0]) & (places[-1] < corners[1])))
-    nodes = np.column_stack([grid.east.ravel(), grid.north.ravel()])
-    size, first = grid.levels.size, np.ceil(max(grid.levels[0], 10.0) / 10.0) * 10.0
+    first = np.ceil(max(grid.levels[0], 10.0) / 10.0) * 10.0
     levels = np.arange(first, grid.levels[-1], 20.0)
-
-    def there(fields: Array) -> Array:
-        """Fields at the nodes, shape (N, k Z), at the places and the line's levels, shape (n, k, levels)."""
-        at_places = CloughTocher2DInterpolator(nodes, fields)(places).reshape(n, -1, size)
-        return np.asarray(CubicSpline(grid.levels, at_places, axis=2)(levels))
-
-    psi = np.stack([there(stream_function(grid, each))[:, 0] for each in sea.truth])
-    truth = np.stack([there(each.reshape(2 * size, -1).T) for each in sea.truth])
+    east, north = places.T[..., None]
+    truth, psi = (
+        np.stack([each.velocity(east, north, levels) for each in fields]) for fields in sea.fields
+    )
     seconds, times = along / _SPEED, (sea.days - sea.days[0]) * _DAY
     waves = _waves(levels, seconds, sea.coriolis, rng)
-    geopotential = sea.coriolis * _in_time(psi, times, seconds)
+    geopotential = sea.coriolis * _in_time(psi[..., 0], times, seconds)
     geopotential = geopotential - (geopotential @ depth_weights(levels))[:, None] + waves
-    truth = np.moveaxis(truth, 2, 3)
     return Line(along, seconds, places, direction, levels, geopotential, truth, times)
 
 
@@ -265,9 +280,7 @@ def judged(line: Line, whole: Section, shear: GeostrophicShear, part: slice) -> 
 
 def profile_errors(flow: FlowEstimate, line: Line) -> Array:
     """Return the mean squared errors [m2/s2] of a flow's profiles about their depth means at its end's time, across the line and along."""
-    found = np.array(
-        [[flow.velocity(*place, depth) for depth in line.levels] for place in line.places[::3]]
-    )
+    found = flow.velocity(*line.places[::3].T[..., None], line.levels)
     error = line.about_mean(found) - line.about_mean(line.current(line.seconds[-1])[::3])
     along = np.array([np.cos(line.direction), np.sin(line.direction)])
     across = np.array([-along[1], along[0]])
@@ -310,18 +323,30 @@ def shear_row(name: str, seas: Sequence[Sea], lines: int, length: float) -> Row:
     return row(f"shear, {name}: {words}", time.process_time() - began, error=figures)
 
 
+def primitive(lines: int) -> list[Row]:
+    """Return the rows of the geostrophic part of a current of the primitive equations: what is not geostrophic is in the truth as error."""
+    folder = DATA / "natl_nemo"
+    ensemble, truth = (
+        read_ensemble(folder / "ensemble.nc", ForecastConfig()),
+        read_truth(str(folder / "truth.nc"), ForecastConfig()),
+    )
+    estimator = build_estimator(ensemble, EstimatorConfig(), GatingConfig())
+    sea = Sea(ensemble, estimator, truth.velocity, np.zeros(1))
+    return [shear_row("natl_nemo", [sea], lines, length) for length in _LENGTHS]
+
+
 def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
+    surface = kinds_surface.rows(tiny)
     if not (DATA / "qg").exists():
-        return []
+        return surface
     if tiny:
-        return [shear_row("qg", quasi_geostrophic((7,), True), 1, _LENGTHS[2])]
+        return [shear_row("qg", quasi_geostrophic((7,), True), 1, _LENGTHS[2]), *surface]
     seas = {
-        "qg, prior of a climatology": (4, quasi_geostrophic((1, 7, 25), True)),
-        "qg, prior of a forecast of 8 days": (4, quasi_geostrophic((1, 7, 25), False)),
+        "qg, prior of a climatology": quasi_geostrophic((1, 7, 25), True),
+        "qg, prior of a forecast of 8 days": quasi_geostrophic((1, 7, 25), False),
     }
-    return [
-        shear_row(name, of_name, count, length)
-        for name, (count, of_name) in seas.items()
-        for length in _LENGTHS
+    shear = [
+        shear_row(name, of_name, 4, length) for name, of_name in seas.items() for length in _LENGTHS
     ]
+    return [*shear, *primitive(12), *surface]
