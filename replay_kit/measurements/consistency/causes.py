@@ -11,7 +11,12 @@ import numpy as np
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import PathMean
 from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.pairs import SCALES, PairStatistics, odds
+from replay_kit.measurements.consistency.pairs import (
+    SCALES,
+    Explanation,
+    PairStatistics,
+    odds,
+)
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.usual_faults import CAUSES, KINDS, SCALE_CAUSE, kinds_of
 
@@ -71,3 +76,12 @@ def cause_of_pairs(
     if share < _LIKELY:
         return findings.undecided(best, rivals, mean, topic)
     return findings.of_sources(best, rivals, mean, topic)
+
+
+def scale_of_motion(track: PairStatistics) -> Explanation | None:
+    """Return the scale of a stated motion beside that of positions, once it is likelier than all else; positions may lack the current."""
+    explained = track.explanation(SCALES, LEAST_MOTIONS)
+    if explained is None:
+        return None
+    cause, share = odds(track.causes(_ANY, LEAST_MOTIONS))[0]
+    return explained if cause == SCALE_CAUSE and share >= _LIKELY else None

@@ -95,7 +95,7 @@ def of_sources(explanation: Explanation, rivals: Rivals, mean: PathMean, topic: 
             f"{topic}: the profiles are {about}{fault.scale:.4g} times as fast as the {other}"
         )
         of = "velocities" if fault.scale > 1.0 else other
-        units = [each.unit for each in (fault, *explanation.alike) if each.unit]
+        units = dict.fromkeys(each.unit for each in (fault, *explanation.alike) if each.unit)
         cause = f"a wrong unit or scale of the profiles, or of the {other}"
         if units:
             cause = f"the {of} are in {' or '.join(units)}, taken for m/s"
@@ -161,6 +161,17 @@ def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Fin
         "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted",
         "its profiles are not used, the estimate is rebuilt without them; correct the instrument's settings and replay again",
         distrusts=True,
+    )
+
+
+def scaled_motion(explanation: Explanation, time_ns: int, topic: str) -> Finding:
+    """Return the finding of a platform whose stated velocity is another one than that of its positions by a factor."""
+    return Finding(
+        SCALE,
+        explanation.since_ns or time_ns,
+        f"{topic}: beside that of its positions the platform's stated velocity looks {_names(explanation)} ({_strength(explanation)})",
+        "a wrong unit or scale of the platform's velocity, and of the profiles that it is in",
+        "state measurements.velocity_unit, or correct the platform's velocity",
     )
 
 
@@ -279,7 +290,8 @@ def forecast_misfit(evidence: str, moved: bool) -> Finding:
 
 
 def _names(explanation: Explanation) -> str:
-    return ", or ".join(each.name for each in (explanation.fault, *explanation.alike))
+    found = (explanation.fault, *explanation.alike)
+    return ", or ".join(dict.fromkeys(each.name for each in found))
 
 
 def _strength(explanation: Explanation) -> str:

@@ -20,6 +20,7 @@ from replay_kit.measurements.consistency.causes import (
     LEAST_MOTIONS,
     TURNED,
     cause_of_pairs,
+    scale_of_motion,
 )
 from replay_kit.measurements.consistency.depths import (
     Depth,
@@ -292,17 +293,23 @@ def _of_ping(instrument: Instrument, before: SourceStatistics, ping: Observation
     found = list(
         _new((each.found(ping, instrument.named) for each in instrument.pings), instrument.named)
     )
+    sources, topic = instrument.sources, ping.source.topic
+    moves = sources.track is not before.track and sources.track.is_due
     if findings.COMPASS not in instrument.named:
-        sources = instrument.sources
-        for statistics, earlier, what in (
-            (sources.motion, before.motion, findings.OF_MOTION),
-            (sources.track, before.track, findings.OF_TRACK),
+        for statistics, is_due, what in (
+            (
+                sources.motion,
+                sources.motion is not before.motion and sources.motion.is_due,
+                findings.OF_MOTION,
+            ),
+            (sources.track, moves, findings.OF_TRACK),
         ):
-            if statistics is earlier or not statistics.is_due:
-                continue
-            explanation = statistics.explanation(TURNED, LEAST_MOTIONS)
+            explanation = statistics.explanation(TURNED, LEAST_MOTIONS) if is_due else None
             if explanation is not None:
-                return [*found, findings.turned(explanation, what, ping.time_ns, ping.source.topic)]
+                return [*found, findings.turned(explanation, what, ping.time_ns, topic)]
+    if moves and not findings.OF_SOURCES & instrument.named:
+        scale = scale_of_motion(sources.track)
+        found += [] if scale is None else [findings.scaled_motion(scale, ping.time_ns, topic)]
     return found
 
 

@@ -6,13 +6,13 @@ common variance is not known (a conjugate prior of ``floor`` with two degrees of
 a c of which each component has v times that variance, the density of the a with all of them integrated out gives the log-likelihood ratio
 of a hypothesis to equality,
 
-    (K + 1) ln[(Q(a - b) + floor) / (Q(r) + floor)] + K ln |det M| - ln(v det G / (K + 1 / v0)),
+    (K + 1) ln[(Q(a - b) + floor) / (Q(r) + floor)] + K ln |det M / s^2| - ln(v det G / (K + 1 / v0)),
 
-r what a hypothesis leaves, M a - b or a - b, Q the sum of its squares less its regression on the bias and on x, and G the normal matrix of
-that regression (without x the last term is zero). A fault that began during the log explains the pairs since then;
-those before are equal. All beginnings are compared, each as likely before. As outliers could carry a ratio, at least two thirds of the
-pairs must agree with the hypothesis better than with equality, each alone; and as pairs of poor data are explained by nothing, it must
-halve their RMS difference.
+r what a hypothesis leaves, (M a - b) / s or a - b, s how many times as large as those of b its errors are, Q the sum of its squares
+less its regression on the bias and on x, and G the normal matrix of that regression (without x the last term is zero). A fault that began
+during the log explains the pairs since then; those before are equal. All beginnings are compared, each as likely before. As outliers
+could carry a ratio, at least two thirds of the pairs must agree with the hypothesis better than with equality, each alone; and as pairs
+of poor data are explained by nothing, it must halve their RMS difference.
 
 References:
     Bernardo and Smith (1994), Bayesian Theory, section 5.4 (conjugate linear regression); Willsky and Jones (1976), IEEE Trans. Automat.
@@ -114,14 +114,20 @@ class _Fits(NamedTuple):
 def _table(
     kinds: tuple[str, ...],
 ) -> tuple[tuple[Hypothesis, ...], Array, Array, NDArray[np.str_]]:
-    """Return the hypotheses of some kinds, their matrices where errors are those of the faster vectors, scales and kinds."""
+    """Return the hypotheses of some kinds, their matrices, factors of errors s, and kinds."""
     table = tuple(each for each in hypotheses() if each.kind in kinds)
     return (
         table,
-        np.array([each.matrix * min(each.scale, 1.0) for each in table]),
-        np.array([each.scale for each in table]),
+        np.array([each.matrix for each in table]),
+        np.array([each.errors for each in table]),
         np.array([each.kind for each in table]),
     )
+
+
+@cache
+def _stretch(kinds: tuple[str, ...]) -> Array:
+    """Return by how much the hypotheses of some kinds stretch the first vectors in units of errors: 1 / (det M)^(1/2) s."""
+    return np.array([each.scale * each.errors for each in _table(kinds)[0]])
 
 
 def _since(values: Array) -> Array:
@@ -160,13 +166,13 @@ class PairStatistics:
 
     def fits(self, kinds: tuple[str, ...] = KINDS) -> _Fits:
         """Return how well each hypothesis of some kinds explains the pairs."""
-        (_, matrices, scale, kind), values = _table(kinds), np.array(self.pairs, np.float64)
+        (_, matrices, errors, kind), values = _table(kinds), np.array(self.pairs, np.float64)
         first, second, weight = values[:, :2], values[:, 2:4], values[:, 4]
         hours, count = (values[:, 5] - values[0, 5]) / _HOUR_NS, _since(weight)[:, None]
         difference, bias = first - second, 2.0 * _BIAS_STD**2 / self.floor
         logged = np.sum(difference**2, axis=1)
         of_pairs, of_differences = count[0, 0], _since(weight[:, None] * difference)
-        mapped = first @ matrices.swapaxes(1, 2) - second * np.minimum(scale, 1.0)[:, None, None]
+        mapped = (first @ matrices.swapaxes(1, 2) - second) / errors[:, None, None]
         mapped = np.moveaxis(mapped, 0, 1)
         left = np.sum(mapped**2, axis=2)
         since = _since(weight[:, None] * left)
@@ -179,7 +185,7 @@ class PairStatistics:
         misfit = as_logged[0] - as_logged + since - squares_of_sums / precision
         of_equal = float(np.sum(of_differences[0] ** 2))
         equal = float(as_logged[0, 0] - of_equal / precision)
-        penalty, amount = 2.0 * count * np.log(np.maximum(scale, 1.0)), np.zeros((*left.shape, 2))
+        penalty, amount = 2.0 * count * np.log(_stretch(kinds)), np.zeros((*left.shape, 2))
         common, none = squares_of_sums / precision**2, of_equal / precision**2
         for name, std, power in (("offset", _OFFSET_STD, 0), ("drift", _DRIFT_STD, 1)):
             if name not in kinds:
@@ -212,10 +218,9 @@ class PairStatistics:
 
     def _in_one_current(self, kinds: tuple[str, ...]) -> Array:
         """Return the gains where all vectors are of one current: that it is several times as fast is then no surprise at each anew."""
-        _, _, scale, _ = _table(kinds)
         weight = np.array([pair.weight for pair in self.pairs])
         known = np.maximum(_since(weight) - 1.0, 0.0)[:, None]
-        return self.fits(kinds).gain + 2.0 * known * np.log(np.maximum(scale, 1.0))
+        return self.fits(kinds).gain + 2.0 * known * np.log(np.maximum(_stretch(kinds), 1.0))
 
     def causes(
         self, kinds: tuple[str, ...], least_pairs: int, of_one_current: bool = False

@@ -77,6 +77,7 @@ class Hypothesis:
         kind: ``turn``, ``mirror``, ``unit`` (of a factor of 3 and more), ``scale`` (of a smaller one), ``offset`` or ``drift``.
         angle: A turn's, clockwise [degrees]; a mirror's, twice that of its axis from east to north; else 0.
         scale: How many times as fast the first vectors are as the second ones.
+        errors: How many times as large as of the second vectors the errors of what it leaves, M a - b, are counted.
         unit: That of the first vectors, or of the second ones where the scale is below 1; empty for a scale that is no unit's.
     """
 
@@ -84,6 +85,7 @@ class Hypothesis:
     kind: str
     angle: int = 0
     scale: float = 1.0
+    errors: float = 1.0
     unit: str = ""
 
     @property
@@ -102,7 +104,7 @@ class Hypothesis:
         of_cause = _PRIORS[self.kind]
         if self.kind in ("turn", "mirror"):
             return of_cause * (0.125 if self.is_slip else _NO_SLIP[self.kind])
-        return of_cause * (0.5 / len(_SCALES) if self.kind in ("unit", "scale") else 1.0)
+        return of_cause * (0.5 / (len(_SCALES) + 2) if self.kind in ("unit", "scale") else 1.0)
 
     @property
     def matrix(self) -> Array:
@@ -136,8 +138,15 @@ def hypotheses() -> tuple[Hypothesis, ...]:
         )
         for scale, unit in _SCALES
     ]
+    # the faster ones, with errors of their unit, or the slower ones with those of the faster: of larger factors both are found
+    scales += [replace(each, errors=1.0 / each.scale) for each in scales if each.kind == "scale"]
     slower = [
-        replace(each, name=f"{each.name}, of the other source", scale=1.0 / each.scale)
+        replace(
+            each,
+            name=f"{each.name}, of the other source",
+            scale=1.0 / each.scale,
+            errors=each.errors * each.scale,
+        )
         for each in scales
     ]
     added = [Hypothesis(f"off by {CAUSES[kind]}", kind) for kind in ("offset", "drift")]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from replay_kit.measurements.consistency.pairs import LEAST_GAIN, Pair, PairStatistics
-from replay_kit.measurements.consistency.usual_faults import hypotheses
+from replay_kit.measurements.consistency.usual_faults import KNOTS, hypotheses
 
 FLOOR = 2.0 * 0.05**2
 ADDED_OR_SCALED = ("unit", "scale", "offset", "drift")
@@ -46,10 +46,8 @@ def slow_gains(a, b, weight):
     gains = []
     for each in hypotheses():
         if each.kind not in ADDED:
-            # errors are those of the faster vectors
-            less = min(each.scale, 1.0)
-            far, left = cost_and_squares(less * (a @ each.matrix.T - b), covariance)
-            stretched = weight * k * np.log(abs(np.linalg.det(less * each.matrix)))
+            far, left = cost_and_squares((a @ each.matrix.T - b) / each.errors, covariance)
+            stretched = weight * k * np.log(abs(np.linalg.det(each.matrix / each.errors)))
             gains.append((weight * k + 1.0) * np.log(squares / left) + stretched + far - equal)
     return np.array(gains)
 
@@ -152,7 +150,7 @@ def test_equal_sources_with_noise_are_never_explained_by_anything():
 
 @pytest.mark.parametrize(
     ("speed", "factor", "left"),
-    [(0.08, 1.0, set()), (0.3, 1.0, set()), (0.09, 2.0, {"a wrong scale", "a constant offset"})],
+    [(0.08, 1.0, set()), (0.3, 1.0, set()), (0.06, 2.0, {"a wrong scale"})],
 )
 def test_what_a_weak_steady_current_neither_shows_nor_excludes_is_undecided(speed, factor, left):
     noise = 0.012 * np.random.default_rng(0).standard_normal((15, 2))
@@ -163,6 +161,15 @@ def test_what_a_weak_steady_current_neither_shows_nor_excludes_is_undecided(spee
         found = found.with_pair(Pair(*one, *other, 1.0, int(k * 9e12)))
     assert {name for name in found.undecided() if "directions" not in name} == left
     assert found.explanation(ADDED_OR_SCALED, 3) is None
+
+
+@pytest.mark.parametrize(("factor", "named"), [(2.0, True), (KNOTS, True), (1.5, False)])
+def test_a_slow_source_is_as_wrong_as_a_fast_one(factor, named):
+    b = 0.09 * currents(15) / 0.3
+    noise = 0.012 * np.random.default_rng(1).standard_normal(b.shape)
+    found = statistics(b + noise, b / factor).explanation(("unit", "scale"), 3)
+    assert (found is not None) == named
+    assert not named or found.fault.scale == pytest.approx(factor, rel=0.03)
 
 
 def test_nothing_is_said_before_the_least_number_of_pairs():

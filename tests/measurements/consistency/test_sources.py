@@ -1,6 +1,7 @@
 """Which vectors of two sources make a pair, and which cause a contradiction between profiles and mean currents is given."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -199,6 +200,22 @@ def test_a_small_turn_is_no_fault():
 def test_a_unit_is_not_taken_for_a_turned_compass():
     found, _ = findings_after(CURRENTS, lambda current: (KNOTS * current[0], KNOTS * current[1]))
     assert [name for name, _ in found] == [IN_KNOTS]
+
+
+@pytest.mark.parametrize(
+    ("factor", "more", "names"),
+    [(1.0, 0.0, []), (KNOTS, 0.0, [IN_KNOTS]), (1.0 / KNOTS, 0.0, [IN_KNOTS]), (1.0, 0.25, [])],
+)
+def test_a_stated_motion_is_a_multiple_of_that_of_its_positions_or_has_a_current_more(
+    factor, more, names
+):
+    state = ConsistencyState()
+    for number, way in enumerate([(0.3, 0.05), (0.26, -0.1)] * 4):
+        stated = factor * way[0] + more, factor * way[1]
+        for one in dive(4000.0 * number, (0.05, 0.02), way):
+            seen = replace(ping(one), platform_velocity=stated)
+            state, _ = check(state, seen)
+    assert [finding.name for finding in state.findings] == names
 
 
 @pytest.mark.parametrize(
