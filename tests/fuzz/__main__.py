@@ -1,6 +1,6 @@
 """``python -m tests.fuzz``: every sample and conformance log damaged in many ways.
 
-``... atheris NAME``: guided; ``... kill``: SIGKILL; ``... hostile [WORDS]``: inputs made to take time or memory;
+``... atheris NAME``: guided; ``... kill [KIND]``: signals; ``... hostile [WORDS]``: inputs made to take time or memory;
 ``... own [KINDS]``: the files of this program.
 """
 
@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--count",
         type=int,
         default=0,
-        help="random damages instead of places; kills of each command (200)",
+        help="random damages instead of places; signals of each kind to each command (50)",
     )
     parser.add_argument(
         "--seed", type=int, default=1, help="of random damages, and of the instants of kills"
@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
 
         return run(options.name, options.seconds)
     if options.kind == "kill":
-        return _kill(options.count or 200, options.seed)
+        return _kill(options.count or 50, options.seed, options.name)
     if options.kind == "hostile":
         from tests.fuzz.hostile import run_all
 
@@ -69,21 +69,22 @@ def main(arguments: list[str] | None = None) -> int:
     return bad + (peak > _MOST_MB)
 
 
-def _kill(count: int, seed: int) -> int:
-    from tests.fuzz.kill import KINDS, kill, make_inputs
+def _kill(count: int, seed: int, name: str | None) -> int:
+    from tests.fuzz.kill import KINDS, SIGNALS, kill, make_inputs
 
+    wrong = 0
     with tempfile.TemporaryDirectory() as folder:
         make_inputs(Path(folder))
-        wrong = 0
-        for kind in KINDS:
-            result = kill(kind, Path(folder), count, seed)
-            said = f"{result.kills} kills, {result.resumed} with a checkpoint left, {result.finished} ended before"
-            print(
-                "".join(f"{words}\n" for words in result.wrong)
-                + f"{kind}: {said}: {len(result.wrong)} bad",
-                flush=True,
-            )
-            wrong += len(result.wrong)
+        for kind in [name] if name else KINDS:
+            for sent in SIGNALS:
+                result = kill(kind, Path(folder), count, seed, sent)
+                said = f"{result.kills} times, {result.resumed} with a checkpoint left, {result.finished} ended before"
+                words = "".join(f"{words}\n" for words in result.wrong)
+                print(
+                    f"{words}{kind}: {sent.name} {said}: {len(result.wrong)} bad",
+                    flush=True,
+                )
+                wrong += len(result.wrong)
     return wrong
 
 

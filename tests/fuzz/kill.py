@@ -1,12 +1,14 @@
-"""Commands killed at random instants: what is under the final name is whole, and the next run gives the bytes of one that was not killed.
+"""Commands that get a signal at random instants: what is under the final name is whole, and the next run gives the bytes of one left alone.
 
-A child is forked from a process that has everything imported, so that an instant falls into the work and not into the imports.
+A child is forked from a process that has everything imported, so that an instant falls into the work and not into the imports. SIGKILL
+and SIGINT end it; after SIGSTOP and SIGCONT it must end by itself. Of a fleet the child is the scheduler; or a worker gets the signal.
 """
 
 import os
+import shutil
 import signal
 import time
-from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,18 +21,37 @@ from tests.workflows.replay.interrupted import make_ocean
 _SETTINGS = "[output]\ncheckpoint_interval = 600.0\ninterval = 3600.0\n[estimator]\nmodes = 4\n"
 #: What lies under the final name before some of the runs.
 _EARLIER = b"an earlier output"
-#: The commands.
-KINDS = ("replay", "replay --checkpoint", "convert")
+_INPUTS = "{0}/glider.mcap --ensemble {0}/ensemble.nc --config {0}/run.toml"
+#: Kinds of commands, each with the outputs that are compared.
+KINDS = {
+    "replay": (f"replay {_INPUTS} --overwrite -o {{0}}/out.mcap", "out.mcap"),
+    "replay --checkpoint": (
+        f"replay {_INPUTS} --overwrite -o {{0}}/out.mcap --checkpoint {{0}}/run.ck",
+        "out.mcap",
+    ),
+    "convert": ("convert {0}/glider.mcap --overwrite -o {0}/out.mcap", "out.mcap"),
+    "export": ("export {0}/whole.mcap --overwrite -o {0}/out.nc", "out.nc"),
+    "replay --follow": (
+        f"replay {_INPUTS} -o {{0}}/out.mcap --follow --interval 0.1 --until-idle 0.01",
+        "out.mcap",
+    ),
+    "fleet": (f"fleet {_INPUTS} -o {{0}}/fleet --workers 1 --resume", "fleet/*.mcap"),
+    "fleet, a worker": (f"fleet {_INPUTS} -o {{0}}/fleet --workers 1 --resume", "fleet/*.mcap"),
+}
+#: The signals.
+SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGSTOP)
+# s for which a process is stopped, and for which one that goes on is waited for
+_STOPPED, _LONGEST = 0.2, 120.0
 
 
 @dataclass
 class Killed:
-    """What came of the kills of one command.
+    """What came of the signals to one command.
 
     Attributes:
-        kills: Runs that were killed before they ended.
+        kills: Runs that got theirs before they ended.
         finished: Runs that ended before their instant came, in which the output must be complete.
-        resumed: Kills that left a checkpoint, from which the next run went on.
+        resumed: Signals that left a checkpoint, from which the next run went on.
         wrong: What is wrong, in words.
     """
 
@@ -41,81 +62,125 @@ class Killed:
 
 
 def make_inputs(folder: Path, pings: int = 30) -> None:
-    """Write a small log with its ensemble and settings."""
+    """Write a small log with its ensemble, settings and a result."""
     make_ocean(folder, RunConfig(), pings)
     (folder / "run.toml").write_text(_SETTINGS)
+    _run(f"replay {_INPUTS} -o {{0}}/whole.mcap".format(folder))
 
 
-def kill(kind: str, folder: Path, count: int, seed: int) -> Killed:
-    """Kill a command so many times, and run it to its end after each.
+def kill(
+    kind: str, folder: Path, count: int, seed: int, sent: signal.Signals = signal.SIGKILL
+) -> Killed:
+    """Give a command a signal so many times, and run it to its end after each.
 
     Args:
-        kind: ``replay``, ``replay --checkpoint`` or ``convert``.
+        kind: One of ``KINDS``.
         folder: With the inputs of ``make_inputs``; outputs are written there.
-        count: Kills before the end of the command.
+        count: Signals before the end of the command.
         seed: Of the instants.
+        sent: The signal.
     """
-    out, checkpoint = folder / "out.mcap", folder / "run.ck"
-    out.unlink(missing_ok=True)
-    arguments = [kind.split()[0], str(folder / "glider.mcap"), "-o", str(out), "--overwrite"]
-    if kind != "convert":
-        arguments += [
-            "--ensemble",
-            str(folder / "ensemble.nc"),
-            "--config",
-            str(folder / "run.toml"),
-        ]
-    arguments += ["--checkpoint", str(checkpoint)] if "checkpoint" in kind else []
+    command, pattern = KINDS[kind][0].format(folder), KINDS[kind][1]
+    _clear(folder)
     begin = time.perf_counter()
-    _run(arguments)
-    took, whole = time.perf_counter() - begin, out.read_bytes()
-    rng, found = np.random.default_rng(seed), Killed(0, 0, 0, [])
+    _run(command)
+    took, whole = time.perf_counter() - begin, _outputs(folder, pattern)
+    assert whole, "the command wrote nothing"
+    rng, found, of_worker = np.random.default_rng(seed), Killed(0, 0, 0, []), "worker" in kind
     while found.kills < count:
-        before = _EARLIER if rng.random() < 0.5 else None
-        out.unlink(missing_ok=True)
-        if before is not None:
-            out.write_bytes(before)
+        _clear(folder)
+        earlier = "--overwrite" in command and rng.random() < 0.5
+        before = {pattern: _EARLIER} if earlier else {}
+        for name, data in before.items():
+            (folder / name).write_bytes(data)
         instant = rng.uniform(0.0, 1.1 * took)
-        killed = _killed(lambda: _run(arguments), instant)
-        found.kills, found.finished = found.kills + killed, found.finished + (not killed)
-        found.resumed += checkpoint.exists()
-        left = out.read_bytes() if out.exists() else None
-        if left not in ((before, whole) if killed else (whole,)):
-            found.wrong.append(
-                f"{kind}, killed after {instant:.3f} s: {'nothing' if left is None else len(left)} under the final name"
-            )
-        _run(arguments)
-        if out.read_bytes() != whole:
-            found.wrong.append(
-                f"{kind}, killed after {instant:.3f} s: the next run gives other bytes"
-            )
-        beside = sorted(
-            path.name
-            for path in folder.iterdir()
-            if path.name.endswith((".part", ".ck", ".journal"))
-        )
+        met = _signalled(command, instant, sent, of_worker)
+        found.kills, found.finished = found.kills + met, found.finished + (not met)
+        found.resumed += (folder / "run.ck").exists()
+        left, when = _outputs(folder, pattern), f"{kind}, {sent.name} after {instant:.3f} s"
+        must_end = of_worker or sent == signal.SIGSTOP or not met
+        # of a fleet some results may be there already
+        partly = left.items() <= whole.items() and "*" in pattern
+        if left != whole and (must_end or not (left == before or partly)):
+            found.wrong.append(f"{when}: {sorted(left) or 'nothing'} under the final name")
+        _run(command)
+        if _outputs(folder, pattern) != whole:
+            found.wrong.append(f"{when}: the next run gives other bytes")
+        endings = (".part", ".ck", ".journal")
+        beside = sorted(path.name for path in folder.iterdir() if path.name.endswith(endings))
         if beside:
-            found.wrong.append(
-                f"{kind}, killed after {instant:.3f} s: after the next run there are {', '.join(beside)}"
-            )
+            found.wrong.append(f"{when}: after the next run there are {', '.join(beside)}")
     return found
 
 
-def _run(arguments: list[str]) -> None:
-    done = invoke(arguments)
-    assert done.exit_code in (0, 6), done.output
+def _outputs(folder: Path, pattern: str) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob(pattern)}
 
 
-def _killed(work: Callable[[], None], instant: float) -> bool:
-    """Do some work in a process of its own and kill that after so many seconds; return whether it had not ended before."""
+def _clear(folder: Path) -> None:
+    """Leave the inputs of ``make_inputs`` alone, and nothing of an earlier run."""
+    for path in (*folder.glob("out.*"), folder / "fleet"):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _run(command: str) -> None:
+    """Run a command to its end, in a child too: of a process with the threads of a scheduler no other could be forked."""
+    _, status = os.waitpid(_started(command), 0)
+    assert os.waitstatus_to_exitcode(status) in (0, 6), command
+
+
+def _started(command: str) -> int:
+    """Return a process, the first of its group, that runs a command and ends with its exit code."""
     child = os.fork()
-    if child == 0:
-        try:
-            work()
-        finally:
-            # nothing of the parent's is flushed or cleaned up here
-            os._exit(0)
+    if child:
+        return child
+    code = 1
+    # a background process of a shell ignores it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        os.setpgid(0, 0)
+        code = invoke(command).exit_code
+    finally:
+        # nothing of the parent's is flushed or cleaned up here
+        os._exit(code)
+
+
+def _signalled(command: str, instant: float, sent: signal.Signals, of_worker: bool) -> bool:
+    """Run a command and send it, or its worker, a signal after so many seconds; return whether it came before its end."""
+    child = _started(command)
     time.sleep(instant)
-    os.kill(child, signal.SIGKILL)
-    _, status = os.waitpid(child, 0)
-    return os.WIFSIGNALED(status)
+    victim = _worker_of(child) if of_worker else child
+    if victim is None or _ended(child):
+        with suppress(ChildProcessError):
+            os.waitpid(child, 0)
+        return False
+    with suppress(ProcessLookupError):
+        os.kill(victim, sent)
+        if sent == signal.SIGSTOP:
+            time.sleep(_STOPPED)
+            os.kill(victim, signal.SIGCONT)
+    if of_worker or sent == signal.SIGSTOP:
+        signal.alarm(int(_LONGEST))
+    os.waitpid(child, 0)
+    signal.alarm(0)
+    # workers of a scheduler that was killed
+    with suppress(ProcessLookupError):
+        os.killpg(child, signal.SIGKILL)
+    return True
+
+
+def _ended(child: int) -> bool:
+    return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+
+
+def _worker_of(process: int) -> int | None:
+    """Return a worker process of a fleet's scheduler; None where it has none now."""
+    with suppress(OSError):
+        for thread in Path(f"/proc/{process}/task").iterdir():
+            for child in (thread / "children").read_text().split():
+                if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                    return int(child)
+    return None
