@@ -238,7 +238,11 @@ class LinearMeasurement:
     @property
     def value_depth(self) -> Array:
         """Depth of each value, shape (n,) [m]: the mean over its points."""
-        return self.depth if self.weights is None else np.asarray(self.weights @ self.depth)
+        return self.at_values(self.depth)
+
+    def at_values(self, at_points: Array) -> Array:
+        """Return what is known at the points, shape (P, ...), summed for each value, shape (n, ...)."""
+        return at_points if self.weights is None else np.asarray(self.weights @ at_points)
 
     @property
     def middle(self) -> tuple[float, float]:

@@ -25,9 +25,10 @@ _LEG, _APART = 20e3, 3e3  # m
 _SIZES = {False: (Size(members=50), _DAY // 10, _DAY), True: (Size(9, 11, 4, 20, 12), 240, 40)}
 
 
-def survey(field: Field, n: int) -> Mission:
-    """Return a vehicle that goes up and down parallel legs at 1.5 m/s, with a ping and a position each second."""
-    way = _SPEED * np.arange(n)
+def survey(field: Field, n: int, first: int = 0) -> Mission:
+    """Return a vehicle that goes up and down parallel legs at 1.5 m/s, with a ping and a position each second from one on."""
+    second = np.arange(first, first + n, dtype=np.int64)
+    way = _SPEED * second
     leg, along = np.divmod(way, _LEG + _APART)
     east = np.clip(along, 0.0, _LEG) - 0.5 * _LEG
     north = leg * _APART + np.clip(along - _LEG, 0.0, _APART)
@@ -36,7 +37,7 @@ def survey(field: Field, n: int) -> Mission:
     north = half - np.abs(north % (4.0 * half) - 2.0 * half)
     heading = np.where(along < _LEG, np.where(leg % 2 == 0, 90.0, 270.0), 0.0)
     east = np.where(leg % 2 == 0, east, -east)
-    time_ns, nothing = EPOCH_NS + NS_PER_S * np.arange(n, dtype=np.int64), np.zeros(n)
+    time_ns, nothing = EPOCH_NS + NS_PER_S * second, np.zeros(n)
     pings = Pings(time_ns, east, north, nothing, heading, nothing)
     positions = tuple(
         log_position(field, at, place)

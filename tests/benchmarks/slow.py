@@ -12,12 +12,12 @@ def rows(estimator, observation):
     """H, z - offset and the errors' standard deviations of all bins, all east then all north."""
     used = np.arange(observation.depth.size)
     compressed = estimator.rows(observation, used)
-    values = compressed.values
+    values = compressed.stack.values[0]
     weights = depth_weights(
         estimator.basis.depth_functions, observation.depth, estimator.basis.grid.levels
     )
     design = np.vstack([np.kron(weights, compressed.basis[c]) for c in range(2)])
-    return design, values.T.ravel(), np.tile(compressed.noise.std, 2)
+    return design, values.T.ravel(), np.tile(compressed.stack.layouts[0].std, 2)
 
 
 def textbook(mean, cov, design, value, error):
@@ -32,9 +32,8 @@ def batch(estimator, observations, inflation, probes):
     designs, values = [], []
     for observation, factor in zip(observations, inflation, strict=True):
         compressed = estimator.rows(observation, np.arange(observation.depth.size))
-        value = compressed.values
         designs.append(compressed.design() / np.sqrt(factor))
-        values.append(compressed.compress(value)[0] / np.sqrt(factor))
+        values.append(compressed.y / np.sqrt(factor))
     design, prior = np.vstack(designs), estimator.prior.covariance()
     crossed = design @ prior
     factor = scipy.linalg.cho_factor(

@@ -89,27 +89,26 @@ class Etkf(ProfileBaseline[TransformState]):
         design = rows.design()
         of_member, prior = design @ self.anomalies.T, design @ self.reduced.prior.mean
         before = prior + of_member @ state.mean
-        compressed, residual = rows.compress(rows.values)
         half_cov = of_member @ state.transform
-        mean, transform = transform_update(
-            state.mean, state.transform, half_cov, compressed - before
-        )
-        cov = half_cov @ half_cov.T
-        square, half_log_det = normalised_square(compressed - before, cov + np.eye(compressed.size))
+        mean, transform = transform_update(state.mean, state.transform, half_cov, rows.y - before)
+        cov, layout = half_cov @ half_cov.T, rows.stack.layouts[0]
+        square, half_log_det = normalised_square(rows.y - before, cov + np.eye(rows.y.size))
+        square += float(rows.stack.residual_square[0])
+        of_members, errors = rows.stack.variances(cov[None])
         predictions = Predictions(
-            bins.values - rows.residual(before),
-            bins.values - rows.residual(prior + of_member @ mean),
-            bins.values - rows.residual(prior),
-            np.sqrt(rows.expand_variance(cov, 1.0)),
-            square + residual,
-            -0.5 * (square + residual) - half_log_det - rows.half_log_det,
+            bins.values - rows.misfit(before),
+            bins.values - rows.misfit(prior + of_member @ mean),
+            bins.values - rows.misfit(prior),
+            np.sqrt((of_members + errors)[rows.stack.used]),
+            square,
+            -0.5 * square - half_log_det - 2.0 * layout.half_log_det,
         )
         return TransformState(mean, transform, bins.observation.time_ns), predictions
 
     def predict_bins(self, state: TransformState, bins: ProfileBins) -> Array:
         """Return the velocity predicted at the bins, shape (n, 2) [m/s], local axes."""
         rows = self.reduced.rows(bins.observation, bins.screened.used)
-        return bins.values - rows.residual(rows.design() @ self._weights(state))
+        return bins.values - rows.misfit(rows.design() @ self._weights(state))
 
     def _weights(self, state: TransformState) -> Array:
         """Return the mean of the weights, shape (Z r,)."""

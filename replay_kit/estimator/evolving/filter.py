@@ -1,7 +1,7 @@
 """The estimator through time: its estimate changes between observations."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,33 +11,20 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution
 from replay_kit.core.flow.local import Oscillation
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Innovation, Measurement, Reason
+from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator.basis.modes import Basis
-from replay_kit.estimator.evolving.observation_operator import (
-    LinearObservation,
-    ObservationOperator,
-    column_operator,
-)
+from replay_kit.estimator.evolving.observation_operator import ObservationOperator, column_operator
 from replay_kit.estimator.evolving.state_space import EvolvingState, StateSpace
 from replay_kit.estimator.update.biases import (
     NAMES,
     notes_of,
     significant_bias_notes,
 )
-from replay_kit.estimator.update.evaluation import (
-    ObservationUpdate,
-    PredictedObservation,
-    predict_observation,
-)
-from replay_kit.estimator.update.group_step import (
-    GroupColumn,
-    GroupedEstimator,
-    ScreenedGroup,
-    group_misfit,
-)
+from replay_kit.estimator.update.evaluation import predict_observation
+from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator, group_misfit
 from replay_kit.estimator.update.grouping import Grouping
-from replay_kit.estimator.update.profile_stack import ProfileStack
-from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
+from replay_kit.estimator.update.screening import ScreenedGroup
+from replay_kit.estimator.update.stack import Stack
 from replay_kit.estimator.update.superobservation import Column, CombinedRows
 
 _NS = 1e9
@@ -105,44 +92,39 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
         An observation without a usable bin, older than the state by more than twenty minutes, or equal to the one before leaves the state
         unchanged.
         """
-        candidate = self.candidate(state, observation)
-        return (
-            (state, candidate)
-            if isinstance(candidate, Innovation)
-            else self.update(state, candidate)
-        )
+        screened = self.screened(state, (observation,))
+        if not screened.used.size:
+            return state, screened.unused(0)
+        (stepped,) = self.step_screened(state, screened)
+        return stepped.after, stepped.innovation
 
-    def group_column(
-        self, state: EvolvingState, screened: ScreenedGroup
-    ) -> GroupColumn[EvolvingState]:
-        """Return the estimate of the column that the usable profiles see, at their mean time."""
-        of_group = column_operator(self.operator, screened)
-        at_time, design = self.predict(state, of_group.time_ns), of_group.design
+    def group_column(self, state: EvolvingState, screened: ScreenedGroup) -> "EvolvingColumn":
+        """Return the estimate of the column that the usable measurements see, at their mean time."""
+        operator = column_operator(self.operator, screened)
+        at_time, design = self.predict(state, operator.time_ns), operator.design
         cov = design @ at_time.cov @ design.T
 
-        def predict(rows: CombinedRows) -> PredictedObservation[tuple[Array, Array]]:
-            by_component = np.matmul(rows.r, design.reshape(2, len(rows.r), -1))
-            return predict_observation(
-                at_time.means, at_time.cov, by_component.reshape(design.shape)
-            )
+        def posterior(rows: CombinedRows, innovation: Array) -> tuple[Array, Array]:
+            predicted = predict_observation(at_time.means, at_time.cov, rows_in(design, rows))
+            return predicted.posterior(innovation, 1.0)
 
         def against(other: EvolvingState) -> Array:
-            return group_misfit(of_group.stack, design @ self._mean_at(other, of_group.time_ns))
+            return group_misfit(operator.stack, design @ self._mean_at(other, operator.time_ns))
 
         column, prior = Column(design @ at_time.means, 0.5 * (cov + cov.T)), np.zeros(len(design))
-        return GroupColumn(of_group.stack, at_time, column, prior, predict, against)
+        return EvolvingColumn(
+            operator.stack, at_time, column, prior, posterior, against, design=design
+        )
 
-    def group_mean(
-        self, state: EvolvingState, screened: ScreenedGroup
-    ) -> tuple[ProfileStack, Array]:
-        """Return the usable profiles, and the mean of their column at their mean time, shape (2 q,)."""
-        of_group = column_operator(self.operator, screened)
-        return of_group.stack, of_group.design @ self._mean_at(state, of_group.time_ns)
+    def group_mean(self, state: EvolvingState, screened: ScreenedGroup) -> tuple[Stack, Array]:
+        """Return the usable measurements, and the mean of their column at their mean time, shape (c q,)."""
+        operator = column_operator(self.operator, screened)
+        return operator.stack, operator.design @ self._mean_at(state, operator.time_ns)
 
     def with_posterior(
         self, at: GroupColumn[EvolvingState], posterior: tuple[Array, Array], jacobian: float
     ) -> EvolvingState:
-        """Return the state after a group."""
+        """Return the state after measurements."""
         means, cov = posterior
         return replace(at.state, means=self.with_scale_jacobian(means, cov, jacobian), cov=cov)
 
@@ -154,51 +136,6 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
         """Return the mean of the unknowns, shape (n,), at a time; an earlier one counts as the state's."""
         seconds = 0.0 if state.time_ns is None else max(time_ns - state.time_ns, 0) / _NS
         return self.state_space.predict_mean(state.mean, seconds)
-
-    def candidate(self, state: EvolvingState, observation: Measurement) -> "Candidate | Innovation":
-        """Return an observation evaluated against the state at its time, or the innovation of one that cannot be used."""
-        screened, rows = self.linearised(observation)
-        if rows is None:
-            return screened.unused
-        if self.is_late(state, observation.time_ns):
-            return screened.rejected(Reason.OUT_OF_ORDER)
-        if is_duplicate(state.last, screened.observation):
-            return screened.rejected(Reason.DUPLICATE)
-        before = self.predict(state, observation.time_ns)
-        predicted = predict_observation(before.means, before.cov, rows.design)
-        evaluated, bias_rows = self.evaluated(before, screened, rows, predicted)
-        return Candidate(screened, before, rows, evaluated, bias_rows)
-
-    def linearised(self, observation: Measurement) -> tuple[Screened, LinearObservation | None]:
-        """Return a measurement after screening, and its rows; None without a usable bin."""
-        screened = screen_measurement(observation, self.basis.grid)
-        if screened.used.size == 0:
-            return screened, None
-        if screened.observation.at_one_place:
-            return screened, self.operator.profile(screened.observation, screened.used)
-        return screened, self.operator.path(screened.observation, screened.used)
-
-    def update(
-        self, state: EvolvingState, candidate: "Candidate"
-    ) -> tuple[EvolvingState, Innovation]:
-        """Return the state after a candidate that was evaluated for it, and the innovation."""
-        evaluated, after = candidate.evaluated, state
-        if evaluated.accepted:
-            means, cov = candidate.posterior(evaluated.error_scale)
-            after = replace(
-                candidate.before,
-                means=self.with_scale_jacobian(means, cov, candidate.scale_jacobian),
-                cov=cov,
-            )
-        monitor, inflation = after.monitor.updated(evaluated.gate, self.gating)
-        screened = candidate.screened
-        after = replace(
-            self.inflated(after, inflation),
-            monitor=monitor,
-            last=screened.observation,
-            bias_score=evaluated.bias_score(after.bias_score, screened, candidate.bias_rows),
-        )
-        return after, candidate.to_innovation(inflation)
 
     def is_late(self, state: EvolvingState, time_ns: int) -> bool:
         """Return whether an observation of a time is too old for a state."""
@@ -229,14 +166,6 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
             return None
         k = biases.names.index("scale")
         return self.state_space.parts["biases"].start + k, float(biases.std[k])
-
-    def innovation(self, state: EvolvingState, observation: Measurement) -> Array:
-        """Return measured minus predicted at the observation's time, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
-        screened, rows = self.linearised(observation)
-        if rows is None:
-            return screened.scatter(np.empty((0, 2)))
-        mean = self._mean_at(state, observation.time_ns)
-        return screened.scatter(rows.residual(rows.design @ mean))
 
     def weights(self, states: Sequence[EvolvingState]) -> Sequence[Array | None]:
         """Return the means of the weights at the states' times, each of shape (Z r,)."""
@@ -328,43 +257,17 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
-    """An observation evaluated against the state at its time, not yet assimilated.
+class EvolvingColumn(GroupColumn[EvolvingState]):
+    """A column of unknowns of the state.
 
     Attributes:
-        screened: The observation after screening.
-        before: The state at its time.
-        rows: Its rows.
-        evaluated: Their evaluation.
-        bias_rows: shape (m, 3), effect of instrument errors of one unit on the rows; None where the log does not state it.
+        design: shape (c q, n), from the state to the column's unknowns.
     """
 
-    screened: Screened
-    before: EvolvingState
-    rows: LinearObservation
-    evaluated: ObservationUpdate[tuple[Array, Array]]
-    bias_rows: Array | None
+    design: Array = field(kw_only=True)
 
-    @property
-    def augmented_innovation(self) -> Array:
-        """Innovations, shape (m, 4): of the rows, and of each instrument error of one unit."""
-        return self.evaluated.predicted.augmented_innovation(
-            self.evaluated.innovation, self.bias_rows
-        )
 
-    @property
-    def scale_jacobian(self) -> float:
-        """Of the observation; see ``biases.scale_jacobian``."""
-        if self.bias_rows is None or not self.evaluated.accepted:
-            return 0.0
-        return self.evaluated.scale_jacobian(self.screened)
-
-    def posterior(self, error_scale: float) -> tuple[Array, Array]:
-        """Return means and covariance after the observation, with a standard deviation of its rows' noise."""
-        return self.evaluated.predicted.posterior(self.augmented_innovation, error_scale)
-
-    def to_innovation(self, prior_inflation: float) -> Innovation:
-        """Return the innovation to publish; the argument is the factor on the estimate's covariance after the observation."""
-        return self.evaluated.to_innovation(
-            self.screened, np.zeros(len(self.rows.design)), prior_inflation
-        )
+def rows_in(design: Array, rows: CombinedRows) -> Array:
+    """Return combined rows of a column's unknowns, whose ``design`` has the shape (c q, n), as rows of the state's, in the same shape."""
+    by_component = np.matmul(rows.r, design.reshape(-1, len(rows.r), design.shape[1]))
+    return np.asarray(by_component.reshape(design.shape))

@@ -24,13 +24,16 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import LinearMeasurement, Measurement
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.update.biases import Biases
-from replay_kit.estimator.update.group_step import (
+from replay_kit.estimator.update.group_step import stack_of
+from replay_kit.estimator.update.grouping import mean_time
+from replay_kit.estimator.update.noise import BinNoise, compress, measurement_noise
+from replay_kit.estimator.update.rows import places_of
+from replay_kit.estimator.update.screening import (
     ScreenedGroup,
-    stack_of,
+    local_values,
+    relative_velocities,
 )
-from replay_kit.estimator.update.profile_stack import ProfileStack
-from replay_kit.estimator.update.rows import BinNoise, Bins, compress, measurement_noise, places_of
-from replay_kit.estimator.update.screening import local_values, relative_velocities
+from replay_kit.estimator.update.stack import Stack, stack_of_one
 
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
 EARTH_ROTATION = 7.292115e-5
@@ -169,17 +172,6 @@ _NS = 1e9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinearObservation(Bins):
-    """An observation's rows: y = H x + noise of unit variance.
-
-    Attributes:
-        design: shape (2 k, n), H. Values are measured about the current of unknowns that are all zero.
-    """
-
-    design: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ObservationOperator:
     """The map from the state to observations.
 
@@ -238,27 +230,8 @@ class ObservationOperator:
             ]
         )
 
-    def profile(self, observation: Measurement, used: NDArray[np.intp]) -> LinearObservation:
-        """Return the rows of a measurement's usable values, all of which lie at one place."""
-        linear, grid = observation.linear, self.basis.grid
-        (place,) = places = places_of(linear, grid.projection)
-        is_used = np.zeros(len(linear.value), np.bool_)
-        is_used[used] = True
-        relative = relative_velocities([linear], is_used[None], grid)
-        known, design = self.column(
-            place, linear.time_ns, None if relative is None else relative[0]
-        )
-        values, components = local_values(linear, used, grid.projection)
-        noise = measurement_noise(linear, used, self.basis, self.representation_std, places)
-        joint = self.joint(linear.depth)
-        joint = joint[used] if linear.weights is None else linear.weights[used] @ joint
-        q, r = compress(noise, joint)
-        about = values - joint[:, : len(known)] @ known @ components.T
-        rows = np.matmul(r, np.tensordot(components, design, axes=1))
-        return LinearObservation(q, noise, about, components, rows.reshape(-1, rows.shape[2]))
-
-    def path(self, observation: Measurement, used: NDArray[np.intp]) -> LinearObservation:
-        """Return the rows of a measurement's usable values, sums over several places: each point counts at its own time.
+    def path(self, observation: Measurement, used: NDArray[np.intp]) -> "ColumnOperator":
+        """Return a measurement's usable values, sums over several places, and their rows: each point counts at its own time.
 
         The unknowns are those at the measurement's time. Pairs are rotated back to each point's; process noise in between is neglected.
         """
@@ -296,45 +269,51 @@ class ObservationOperator:
             np.concatenate([rows, others], axis=2),
             optimize=True,
         )
-        return LinearObservation(
+        about, own = (
+            (values - np.array(known) @ components.T, components),
             np.eye(len(noise.whiten)),
-            noise,
-            values - np.array(known) @ components.T,
-            components,
-            design.reshape(-1, design.shape[2]),
         )
+        stack = stack_of_one(mean, used, about, (noise, own, own), grid)
+        return ColumnOperator(stack, design.reshape(-1, design.shape[2]), mean.time_ns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ColumnOperator:
-    """The profiles of a group, and the unknowns of the column of water that they see.
+    """Measurements, and the unknowns of the column of water that they see.
 
     Attributes:
-        stack: The profiles.
-        design: shape (2 q, n), from the state to the column's unknowns, component after component.
+        stack: The measurements.
+        design: shape (c q, n), from the state to the column's unknowns, component after component.
         time_ns: For which they count [ns, UTC].
     """
 
-    stack: ProfileStack
+    stack: Stack
     design: Array
     time_ns: int
 
 
 def column_operator(operator: ObservationOperator, screened: ScreenedGroup) -> ColumnOperator:
-    """Return the usable profiles of a group, at their mean place and time.
+    """Return the usable measurements of a group, profiles at their mean place and time.
 
     Errors of the instrument that are part of the state act through the profiles' mean motion relative to the platform.
     """
-    basis, middle = operator.basis, screened.usable
-    place = np.array(to_local(basis.grid.projection, middle.longitude, middle.latitude))
-    relative = screened.relative(basis.grid)
+    profiles, basis, bins = screened.usable_linear, operator.basis, screened.is_used
+    first, projection = profiles[0], basis.grid.projection
+    if not first.at_one_place:
+        return operator.path(first, np.flatnonzero(bins[0]))
+    place = np.array(to_local(projection, *screened.middle))
+    time_ns = mean_time(profiles)
+    relative = relative_velocities(profiles, bins, basis.grid)
     known, design = operator.column(
-        place, middle.time_ns, None if relative is None else relative.mean(axis=0)
+        place, time_ns, None if relative is None else relative.mean(axis=0)
     )
 
-    def factors(profile: LinearMeasurement, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
+    def factors(
+        profile: LinearMeasurement, used: NDArray[np.intp]
+    ) -> tuple[BinNoise, Array, Array]:
         noise = measurement_noise(profile, used, basis, operator.representation_std, place[None])
-        return operator.joint(profile.depth[used]), noise
+        return noise, *compress(noise, profile.at_values(operator.joint(profile.depth))[used])
 
     stack = stack_of(screened, basis, known, factors)
-    return ColumnOperator(stack, design.reshape(-1, design.shape[2]), middle.time_ns)
+    turned = np.tensordot(stack.components, design, axes=1)
+    return ColumnOperator(stack, turned.reshape(-1, design.shape[2]), time_ns)

@@ -19,9 +19,10 @@ import scipy.linalg
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import Innovation, Measurement
-from replay_kit.estimator.evolving.filter import Candidate, EvolvingEstimator
+from replay_kit.core.observation import Measurement
+from replay_kit.estimator.evolving.filter import EvolvingColumn, EvolvingEstimator, rows_in
 from replay_kit.estimator.evolving.state_space import EvolvingState, StateSpace
+from replay_kit.estimator.update.superobservation import CombinedRows
 
 _NS = 1e9
 
@@ -154,28 +155,27 @@ def _forward(
     states: dict[int, EvolvingState] = {}
     steps: list[Step] = []
     for observation in observations:
-        candidate = estimator.candidate(state, observation)
-        if isinstance(candidate, Innovation):
+        screened = estimator.screened(state, (observation,))
+        if not screened.used.size:
             continue
-        if candidate.evaluated.accepted:
-            step = _step(candidate, estimator.jacobian_gradient(candidate.scale_jacobian))
+        at = estimator.group_column(state, screened)
+        update = estimator.evaluated(state, at)
+        if update.rows is not None:
+            step = _step(at, update.rows, estimator.jacobian_gradient(update.scale_jacobian))
             # only an accepted observation ends the time before it: after a rejected one an earlier one may still come
             while left and left[0] < step.time_ns:
                 states[left[0]] = estimator.predict(state, left[0])
                 left.pop(0)
             steps.append(step)
-        state, _ = estimator.update(state, candidate)
+        state = estimator.assimilated(screened, at, (state, update))[-1].after
     return states | {time_ns: estimator.predict(state, time_ns) for time_ns in left}, steps
 
 
-def _step(candidate: Candidate, gradient: Array) -> Step:
-    rows = candidate.rows.design / candidate.evaluated.error_scale
-    innovation = candidate.evaluated.innovation / candidate.evaluated.error_scale
-    cross = rows @ candidate.before.cov
+def _step(at: EvolvingColumn, combined: CombinedRows, gradient: Array) -> Step:
+    rows, innovation = rows_in(at.design, combined), at.column.innovation(combined)[:, 0]
+    cross = rows @ at.state.cov
     factor = scipy.linalg.cho_factor(cross @ rows.T + np.eye(len(rows)), lower=True)
     solved = scipy.linalg.cho_solve(factor, np.column_stack([cross, innovation, np.eye(len(rows))]))
     n = cross.shape[1]
-    assert candidate.before.time_ns is not None  # a prediction has a time
-    return Step(
-        candidate.before.time_ns, rows, solved[:, :n], solved[:, n], solved[:, n + 1 :], gradient
-    )
+    assert at.state.time_ns is not None  # a prediction has a time
+    return Step(at.state.time_ns, rows, solved[:, :n], solved[:, n], solved[:, n + 1 :], gradient)

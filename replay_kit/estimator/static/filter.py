@@ -13,7 +13,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.core.observation import Innovation, LinearMeasurement, Measurement, Reason
+from replay_kit.core.observation import Innovation, LinearMeasurement, Measurement
 from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
 from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.interface import Stepped
@@ -34,19 +34,19 @@ from replay_kit.estimator.prior.hybrid import (
 )
 from replay_kit.estimator.static.group import (
     StaticEstimator,
-    column_rows,
     fitting_step,
     group_column,
+    own_column,
     profiles_of,
+    rows_alone,
 )
 from replay_kit.estimator.static.state import FilterState, SpreadFit, with_mean_averaged
 from replay_kit.estimator.update.biases import NAMES, significant_bias_notes
-from replay_kit.estimator.update.evaluation import PredictedObservation
-from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator, ScreenedGroup
+from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current_gradient
+from replay_kit.estimator.update.noise import BinNoise, bin_noise, measurement_noise
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
 from replay_kit.estimator.update.posterior import Posterior, PriorCrossCovariance, means
-from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.representation import (
     PosteriorCovariance,
     inflated,
@@ -54,15 +54,9 @@ from replay_kit.estimator.update.representation import (
     prefetch,
     select_representation,
 )
-from replay_kit.estimator.update.rows import (
-    BinNoise,
-    Rows,
-    bin_noise,
-    measurement_noise,
-    measurement_rows,
-    places_of,
-)
-from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
+from replay_kit.estimator.update.rows import Rows, measurement_rows, places_of
+from replay_kit.estimator.update.screening import ScreenedGroup, screen_group
+from replay_kit.estimator.update.stack import Stack
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,12 +168,14 @@ class ReducedBasisEstimator(StaticEstimator):
         """Yield the state after each observation, and its innovation, with the prior's amplitude as it is."""
         source = iter(measurements)
         while block := [
-            self.linearised(observation) for observation in islice(source, self._block(state))
+            (screened, rows_alone(self, screened))
+            for each in islice(source, self._block(state))
+            for screened in (screen_group((each,), None, self.grid),)
         ]:
             prefetched: Iterator[PriorCrossCovariance] = iter(())
             made_by: Posterior | None = None
             for index, (screened, rows) in enumerate(block):
-                innovation, posterior = screened.unused, state.posterior
+                innovation, posterior = screened.unused(0), state.posterior
                 if rows is not None:
                     # what was prefetched holds until the posterior changes its representation or its prior
                     if made_by is None or made_by.prefetched_for is not posterior.prefetched_for:
@@ -188,10 +184,14 @@ class ReducedBasisEstimator(StaticEstimator):
                     predicted = predict(posterior, rows, prefetched)
                     if not rows.at_one_place:
                         made_by = None
-                    if is_duplicate(state.last, screened.observation):
-                        innovation = screened.rejected(Reason.DUPLICATE)
+                    screened = screened.following(state.last)
+                    if screened.rejected:
+                        innovation = screened.unused(0)
                     else:
-                        state, innovation = self._updated(state, screened, rows, predicted)
+                        at = own_column(self, state, rows, predicted)
+                        update = self.evaluated(state, at)
+                        (stepped,) = self.assimilated(screened, at, (state, update))
+                        state, innovation = stepped.after, stepped.innovation
                 yield state, innovation
 
     def _block(self, state: FilterState) -> int:
@@ -204,55 +204,15 @@ class ReducedBasisEstimator(StaticEstimator):
         )
         return min(self.block_size, due or self.block_size)
 
-    def _updated(
-        self,
-        state: FilterState,
-        screened: Screened,
-        rows: Rows,
-        predicted: PredictedObservation[Posterior],
-    ) -> tuple[FilterState, Innovation]:
-        """Return the state after an observation with a prediction, and the innovation."""
-        update, bias_rows = self.evaluated(state, screened, rows, predicted)
-        monitor, inflation = state.monitor.updated(update.gate, self.gating)
-        after = replace(
-            state,
-            monitor=monitor,
-            last=screened.observation,
-            bias_score=update.bias_score(state.bias_score, screened, bias_rows),
-        )
-        if update.accepted:
-            innovations = predicted.augmented_innovation(update.innovation, bias_rows)
-            posterior = select_representation(predicted.posterior(innovations, update.error_scale))
-            after = replace(after, posterior=posterior, time_ns=screened.observation.time_ns)
-        # the posterior's own prior may be an earlier posterior
-        prior = rows.matvec(self.prior_weights)
-        return self.inflated(after, inflation), update.to_innovation(screened, prior, inflation)
-
-    def linearised(self, observation: Measurement) -> tuple[Screened, Rows | None]:
-        """Return a measurement after screening, and its rows; None without a usable bin."""
-        screened = screen_measurement(observation, self.basis.grid)
-        if screened.used.size == 0:
-            return screened, None
-        return screened, self.rows(screened.observation, screened.used)
-
-    def innovation(self, state: FilterState, observation: Measurement) -> Array:
-        """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
-        screened, rows = self.linearised(observation)
-        return screened.scatter(
-            np.empty((0, 2))
-            if rows is None
-            else rows.residual(rows.matvec(self.by_level(state.mean)))
-        )
-
     def group_column(self, state: FilterState, screened: ScreenedGroup) -> GroupColumn[FilterState]:
         """Return the estimate of the column that the usable profiles see: of the current at the levels."""
         return group_column(self, state, screened)
 
-    def group_mean(self, state: FilterState, screened: ScreenedGroup) -> tuple[ProfileStack, Array]:
-        """Return the usable profiles, and the mean of their column, shape (2 Z,)."""
-        modes, stack = profiles_of(self, screened)
-        levels = column_rows(modes, np.eye(self.grid.levels.size))
-        return stack, levels.matvec(self.by_level(state.mean))
+    def group_mean(self, state: FilterState, screened: ScreenedGroup) -> tuple[Stack, Array]:
+        """Return the usable measurements, and the mean of their column: of one its rows', of several profiles that at the levels."""
+        rows = rows_alone(self, screened) if len(screened.events) == 1 else None
+        rows = rows or profiles_of(self, screened)
+        return rows.stack, rows.matvec(self.by_level(state.mean))
 
     def with_posterior(
         self, at: GroupColumn[FilterState], posterior: Posterior, jacobian: float

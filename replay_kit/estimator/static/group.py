@@ -9,12 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import (
-    BOTH_COMPONENTS,
-    Innovation,
-    LinearMeasurement,
-    Measurement,
-)
+from replay_kit.core.observation import Innovation, LinearMeasurement, Measurement, usable
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import Stepped
 from replay_kit.estimator.prior.hybrid import Prior
@@ -23,21 +18,15 @@ from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.group_step import (
     GroupColumn,
     GroupedEstimator,
-    ScreenedGroup,
     group_misfit,
-    screen_group,
     stack_of,
 )
 from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.estimator.update.noise import BinNoise, compress
 from replay_kit.estimator.update.posterior import Posterior
-from replay_kit.estimator.update.profile_stack import ProfileStack
-from replay_kit.estimator.update.rows import BinNoise, ProfileRows, Rows
-from replay_kit.estimator.update.screening import Screened
-from replay_kit.estimator.update.superobservation import (
-    Column,
-    CombinedRows,
-    combined,
-)
+from replay_kit.estimator.update.rows import ProfileRows, Rows
+from replay_kit.estimator.update.screening import ScreenedGroup, screen_group
+from replay_kit.estimator.update.superobservation import Column, CombinedRows, combined
 
 
 class StaticEstimator(GroupedEstimator[FilterState], Protocol):
@@ -65,8 +54,8 @@ class StaticEstimator(GroupedEstimator[FilterState], Protocol):
         """Yield the state after each observation, and its innovation."""
         ...
 
-    def linearised(self, observation: Measurement) -> tuple[Screened, Rows | None]:
-        """Return a measurement after screening, and its rows."""
+    def rows(self, observation: Measurement, used: NDArray[np.intp]) -> Rows:
+        """Return the rows of a measurement's usable values."""
         ...
 
     def noise(self, observation: LinearMeasurement, used: NDArray[np.intp]) -> BinNoise:
@@ -127,47 +116,73 @@ def group_column(
     estimator: StaticEstimator, state: FilterState, screened: ScreenedGroup
 ) -> GroupColumn[FilterState]:
     """Return the estimate of the column that the usable profiles of a group see: of the current at the levels."""
-    basis, stack = profiles_of(estimator, screened)
-    identity = column_rows(basis, np.eye(estimator.grid.levels.size))
-    posterior = state.posterior
-    known = posterior.prefetch([identity])[0]
-    predicted = posterior.predict(identity, known)
-    column = Column(np.column_stack([predicted.mean, predicted.bias_sensitivity]), predicted.cov)
+    levels, posterior = profiles_of(estimator, screened), state.posterior
+    known = posterior.prefetch([levels])[0]
+    predicted = posterior.predict(levels, known)
 
-    def predict(rows: CombinedRows) -> PredictedObservation[Posterior]:
-        return posterior.predict(column_rows(basis, rows.r, rows), known.turned(rows.r))
+    def update(rows: CombinedRows, innovation: Array) -> Posterior:
+        turned = known.turned(rows.r)
+        return posterior.predict(combined_rows(levels, rows), turned).posterior(innovation, 1.0)
 
     def against(other: FilterState) -> Array:
-        return group_misfit(stack, identity.matvec(estimator.by_level(other.mean)))
+        return group_misfit(levels.stack, levels.matvec(estimator.by_level(other.mean)))
 
-    prior = identity.matvec(estimator.prior_weights)
-    return GroupColumn(stack, state, column, prior, predict, against)
+    column = Column(predicted.means, predicted.cov)
+    prior = levels.matvec(estimator.prior_weights)
+    return GroupColumn(levels.stack, state, column, prior, update, against)
+
+
+def own_column(
+    estimator: StaticEstimator,
+    state: FilterState,
+    rows: Rows,
+    predicted: PredictedObservation[Posterior],
+) -> GroupColumn[FilterState]:
+    """Return the estimate of the rows of one measurement, as the column that it sees."""
+
+    def update(whole: CombinedRows, innovation: Array) -> Posterior:
+        # R is one over the standard deviation of the noise
+        scale = 1.0 / whole.r[0, 0]
+        return predicted.posterior(scale * innovation, float(scale))
+
+    # the posterior's own prior may be an earlier posterior
+    prior = rows.matvec(estimator.prior_weights)
+    column = Column(predicted.means, predicted.cov)
+    return GroupColumn(rows.stack, state, column, prior, update)
 
 
 def _rows_of(estimator: StaticEstimator, item: Measurement | ProfileGroup) -> Rows | None:
     """Return the rows of a measurement, or those of the profiles of a group as one, with their stated errors."""
     if not isinstance(item, ProfileGroup):
-        return estimator.linearised(item)[1]
-    basis, stack = profiles_of(estimator, screen_group(item, None, estimator.basis.grid))
+        return rows_alone(estimator, screen_group((item,), None, estimator.grid))
+    levels = profiles_of(estimator, screen_group(item.profiles, None, estimator.grid))
+    stack = levels.stack
     whole = combined(stack.of("r"), stack.y[..., None], np.ones(len(stack.y)))
-    return column_rows(basis, whole.r, whole)
+    return combined_rows(levels, whole)
 
 
-def profiles_of(estimator: StaticEstimator, screened: ScreenedGroup) -> tuple[Array, ProfileStack]:
-    """Return the modes' velocity at the middle of the usable profiles, shape (2, r), and these as arrays."""
-    basis, middle = estimator.basis, screened.usable
-    east, north = to_local(basis.grid.projection, middle.longitude, middle.latitude)
+def rows_alone(estimator: StaticEstimator, screened: ScreenedGroup) -> Rows | None:
+    """Return the rows of a measurement; None where none of its values can be used."""
+    used = np.flatnonzero(usable(screened.flags[0]))
+    return estimator.rows(screened.linear[0], used) if used.size else None
+
+
+def profiles_of(estimator: StaticEstimator, screened: ScreenedGroup) -> ProfileRows:
+    """Return the rows of the current at the levels at the middle of the usable profiles, which they measure."""
+    basis, n_levels = estimator.basis, estimator.grid.levels.size
+    east, north = to_local(basis.grid.projection, *screened.middle)
     offset, modes = basis.at_place(np.array([float(east), float(north)]))
 
-    def factors(profile: LinearMeasurement, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
-        return basis.depth_weights(profile.depth[used]), estimator.noise(profile, used)
+    def factors(
+        profile: LinearMeasurement, used: NDArray[np.intp]
+    ) -> tuple[BinNoise, Array, Array]:
+        noise = estimator.noise(profile, used)
+        return noise, *compress(noise, basis.depth_weights(profile.depth[used]))
 
-    return modes, stack_of(screened, basis, offset.T, factors)
+    stack = stack_of(screened, basis, offset.T, factors)
+    return ProfileRows(np.zeros(2 * n_levels), stack, np.eye(n_levels), modes)
 
 
-def column_rows(basis: Array, r: Array, whole: CombinedRows | None = None) -> ProfileRows:
-    """Return rows of unit noise as those of a profile."""
-    size = len(r)
-    noise = BinNoise(np.eye(size), np.eye(size), 0.0)
-    values = np.zeros((size, 2)) if whole is None else whole.y[..., 0].T
-    return ProfileRows(np.eye(size), noise, values, BOTH_COMPONENTS, r, basis)
+def combined_rows(levels: ProfileRows, whole: CombinedRows) -> ProfileRows:
+    """Return combined rows of the current at the levels as those of a profile."""
+    return replace(levels, y=whole.y[..., 0].ravel(), r=whole.r)

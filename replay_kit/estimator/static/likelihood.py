@@ -59,10 +59,9 @@ class JointPrediction:
         """
         parts, residual, dof = [], 0.0, 0
         for rows in _known_rows(self.estimator, profiles, self.bins):
-            compressed, square = rows.compress(rows.values)
-            parts.append(compressed)
-            residual += square
-            dof += rows.dof
+            parts.append(rows.y)
+            residual += float(rows.stack.residual_square[0])
+            dof += rows.stack.layouts[0].dof
         whitened = solve_triangular(self.chol, np.concatenate(parts) - self.mean, lower=True)
         nis = float(whitened @ whitened) + residual
         half_log_det = float(np.log(np.diag(self.chol)).sum())
@@ -82,7 +81,7 @@ def predict_jointly(
         bins: For each profile the indices of its bins to predict, at least one in all.
     """
     all_rows = _known_rows(estimator, profiles, bins)
-    log_error = sum(rows.half_log_det for rows in all_rows)
+    log_error = sum(len(rows.basis) * rows.stack.layouts[0].half_log_det for rows in all_rows)
     mean = np.concatenate([rows.matvec(estimator.prior_weights) for rows in all_rows])
     covariance = prior_covariance(estimator.prior, all_rows)
     covariance[np.diag_indices_from(covariance)] += 1.0
@@ -102,4 +101,4 @@ def _known_rows(
         for profile, used in zip(profiles, bins, strict=True)
         if used.size
     )
-    return [each for each in rows if each.at_one_place and each.dof]
+    return [each for each in rows if each.at_one_place and each.stack.layouts[0].dof]

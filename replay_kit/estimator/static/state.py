@@ -106,9 +106,7 @@ class SpreadFit:
             mean: Its mean, shape (Z, r).
             rows: Of the measurements that count.
         """
-        innovation = np.concatenate(
-            [each.compress(each.values)[0] - each.matvec(mean) for each in rows]
-        )
+        innovation = np.concatenate([each.y - each.matvec(mean) for each in rows])
         if innovation.size > _MOST_INNOVATIONS:
             return self._ended()
         design = np.concatenate([each.design() for each in rows])

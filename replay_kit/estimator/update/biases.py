@@ -24,11 +24,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.grid import Grid
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.update.gate import Gates
-from replay_kit.estimator.update.rows import Bins
-from replay_kit.estimator.update.screening import Screened, relative_velocities
 
 NAMES = ("heading", "scale", "shear")
 # Estimates below this number of standard deviations are chance, as three are made for each log.
@@ -170,24 +167,6 @@ class BiasScore:
             for name, estimate, std, harmless in zip(NAMES, estimates, stds, _HARMLESS, strict=True)
             if abs(estimate) > max(_SIGNIFICANT * std, harmless)
         }
-
-
-def unit_bias_rows(screened: Screened, grid: Grid, bins: Bins, innovation: Array) -> Array | None:
-    """Return the effect of an error of one unit on an observation's rows, shape (m, 3); None where the log lacks the platform's motion.
-
-    Args:
-        screened: The observation.
-        grid: Has the local axes.
-        bins: Rows of its usable bins.
-        innovation: shape (n, 2) [m/s], of the usable bins, measured minus predicted.
-    """
-    relative = relative_velocities([screened.observation], screened.is_used[None], grid)
-    if relative is None:
-        return None
-    depth = screened.observation.value_depth[screened.used]
-    growing = bins.q.T @ (bins.noise.whiten @ np.abs(depth - depth[0]))
-    rows = bias_rows(bins.ones()[None], growing[None], relative, innovation.mean(axis=0)[None])
-    return rows.reshape(-1, len(NAMES))
 
 
 def bias_rows(ones: Array, growing: Array, relative: Array, innovation: Array) -> Array:

@@ -7,7 +7,7 @@ from math import cos, hypot, isfinite, radians
 
 import numpy as np
 
-from replay_kit.core.arrays import one_by_one
+from replay_kit.core.arrays import Array, one_by_one
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement, Observation, Source, VehicleState
 
@@ -31,8 +31,7 @@ class ProfileGroup:
     @property
     def longitude(self) -> float:
         """Mean [degrees east]."""
-        longitude = np.array([profile.longitude for profile in self.profiles])
-        return float(longitude[0] + np.mean((longitude - longitude[0] + 180.0) % 360.0 - 180.0))
+        return mean_longitude(np.array([profile.longitude for profile in self.profiles]))
 
     @property
     def latitude(self) -> float:
@@ -42,10 +41,7 @@ class ProfileGroup:
     @property
     def time_ns(self) -> int:
         """Mean time, for which they count [ns, UTC]."""
-        first_ns = self.profiles[0].time_ns
-        return first_ns + round(
-            sum(profile.time_ns - first_ns for profile in self.profiles) / len(self.profiles)
-        )
+        return mean_time(self.profiles)
 
     @property
     def dive(self) -> int:
@@ -61,6 +57,17 @@ class ProfileGroup:
     def position_std(self) -> float:
         """Largest standard error of a place [m]."""
         return max(profile.position_std for profile in self.profiles)
+
+
+def mean_longitude(longitude: Array) -> float:
+    """Return the mean of longitudes near one another [degrees east]."""
+    return float(longitude[0] + np.mean((longitude - longitude[0] + 180.0) % 360.0 - 180.0))
+
+
+def mean_time(events: Sequence[Measurement]) -> int:
+    """Return the mean time of measurements [ns, UTC]."""
+    first_ns = events[0].time_ns
+    return first_ns + round(sum(event.time_ns - first_ns for event in events) / len(events))
 
 
 @dataclass(frozen=True, slots=True)

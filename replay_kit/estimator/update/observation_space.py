@@ -219,7 +219,7 @@ class ObservationSpacePosterior(Posterior):
                 known=self._known_with(prefetched.cross / error_scale),
             )
 
-        return PredictedObservation(predicted[:, 0], predicted[:, 1:], 0.5 * (cov + cov.T), update)
+        return PredictedObservation(predicted, 0.5 * (cov + cov.T), update)
 
     def _known_with(self, cross: Array) -> KnownCross | None:
         """Return H P0 of the profiles and of another one; None where there are many, or some hold for another prior."""

@@ -248,7 +248,7 @@ class ReducedSubspacePosterior(Posterior):
             )
             return self._updated(half_gain, whitened, inside)
 
-        return PredictedObservation(predicted[:, 0], predicted[:, 1:], 0.5 * (cov + cov.T), update)
+        return PredictedObservation(predicted, 0.5 * (cov + cov.T), update)
 
     def _updated(
         self, half_gain: Array, whitened: Array, inside: Array

@@ -312,7 +312,6 @@ def predict_path_mean(posterior: Posterior, rows: PathRows) -> PredictedObservat
         return before.after_rows(whitened.T @ gain, design, gain)
 
     cov = rows.matvec(cross)
-    mean = rows.matvec(before.mean.reshape(rows.by_level.shape[1:]))
-    return PredictedObservation(
-        mean, rows.matvec(before.bias_sensitivity).T, 0.5 * (cov + cov.T), update
-    )
+    of_mean = before.mean.reshape(1, *rows.by_level.shape[1:])
+    means = rows.matvec(np.vstack([of_mean, before.bias_sensitivity])).T
+    return PredictedObservation(means, 0.5 * (cov + cov.T), update)

@@ -1,6 +1,6 @@
 """Screening: which bins of a measurement an estimator of a region can use, and the innovation of a measurement that is not used."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from replay_kit.core.observation import (
     Reason,
     usable,
 )
+from replay_kit.estimator.update.grouping import mean_longitude
 
 
 def screen(
@@ -83,44 +84,113 @@ class Screened:
     used: NDArray[np.intp]
     unused: Innovation
 
-    @property
-    def is_used(self) -> NDArray[np.bool_]:
-        """Which bins are usable, shape (n,)."""
-        out = np.zeros(self.unused.depth.size, np.bool_)
-        out[self.used] = True
-        return out
-
     def scatter(self, values: Array) -> Array:
         """Return values of the usable bins, shape (n, 2), at their positions among all bins; NaN for the others."""
         out = np.full((self.unused.depth.size, 2), np.nan)
         out[self.used] = values
         return out
 
-    def rejected(self, reason: Reason) -> Innovation:
-        """Return the innovation of a measurement that is rejected as a whole: a duplicate, or one that is too late."""
-        flags = np.where(usable(self.unused.flags), Flag.FAIL, self.unused.flags).astype(np.int8)
-        return replace(
-            self.unused,
-            flags=flags,
-            reasons=self.unused.reasons | np.int32(reason),
-            decision="rejected",
-        )
-
 
 def screen_measurement(observation: Measurement, grid: Grid, relative: bool = True) -> Screened:
     """Return a measurement after screening; the arguments are those of ``screen``."""
     linear = observation.linear
     (flags,), (reasons,) = screen([linear], grid, relative)
-    unused = unused_innovation(linear, flags, reasons)
-    if linear.label.mean is not None:
-        unused = _with_mean_current(unused, linear.label.mean, grid.projection)
+    unused = _with_mean_current(unused_innovation(linear, flags, reasons), linear, grid.projection)
     return Screened(linear, np.flatnonzero(usable(flags)), unused)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ScreenedGroup:
+    """Measurements with as many values each, after screening.
+
+    Attributes:
+        events: In order.
+        linear: The same as estimators see them.
+        flags: shape (n, m).
+        reasons: shape (n, m).
+        rejected: Those that are not used although they have usable values, and why.
+        projection: Of the region.
+    """
+
+    events: tuple[Measurement, ...]
+    linear: tuple[LinearMeasurement, ...]
+    flags: NDArray[np.int8]
+    reasons: NDArray[np.int32]
+    rejected: Mapping[int, Reason]
+    projection: Projection
+
+    @property
+    def used(self) -> NDArray[np.intp]:
+        """Positions of those that are used."""
+        seen = np.flatnonzero(usable(self.flags).any(axis=1))
+        return seen[~np.isin(seen, list(self.rejected))] if self.rejected else seen
+
+    @property
+    def usable_linear(self) -> tuple[LinearMeasurement, ...]:
+        """Those that are used."""
+        return tuple(self.linear[i] for i in self.used)
+
+    @property
+    def is_used(self) -> NDArray[np.bool_]:
+        """Which of their values are used, shape (n, m)."""
+        return usable(self.flags[self.used])
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Mean longitude and latitude of those that are used [degrees]."""
+        longitude, latitude = _places(self.usable_linear)
+        return mean_longitude(longitude), float(latitude.mean())
+
+    def following(self, last: LinearMeasurement | None) -> "ScreenedGroup":
+        """Return the same of one measurement after another, which it may repeat."""
+        if not is_duplicate(last, self.linear[0]):
+            return self
+        return replace(self, rejected={0: Reason.DUPLICATE})
+
+    def unused(self, i: int) -> Innovation:
+        """Return the innovation of a measurement that is not used."""
+        linear, flags, reasons = self.linear[i], self.flags[i], self.reasons[i]
+        blank = _with_mean_current(
+            unused_innovation(linear, flags, reasons), linear, self.projection
+        )
+        if i not in self.rejected:
+            return blank
+        failed = np.where(usable(flags), Flag.FAIL, flags).astype(np.int8)
+        reasons = reasons | np.int32(self.rejected[i])
+        return replace(blank, flags=failed, reasons=reasons, decision="rejected")
+
+
+def screen_group(
+    events: Sequence[Measurement], last: LinearMeasurement | None, grid: Grid, late: bool = False
+) -> ScreenedGroup:
+    """Return measurements after screening.
+
+    Args:
+        events: With as many values each.
+        last: The last measurement with a usable value before them; an equal one that follows is a duplicate.
+        grid: The region.
+        late: Whether they are too old for the estimate.
+    """
+    linear = tuple(each.linear for each in events)
+    flags, reasons = screen(linear, grid)
+    rejected: dict[int, Reason] = {}
+    for i in np.flatnonzero(usable(flags).any(axis=1)).tolist():
+        if late:
+            rejected[i] = Reason.OUT_OF_ORDER
+        elif is_duplicate(last, linear[i]):
+            rejected[i] = Reason.DUPLICATE
+        else:
+            last = linear[i]
+    return ScreenedGroup(tuple(events), linear, flags, reasons, rejected, grid.projection)
+
+
 def _with_mean_current(
-    innovation: Innovation, mean: PathMean, projection: Projection
+    innovation: Innovation, linear: LinearMeasurement, projection: Projection
 ) -> Innovation:
-    """Return an innovation with the measured mean along a path, and with the mean corrected for the flight model's error."""
+    """Return an innovation with the measured mean along a path, and with the mean corrected for the flight model's error; others as are."""
+    mean = linear.label.mean
+    if mean is None:
+        return innovation
     if mean.corrected is not None:
         innovation = replace(
             innovation,

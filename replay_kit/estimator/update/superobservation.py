@@ -26,55 +26,52 @@ from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.update.biases import NAMES, scale_jacobian
 from replay_kit.estimator.update.gate import GateResult, Gates, gate_innovations
-from replay_kit.estimator.update.profile_stack import ProfileStack
-from replay_kit.estimator.update.rows import dependence_inflation
+from replay_kit.estimator.update.noise import dependence_inflation, is_significant
+from replay_kit.estimator.update.stack import Stack
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """The estimate of the unknowns of a column of water.
+    """The estimate of the unknowns of a column of water, or of the rows of one measurement.
 
     Attributes:
-        means: shape (2 q, 1 + b), component after component: their mean, and its change for instrument errors of one unit.
-        cov: shape (2 q, 2 q).
+        means: shape (c q, 1 + b), component after component: their mean, and its change for instrument errors of one unit.
+        cov: shape (c q, c q).
     """
 
     means: Array
     cov: Array
 
-    @property
-    def width(self) -> int:
-        """Number q of unknowns of a component."""
-        return len(self.means) // 2
-
     def predicted(self, r: Array) -> Array:
-        """Return predicted rows and their bias sensitivity, shape (s, 2, q, 1 + b), for R of shape (s, q, q)."""
-        return np.asarray(np.matmul(r[:, None], self.means.reshape(2, self.width, -1)))
+        """Return predicted rows and their bias sensitivity, shape (s, c, q, 1 + b), for R of shape (s, q, q)."""
+        q, columns = r.shape[-1], self.means.shape[1]
+        return np.asarray(np.matmul(r[:, None], self.means.reshape(-1, q, columns)))
 
     def predicted_cov(self, r: Array) -> Array:
-        """Return the covariance of rows, shape (s, 2 q, 2 q), for R of shape (s, q, q)."""
-        q = self.width
-        left = np.matmul(r[:, None], self.cov.reshape(2, q, 2 * q))  # (s, 2, q, 2 q)
+        """Return the covariance of rows, shape (s, c q, c q), for R of shape (s, q, q)."""
+        q, size = r.shape[-1], len(self.cov)
+        left = np.matmul(r[:, None], self.cov.reshape(-1, q, size))  # (s, c, q, c q)
         both = np.matmul(
-            left.reshape(len(r), 2 * q, 2, q).swapaxes(1, 2), r[:, None].swapaxes(2, 3)
-        )  # (s, 2, 2 q, q)
-        cov = both.swapaxes(1, 2).reshape(len(r), 2 * q, 2 * q)
+            left.reshape(len(r), size, -1, q).swapaxes(1, 2), r[:, None].swapaxes(2, 3)
+        )  # (s, c, c q, q)
+        cov = both.swapaxes(1, 2).reshape(len(r), size, size)
         return np.asarray(0.5 * (cov + cov.swapaxes(1, 2)))
 
-    def updated(self, r: Array, innovation: Array) -> "Column":
-        """Return the column after rows of unit noise.
+    def innovation(self, rows: "CombinedRows") -> Array:
+        """Return values minus their prediction, and the same of instrument errors of one unit, shape (c q, 1 + b)."""
+        off = rows.y - self.predicted(rows.r[None])[0]
+        return np.asarray(off.reshape(len(self.cov), -1))
 
-        Args:
-            r: shape (q, q), R.
-            innovation: shape (2 q, 1 + b).
-        """
-        q = self.width
-        cross = np.matmul(r, self.cov.reshape(2, q, 2 * q)).reshape(2 * q, 2 * q)
-        cov = self.predicted_cov(r[None])[0]
-        lower = np.linalg.cholesky(cov + np.eye(2 * q))
-        both = scipy.linalg.solve_triangular(lower, np.hstack([cross, innovation]), lower=True)
-        gain = both[:, : 2 * q]
-        return Column(self.means + gain.T @ both[:, 2 * q :], self.cov - gain.T @ gain)
+    def updated(self, rows: "CombinedRows") -> "Column":
+        """Return the column after rows of unit noise."""
+        size, q = len(self.cov), len(rows.r)
+        cross = np.matmul(rows.r, self.cov.reshape(-1, q, size)).reshape(size, size)
+        lower = np.linalg.cholesky(self.predicted_cov(rows.r[None])[0] + np.eye(size))
+        both = scipy.linalg.solve_triangular(
+            lower, np.hstack([cross, self.innovation(rows)]), lower=True
+        )
+        gain = both[:, :size]
+        return Column(self.means + gain.T @ both[:, size:], self.cov - gain.T @ gain)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +80,7 @@ class CombinedRows:
 
     Attributes:
         r: shape (q, q), R.
-        y: shape (2, q, 1 + b): values, and the effect of instrument errors of one unit.
+        y: shape (c, q, 1 + b): values, and the effect of instrument errors of one unit.
         residual: Squared norm of what the combination leaves of the values.
     """
 
@@ -97,22 +94,21 @@ def combined(r: Array, y: Array, weight: Array) -> CombinedRows:
 
     Args:
         r: shape (s, q, q), or (1, q, q) where all are the same.
-        y: shape (s, 2, q, 1 + b).
+        y: shape (s, c, q, 1 + b).
         weight: shape (s,), one over each one's error variance.
     """
     q = r.shape[-1]
     if len(r) == 1:
         root = np.sqrt(weight.sum())
-        whole = np.tensordot(weight, y, axes=1) / root
-        square = float(np.sum(weight[:, None, None] * y[..., 0] ** 2) - np.sum(whole[..., 0] ** 2))
-        return CombinedRows(root * r[0], whole, max(square, 0.0))
-    roots = np.sqrt(weight)
-    turn, of_all = np.linalg.qr((roots[:, None, None] * r).reshape(-1, q))
-    columns = (roots[:, None, None, None] * y).transpose(0, 2, 1, 3).reshape(len(turn), -1)
-    whole = (turn.T @ columns).reshape(q, 2, -1).swapaxes(0, 1)
-    square = float(
-        np.sum(columns.reshape(len(turn), 2, -1)[..., 0] ** 2) - np.sum(whole[..., 0] ** 2)
-    )
+        of_all, whole = root * r[0], np.tensordot(weight, y, axes=1) / root
+    else:
+        roots = np.sqrt(weight)
+        turn, of_all = np.linalg.qr((roots[:, None, None] * r).reshape(-1, q))
+        columns = (roots[:, None, None, None] * y).transpose(0, 2, 1, 3).reshape(len(turn), -1)
+        whole = (turn.T @ columns).reshape(q, y.shape[1], -1).swapaxes(0, 1)
+        # profiles relative to their platform leave a row of rounding, along any direction
+        whole = np.where(is_significant(of_all)[:, None], whole, 0.0)
+    square = float(np.sum(weight[:, None, None] * y[..., 0] ** 2) - np.sum(whole[..., 0] ** 2))
     return CombinedRows(of_all, whole, max(square, 0.0))
 
 
@@ -126,15 +122,20 @@ class GroupUpdate:
         before: shape (n, m, 2) [m/s], measured minus what was predicted before each.
         rows: Of the accepted ones together; None without one.
         scale_jacobian: Sum over them; see ``biases.scale_jacobian``.
-        first: Of the first profile; it alone is reported to the consistency monitor, as the others share the estimate's error.
+        after: The column after them.
     """
 
-    stack: ProfileStack
+    stack: Stack
     gate: Gates
     before: Array
     rows: CombinedRows | None
     scale_jacobian: float
-    first: GateResult
+    after: Column
+
+    @property
+    def first(self) -> GateResult:
+        """Of the first profile; it alone is reported to the consistency monitor, as the others share the estimate's error."""
+        return self.gate.result(0)
 
     @property
     def nis(self) -> Array:
@@ -143,7 +144,7 @@ class GroupUpdate:
 
 
 def evaluate_group(
-    stack: ProfileStack,
+    stack: Stack,
     column: Column,
     gating: GatingConfig | None,
     correlated: bool,
@@ -161,16 +162,10 @@ def evaluate_group(
     gates, misfits, parts, jacobian = [], [], [], 0.0
     for rows in _stages(len(stack.observations)):
         part = stack.part(rows)
-        predicted = column.predicted(part.of("r"))
-        gate = gate_profiles(
-            part,
-            predicted[..., 0],
-            column.predicted_cov(part.of("r")),
-            gating,
-            correlated,
-            is_consistent,
-        )
-        misfit = part.misfit(np.broadcast_to(predicted[..., 0], part.y.shape))
+        r = part.of("r")
+        predicted, cov = column.predicted(r)[..., 0], column.predicted_cov(r)
+        gate = gate_profiles(part, (predicted, cov), gating, correlated, is_consistent)
+        misfit = part.misfit(np.broadcast_to(predicted, part.y.shape))
         gates.append(gate)
         misfits.append(misfit)
         accepted = np.flatnonzero(gate.accepted)
@@ -179,35 +174,25 @@ def evaluate_group(
         known = part.bias_rows(misfit)
         biases = np.zeros((*part.y.shape, len(NAMES))) if known is None else known
         values = np.concatenate([part.y[..., None], biases], axis=-1)[accepted]
-        r = part.of("r")
         whole = combined(r if len(r) == 1 else r[accepted], values, 1.0 / gate.inflation[accepted])
-        column = column.updated(whole.r, _innovation(whole, column))
+        column = column.updated(whole)
         parts.append(whole)
         if known is not None:
             jacobians = scale_jacobian(gate, gate.inflation, part.ones, part.scale_error_std)
             jacobian += float(jacobians[accepted].sum())
-    whole_rows = None
-    if parts:
-        whole_rows = combined(
-            np.stack([part.r for part in parts]),
-            np.stack([part.y for part in parts]),
-            np.ones(len(parts)),
-        )
-        whole_rows = (
-            replace(whole_rows, residual=whole_rows.residual + sum(part.residual for part in parts))
-            if len(parts) > 1
-            else parts[0]
-        )
+    whole_rows = parts[0] if parts else None
+    if len(parts) > 1:
+        r, y = (np.stack([getattr(part, name) for part in parts]) for name in ("r", "y"))
+        whole_rows = combined(r, y, np.ones(len(parts)))
+        residual = whole_rows.residual + sum(part.residual for part in parts)
+        whole_rows = replace(whole_rows, residual=residual)
     gate = Gates.joined(gates)
-    return GroupUpdate(
-        stack, gate, np.concatenate(misfits), whole_rows, jacobian, gates[0].result(0)
-    )
+    return GroupUpdate(stack, gate, np.concatenate(misfits), whole_rows, jacobian, column)
 
 
 def gate_profiles(
-    stack: ProfileStack,
-    mean: Array,
-    cov: Array,
+    stack: Stack,
+    predicted: tuple[Array, Array],
     gating: GatingConfig | None,
     correlated: bool,
     is_consistent: bool,
@@ -216,14 +201,13 @@ def gate_profiles(
 
     Args:
         stack: The profiles.
-        mean: shape (n or 1, 2, q), predicted rows.
-        cov: shape (n or 1, 2 q, 2 q), their covariance.
+        predicted: Their rows, shape (n or 1, c, q), and the covariance of these, shape (n or 1, c q, c q).
         gating: See ``evaluate_group``, as for the others.
         correlated: Whether errors grow.
         is_consistent: Whether recent innovations agree with the estimate.
     """
-    n, dof = len(stack.observations), stack.of("dof")
-    rows = 2 * stack.of("k")
+    n, dof, (mean, cov) = len(stack.observations), stack.of("dof"), predicted
+    rows = len(stack.components) * stack.of("k")
     gates = gate_innovations(
         (stack.y - mean).reshape(n, -1),
         cov,
@@ -232,19 +216,17 @@ def gate_profiles(
         gating,
         is_consistent,
     )
-    if not correlated:
+    # one value has no neighbour
+    if not correlated or stack.used.shape[1] < 2:
         return gates
     scale = gates.inflation[:, None]
     share = gates.variance / (gates.variance + scale) * gates.along
-    after = mean + np.matmul(gates.vectors, share[..., None])[..., 0].reshape(n, 2, -1)
+    after = mean + np.matmul(gates.vectors, share[..., None])[..., 0].reshape(
+        n, len(stack.components), -1
+    )
     residual = stack.whitened_misfit(after) / np.sqrt(scale)[..., None]
     further = dependence_inflation(residual, np.broadcast_to(dof, n))
     return replace(gates, inflation=np.where(gates.accepted, further, 1.0) * gates.inflation)
-
-
-def _innovation(rows: CombinedRows, column: Column) -> Array:
-    """Return values minus their prediction, and the same of instrument errors of one unit, shape (2 q, 1 + b)."""
-    return np.asarray((rows.y - column.predicted(rows.r[None])[0]).reshape(2 * column.width, -1))
 
 
 def _stages(n: int) -> Iterator[NDArray[np.intp]]:

@@ -14,7 +14,7 @@ from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.update.rows import bin_noise
+from replay_kit.estimator.update.noise import bin_noise
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.representation import error_at
@@ -59,8 +59,8 @@ def seen(estimator, observation, common):
     """Mean and covariance of the weights after one profile, by the textbook."""
     used = np.arange(observation.depth.size)
     rows = estimator.rows(observation, used)
-    values = rows.values
-    depth_factor = rows.noise.unwhiten @ rows.q @ rows.r
+    values, layout = rows.stack.values[0], rows.stack.layouts[0]
+    depth_factor = layout.unwhiten @ layout.q @ rows.r
     representation = np.interp(
         observation.depth,
         SMALL.grid.levels,
@@ -194,7 +194,7 @@ def test_the_innovation_of_relative_profiles_is_chi_square_with_those_degrees_of
     observation = synthetic.profile(SMALL.grid, 0.0, 0.0, DEPTH, np.zeros((9, 2)))
     used = np.arange(9)
     rows = estimator.rows(observation, used)
-    zero = rows.values
+    zero, layout = rows.stack.values[0], rows.stack.layouts[0]
     rng, n = np.random.default_rng(11), 300
     representation = np.interp(
         observation.depth,
@@ -202,7 +202,7 @@ def test_the_innovation_of_relative_profiles_is_chi_square_with_those_degrees_of
         error_at(estimator, observation.longitude, observation.latitude),
     )
     std = np.hypot(observation.error_std, representation)
-    bins = rows.noise.unwhiten @ rows.q @ rows.r
+    bins = layout.unwhiten @ layout.q @ rows.r
     factor = np.linalg.cholesky(
         estimator.prior.covariance() + 1e-14 * np.eye(estimator.prior.mean.size)
     )

@@ -46,6 +46,7 @@ def dense_rows(observation, static):
         observation.depth[used],
         static.basis.grid.projection,
     )
+    whiten = rows.stack.layouts[0].whiten[: used.size, used]
     relative = (observation.velocity[used] - observation.platform_velocity).mean(axis=0)
     east, north = (
         float(part)
@@ -54,10 +55,10 @@ def dense_rows(observation, static):
         )
     )
     constant, linear = (
-        rows.noise.whiten @ np.ones(depth.size),
-        rows.noise.whiten @ np.abs(depth - depth[0]),
+        whiten @ np.ones(depth.size),
+        whiten @ np.abs(depth - depth[0]),
     )
-    of_weights = rows.noise.whiten @ depth_weights(static.basis.depth_functions, depth, LEVELS)
+    of_weights = whiten @ depth_weights(static.basis.depth_functions, depth, LEVELS)
     parts = []
     for component, (along, across) in enumerate(((east, north), (north, -east))):
         biases = (
@@ -67,7 +68,7 @@ def dense_rows(observation, static):
             * STDS
         )
         parts.append(np.hstack([np.kron(of_weights, rows.basis[component]), biases]))
-    return np.vstack(parts), (rows.noise.whiten @ rows.values).T.ravel()
+    return np.vstack(parts), (whiten @ rows.stack.values[0, used]).T.ravel()
 
 
 @pytest.fixture(scope="module")
@@ -78,15 +79,14 @@ def joint(estimator, observations):
     """
     static, state, rows, slopes = pooled_static(forecasts()), estimator.initial(), [], []
     for observation in observations:
-        candidate = estimator.candidate(state, observation)
+        screened = estimator.screened(state, (observation,))
+        column = estimator.group_column(state, screened)
+        update = estimator.evaluated(state, column)
         rows.append(
-            [
-                part / np.sqrt(candidate.evaluated.inflation)
-                for part in dense_rows(observation, static)
-            ]
+            [part / np.sqrt(update.gate.inflation[0]) for part in dense_rows(observation, static)]
         )
-        slopes.append(candidate.scale_jacobian)
-        state, _ = estimator.update(state, candidate)
+        slopes.append(update.scale_jacobian)
+        state = estimator.assimilated(screened, column, (state, update))[-1].after
     designs, values = zip(*rows, strict=True)
     times, prior = (
         [observation.time_ns for observation in observations],

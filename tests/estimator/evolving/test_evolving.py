@@ -59,8 +59,7 @@ def rows_of(estimator, observation, static):
     """The observation's rows of the weights, and its values about the offset."""
     used = np.flatnonzero(observation.depth <= LEVELS[-1])
     rows = static.rows(observation, used)
-    values = rows.values
-    return rows.design(), rows.compress(values)[0]
+    return rows.design(), rows.y
 
 
 def inflated_rows(estimator, observations, static):

@@ -89,7 +89,7 @@ def test_a_mean_along_a_path_sees_an_oscillation_at_each_point_s_own_time(latitu
             depth, swinging.knots, z.imag
         )
         expected += weight * np.array([at.real, at.imag])
-    np.testing.assert_allclose(seen.design @ state * seen.noise.std[0], expected, rtol=1e-9)
+    np.testing.assert_allclose(seen.design @ state * seen.stack.layouts[0].std, expected, rtol=1e-9)
 
 
 def oscillating_profiles(n, omega, amplitude=0.3, hours=2.0, tidal=False):

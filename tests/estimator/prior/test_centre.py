@@ -29,7 +29,7 @@ def test_it_is_the_mixture_of_dense_gaussians(count):
         for each in observations
     ]
     design = np.concatenate([each.design() for each in rows])
-    values = np.concatenate([each.compress(each.values)[0] for each in rows])
+    values = np.concatenate([each.y for each in rows])
     prior, basis = ESTIMATOR.prior, ESTIMATOR.basis
     factor = prior.factor[:-1].reshape(len(prior.factor) - 1, -1)
     mean, sample = basis.mean_weights.ravel(), factor.T @ factor

@@ -8,7 +8,7 @@ from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis.slices import ensemble_slices
-from replay_kit.estimator.update.rows import dependence_inflation
+from replay_kit.estimator.update.noise import dependence_inflation
 from tests import synthetic
 from tests.estimator.runs import run
 from tests.reference import estimator as slow

@@ -92,7 +92,7 @@ def test_it_is_the_likeliest_for_the_profiles_so_far_and_the_estimate_is_made_wi
     bins = [np.flatnonzero(profile.depth <= GIVEN.grid.levels[-1]) for profile in PROFILES[:count]]
     joint = predict_jointly(ESTIMATOR, PROFILES[:count], bins)
     rows = [ESTIMATOR.rows(profile, used) for profile, used in zip(PROFILES, bins, strict=False)]
-    innovation = np.concatenate([each.compress(each.values)[0] for each in rows]) - joint.mean
+    innovation = np.concatenate([each.y for each in rows]) - joint.mean
     amplitude = fit_amplitude(
         innovation, joint.chol @ joint.chol.T - np.eye(innovation.size), ESTIMATOR.spread.amplitude
     )
@@ -160,10 +160,7 @@ def test_mean_currents_alone_fit_it_too():
     assert state.spread.fitted_to == 8
     rows = [ESTIMATOR.rows(dive, np.arange(1)) for dive in dives]
     design = np.concatenate([each.design() for each in rows])
-    innovation = (
-        np.concatenate([(each.values / each.noise.std[0]).ravel() for each in rows])
-        - design @ ESTIMATOR.prior.mean
-    )
+    innovation = np.concatenate([each.y for each in rows]) - design @ ESTIMATOR.prior.mean
     amplitude = fit_amplitude(
         innovation, design @ ESTIMATOR.prior.covariance() @ design.T, ESTIMATOR.spread.expected
     )

@@ -20,12 +20,11 @@ from replay_kit.estimator.update.biases import (
     bias_rows,
     in_words,
     scale_jacobian,
-    unit_bias_rows,
 )
 from replay_kit.estimator.update.gate import gate_innovations
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior
-from replay_kit.estimator.update.screening import relative_velocities, screen_measurement
+from replay_kit.estimator.update.screening import relative_velocities
 from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
 from tests import synthetic
@@ -68,24 +67,22 @@ def test_faults_are_named_with_their_size_and_a_sound_log_is_not_accused(kind):
     assert significant(estimator, mission(-5.0, 0.0))["heading"][0] < 0.0
 
 
+def compressed(rows, velocity):
+    """What the rows make of velocities of the used bins."""
+    stack = rows.stack
+    return (stack.layouts[0].rows[:, stack.used[0]] @ velocity).T.ravel()
+
+
 def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
     """By differences of the log-likelihood of one profile in each error's size."""
     estimator = build_estimator(OTHERS, CONFIG)
     (profile,) = list(mission(3.0, 0.02, 1))
     used = np.arange(6)
     rows = estimator.rows(profile, used)
-    values = rows.values
-    innovation = rows.compress(values)[0] - rows.matvec(
-        estimator.prior.mean.reshape(LEVELS.size, -1)
-    )
+    innovation = rows.y - rows.matvec(estimator.prior.mean.reshape(LEVELS.size, -1))
     design = rows.design()
     cov = design @ estimator.prior.covariance() @ design.T + np.eye(len(design))
-    units = unit_bias_rows(
-        replace(screen_measurement(profile, ENSEMBLE.grid), used=used),
-        ENSEMBLE.grid,
-        rows,
-        np.zeros((6, 2)),
-    )
+    units = rows.stack.bias_rows(np.zeros_like(rows.stack.values)).reshape(-1, len(NAMES))
     evidence = BiasScore().updated(units, innovation, cov, 0.0)
     is_used = np.isin(np.arange(profile.depth.size), used)
     (relative,) = relative_velocities([profile.linear], is_used[None], ENSEMBLE.grid)
@@ -94,7 +91,7 @@ def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
         column = np.hstack([bias.functions(profile.depth[used]) @ f for f in bias.factor(relative)])
 
         def log_likelihood(size, column=column):
-            left = innovation - size * rows.compress(column)[0]
+            left = innovation - size * compressed(rows, column)
             return -0.5 * left @ np.linalg.inv(cov) @ left
 
         step = 1e-4
@@ -129,18 +126,13 @@ def test_the_water_s_own_shear_is_no_error_of_the_instrument():
         )
         sheared = replace(profile, velocity=velocity)
         rows = estimator.rows(sheared, used)
-        values = rows.values
-        innovation = values - estimator.rows(profile, used).values
+        innovation = rows.stack.values - estimator.rows(profile, used).stack.values
         pairs = [
-            unit_bias_rows(
-                replace(screen_measurement(sheared, ENSEMBLE.grid), used=used),
-                ENSEMBLE.grid,
-                rows,
-                off,
-            )[:, 2]
+            rows.stack.bias_rows(off).reshape(-1, len(NAMES))[:, 2]
             for off in (innovation, 0.0 * innovation)
         ]
-        scores.append([column @ rows.compress(innovation)[0] for column in pairs])
+        of_bins = compressed(rows, innovation[0, used])
+        scores.append([column @ of_bins for column in pairs])
     mean, spread = np.mean(scores, axis=0), np.std(scores, axis=0) / np.sqrt(len(scores))
     assert abs(mean[0]) < 3.0 * spread[0]
     assert mean[1] < -10.0 * spread[1]
@@ -207,7 +199,7 @@ def test_the_stretch_is_the_slope_of_the_measure_of_what_is_logged():
         # an innovation as large as its covariance says
         nothing = np.array([0.0]), np.array([0])
         gates = gate_innovations(np.ones((1, 2)), np.zeros((1, 2, 2)), np.array([2]), nothing, None)
-        found = scale_jacobian(gates, np.ones(1), rows.ones()[None], np.array([common_std]))
+        found = scale_jacobian(gates, np.ones(1), rows.stack.ones, np.array([common_std]))
         assert found == pytest.approx(expected, abs=1e-3)
 
 

@@ -103,7 +103,7 @@ def test_a_static_estimate_takes_a_mean_as_the_textbook_does(n_profiles):
     ]
     std = float(np.hypot(path.error_std, path.weight @ np.array(of_points)))
     rows = estimator.rows(path, ONLY)
-    design, value = rows.design() * std, rows.values.ravel()
+    design, value = rows.design() * std, rows.stack.values.ravel()
     mean, cov, nis, _ = slow.kalman_update(
         state.mean, state.posterior.covariance(), design, value, std**2 * np.eye(2)
     )
@@ -130,11 +130,11 @@ def test_profiles_and_means_in_any_order_are_one_prior_and_all_rows():
     for path in (dive(1), None, dive(2)):
         rows = estimator.rows(path or profile, np.arange(2) if path is None else ONLY)
         predicted = predict(posterior, rows, prefetch(posterior, [rows]))
-        innovation = rows.compress(rows.values)[0] - predicted.mean
-        posterior = predicted.posterior(predicted.augmented_innovation(innovation, None), 1.5)
+        innovation = np.column_stack([rows.y, np.zeros((rows.y.size, 3))]) - predicted.means
+        posterior = predicted.posterior(innovation, 1.5)
         design = rows.design()
         mean, cov, _, _ = slow.kalman_update(
-            mean, cov, design, rows.compress(rows.values)[0], 1.5**2 * np.eye(len(design))
+            mean, cov, design, rows.y, 1.5**2 * np.eye(len(design))
         )
         if path is None:
             posterior, cov = inflated(posterior, 1.7), 1.7 * cov
@@ -195,4 +195,4 @@ def test_the_operator_sees_a_forecast_that_changes_during_the_dive():
     measured = rotate_to_local(
         SMALL.grid.projection, path.longitude[-1], path.latitude[-1], *path.velocity
     )
-    np.testing.assert_allclose(seen.values[0], np.array(measured) - expected, atol=1e-12)
+    np.testing.assert_allclose(seen.stack.values[0, 0], np.array(measured) - expected, atol=1e-12)

@@ -70,10 +70,17 @@ def textbook(estimator, observations, said, start=None):
     for observation, innovation in zip(observations, said, strict=True):
         rows = estimator.rows(observation, np.arange(observation.depth.size))
         design = np.vstack(
-            [np.kron(rows.noise.unwhiten @ rows.q @ rows.r, rows.basis[c]) for c in range(2)]
+            [
+                np.kron(
+                    rows.stack.layouts[0].unwhiten @ rows.stack.layouts[0].q @ rows.r, rows.basis[c]
+                )
+                for c in range(2)
+            ]
         )
-        noise = np.diag(np.tile(rows.noise.std**2 * innovation.error_inflation, 2))
-        mean, cov, _, _ = slow.kalman_update(mean, cov, design, rows.values.T.ravel(), noise)
+        noise = np.diag(np.tile(rows.stack.layouts[0].std ** 2 * innovation.error_inflation, 2))
+        mean, cov, _, _ = slow.kalman_update(
+            mean, cov, design, rows.stack.values[0].T.ravel(), noise
+        )
     return mean, cov
 
 

@@ -10,11 +10,12 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.static.group import profiles_of
 from replay_kit.estimator.update.gate import DECISIONS
-from replay_kit.estimator.update.group_step import screen_group, stack_of
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
+from replay_kit.estimator.update.noise import dependence_inflation
 from replay_kit.estimator.update.reduced_subspace import Buffer
-from replay_kit.estimator.update.rows import dependence_inflation
+from replay_kit.estimator.update.screening import screen_group
 from replay_kit.estimator.update.superobservation import Column, combined, gate_profiles
 from replay_kit.workflows.replay.inputs.estimator import with_window
 from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
@@ -172,13 +173,7 @@ def column_and_stack(log):
     """A column of the estimate, and profiles as arrays."""
     estimator = build_estimator(ENSEMBLE, CONFIG)
     levels = ENSEMBLE.grid.levels
-    screened = screen_group(ProfileGroup(tuple(log)), None, ENSEMBLE.grid)
-    stack = stack_of(
-        screened,
-        estimator.basis,
-        np.zeros((levels.size, 2)),
-        lambda p, used: (estimator.basis.depth_weights(p.depth[used]), estimator.noise(p, used)),
-    )
+    stack = profiles_of(estimator, screen_group(log, None, ENSEMBLE.grid)).stack
     root = 0.1 * np.random.default_rng(1).standard_normal((2 * levels.size, 2 * levels.size))
     return Column(np.zeros((2 * levels.size, 4)), root @ root.T), stack
 
@@ -198,9 +193,8 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
     config = None if gate is None else GatingConfig(gate=gate)
     column, stack = column_and_stack(log)
     predicted = column.predicted(stack.of("r"))[..., 0]
-    found = gate_profiles(
-        stack, predicted, column.predicted_cov(stack.of("r")), config, True, is_consistent
-    )
+    cov = column.predicted_cov(stack.of("r"))
+    found = gate_profiles(stack, (predicted, cov), config, True, is_consistent)
     seen = set()
     for i in range(len(log)):
         part = stack.part(np.array([i]))
