@@ -71,6 +71,7 @@ class Client:
         self._pool = self._http.PoolManager(num_pools=8, maxsize=16, retries=False, timeout=timeout)
         self._lock = threading.Lock()
         self._held: dict[tuple[str, Span], bytes | None] = {}
+        self._kept = 0
         self.refused = ""
         self._tags: dict[str, str] = {}
 
@@ -123,9 +124,11 @@ class Client:
                 continue
             data = None if not found else bytes(body.data)
             # what is not there may only be lost for a moment, unless it was to find out what there is
-            small = sum(len(each or b"") for each in self._held.values()) < self._REMEMBERED
-            if small and (probing or data is not None):
-                self._held[url, span] = data
+            # chunks are received by several threads
+            with self._lock:
+                if self._kept < self._REMEMBERED and (probing or data is not None):
+                    self._held[url, span] = data
+                    self._kept += len(data or b"")
             return data
         raise ForecastError(
             f"{public(url)}: the server gave no whole answer in {attempt + 1} attempts: {broken}; check the connection, or try again later"

@@ -1,8 +1,10 @@
 """Servers that hang, lie, break off, lead elsewhere or change their data: the sound forecast, or an error in words and no half file."""
 
 import re
+import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -76,6 +78,23 @@ def test_an_answer_that_broke_off_is_continued():
         # a half, a half of the rest ...
         assert files.sent == client.received == len(data)
         client.close()
+
+
+def test_several_threads_receive_at_once_and_no_more_is_remembered_than_allowed(monkeypatch):
+    monkeypatch.setattr(Client, "_REMEMBERED", 3000)
+    client, before = Client(Limits()), sys.getswitchinterval()
+    monkeypatch.setattr(
+        client, "_receive", lambda url, body, most, probing: body.data.extend(bytes(10)) or True
+    )
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            found = list(pool.map(lambda key: client.get(f"http://h/{key}", 1e3), range(600)))
+    finally:
+        sys.setswitchinterval(before)
+        client.close()
+    assert found == [bytes(10)] * 600
+    assert len(client._held) == 300
 
 
 def test_a_slow_drip_is_no_answer():
