@@ -116,6 +116,39 @@ def test_a_mean_current_is_a_straight_dive_between_its_fixes():
         rk.Observation.mean((TIME, 152.2, -39.9), (TIME, 152.3, -39.8), 300.0, 0.1, 0.05, 0.02)
 
 
+def test_a_single_component_informs_along_its_direction_alone():
+    one = rk.Observation.component((TIME, 152.3, -39.8), 5.0, 90.0, 0.4, 0.02)
+    settings = SETTINGS | {"measurements": {"surface_tide_std": 0.0}}
+    ensemble = _dataset()
+    found = rk.replay([one], ensemble, settings=settings)
+    assert found.outcome.observations["used"] == 1
+    at, before = (
+        each.estimate.velocity_at(152.3, -39.8, 5.0)
+        for each in (
+            found,
+            rk.replay([replace(one, error_std=np.array([9.0]))], ensemble, settings=settings),
+        )
+    )
+    assert abs(at.u - 0.4) < 0.3 * abs(before.u - 0.4)
+    assert at.u_standard_error < 0.5 * before.u_standard_error
+    assert at.v_standard_error > 0.8 * before.v_standard_error
+    north = rk.Observation.component((TIME, 152.3, -39.8), 5.0, 0.0, 0.4, 0.02)
+    np.testing.assert_allclose(north.components, [[0.0, 1.0]], atol=1e-15)
+    with pytest.raises(ConfigError, match="a depth from 0 on, a direction and a speed, got -1"):
+        rk.Observation.component((TIME, 152.3, -39.8), -1.0, 0.0, 0.4, 0.02)
+    with pytest.raises(ConfigError, match="it is not guessed"):
+        rk.Observation.component((TIME, 152.3, -39.8), 1.0, 0.0, 0.4, None)
+    with pytest.raises(ConfigError, match=r"make each with Observation\.component"):
+        rk.replay(
+            [
+                rk.Observation.profile(
+                    TIME, 152.3, -39.8, [5.0, 9.0], [0.1] * 2, [0.1] * 2, 0.1
+                ).linear
+            ],
+            ensemble,
+        )
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

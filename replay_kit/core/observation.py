@@ -425,6 +425,35 @@ class Observation:
             deepest=float(depth),
         )
 
+    @staticmethod
+    def component(
+        place: tuple[Any, float, float], depth: float, direction: float, speed: float, error: float
+    ) -> LinearMeasurement:
+        """Return one component of the current at a place, as a radar or a current meter with one axis measures it.
+
+        Args:
+            place: Time (as of ``profile``), longitude and latitude [degrees].
+            depth: [m], positive down.
+            direction: Towards which ``speed`` is positive, clockwise from true north [degrees].
+            speed: [m/s].
+            error: Standard error [m/s].
+
+        Raises:
+            ConfigError: A number is not finite, the depth is below 0, the error is not above 0, or the place is none.
+        """
+        fix, angle = _stated_fix(place, "component"), math.radians(direction)
+        if not (math.isfinite(angle + speed) and 0.0 <= depth < math.inf):
+            raise ConfigError(
+                f"component: expected a depth from 0 on, a direction and a speed, got {depth} m, {direction} degrees, {speed} m/s"
+            )
+        return LinearMeasurement(
+            *(fix.time_ns, None, np.array([fix.longitude]), np.array([fix.latitude])),
+            *(np.array([float(depth)]), None, np.array([[float(speed)]])),
+            *(_stated_errors(error, 1), np.full(1, Flag.GOOD, np.int8), np.zeros(1, np.int32)),
+            Label(0, Source(0, STATED, 0, fix.time_ns), kind="radar"),
+            components=np.array([[math.sin(angle), math.cos(angle)]]),
+        )
+
     def __repr__(self) -> str:
         """Return where and when it was made, and what it holds."""
         u, v = (span_text(component, 2) for component in self.velocity.T)

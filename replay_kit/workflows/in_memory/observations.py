@@ -1,4 +1,4 @@
-"""Observations and tables of them as a log: messages of one kind for profiles, of another for mean currents."""
+"""Observations and tables of them as a log: messages of one kind for profiles, of others for mean currents and single components."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -9,15 +9,20 @@ import numpy as np
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Fix, Observation, PathMean, usable
+from replay_kit.core.observation import Fix, LinearMeasurement, Observation, PathMean, usable
 from replay_kit.core.time import to_time_ns
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.shared.payloads import PING, number, numbers, stamp
+from replay_kit.logs.surface.totals import SCHEMA as RADAR
 
 if TYPE_CHECKING:
     import pandas as pd
 
+#: What a person states: a profile, a mean current, a single component.
+Stated = Observation | PathMean | LinearMeasurement
 _MEAN = "replay_kit.DepthAveragedCurrent"
+# s; as long as tides keep their direction, so that their error is counted once
+_AVERAGED = 11_178.0
 # columns of a table, with other names that they may have
 _PROFILE: Mapping[str, tuple[str, ...]] = {
     "time": ("date", "datetime"),
@@ -34,7 +39,7 @@ _TABLE = "expected a table with the columns time, lon, lat, depth [m], u, v and 
 def is_observed(value: object) -> bool:
     """Return whether a value is a measurement, a table, or a sequence of measurements."""
     first = value[0] if isinstance(value, list | tuple) and value else value
-    return isinstance(first, Observation | PathMean) or _is_table(first)
+    return isinstance(first, Stated) or _is_table(first)
 
 
 def write_observed(path: Path, value: Any) -> None:
@@ -47,11 +52,11 @@ def write_observed(path: Path, value: Any) -> None:
     Raises:
         ConfigError: A measurement is relative to its platform, or a table lacks a column.
     """
-    held: list[Observation | PathMean] = []
+    held: list[Stated] = []
     for each in value if isinstance(value, list | tuple) else [value]:
         held += _of_table(each) if _is_table(each) else [each]
     for each in held:
-        if not isinstance(each, Observation | PathMean):
+        if not isinstance(each, Stated):
             raise ConfigError(
                 f"observations: expected Observation values or tables, got {type(each).__name__} among them"
             )
@@ -102,9 +107,13 @@ def _of_table(table: "pd.DataFrame") -> Iterator[Observation]:
         )
 
 
-def _message(each: Observation | PathMean, position: int) -> Message:
-    payload = _mean(each) if isinstance(each, PathMean) else _ping(each, position)
-    topic, schema = ("/dac", _MEAN) if isinstance(each, PathMean) else ("/observations", PING)
+def _message(each: Stated, position: int) -> Message:
+    if isinstance(each, PathMean):
+        topic, schema, payload = "/dac", _MEAN, _mean(each)
+    elif isinstance(each, LinearMeasurement):
+        topic, schema, payload = "/components", RADAR, _component(each)
+    else:
+        topic, schema, payload = "/observations", PING, _ping(each, position)
     return Message(each.time_ns, topic, schema, payload, 0, position)
 
 
@@ -128,6 +137,27 @@ def _ping(profile: Observation, ordinal: int) -> dict[str, Any]:
         "velocity": numbers(velocity),
         "velocity_std": numbers(std),
         "correlation_depth": profile.correlation_depth,
+    }
+
+
+def _component(single: LinearMeasurement) -> dict[str, Any]:
+    if single.components.shape != (1, 2) or single.value.shape != (1, 1):
+        raise ConfigError(
+            f"observations: expected one component at one place, got {single.value.size} values; make each with Observation.component"
+        )
+    columns = {
+        "longitude": single.longitude,
+        "latitude": single.latitude,
+        "direction": np.degrees(np.arctan2(*single.components.T)),
+        "speed": single.value[0],
+        "error": single.error_std,
+    }
+    return {
+        "stamp": stamp(single.time_ns),
+        "depth": float(single.depth[0]),
+        "averaged": _AVERAGED,
+        "error_length": 0.0,
+        **{name: numbers(values) for name, values in columns.items()},
     }
 
 
