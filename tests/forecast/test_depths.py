@@ -11,13 +11,9 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble, read_series, read_truth
-from replay_kit.forecast.files import opened_file
 from tests import synthetic
-from tests.forecast.forms import noted, read_with, refused
+from tests.forecast.forms import read_with, refused
 from tests.forecast.test_reader import PLAIN, write
-from tests.places import ROOT
-
-DATA = ROOT.parent / "shared" / "data"
 
 
 def with_depths(values, **attrs) -> xr.Dataset:
@@ -137,23 +133,3 @@ def test_the_grid_that_a_replay_writes_can_be_a_truth(tmp_path):
     truth = read_truth(str(tmp_path / "flow.nc"), PLAIN)
     assert_array_equal(truth.grid.levels, synthetic.LEVELS)
     assert truth.notes == ()
-
-
-FILES = (
-    ROOT / "sample_logs" / "ensemble.nc",
-    DATA / "natl_nemo" / "ensemble.nc",
-    DATA / "qg" / "climatology.nc",
-)
-TRUTHS = (ROOT / "sample_logs" / "truth.nc", DATA / "natl_nemo" / "truth.nc")
-
-
-@pytest.mark.parametrize(
-    "path", [*FILES, *TRUTHS], ids=lambda path: f"{path.parent.name}/{path.name}"
-)
-def test_real_files_keep_their_levels(path):
-    if not path.exists():
-        pytest.skip("the shared data are not on this machine")
-    read = read_truth(str(path), PLAIN) if path in TRUTHS else read_with(path)
-    with opened_file(path) as ds:
-        assert_array_equal(read.grid.levels, ds["depth"].values.astype(np.float64))
-    assert not noted(read, "coordinate")

@@ -73,16 +73,6 @@ def test_hycom_over_any_meridian(tmp_path, west):
     assert np.all(np.diff(read.grid.longitude, axis=1) > 0.0)
 
 
-def test_a_region_over_the_seam_of_a_global_grid_reads_both_ends_alone(tmp_path):
-    longitude, latitude = np.arange(0.0, 360.0, 5.0), np.arange(30.0, 60.0, 5.0)
-    signed = (longitude + 180.0) % 360.0 - 180.0
-    ds = forms.standard(*forms.regular(signed, latitude), longitude, latitude)
-    read = read_with(save(ds, tmp_path / "e.nc"), region=(-12.0, 34.0, 11.0, 51.0))
-    assert_allclose(read.grid.longitude[0], [-10.0, -5.0, 0.0, 5.0, 10.0])
-    assert_allclose(read.grid.latitude[:, 0], [35.0, 40.0, 45.0, 50.0])
-    assert_comes_back(read, 1e-12)
-
-
 def test_mom_at_longitudes_from_280_west_with_noleap_times(tmp_path):
     longitude, latitude = forms.lonlat(-280.0 + 40.0)
     u, v = forms.regular((longitude + 180.0) % 360.0 - 180.0, latitude)

@@ -82,28 +82,6 @@ def test_levels_of_terrain_following_files_without_a_choice_are_those_of_the_dee
     )
 
 
-def test_croco_without_an_epoch_and_with_zeros_on_land(tmp_path):
-    shape = (10, 12)
-    at = forms.rotated(20.0, shape=shape, cell=0.02)
-    paths = []
-    for member in range(2):
-        ds, mask = forms.roms(at, shape, member)
-        ds = ds.rename(Cs_r="Cs_rho", ocean_time="time").drop_vars(["mask_rho", "mask_u", "mask_v"])
-        # CROCO has the rows of u and the columns of v on the centres' dimensions
-        ds["u"] = ds["u"].rename(eta_u="eta_rho")
-        ds["v"] = ds["v"].rename(xi_v="xi_rho")
-        ds["Vtransform"] = 2.0
-        ds["time"] = ("time", [86400.0], {"units": "second"})
-        paths.append(save(ds, tmp_path / f"croco_mem{member}.nc"))
-    read = read_with(paths, levels=(60.0,))
-    assert_array_equal(read.grid.wet[0], mask[1:-1, 1:-1] > 0.0)
-    u, _ = true_components(read)
-    east, _ = forms.truth(read.grid.longitude, read.grid.latitude, 60.0, 1)
-    assert_allclose(u[1, 0, 4:, 5:], east[4:, 5:], atol=2e-3)
-    assert read.time_ns is None
-    assert noted(read, "time has no dates (unit 'second')")
-
-
 @pytest.mark.parametrize("at_sea_bed", [np.nan, 0.0, 1e20])
 @pytest.mark.parametrize("transform", [1, 2])
 @pytest.mark.parametrize("upwards", [True, False])

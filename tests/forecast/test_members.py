@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 
-from replay_kit.config.run import ForecastConfig, load_config
-from replay_kit.estimator import build_estimator
+from replay_kit.config.run import ForecastConfig
 from replay_kit.forecast import ensemble_files, read_ensemble, read_series
 from tests import synthetic
 from tests.forecast import forms
@@ -19,7 +17,6 @@ from tests.forecast.forms import (
     save,
     true_components,
 )
-from tests.places import DATA
 
 DAY, START = np.timedelta64(1, "D"), np.datetime64("2020-01-01", "ns")
 
@@ -178,6 +175,9 @@ def test_members_of_producers_files_are_found_without_an_option(tmp_path, produc
     assert_comes_back(read, 1e-12)
     assert read.made_from == ("" if same_times else "lags")
     assert noted(read, "members: the 3 files" if same_times else "members: forecasts of 3 starts")
+    if producer == "CROCO":
+        assert read.time_ns is None
+        assert noted(read, "time has no dates (unit 'second')")
     if not same_times:
         # the last that all hold, without a log
         assert read.time_ns == (START + 3 * DAY).astype(np.int64)
@@ -362,49 +362,3 @@ def test_what_other_levels_reach_follows_from_all_of_the_file_not_from_those_cho
     read = read_with(tmp_path, levels=(5.0, 300.0))
     # half of 210 m below 215 m would reach it
     assert_array_equal(read.grid.wet.any(axis=(1, 2)), [True, False])
-
-
-@pytest.mark.parametrize("form", ["dim:time", "files", "suffix"])
-@pytest.mark.full
-def test_natl_nemo_in_other_forms_gives_the_same_estimate(tmp_path, form):
-    source = DATA / "natl_nemo" / "ensemble.nc"
-    if not source.exists():
-        pytest.skip("the shared data are not on this machine")
-    with xr.open_dataset(source) as ds:
-        whole = ds.isel(member=slice(0, 12)).load()
-    plain = save(whole, tmp_path / "plain.nc")
-    folder = tmp_path / "form"
-    folder.mkdir()
-    if form == "files":
-        for k in range(12):
-            save(whole.isel(member=k, drop=True), folder / f"mem{k + 1:03d}.nc")
-    elif form == "dim:time":
-        times = np.datetime64("2000-01-01", "ns") + np.arange(12) * DAY
-        save(
-            whole.drop_vars("member").rename(member="time").assign_coords(time=times),
-            folder / "times.nc",
-        )
-    else:
-        members = {
-            f"{name}_m{k}": whole[name].isel(member=k, drop=True)
-            for k in range(12)
-            for name in ("uo", "vo")
-        }
-        save(xr.Dataset(members), folder / "suffix.nc")
-    flows = []
-    for path, rule in ((plain, None), (folder, form)):
-        config = load_config(
-            None, {"forecast": {"members": rule, "levels": [0.0, 50.0]}, "estimator": {"modes": 8}}
-        )
-        ensemble = read_ensemble(path, config.forecast)
-        estimator = build_estimator(ensemble, config.estimator)
-        state = estimator.initial()
-        for observation in synthetic.random_profiles(ensemble.grid, 3):
-            state, _ = estimator.step(state, observation)
-        flows.append(
-            estimator.flow(state).velocity(
-                ensemble.grid.east[3:6, 4:9], ensemble.grid.north[3:6, 4:9], 20.0
-            )
-        )
-    assert_allclose(flows[1], flows[0], rtol=0.0, atol=1e-12)
-    assert np.abs(flows[0]).max() > 0.01

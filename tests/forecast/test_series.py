@@ -11,7 +11,6 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.forecast import read_series
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from tests import synthetic
-from tests.command import invoke
 from tests.forecast import forms
 from tests.forecast.forms import noted, read_with
 from tests.forecast.test_members import lagged
@@ -103,19 +102,6 @@ def test_which_leads_a_run_uses_when_none_is_chosen(
     assert_allclose(
         strengths, [1.0 + 0.5 * [0.0, 2.0, 5.0].index(lead) for lead in leads], rtol=1e-6
     )
-
-
-def test_the_help_says_each_of_these_cases():
-    option = " ".join(invoke(["fit", "--help-all"], columns=600).stdout.split())
-    for said in (option, ForecastConfig.model_fields["lead"].description):
-        assert "the nearest is taken" in said
-        assert "all dated leads" in said
-        assert "the dated lead nearest to the log's first message" in said
-        assert "the last lead without a log, or where leads have no date" in said
-    said = ForecastConfig.model_fields["time"].description
-    assert "all times" in said
-    assert "nearest to the log's first message" in said
-    assert "the first time without a log" in said
 
 
 def test_a_log_far_from_the_forecast_is_said(of_reference):

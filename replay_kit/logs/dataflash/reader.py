@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
-from replay_kit.logs.dataflash.records import Records, read_records, scaled, unit_names
+from replay_kit.logs.dataflash.records import Records, read_records, scaled
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.clock import (
     ClockFit,
@@ -66,24 +66,14 @@ class DataflashReader(LogFile):
             position += records.start.size
             self.statistics.notes = (*notes, *stamps.notes())
 
-    def columns(self, name: str) -> Columns:
-        """Return all records of one kind as columns, each of shape (n,) or, for arrays, (n, 32), with the letters' factors applied.
-
-        Raises:
-            LogError: The file cannot be read, holds no such records, or declares them in two ways.
-        """
-        found = self.tables(frozenset({name}))
-        if name not in found:
-            raise LogError(
-                f"{self.path}: expected records of the kind {name}, it holds none; it holds {', '.join(sorted(self.tables()))}"
-            )
-        return found[name]
-
     def tables(self, names: frozenset[str] | None = None) -> dict[str, Columns]:
-        """Return the columns of each kind of record; see ``columns``.
+        """Return the records of each kind as columns, each of shape (n,) or, for arrays, (n, 32), with the letters' factors applied.
 
         Args:
             names: Kinds to read; None reads all.
+
+        Raises:
+            LogError: The file cannot be read, or declares a kind in two ways.
         """
         parts: dict[str, list[Columns]] = defaultdict(list)
         for records in self._read(ReadStatistics()):
@@ -99,26 +89,6 @@ class DataflashReader(LogFile):
             name: {key: np.concatenate([piece[key] for piece in pieces]) for key in pieces[0]}
             for name, pieces in parts.items()
         }
-
-    def units(self, name: str) -> dict[str, str]:
-        """Return the unit of each column of a kind of record, as the log names it; empty where it names none."""
-        forms = {
-            form.name: form
-            for records in self._read(ReadStatistics())
-            for form in records.formats.values()
-        }
-        if name not in forms or not forms[name].known:
-            return {}
-        of_log = self.tables(frozenset({"UNIT", "MULT", "FMTU"}))
-        labels = {chr(key): label for key, label in _pairs(of_log.get("UNIT"), "Id", "Label")}
-        factors = {chr(key): factor for key, factor in _pairs(of_log.get("MULT"), "Id", "Mult")}
-        unit_ids, factor_ids = (
-            dict(_pairs(of_log.get("FMTU"), "FmtType", key)) for key in ("UnitIds", "MultIds")
-        )
-        number = forms[name].type
-        return unit_names(
-            forms[name], unit_ids.get(number, ""), factor_ids.get(number, ""), labels, factors
-        )
 
     def _payloads(self, records: Records) -> list[tuple[str, str, dict[str, Any]] | None]:
         """Return (topic, schema, fields) of each record, None of those that are not wanted, and count all."""
@@ -233,8 +203,3 @@ def _stated(records: Records) -> tuple[NDArray[np.int64], int]:
                 impossible += int(np.count_nonzero(~possible))
                 break
     return stated, impossible
-
-
-def _pairs(table: Columns | None, key: str, value: str) -> Iterator[tuple[Any, Any]]:
-    """Yield the rows of two columns of a table; nothing when the log has no such table."""
-    return zip(table[key].tolist(), table[value].tolist(), strict=True) if table else iter(())

@@ -1,10 +1,10 @@
-"""Records of a DataFlash log, found a block at a time, and their declarations: FMT, UNIT, MULT and FMTU.
+"""Records of a DataFlash log, found a block at a time, and their declarations (FMT).
 
 A record is the bytes a3 95, its type, and the fields that the FMT record of that type declares. There is no checksum: after bad bytes a
 record counts only when another one begins, or the log ends, where it ends.
 
-The letters are those of ArduPilot's ``libraries/AP_Logger/README.md``. Some imply a factor, which is applied; the multipliers of FMTU are
-not applied, they only name the unit of the values.
+The letters are those of ArduPilot's ``libraries/AP_Logger/README.md``. Some imply a factor, which is applied; units and
+multipliers (UNIT, MULT, FMTU) are not.
 """
 
 from collections.abc import Iterator, Mapping
@@ -47,15 +47,6 @@ _DTYPES: Mapping[str, str | tuple[str, int]] = {
 }
 #: Divisors of stored values: more exact than multiplying by a hundredth.
 _DIVISORS: Mapping[str, float] = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
-_PREFIXES: Mapping[float, str] = {
-    0.0: "",
-    1.0: "",
-    1e-1: "d",
-    1e-2: "c",
-    1e-3: "m",
-    1e-6: "µ",
-    1e-9: "n",
-}
 _FMT_BODY = np.dtype(
     [("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")]
 )
@@ -146,33 +137,6 @@ def scaled(records: NDArray[Any], form: Format) -> dict[str, NDArray[Any]]:
         elif values.dtype.kind == "S":
             values = np.array([_text(value) for value in values.tolist()], dtype=np.str_)
         found[name] = values
-    return found
-
-
-def unit_names(
-    form: Format,
-    unit_ids: str,
-    multiplier_ids: str,
-    labels: Mapping[str, str],
-    factors: Mapping[str, float],
-) -> dict[str, str]:
-    """Return the unit of each column's values as read; empty where the log names none.
-
-    Args:
-        form: The kind of record.
-        unit_ids: FMTU's letter of each column's unit.
-        multiplier_ids: FMTU's letter of each column's multiplier.
-        labels: UNIT's letter to unit.
-        factors: MULT's letter to factor.
-    """
-    found = {}
-    for place, (name, letter) in enumerate(zip(form.columns, form.letters, strict=True)):
-        unit = labels.get(unit_ids[place : place + 1], "")
-        factor = factors.get(multiplier_ids[place : place + 1])
-        # a letter with a factor of its own gives values in the unit itself
-        if unit and factor is not None and letter not in _DIVISORS:
-            unit = _PREFIXES[factor] + unit if factor in _PREFIXES else f"{factor:.4g} {unit}"
-        found[name] = unit
     return found
 
 

@@ -18,8 +18,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.adcp import records
 from replay_kit.logs.adcp.profiles import raw_profiles
 from replay_kit.logs.adcp.reader import clock_offset_ns, declination_deg
-from replay_kit.logs.adcp.records import AD2CP_TEXT, lose_between, scan
-from replay_kit.logs.shared.statistics import ReadStatistics
+from replay_kit.logs.adcp.records import AD2CP_TEXT, scan
 from replay_kit.measurements import observations
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_logs
@@ -258,26 +257,6 @@ def test_nortek_averages_in_earth_coordinates_have_one_vertical_and_a_true_headi
 def test_a_horizontal_instrument_is_refused():
     with pytest.raises(LookupError, match="horizontal"):
         raw_profiles(_nortek_dataset(orientation="horizontal"), "_avg")
-
-
-@pytest.mark.parametrize("long", [False, True])
-def test_nortek_records_are_found_and_checked(long):
-    parts = [
-        samples.nortek_record(kind, bytes(range(40 + kind % 2)), long)
-        for kind in (0xA0, 0x15, 0x16)
-    ]
-    data = b"".join([parts[0], b"\xa5\x0arubbish", parts[1], parts[2]])
-    found, statistics = scan(data), ReadStatistics()
-    assert [record.kind for record in found] == [0xA0, 0x15, 0x16]
-    lose_between(statistics, found, len(data))
-    assert [(loss.offset, loss.bytes) for loss in statistics.report("", "").losses] == [
-        (len(parts[0]), 9)
-    ]
-    for offset in range(len(parts[0]), len(parts[0]) + 9 + len(parts[1])):
-        damaged = bytearray(data)
-        damaged[offset] ^= 0x40
-        kinds = [record.kind for record in scan(bytes(damaged))]
-        assert kinds == ([0xA0, 0x15, 0x16] if offset < len(parts[0]) + 9 else [0xA0, 0x16])
 
 
 def _pd0_record(leader, filling, types=1):

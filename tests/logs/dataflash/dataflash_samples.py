@@ -20,9 +20,6 @@ _CODES = {
 }
 # name, number, letters, columns
 _DECLARED = """
-UNIT 130 QbZ TimeUS,Id,Label
-MULT 131 Qbd TimeUS,Id,Mult
-FMTU 132 QBNN TimeUS,FmtType,UnitIds,MultIds
 GPS 133 QBBIHBcLLeffffB TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U
 POS 134 QLLfff TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt
 CTUN 135 Qffc TimeUS,Alt,BAlt,CRt
@@ -68,19 +65,8 @@ def declaration(kind: Format) -> bytes:
 
 
 def declarations() -> bytes:
-    """The FMT records of all kinds, the first that of FMT itself, and what units the GPS has."""
-    units = record(form("UNIT"), 10, ord("D"), b"deglatitude") + record(
-        form("UNIT"), 10, ord("m"), b"m"
-    )
-    factors = (
-        record(form("MULT"), 10, ord("B"), 0.01)
-        + record(form("MULT"), 10, ord("G"), 1e-7)
-        + record(form("MULT"), 10, ord("0"), 1.0)
-    )
-    of_gps = record(form("FMTU"), 10, form("GPS").type, b"-------DDm-----", b"-------GGB-----")
-    return (
-        b"".join(declaration(kind) for kind in (FMT, *map(form, _TYPES))) + units + factors + of_gps
-    )
+    """The FMT records of all kinds, the first that of FMT itself."""
+    return b"".join(declaration(kind) for kind in (FMT, *map(form, _TYPES)))
 
 
 def gps(

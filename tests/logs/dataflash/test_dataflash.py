@@ -89,19 +89,6 @@ def test_a_real_log_as_pymavlink_reads_it():
     assert reader.report().notes[1] == "239 stamps go backwards, by up to 0.333 ms"
 
 
-@real
-def test_units_of_a_real_log_as_pymavlink_names_them():
-    log = DFReader.DFReader_binary(str(SMALL))
-    reader = DataflashReader(SMALL)
-    for kind in [
-        kind
-        for kind in log.formats.values()
-        if kind.name in ("GPS", "BARO", "BAT", "VIBE", "FMT", "XKF1", "PM")
-    ]:
-        assert reader.units(kind.name) == {column: kind.get_unit(column) for column in kind.columns}
-    log.close()
-
-
 def test_columns_are_the_messages(tmp_path):
     messages, _ = read_log(tmp_path, b"".join(dataflash(7)))
     reader = DataflashReader(tmp_path / "log")
@@ -111,12 +98,8 @@ def test_columns_are_the_messages(tmp_path):
         rows = [m.payload for m in messages if m.schema == f"dataflash.{kind}"]
         for name, values in columns.items():
             assert repr(values.tolist()) == repr([row[name] for row in rows])
-    assert reader.columns("GPS")["Lat"].dtype == np.float64
-    assert reader.columns("ISBD")["x"].shape == (7, 32)
-    assert reader.units("GPS")["Lat"] == "deglatitude"
-    assert reader.units("nothing") == {}
-    with pytest.raises(LogError, match=r"holds none; it holds .*GPS"):
-        reader.columns("BARO")
+    assert tables["GPS"]["Lat"].dtype == np.float64
+    assert reader.tables(frozenset({"ISBD"}))["ISBD"]["x"].shape == (7, 32)
 
 
 def test_times_are_utc_by_gps(tmp_path):
@@ -160,7 +143,7 @@ def test_a_kind_declared_anew(tmp_path):
         {"TimeUS": 2000, "Message": "now text"},
     ]
     with pytest.raises(LogError, match="declared twice"):
-        DataflashReader(tmp_path / "log").columns("CTUN")
+        DataflashReader(tmp_path / "log").tables()
 
 
 @pytest.mark.parametrize(
@@ -178,7 +161,6 @@ def test_a_kind_whose_declaration_is_not_understood_is_stepped_over(tmp_path, le
     assert report.losses == ()
     assert report.read["dataflash/ODD"] == report.undecodable["dataflash/ODD"][0] == 2
     assert "ODD" not in DataflashReader(tmp_path / "log").tables()
-    assert DataflashReader(tmp_path / "log").units("ODD") == {}
 
 
 def test_bad_bytes_are_skipped_and_counted(tmp_path):

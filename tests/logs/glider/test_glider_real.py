@@ -4,8 +4,6 @@ from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 
-import h5py
-import numpy as np
 import pytest
 
 from replay_kit.logs import open_log, open_logs
@@ -65,40 +63,6 @@ def test_each_file_is_read_as_the_readme_states(row):
         in (ROOT / "replay_kit/logs/glider/README.md").read_text()
     )
     assert _dives(messages) == dives
-
-
-def test_each_mean_current_of_sg033_is_that_of_its_dive_between_its_fixes():
-    _, messages = _read("seagliderOG1_sg033_delayed.nc")
-    with h5py.File(FOLDER / "seagliderOG1_sg033_delayed.nc") as file:
-        dive, time, gps, depth = (
-            file[name][...] for name in ("divenum", "TIME", "LATITUDE_GPS", "DEPTH")
-        )
-        east, north, heading = (
-            file[name][...] for name in ("DAVG_CURR_EAST", "DAVG_CURR_NORTH", "HEADING")
-        )
-    stated = {message.payload["dive"]: message.payload for message in _of(messages, "/dac")}
-    assert set(stated) == set(range(1, 20)) - {18}
-    for number, payload in stated.items():
-        rows = np.flatnonzero(dive == number)
-        assert payload["dac_eastward"] == pytest.approx(np.nanmedian(east[rows]), abs=1e-9)
-        assert payload["dac_northward"] == pytest.approx(np.nanmedian(north[rows]), abs=1e-9)
-        deepest = rows[np.argmax(depth[rows])]
-        fixes = np.sort(time[np.isfinite(gps)])
-        before, after = fixes[fixes < time[deepest]][-1], fixes[fixes > time[deepest]][0]
-        assert payload["start_fix"]["time"]["sec"] == pytest.approx(before, abs=1.0)
-        assert payload["end_fix"]["time"]["sec"] == pytest.approx(after, abs=1.0)
-        assert payload["duration"] == pytest.approx(after - before, abs=0.01)
-        assert payload["max_depth"] == pytest.approx(depth[rows].max())
-    with_heading = [
-        message
-        for message in _of(messages, "/vehicle/position")
-        if len(message.payload["metadata"]) == 5
-    ]
-    (stated_heading,) = (
-        item["value"] for item in with_heading[0].payload["metadata"] if item["key"] == "heading"
-    )
-    (row,) = np.flatnonzero(np.abs(time - with_heading[0].time_ns * 1e-9) < 0.002)
-    assert float(stated_heading) == pytest.approx(heading[row], abs=0.005)
 
 
 def test_mean_currents_of_sp028_begin_at_the_mirror_of_their_end():
