@@ -8,6 +8,7 @@ each surfacing the covariance P of the unknowns grows with time and shrinks by a
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -29,7 +30,8 @@ COUNTED = 0.9
 _TURNS, _TRIES, _TURN = 40, 16, 0.6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+# Not slotted: the rows of the box are made once.
+@dataclass(frozen=True, eq=False)
 class Mapping:
     """What is to be mapped, and how legs lead there.
 
@@ -60,31 +62,32 @@ class Mapping:
         """Times of the profiles, shape (N,) [s]: the middle of each leg."""
         return 0.5 * (self.times[1:] + self.times[:-1])
 
+    @cached_property
     def sought(self) -> Rows:
-        """Return the rows of the currents that count, at the end."""
+        """The rows of the currents that count, at the end."""
         end = np.full(len(self.box), self.times[-1])
         return together([rows_at(self.known, self.box, end, which) for which in self.which])
 
+    @cached_property
+    def variances(self) -> Array:
+        """Of the currents that count, without any profile [m^2/s^2], shape (m,)."""
+        return np.diag(covariance(self.sought, self.sought))
+
     def errors(self, surveys: Survey) -> Array:
         """Return the root mean square error of a component that profiles leave in the box [m/s], shape (C,)."""
-        sought, rows = self.sought(), rows_at(self.known, surveys.points, surveys.times)
-        rows = rows if self.given is None else stacked(rows, self.given)
-        prior = np.diag(covariance(sought, sought))
-        return np.asarray(np.sqrt(np.mean(prior - reduction(sought, rows, self.variance), axis=-1)))
+        rows = rows_at(self.known, surveys.points, surveys.times)
+        return self.left_by(rows if self.given is None else stacked(rows, self.given))
 
     def before(self) -> float:
         """Return the root mean square error of a component in the box without the profiles [m/s]."""
-        sought = self.sought()
-        prior = np.diag(covariance(sought, sought))
-        return float(
-            np.sqrt(
-                np.mean(
-                    prior
-                    if self.given is None
-                    else prior - reduction(sought, self.given, self.variance)
-                )
-            )
-        )
+        if self.given is None:
+            return float(np.sqrt(np.mean(self.variances)))
+        return float(self.left_by(self.given))
+
+    def left_by(self, rows: Rows) -> Array:
+        """Return the root mean square error of a component in the box after measurements, rows of shape (..., q) [m/s]."""
+        left = self.variances - reduction(self.sought, rows, self.variance)
+        return np.asarray(np.sqrt(np.mean(left, axis=-1)))
 
 
 def reduction(sought: Rows, measured: Rows, variance: float) -> Array:

@@ -88,10 +88,11 @@ def rows_at(known: DepthMeans, points: Array, after: Array, which: int = 0) -> R
     for time in np.unique(times) if known.changes else (0.0,):
         at = times == time if known.changes else np.ones(times.shape, dtype=bool)
         time_ns = known.time_ns + round(float(time) * 1e9)
-        loaded = modes[at] @ known.loading(time_ns)[:, which].T
-        now[at] = (loaded * known.memory(time_ns)) @ known.root
+        # of the few unknowns first: there are more rows than modes
+        loading = known.loading(time_ns)[:, which].T
+        now[at] = modes[at] @ ((loading * known.memory(time_ns)) @ known.root)
         for part, (_, rows) in zip(known.relaxing, parts, strict=True):
-            rows[at] = loaded[..., part.which] @ part.root
+            rows[at] = modes[at] @ (loading[:, part.which] @ part.root)
     found = Rows(now, tuple(parts), np.repeat(times[..., None], 2, axis=-1))
     return found.reshaped(*batch, 2 * n)
 
@@ -122,11 +123,12 @@ def covariance(first: Rows, second: Rows) -> Array:
 
 
 def stacked(first: Rows, second: Rows) -> Rows:
-    """Return the rows of two sets as one, the second set, shape (q',), behind each of the first's, shape (..., q)."""
+    """Return the rows of two sets as one: the second set, shape (..., q'), behind the first's, shape (..., q)."""
 
     def both(one: Array, other: Array) -> Array:
-        shape = (*one.shape[:-2], *other.shape)
-        return np.concatenate([one, np.broadcast_to(other, shape)], axis=-2)
+        batch = np.broadcast_shapes(one.shape[:-2], other.shape[:-2])
+        parts = [np.broadcast_to(part, (*batch, *part.shape[-2:])) for part in (one, other)]
+        return np.concatenate(parts, axis=-2)
 
     parts = tuple(
         (scale, both(one, other))

@@ -221,9 +221,10 @@ def test_the_search_s_own_error_is_that_of_its_profiles():
     lengths = np.abs(np.diff(mowers.ends, axis=1, prepend=scene.start))
     assert lengths.max() < scene.leg_time * (SPEED + 0.3)
     sea = drawn_sea(scene.known, np.zeros(1), 30, 1)
+    flown = ((mapping, survey),)
     assert (
-        realised(sea, mapping, survey, np.zeros((30, 4, 2))).mean()
-        < realised(sea, mapping, None, np.zeros((30, 4, 2))).mean()
+        realised(sea, flown, np.zeros((30, 4, 2))).mean()
+        < realised(sea, flown, np.zeros((30, 0, 2))).mean()
     )
 
 
