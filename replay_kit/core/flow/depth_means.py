@@ -100,7 +100,7 @@ def depth_means(flow: FlowEstimate, weights: Array) -> DepthMeans:
     return DepthMeans(
         flow,
         weights,
-        _root(_reduced(flow, weights)),
+        root_of(_reduced(flow, weights)),
         flow.time_ns or 0,
         (),
         lambda time_ns: unchanged,
@@ -138,7 +138,7 @@ def _through_time(flow: FlowEstimate, evolution: Evolution, weights: Array) -> D
     moving, still = slice(0, n_moving), slice(n_moving, mix.shape[1])
     relaxing = (
         Relaxing(moving, process.trajectory_scale, np.eye(n_moving)),
-        Relaxing(still, process.local_scale, _root(local.T @ local)),
+        Relaxing(still, process.local_scale, root_of(local.T @ local)),
     )
     unmoved = np.eye(n_means * n_modes).reshape(-1, n_means, n_modes)
 
@@ -147,11 +147,11 @@ def _through_time(flow: FlowEstimate, evolution: Evolution, weights: Array) -> D
         return np.concatenate([moved, process.spread_at(at_ns) * unmoved])
 
     return DepthMeans(
-        flow, weights, _root(mix.T @ now.covariance() @ mix), time_ns or 0, relaxing, loading
+        flow, weights, root_of(mix.T @ now.covariance() @ mix), time_ns or 0, relaxing, loading
     )
 
 
-def _root(covariance: Array) -> Array:
+def root_of(covariance: Array) -> Array:
     """Return a factor of a covariance that may lack its full rank, shape (n, k), without directions of 1e-12 of the largest variance."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     kept: NDArray[np.bool_] = (
