@@ -22,8 +22,8 @@ from planners.learning.maps import (
     best_mower,
     check_uncertain,
     choose_map,
-    covariance_now,
     compared,
+    covariance_now,
     error_words,
     map_plan,
     mapping_of,
@@ -228,12 +228,9 @@ def share_of_bound(mappings: Sequence[Mapping], surveys: Sequence[Survey]) -> fl
 
 def _reach(mapping: Mapping, time: float) -> float:
     """Return how far a vehicle can be from its start at a time [m], with the fastest current that is known."""
-    fastest = float(np.max(np.abs(mapping.mean.at(_box(mapping)[None], time))))
+    box = (mapping.box[:, 0] + 1j * mapping.box[:, 1])[None]
+    fastest = float(np.max(np.abs(mapping.mean.at(box, time))))
     return (mapping.speed + fastest) * (time - float(mapping.times[0]))
-
-
-def _box(mapping: Mapping) -> Array:
-    return np.asarray(mapping.box[:, 0] + 1j * mapping.box[:, 1])
 
 
 def _lattice(mappings: Sequence[Mapping]) -> Array:

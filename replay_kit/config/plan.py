@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 from pydantic import ConfigDict, Field
 
-from replay_kit.config.option import PLACE, Numbers, Option, numbers
+from replay_kit.config.option import PLACE, PLACES, Numbers, Option, numbers
 from replay_kit.config.section import Section
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.objective import ObjectiveName
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 ACCEPTED_RISK = 0.1
 #: Share of the samples that must arrive where none is stated.
 ARRIVING = 0.9
+# What the name of a glider may hold: it becomes part of file names.
+_NAME = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_")
 # Departures that are compared at most.
 _MOST_DEPARTURES = 100
 _INPUTS, _OPTIONS, _OUTPUTS = "Inputs", "Options", "Outputs"
@@ -38,8 +40,17 @@ class PlanRequest(Section):
     start: Annotated[str | None, Option("--start", PLACE.form, _INPUTS), PLACE] = Field(
         default=None, description="Where the mission begins [degrees, degrees, m]."
     )
-    goal: Annotated[tuple[str, ...], Option("--goal", PLACE.form, _INPUTS, True), PLACE] = Field(
-        default=(), description="Where to go [degrees, degrees, m]; may be repeated, in order."
+    goal: Annotated[tuple[str, ...], Option("--goal", PLACE.form, _INPUTS, True), PLACES] = Field(
+        default=(),
+        description="Where to go [degrees, degrees, m]; may be repeated, in order. With --glider each goes to one of them, or to its own "
+        "with NAME= before it.",
+    )
+    glider: Annotated[
+        tuple[str, ...], Option("--glider", f"NAME={PLACE.form}", _INPUTS, True), PLACES
+    ] = Field(
+        default=(),
+        description="Where one of several gliders begins, in place of --start; give the option for each. They share the goals, or the box "
+        "of --objective map, and files are written for each, with its name before their ending.",
     )
     no_go: Annotated[Path | None, Option("--no-go", "FILE", _INPUTS)] = Field(
         default=None,
@@ -134,8 +145,15 @@ class PlanRequest(Section):
         default=None,
         description="Stop searching for other legs, routes and margins after this time [s].",
     )
+    separation: Annotated[float | None, Option("--separation", "METRES", _OPTIONS)] = Field(
+        default=None,
+        description="With --glider: least horizontal distance between two gliders at the same time [m].",
+    )
     battery: Annotated[float | None, Option("--battery", "MJ", _OPTIONS)] = Field(
         default=None, description="Energy that the vehicle has [MJ]."
+    )
+    of_glider: str | None = Field(
+        default=None, description="Of several gliders the one whose plan a result holds."
     )
     waypoints: bool = Field(default=False, description="Whether a short list of waypoints is made.")
     policy: bool = Field(default=False, description="Whether a heading by place and time is made.")
@@ -170,6 +188,25 @@ class PlanRequest(Section):
     def goals(self) -> tuple["Place", ...]:
         """Where it goes, in this order."""
         return tuple(_place(text, "--goal") for text in self.goal)
+
+    @property
+    def glider_places(self) -> dict[str, "Place"]:
+        """Where each of several gliders begins, by its name."""
+        found: dict[str, Place] = {}
+        for text in self.glider:
+            name, equals, place = text.rpartition("=")
+            if not equals or not name or name in found or not set(name) <= _NAME:
+                raise ConfigError(
+                    f"--glider: expected NAME={PLACE.form} with another name for each, of letters, digits, '-' and '_', got '{text}'"
+                )
+            found[name] = _place(place, "--glider")
+        return found
+
+    @property
+    def goals_of_gliders(self) -> tuple[tuple[str, "Place"], ...]:
+        """Each goal, with the name of the glider whose own it is; empty for all."""
+        named = [text.rpartition("=")[::2] for text in self.goal]
+        return tuple((name, _place(place, "--goal")) for name, place in named)
 
     @property
     def then_places(self) -> tuple["Place", ...]:

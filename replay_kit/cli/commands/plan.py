@@ -1,6 +1,6 @@
 """``plan``: a glider's mission on an estimate, or what to measure before one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +22,7 @@ from replay_kit.core.paths import check_inputs, check_paths
 
 if TYPE_CHECKING:
     from replay_kit.config.run import RunConfig
+    from replay_kit.workflows.planning.learning import Learnt
     from replay_kit.workflows.planning.mission import PlannedMission
 
 
@@ -76,6 +77,14 @@ class Outputs(Answer):
         ),
     ] = False
 
+    def of(self, name: str) -> "Outputs":
+        """Return the files of one of several gliders: its name stands before their ending."""
+
+        def own(path: Path | None) -> Path | None:
+            return None if path is None else path.with_stem(f"{path.stem}-{name}")
+
+        return replace(self, out=own(self.out), geojson=own(self.geojson), csv=own(self.csv))
+
 
 @takes_settings(
     "plan",
@@ -84,6 +93,7 @@ class Outputs(Answer):
         "plan.flows",
         "plan.waypoints",
         "plan.policy",
+        "plan.of_glider",
         *(
             f"planner.{key}"
             for key in (
@@ -138,11 +148,14 @@ def plan(
         asked["bathymetry"] = config.planner.bathymetry_path
     request = config.plan.model_copy(update=asked)
     files = [*flows, *request.others, request.no_go, request.bathymetry]
-    check_paths(
-        [*files, settings.file],
-        [outputs.out, outputs.waypoints, outputs.policy, *streams],
-        outputs.overwrite,
-    )
+    written = [outputs.out, outputs.waypoints, outputs.policy, *streams]
+    if request.glider:
+        if "-" in (str(outputs.geojson), str(outputs.csv)):
+            raise ConfigError("--geojson and --csv: expected files with --glider, one for each")
+        each = [outputs.of(name) for name in request.glider_places]
+        written = [path for own in each for path in (own.out, own.geojson, own.csv)]
+        written.append(outputs.json_file)
+    check_paths([*files, settings.file], written, outputs.overwrite)
 
     # what takes long to load, after what is quickly refused
     from replay_kit.workflows.planning.request import checked
@@ -150,6 +163,8 @@ def plan(
     request = checked(request)
     check_inputs(files)
     config = config.model_copy(update={"plan": request})
+    if request.glider:
+        return _together(config, outputs)
     return (_learning if request.learns else _mission)(config, outputs)
 
 
@@ -164,7 +179,6 @@ def _mission(config: "RunConfig", outputs: Outputs) -> int:
         mission_json,
         print_mission,
         unsafe_reason,
-        write_mission,
     )
 
     console = console_beside(outputs.geojson, outputs.csv, outputs.json_file)
@@ -173,9 +187,7 @@ def _mission(config: "RunConfig", outputs: Outputs) -> int:
     try:
         write_json(outputs.json_file, mission_json(planned))
         if not withheld:
-            _write(planned, outputs)
-            if outputs.out is not None:
-                write_mission(outputs.out, outputs.overwrite, planned, config)
+            _write_mission(planned, outputs, config)
     finally:
         # after the files, which a reader of the first lines alone would end; and also where one cannot be written
         print_mission(planned, console, config.plan.battery)
@@ -184,13 +196,14 @@ def _mission(config: "RunConfig", outputs: Outputs) -> int:
     return planned.on.exit_code if unsafe is None else _UNSAFE
 
 
-def _write(planned: "PlannedMission", outputs: Outputs) -> None:
-    """Write the mission in each text format that is asked for."""
+def _write_mission(planned: "PlannedMission", outputs: Outputs, config: "RunConfig") -> None:
+    """Write the mission in each format that is asked for."""
     from replay_kit.workflows.planning.outputs import (
         mission_csv,
         mission_geojson,
         policy_file,
         waypoint_file,
+        write_mission,
     )
 
     if outputs.geojson is not None:
@@ -201,6 +214,8 @@ def _write(planned: "PlannedMission", outputs: Outputs) -> None:
         write_text(outputs.waypoints, waypoint_file(planned.waypoints, outputs.waypoints))
     if outputs.policy is not None and planned.policy is not None:
         write_text(outputs.policy, policy_file(planned.policy, outputs.policy))
+    if outputs.out is not None:
+        write_mission(outputs.out, outputs.overwrite, planned, config)
 
 
 def _learning(config: "RunConfig", outputs: Outputs) -> int:
@@ -210,22 +225,64 @@ def _learning(config: "RunConfig", outputs: Outputs) -> int:
     with progress():
         learnt = make_learning(config.plan, config.planner)
 
-    from replay_kit.workflows.planning.learning_outputs import (
-        learning_csv,
-        learning_geojson,
-        learning_json,
-        print_learning,
-        write_learning,
-    )
+    from replay_kit.workflows.planning.learning_outputs import learning_json, print_learning
 
     try:
         write_json(outputs.json_file, learning_json(learnt))
-        if outputs.geojson is not None:
-            write_text(outputs.geojson, learning_geojson(learnt))
-        if outputs.csv is not None:
-            write_text(outputs.csv, learning_csv(learnt))
-        if outputs.out is not None:
-            write_learning(outputs.out, outputs.overwrite, learnt, config)
+        _write_learning(learnt, outputs, config)
     finally:
         print_learning(learnt, console_beside(outputs.geojson, outputs.csv, outputs.json_file))
     return learnt.on.exit_code
+
+
+def _write_learning(learnt: "Learnt", outputs: Outputs, config: "RunConfig") -> None:
+    """Write what to measure in each format that is asked for."""
+    from replay_kit.workflows.planning.learning_outputs import (
+        learning_csv,
+        learning_geojson,
+        write_learning,
+    )
+
+    if outputs.geojson is not None:
+        write_text(outputs.geojson, learning_geojson(learnt))
+    if outputs.csv is not None:
+        write_text(outputs.csv, learning_csv(learnt))
+    if outputs.out is not None:
+        write_learning(outputs.out, outputs.overwrite, learnt, config)
+
+
+def _together(config: "RunConfig", outputs: Outputs) -> int:
+    """Plan several gliders and write the files of each; return 0, or 4 when part of the result was lost."""
+    from replay_kit.workflows.planning.mission import PlannedMission
+    from replay_kit.workflows.planning.together import make_together, print_together, together_json
+
+    with progress():
+        made = make_together(config.plan, config.planner)
+
+    from replay_kit.workflows.planning.learning_outputs import learning_json, print_learning
+    from replay_kit.workflows.planning.outputs import mission_json, print_mission
+
+    console = console_beside(outputs.geojson, outputs.csv, outputs.json_file)
+    each = {
+        name: mission_json(one) if isinstance(one, PlannedMission) else learning_json(one)
+        for name, one in made.planned.items()
+    }
+    try:
+        write_json(outputs.json_file, together_json(made, each))
+        for name, one in made.planned.items():
+            own = outputs.of(name)
+            plan = config.plan.model_copy(update={"of_glider": name})
+            of_one = config.model_copy(update={"plan": plan})
+            if isinstance(one, PlannedMission):
+                _write_mission(one, own, of_one)
+            else:
+                _write_learning(one, own, of_one)
+    finally:
+        print_together(made, console)
+        for name, one in made.planned.items():
+            console.print(f"\n{name}", style="bold")
+            if isinstance(one, PlannedMission):
+                print_mission(one, console, config.plan.battery)
+            else:
+                print_learning(one, console)
+    return max(one.on.exit_code for one in made.planned.values())

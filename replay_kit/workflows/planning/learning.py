@@ -66,7 +66,7 @@ def make_learning(job: PlanRequest, config: PlannerConfig) -> Learnt:
         job.start_place,
         job.then_places,
         bound.vehicle,
-        _settings(job, config, bound.settings),
+        learning_settings(job, config, bound.settings),
         on.no_go,
         on.bathymetry,
         begin_ns,
@@ -78,11 +78,15 @@ def make_learning(job: PlanRequest, config: PlannerConfig) -> Learnt:
     if seconds is None and known.ends_ns is not None:
         notes += known.notes(begin_ns, begin_ns + round(plan.duration * 1e9))
     notes += _too_sure(known, plan.duration) + local_notes(known.local, begin_ns, left_out=True)
-    if origin:
-        plan = replace(
-            plan, message=f"{plan.message}; {origin}", figures={**plan.figures, ORIGIN: origin}
-        )
-    return Learnt(replace(plan, notes=(*plan.notes, *notes)), on)
+    return Learnt(learnt_from(replace(plan, notes=(*plan.notes, *notes)), origin), on)
+
+
+def learnt_from(plan: LearnPlan, origin: str) -> LearnPlan:
+    """Return a plan that says what its dives are taken from; as it is where all of that was stated."""
+    if not origin:
+        return plan
+    figures = {**plan.figures, ORIGIN: origin}
+    return replace(plan, message=f"{plan.message}; {origin}", figures=figures)
 
 
 def _planned(job: PlanRequest, flow: FlowEstimate, request: LearnRequest) -> LearnPlan:
@@ -93,7 +97,10 @@ def _planned(job: PlanRequest, flow: FlowEstimate, request: LearnRequest) -> Lea
     return plan_survey(flow, request, 3600.0 * (job.survey or _SURVEY_H), 3600.0 * job.blind)
 
 
-def _settings(job: PlanRequest, config: PlannerConfig, dives: MissionSettings) -> LearnSettings:
+def learning_settings(
+    job: PlanRequest, config: PlannerConfig, dives: MissionSettings
+) -> LearnSettings:
+    """Return how profiles are brought, with the depth and the surface time of a mission's dives."""
     return LearnSettings(
         depth=dives.depth,
         dives=config.dives,

@@ -191,7 +191,7 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
         planned = replace(planned, notes=(*notes, hint))
     departures = tuple(_departure(job, request, (flow, drawn), plan) for plan in compared)
     return replace(
-        planned, plan=judged, odds=odds, samples=_figures(odds, job), departures=departures
+        planned, plan=judged, odds=odds, samples=samples_json(odds, job), departures=departures
     )
 
 
@@ -307,7 +307,7 @@ def _departure(
     return Departure.of(judged, odds.corrected.reached)
 
 
-def _figures(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:
+def samples_json(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:
     """Return the odds for ``--json``; figures without a further name are with corrected headings."""
     corrected, held = odds.corrected, odds.held
     return {

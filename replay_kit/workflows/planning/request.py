@@ -74,14 +74,18 @@ def _check(request: PlanRequest) -> None:
         )
     # read once, so that what is wrong with them is said before anything is loaded
     _ = (
-        request.start_place,
-        request.goals,
+        *(
+            (request.glider_places, request.goals_of_gliders)
+            if request.glider
+            else (request.start_place, request.goals)
+        ),
         request.then_places,
         request.box_numbers,
         request.start_time_ns,
         request.arrive_by_s(request.start_time_ns or 0),
     )
     refusals = _learning_refusals(request) if request.learns else _mission_refusals(request)
+    refusals += _glider_refusals(request)
     if message := next((message for refused, message in refusals if refused), None):
         raise ConfigError(message)
     if request.risk is not None and not 0.0 <= request.risk < 1.0:
@@ -91,6 +95,7 @@ def _check(request: PlanRequest) -> None:
     for name in (
         "time_limit",
         "battery",
+        "separation",
         "horizon_s",
         "blind",
         "survey",
@@ -197,6 +202,32 @@ def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
         (
             horizon is not None and request.waypoints,
             "--horizon: expected no --waypoints; they lead to the goal",
+        ),
+    )
+
+
+def _glider_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
+    if not request.glider:
+        return ((request.separation is not None, "--separation: expected --glider beside it"),)
+    alone = ("start", "then", "depart", "horizon", "mooring", "line", "risk", "arrive_by", "policy")
+    given = [f"--{name.replace('_', '-')}" for name in alone if getattr(request, name)]
+    named = [name for name, _ in request.goals_of_gliders if name]
+    unknown = [name for name in named if name not in request.glider_places]
+    return (
+        (len(request.glider) < 2, "--glider: expected two gliders or more; one has --start"),
+        (given, f"{', '.join(given)}: expected no --glider beside; plan each glider alone"),
+        (request.waypoints, "--waypoints: expected no --glider beside; plan each glider alone"),
+        (
+            request.objective == "odds",
+            "--objective odds: expected no --glider beside; plan each glider alone",
+        ),
+        (
+            unknown or len(set(named)) < len(named),
+            f"--goal: expected one for a glider of --glider, got {', '.join(unknown or named)}",
+        ),
+        (
+            request.learns and request.separation is not None,
+            "--separation: expected missions, got --objective map, whose surveys are not kept apart",
         ),
     )
 

@@ -1,0 +1,240 @@
+"""``plan --glider``: missions of several vehicles that keep apart, or a box that they survey together; each is a plan of its own too."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from planners import mission_odds, with_odds
+from planners.learning.values import Box, LearnRequest
+from planners.together.assignment import assign, times_to_goals
+from planners.together.missions import Nearness, plan_missions
+from planners.together.surveys import plan_joint_survey
+from replay_kit.config.plan import PlanRequest
+from replay_kit.config.planner import PlannerConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.gaussian import share_interval
+from replay_kit.core.progress import announce
+from replay_kit.core.text import time_text
+from replay_kit.show.text import print_table
+from replay_kit.workflows.planning.adapters import (
+    MissionPlanner,
+    sample_count,
+    with_origin,
+    without_odds,
+)
+from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
+from replay_kit.workflows.planning.learning import (
+    Learnt,
+    learning_settings,
+    learnt_from,
+    profiles_of_others,
+)
+from replay_kit.workflows.planning.mission import PlannedMission, mission_planner, samples_json
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Together:
+    """Plans of several vehicles.
+
+    Attributes:
+        planned: Of each vehicle that has one, by its name: missions, or surveys of a box.
+        goals: Number of each vehicle's goal, by its name, counted from 1; None for a vehicle without one.
+        left: Numbers of the goals to which no vehicle goes.
+        nearness: Of each two missions, by the vehicles' names.
+        separation: Least distance asked for [m]; 0 for any.
+        count: Number of samples that the missions are flown in.
+        share_of_bound: Of a joint survey.
+    """
+
+    planned: Mapping[str, PlannedMission | Learnt]
+    goals: Mapping[str, int | None]
+    left: tuple[int, ...] = ()
+    nearness: tuple[tuple[str, str, Nearness], ...] = ()
+    separation: float = 0.0
+    count: int = 0
+    share_of_bound: float = float("nan")
+
+
+def make_together(job: PlanRequest, config: PlannerConfig) -> Together:
+    """Return the plans of the vehicles of ``--glider``.
+
+    Args:
+        job: What is asked for, checked.
+        config: ``[planner]`` with the command's options laid over it.
+
+    Raises:
+        PlanError: A place cannot be planned for.
+        ReplayKitError: A file cannot be read.
+    """
+    on = planned_on(job, config.flow_step)
+    return _surveys(job, config, on) if job.learns else _missions(job, config, on)
+
+
+def _surveys(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
+    numbers = job.box_numbers
+    assert numbers is not None, "a checked request for a map has a box"
+    west, south, east, north, *depths = numbers
+    bound, origin = replace(MissionPlanner.of(config), flown=on.flown).bound(on.known.first, ())
+    begin_ns, notes = on.known.begin(job.start_time_ns)
+    starts = job.glider_places
+    requests = [
+        LearnRequest(
+            place,
+            (),
+            bound.vehicle,
+            learning_settings(job, config, bound.settings),
+            on.no_go,
+            on.bathymetry,
+            begin_ns,
+            profiles_of_others(job.others),
+            job.profiles or 0,
+        )
+        for place in starts.values()
+    ]
+    announce("comparing surveys")
+    box = Box(west, south, east, north, tuple(depths))
+    joint = plan_joint_survey(on.known.first, requests, box)
+    notes += on.notes
+    planned = {
+        name: Learnt(learnt_from(replace(plan, notes=(*plan.notes, *notes)), origin), on)
+        for name, plan in zip(starts, joint.plans, strict=True)
+    }
+    return Together(planned, dict.fromkeys(starts), share_of_bound=joint.share_of_bound)
+
+
+def _missions(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
+    known, starts, named = on.known, job.glider_places, job.goals_of_gliders
+    goals = tuple(place for _, place in named)
+    bound, origin = mission_planner(job, config, on.flown).bound(known.first, goals)
+    bound = replace(bound, bathymetry=on.bathymetry)
+    begin_ns, notes = known.begin(job.start_time_ns)
+    seconds = max(bound.span(start, (goal,)) for start in starts.values() for goal in goals)
+    count = sample_count(known.first, config.samples)
+    flow, drawn = (
+        known.flow(begin_ns, seconds),
+        known.samples(begin_ns, seconds, count, config.seed),
+    )
+    announce("assigning goals")
+    asked = [bound.request(start, goals, begin_ns, on.no_go) for start in starts.values()]
+    times = _of_its_own(times_to_goals(flow, asked, goals), tuple(starts), [n for n, _ in named])
+    chosen = dict(zip(starts, assign(times), strict=True))
+    going = {name: goal for name, goal in chosen.items() if goal is not None}
+    if not going:
+        raise PlanError(
+            "no vehicle can reach a goal within the longest mission considered; plan each alone to see how near it comes"
+        )
+    requests = [
+        replace(asked[list(starts).index(name)], goals=(goals[goal],))
+        for name, goal in going.items()
+    ]
+    announce("planning the missions")
+    joint = plan_missions(flow, drawn, requests, job.separation or 0.0, job.accepted_risk)
+    planned = {}
+    for name, made, request in zip(going, joint.plans, joint.requests, strict=True):
+        made = with_origin(made, origin)
+        one = PlannedMission(made, on, None, None, None, (*notes, *on.notes), count)
+        if count == 0:
+            one = replace(one, plan=without_odds(made, known.first))
+        elif len(made.headings_deg):
+            odds = mission_odds(flow, drawn, made, request)
+            judged = with_odds(made, odds, job.arrive, job.accepted_risk)
+            one = replace(one, plan=judged, odds=odds, samples=samples_json(odds, job))
+        planned[name] = one
+    names = list(going)
+    nearness = tuple(
+        (names[one.vehicles[0]], names[one.vehicles[1]], one) for one in joint.nearness
+    )
+    return Together(
+        planned,
+        {name: None if goal is None else goal + 1 for name, goal in chosen.items()},
+        tuple(k + 1 for k in range(len(goals)) if k not in going.values()),
+        nearness,
+        job.separation or 0.0,
+        count,
+    )
+
+
+def _of_its_own(times: Array, vehicles: Sequence[str], goals_of: Sequence[str]) -> Array:
+    """Return times in which a goal that is a vehicle's own is out of reach of all others, and all others out of reach of that vehicle."""
+    allowed = np.ones(times.shape, dtype=bool)
+    for k, vehicle in enumerate(vehicles):
+        own = np.array([name == vehicle for name in goals_of])
+        allowed[k] = own if own.any() else np.array([not name for name in goals_of])
+    return np.where(allowed, times, np.inf)
+
+
+def separation_rows(made: Together) -> list[dict[str, Any]]:
+    """Return how near each two missions come, one row each, for people and ``--json``."""
+    return [
+        {
+            "vehicles": [first, second],
+            "least_distance_m": one.distance,
+            "time": time_text(one.time_ns),
+            "separation_m": made.separation or None,
+            "nearer_in_samples": None if np.isnan(one.share) else one.share,
+            "nearer_interval": None
+            if np.isnan(one.share)
+            else share_interval(one.share, made.count),
+            "kept": not one.distance < made.separation,
+        }
+        for first, second, one in made.nearness
+    ]
+
+
+def together_json(made: Together, each: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the plans for ``--json``.
+
+    Args:
+        made: The plans.
+        each: Of each vehicle its plan's own JSON.
+    """
+    share = made.share_of_bound
+    return {
+        "vehicles": dict(each),
+        "goals": dict(made.goals),
+        "goals_left": list(made.left),
+        "separation": separation_rows(made),
+        "share_of_bound": None if np.isnan(share) else share,
+    }
+
+
+def print_together(made: Together, console: Console) -> None:
+    """Print who goes where, what each two missions keep apart, and what is left out."""
+    missions = [
+        (name, one) for name, one in made.planned.items() if isinstance(one, PlannedMission)
+    ]
+    if missions:
+        columns = ("glider", "goal", "status", "hours", "arrives")
+        print_table(console, "Gliders", columns, [_cells(made, *one) for one in missions])
+    for name, goal in made.goals.items():
+        if missions and goal is None:
+            console.print(f"{name}: no goal is left for it, or none that it can reach")
+    for goal in made.left:
+        console.print(f"goal {goal}: no glider goes there")
+    for row in separation_rows(made):
+        console.print(_apart(row), soft_wrap=True)
+
+
+def _cells(made: Together, name: str, one: PlannedMission) -> tuple[str, ...]:
+    share = "-" if one.samples is None else f"{100.0 * one.samples['reached']:.0f} %"
+    hours = f"{one.plan.duration / 3600.0:.1f}"
+    return name, f"goal {made.goals[name]}", one.plan.status, hours, share
+
+
+def _apart(row: Mapping[str, Any]) -> str:
+    """Return how near two missions come, in words."""
+    first, second = row["vehicles"]
+    text = f"{first} and {second}: at least {row['least_distance_m'] / 1e3:.1f} km apart, at {row['time']}"
+    if row["separation_m"] is None:
+        return text
+    if row["nearer_in_samples"] is not None:
+        text += f"; nearer than {row['separation_m'] / 1e3:g} km in {100.0 * row['nearer_in_samples']:.0f} % of the samples"
+    if not row["kept"]:
+        text += (
+            f"; {row['separation_m'] / 1e3:g} km are not kept: no way round was found for either"
+        )
+    return text

@@ -1,0 +1,112 @@
+"""Who goes to which goal, and missions that keep apart, against all ways to assign and flights looked at densely."""
+
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from planners import MissionRequest, MissionSettings, plan_mission
+from planners.together.assignment import assign, times_to_goals
+from planners.together.missions import Motion, motion_of, nearest, plan_missions
+from tests.planners.flow_samples import place
+from tests.planners.learning.scenes import static
+
+SETTINGS = MissionSettings(depth=280.0, tolerance=400.0)
+
+
+def request(begin, end):
+    """A mission between two places [m]."""
+    flow = static()
+    return MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=SETTINGS)
+
+
+CROSSING = request((-15e3, 0.0), (15e3, 0.0)), request((0.0, -15e3), (0.0, 15e3))
+
+
+def total(times, chosen):
+    """How many goals are reached, negative, and the time in all."""
+    taken = [times[k, goal] for k, goal in enumerate(chosen) if goal is not None]
+    return -len(taken), sum(taken)
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (2, 4), (4, 2), (1, 1)])
+def test_as_many_goals_as_can_be_are_reached_in_the_least_total_time(shape):
+    rng = np.random.default_rng(shape[0])
+    for _ in range(20):
+        times = rng.uniform(1.0, 9.0, shape)
+        times[rng.random(shape) < 0.4] = np.inf
+        numbers = [*range(shape[1]), *[None] * shape[0]]
+        best = min(
+            total(
+                times,
+                [
+                    None if goal is None or np.isinf(times[k, goal]) else goal
+                    for k, goal in enumerate(one)
+                ],
+            )
+            for one in permutations(numbers, shape[0])
+        )
+        found = total(times, assign(times))
+        assert found[0] == best[0]
+        assert found[1] == pytest.approx(best[1])
+
+
+def test_a_front_is_at_a_goal_no_later_than_a_mission_and_never_at_one_behind_the_longest():
+    flow, goals = static(), tuple(one.goals[0] for one in CROSSING)
+    times = times_to_goals(flow, CROSSING, goals)
+    for k, one in enumerate(CROSSING):
+        assert times[k, k] <= 1.03 * plan_mission(flow, one).duration
+    short = [replace(one, settings=replace(SETTINGS, max_duration=3600.0)) for one in CROSSING]
+    assert np.isinf(times_to_goals(flow, short, goals)).all()
+
+
+def test_the_least_distance_of_two_motions_is_that_of_a_dense_look():
+    rng = np.random.default_rng(0)
+    motions = []
+    for n in (5, 9):
+        times = np.sort(rng.uniform(0.0, 10.0, n))
+        motions.append(Motion(times, rng.normal(size=(3, n)) + 1j * rng.normal(size=(3, n))))
+    distances, when = nearest(*motions)
+    dense = np.linspace(-1.0, 11.0, 200_001)
+    for k in range(3):
+        apart = np.abs(
+            np.subtract(*(np.interp(dense, one.times, one.places[k]) for one in motions))
+        )
+        assert distances[k] == pytest.approx(apart.min(), abs=1e-4)
+        at = [np.interp(when[k], one.times, one.places[k]) for one in motions]
+        assert abs(at[0] - at[1]) == pytest.approx(distances[k])
+
+
+def test_one_of_two_goes_round_and_what_is_stated_is_what_the_tracks_show():
+    flow = static()
+    free = plan_missions(flow, (), CROSSING)
+    assert [plan.status for plan in free.plans] == ["reached", "reached"]
+    separation = 1.3 * free.nearness[0].distance
+    apart = plan_missions(flow, (), CROSSING, separation)
+    assert apart.nearness[0].distance >= separation > free.nearness[0].distance
+    assert [plan.status for plan in apart.plans] == ["reached", "reached"]
+    assert sum(one.duration for one in apart.plans) >= sum(one.duration for one in free.plans) - 1.0
+    motions = [motion_of(plan, flow.grid.projection) for plan in apart.plans]
+    assert nearest(*motions)[0][0] == pytest.approx(apart.nearness[0].distance)
+
+
+def test_a_separation_that_starts_or_goals_break_is_told_and_the_missions_stay():
+    flow = static()
+    near = CROSSING[0], request((-15e3, 300.0), (15e3, 5e3))
+    made = plan_missions(flow, (), near, 2000.0)
+    assert made.nearness[0].distance <= 300.0 + 1e-3
+    assert all(plan.status == "reached" for plan in made.plans)
+
+
+def test_shares_of_samples_are_those_of_flights_together():
+    flow = static()
+    samples = flow.sample(8, 0)
+    distance = plan_missions(flow, (), CROSSING).nearness[0].distance
+    none, all_of_them = (
+        plan_missions(flow, samples, CROSSING, 0.0).nearness[0],
+        plan_missions(flow, samples, CROSSING, 1e6, allowed=1.0).nearness[0],
+    )
+    assert none.share == 0.0
+    assert all_of_them.share == 1.0
+    assert none.distance == pytest.approx(distance)
