@@ -51,12 +51,14 @@ class MeanAmplitude:
         variance: Its variance.
         profiles: Number of profiles that it was averaged with; None after the last.
         shares: Of each member's anomaly by which the prior's centre is moved (``centre.py``); empty before the first profile.
+        kernels: Probabilities of the kernels that it is moved by.
     """
 
     shift: float
     variance: float
     profiles: int | None = 0
     shares: tuple[float, ...] = ()
+    kernels: tuple[float, ...] = ()
 
     def is_due(self, profiles: int) -> bool:
         """Return whether the average is taken after so many profiles."""
@@ -83,7 +85,8 @@ class MeanAmplitude:
         # a mixture of two peaks may be wider than any of its Gaussians: its mean is kept, its variance is that of the widest
         own = 1.0 / np.clip(1.0 / spread - precision, 1.0 / VARIANCES[-1], 1.0 / _LEAST)
         shift = own * (mean * (1.0 / own + precision) - total)
-        return MeanAmplitude(float(shift), float(own), profiles if profiles < _COUNTS[-1] else None)
+        last = profiles if profiles < _COUNTS[-1] else None
+        return replace(self, shift=float(shift), variance=float(own), profiles=last)
 
     def moved(self, anomalies: Array) -> Array:
         """Return by how much the prior's centre is moved, shape (Z r,), of the members' anomalies, shape (E, Z, r)."""
@@ -96,9 +99,9 @@ class MeanAmplitude:
         return replace(self, profiles=None)
 
 
-def before_the_log() -> MeanAmplitude:
-    """Return the average over variances before any profile."""
-    return MeanAmplitude(0.0, float(WEIGHTS @ VARIANCES))
+def before_the_log(kernels: tuple[float, ...] = ()) -> MeanAmplitude:
+    """Return the average over variances before any profile, with the probabilities of the kernels that move the centre."""
+    return MeanAmplitude(0.0, float(WEIGHTS @ VARIANCES), kernels=kernels)
 
 
 def mixture(precision: float, total: float) -> tuple[float, float]:

@@ -6,12 +6,17 @@ weights, S and L the sample and the localised parts of their covariance s S + (1
     w ~ sum_h pi_h / E sum_i N(w0 + sqrt(1 - h) x_i, h s S + (1 - s) L),
 
 of which h = 1 is the prior itself. Given the profiles, component h i has the weight W_hi in proportion to pi_h times the t-th power of its
-likelihood, t = min(1, 10 / n) after n profiles, as the members are few and the profiles are many. The likelihood is averaged over the
+likelihood, t = min(1, 6 / n) after n profiles, as the members are few and the profiles are many. The likelihood is averaged over the
 variances of the ensemble mean's amplitude. The prior's centre moves by
 
     delta = sum_hi W_hi sqrt(1 - h) x_i,
 
 its covariance stays: a moved centre may be kept when many profiles have come, a smaller covariance may not.
+
+**The probabilities pi_h** are those under which members left out, of each of which ten columns are given, are most likely: expectation and
+maximisation, begun with the word of seven members, half of them like no other. Forecasts that are alike put them on narrow kernels, fields
+of a climatology on h = 1.
+With f_i the member's own copies in the factor of S, and E members, the others have the covariance (E - 1) / (E - 2) (S - f_i f_i').
 """
 
 import numpy as np
@@ -19,20 +24,26 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
+from replay_kit.estimator.prior.amplitude import VARIANCES, WEIGHTS, MeanAmplitude
+from replay_kit.estimator.prior.fit import Members, column_rows, spread_over
+from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
 
-#: Shares of the sample covariance that a component keeps; 1 is the prior.
+#: Shares h of the sample covariance that a component keeps; 1 is the prior.
 KERNELS = np.array([1.0, 0.9, 0.8, 0.6, 0.4, 0.25, 0.15])
-# Their probabilities: half of it is on the prior, as members that are like the truth are not to be expected.
-_SHARES = np.array([0.5, *[0.5 / 6] * 6])
 # Number of profiles whose likelihood counts in full.
-_FULL = 10.0
+_FULL = 6.0
+# Their weight before any member is left out [members]: half of it is on the prior, as a truth need not be like a member.
+_BEFORE = 7.0 * np.array([0.5, *[0.5 / 6] * 6])
+# Members left out at most, columns measured of each, and steps of expectation and maximisation.
+_LEFT_OUT, _COLUMNS, _STEPS = 24, 10, 50
+_SEED = 7
 
 
 def member_shares(
     rows: tuple[Array, Array, Array],
     total: Array,
     innovation: Array,
-    variances: tuple[Array, Array],
+    amplitude: MeanAmplitude,
     profiles: int,
 ) -> Array:
     """Return the share of each member's anomaly by which the centre moves, shape (E,).
@@ -41,34 +52,76 @@ def member_shares(
         rows: H of the members' anomalies, shape (K, E); of the factor of s S, shape (K, F); of the ensemble mean, shape (K,).
         total: shape (K, K), covariance of the innovations, the errors of rows of one included, without the mean's amplitude.
         innovation: shape (K,), about w0.
-        variances: Of the ensemble mean's amplitude, and their probabilities, shape (k,) each.
+        amplitude: Has the kernels' probabilities; all are equal where it has none.
         profiles: Their number n.
     """
+    probability = np.array(amplitude.kernels or (1.0,) * KERNELS.size)
+    power = min(1.0, _FULL / profiles)
+    log_weights = np.log(probability)[:, None] + power * _of_components(rows, total, innovation)
+    return np.asarray(np.sqrt(1.0 - KERNELS) @ np.exp(log_weights - logsumexp(log_weights)))
+
+
+def fitted_kernels(members: Members, settings: PriorSettings) -> tuple[float, ...]:
+    """Return the probabilities of the kernels, fitted to members left out; none with fewer than four.
+
+    Args:
+        members: All of the ensemble; the leading modes are used.
+        settings: Of the prior.
+    """
+    few = members.leading()
+    n_members = len(few.weights)
+    if n_members < 4:
+        return ()
+    mean = few.weights.mean(axis=0)
+    prior = hybrid_prior(few.weights, few.velocity_modes, few.nodes, settings)
+    likelihoods = []
+    for member in spread_over(n_members, _LEFT_OUT):
+        rng = np.random.default_rng([_SEED, member])
+        rows = column_rows(few, _COLUMNS, rng)
+        of_members, factor, of_mean = (
+            (weights @ rows.T).reshape(len(weights), -1).T
+            for weights in (few.weights - mean, prior.factor, mean[None])
+        )
+        kept = np.sqrt((n_members - 1.0) / (n_members - 2.0)) * np.delete(
+            factor, np.s_[member::n_members], axis=1
+        )
+        localised = prior.matvec_modes(rows) @ rows.T
+        total = localised.reshape(len(factor), -1) - factor @ factor.T + kept @ kept.T
+        total[np.diag_indices_from(total)] += 1.0
+        truth = of_members[:, member] * n_members / (n_members - 1.0)
+        others = np.delete(of_members, member, axis=1) + truth[:, None] / n_members
+        found = _of_components(
+            (others, kept, of_mean[:, 0]), total, truth + rng.standard_normal(truth.size)
+        )
+        likelihoods.append(logsumexp(found, axis=1) - np.log(n_members - 1.0))
+    probability = _BEFORE / _BEFORE.sum()
+    for _ in range(_STEPS):
+        log_joint = np.log(probability) + likelihoods
+        of_member = np.exp(log_joint - logsumexp(log_joint, axis=1, keepdims=True))
+        probability = (of_member.sum(axis=0) + _BEFORE) / (len(likelihoods) + _BEFORE.sum())
+    return tuple(probability.tolist())
+
+
+def _of_components(rows: tuple[Array, Array, Array], total: Array, innovation: Array) -> Array:
+    """Return the logarithm of the likelihood of each component, shape (7, E); arguments as of ``member_shares``."""
     members, factor, mean = rows
-    sample = factor @ factor.T
-    log_weights = np.empty((KERNELS.size, members.shape[1]))
-    for k, kernel in enumerate(KERNELS):
+    sample, found = factor @ factor.T, []
+    together = np.column_stack([innovation, mean, members])
+    for kernel in KERNELS:
         lower = np.linalg.cholesky(total - (1.0 - kernel) * sample)
-        together = np.column_stack([innovation, mean, members])
         whitened = solve_triangular(lower, together, lower=True, check_finite=False)
         off = whitened[:, :1] - np.sqrt(1.0 - kernel) * whitened[:, 2:]
-        log_weights[k] = np.log(_SHARES[k]) + min(1.0, _FULL / profiles) * _log_likelihood(
-            off, whitened[:, 1], np.log(np.diag(lower)).sum(), variances
-        )
-    shares = np.exp(log_weights - logsumexp(log_weights))
-    return np.asarray(np.sqrt(1.0 - KERNELS) @ shares)
+        found.append(_log_likelihood(off, whitened[:, 1], np.log(np.diag(lower)).sum()))
+    return np.array(found)
 
 
-def _log_likelihood(
-    off: Array, mean: Array, half_log_determinant: float, variances: tuple[Array, Array]
-) -> Array:
+def _log_likelihood(off: Array, mean: Array, half_log_determinant: float) -> Array:
     """Return the logarithm of the likelihood of whitened innovations, shape (K, E), averaged over variances of the mean's amplitude."""
-    variance, probability = variances
     information, score = float(mean @ mean), mean @ off
-    spread = variance / (1.0 + variance * information)
+    spread = VARIANCES / (1.0 + VARIANCES * information)
     averaged = logsumexp(
-        0.5 * spread[:, None] * score**2 - 0.5 * np.log1p(variance * information)[:, None],
-        b=probability[:, None],
+        0.5 * spread[:, None] * score**2 - 0.5 * np.log1p(VARIANCES * information)[:, None],
+        b=WEIGHTS[:, None],
         axis=0,
     )
     return np.asarray(averaged - 0.5 * np.sum(off**2, axis=0) - half_log_determinant)

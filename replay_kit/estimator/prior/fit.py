@@ -121,7 +121,7 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
     start = PriorSettings(_SHARE_OF_FEW, shift, radius)
     if members.weights.shape[0] < 4:
         return start
-    few, left_out = members.leading(), _spread_over(members.weights.shape[0], _LEFT_OUT)
+    few, left_out = members.leading(), spread_over(members.weights.shape[0], _LEFT_OUT)
     fitted, some = config.shift_distance is None, left_out[::2]
     advance = counted("fitting the prior", len(left_out) + (len(some) if fitted else 0))
     scores = _scores(few, start, SHARES, left_out, advance)[:, 0]
@@ -201,7 +201,7 @@ def score_sample_shares(
     if n_members < 4:
         return []
     log_score, coverage = _scores(
-        members.leading(), settings, shares, _spread_over(n_members, left_out), advance
+        members.leading(), settings, shares, spread_over(n_members, left_out), advance
     ).mean(axis=0)
     return [
         FitRow(replace(settings, sample_share=share), float(s), float(c))
@@ -268,19 +268,15 @@ def left_out_amplitude(members: Members, settings: PriorSettings) -> float:
         settings: Of the prior.
     """
     few = members.leading()
-    n_members, n_nodes = few.weights.shape[0], few.nodes.shape[0]
+    n_members = few.weights.shape[0]
     if n_members < 4:
         return 1.0
     logs = []
-    for member in _spread_over(n_members, _LEFT_OUT):
+    for member in spread_over(n_members, _LEFT_OUT):
         others = np.delete(few.weights, member, axis=0)
         prior = hybrid_prior(others, few.velocity_modes, few.nodes, settings)
         rng = np.random.default_rng([_SEED, member])
-        at = rng.integers(n_nodes, size=_AMPLITUDE_COLUMNS)
-        rows = (
-            np.concatenate([few.velocity_modes[at], few.velocity_modes[at + n_nodes]])
-            / _LEVEL_ERROR_STD
-        )
+        rows = column_rows(few, _AMPLITUDE_COLUMNS, rng)
         truth = (few.weights[member] - others.mean(axis=0)) @ rows.T
         cross = prior.matvec_modes(rows) @ rows.T  # (Z, c, Z, c)
         logs.append(
@@ -294,7 +290,7 @@ def left_out_amplitude(members: Members, settings: PriorSettings) -> float:
     return float(np.exp(np.mean(logs)))
 
 
-def _spread_over(n_members: int, count: int) -> list[int]:
+def spread_over(n_members: int, count: int) -> list[int]:
     """Return the positions of so many members, evenly spread over the ensemble."""
     return [
         int(member)
@@ -302,6 +298,14 @@ def _spread_over(n_members: int, count: int) -> list[int]:
             np.linspace(0, n_members - 1, min(count, n_members)).astype(np.int64)
         )
     ]
+
+
+def column_rows(members: Members, n_columns: int, rng: np.random.Generator) -> Array:
+    """Return the rows of columns at random nodes in the weights of each level, over the error of a value, shape (2 n, r)."""
+    n_nodes = members.nodes.shape[0]
+    at = rng.integers(n_nodes, size=n_columns)
+    both = np.concatenate([members.velocity_modes[at], members.velocity_modes[at + n_nodes]])
+    return np.asarray(both / _LEVEL_ERROR_STD)
 
 
 def measure_columns(
@@ -315,12 +319,7 @@ def measure_columns(
         n_columns: Number of columns, one value of 5 cm/s error a level and component.
         rng: Draws the places, then the noise.
     """
-    n_nodes = members.nodes.shape[0]
-    at = rng.integers(n_nodes, size=n_columns)
-    rows = (
-        np.concatenate([members.velocity_modes[at], members.velocity_modes[at + n_nodes]])
-        / _LEVEL_ERROR_STD
-    )
+    rows = column_rows(members, n_columns, rng)
     measured = truth @ rows.T + rng.standard_normal((truth.shape[0], rows.shape[0]))
     return np.asarray(np.linalg.qr(rows, mode="r")), measured @ rows
 

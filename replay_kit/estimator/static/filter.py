@@ -24,6 +24,7 @@ from replay_kit.estimator.prior.amplitude import (
     before_the_log,
     scaled_prior,
 )
+from replay_kit.estimator.prior.centre import fitted_kernels
 from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, members_in_basis
 from replay_kit.estimator.prior.hybrid import (
     HybridPrior,
@@ -327,7 +328,7 @@ def build_estimator(
     if basis.mean_weights is not None:
         # one of both is fitted to the log
         amplitude = (
-            before_the_log()
+            before_the_log(fitted_kernels(members, settings))
             if config.mean_variance is None
             and spread is None
             and not isinstance(config.spread, float)

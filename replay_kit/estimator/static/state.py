@@ -24,8 +24,6 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.amplitude import (
-    VARIANCES,
-    WEIGHTS,
     AmplitudePrior,
     MeanAmplitude,
     fit_amplitude,
@@ -209,7 +207,7 @@ def _about_members(
     rows = of_members, posterior.rows_of(base.factor[:-1]), mean_rows
     total = lower @ lower.T - amplitude.variance * np.outer(mean_rows, mean_rows)
     from_start = innovation[:, 0] + about + amplitude.shift * mean_rows
-    shares = member_shares(rows, total, from_start, (VARIANCES, WEIGHTS), posterior.n)
+    shares = member_shares(rows, total, from_start, amplitude, posterior.n)
     innovation[:, 0] += about - of_members @ shares
     forward = solve_triangular(lower, innovation, lower=True, check_finite=False)
     factor = posterior.factor.refactored(posterior.n, lower, forward)

@@ -44,6 +44,7 @@ def test_it_is_the_mixture_of_dense_gaussians(count):
         count,
         VARIANCES,
         WEIGHTS,
+        ESTIMATOR.mean_amplitude.kernels,
     )
     found = state.posterior.prior.moved
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
