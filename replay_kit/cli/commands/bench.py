@@ -147,7 +147,7 @@ def bench(
     job.check()
     notes = list[str]()
     missions, estimator = _dives(data, known, config, notes) if job.dives else ((), None)
-    members, truth, series = _simulated(known, config, job)
+    members, truth, series = _simulated(known, config, job, notes)
     run_study(
         page.report_of,
         lambda advance: run_bench(
@@ -246,10 +246,17 @@ def _dives(
 
 
 def _simulated(
-    known: Known, config: "RunConfig", job: "BenchJob"
+    known: Known, config: "RunConfig", job: "BenchJob", notes: list[str]
 ) -> "tuple[Members | None, Members | None, Sequence[Members]]":
-    """Return ensemble and truth of surveys and plans, and the forecast at its times of simulated missions, as far as they are needed."""
+    """Return ensemble and truth of surveys and plans, and the forecast at its times of simulated missions, as far as they are needed.
+
+    What is probably wrong with the ensemble, such as copies among its members, is added to the notes.
+    """
     from replay_kit.forecast import read_series
+    from replay_kit.forecast.members import WARNING
 
     members, truth = known.read(config.forecast) if job.surveys or job.plans else (None, None)
-    return members, truth, read_series(known.ensemble, config.forecast) if job.faults else ()
+    series = read_series(known.ensemble, config.forecast) if job.faults else ()
+    of_all = (note for one in (members, *series[:1]) if one is not None for note in one.notes)
+    notes += dict.fromkeys(note for note in of_all if note.startswith(WARNING))
+    return members, truth, series
