@@ -184,25 +184,6 @@ def met_text(met: bool | None) -> str:
     return {None: "", True: "met", False: "NOT MET"}[met]
 
 
-def criteria_table(title: str, criteria: Sequence[Criterion]) -> Table:
-    """Return figures beside their limits as a table."""
-    rows = tuple(
-        (
-            one.what,
-            one.value,
-            limits_text(one.at_least, one.at_most),
-            met_text(one.met),
-        )
-        for one in criteria
-    )
-    return Table(
-        "criteria",
-        title,
-        ("figure", "value", "required", ""),
-        rows,
-    )
-
-
 def write_files(out: Path, contents: Mapping[str, str | bytes]) -> None:
     """Write files by name into a folder that exists, each whole or not at all; existing ones are replaced."""
     for name, content in contents.items():
