@@ -236,6 +236,18 @@ def _judged(
     return JointMissions(plans, requests, tuple(found))
 
 
+def share_of_nearer(
+    flow: Flow,
+    samples: Sequence[Sample],
+    joint: JointMissions,
+    vehicles: tuple[int, int],
+    separation: float,
+) -> float:
+    """Return the share of samples in which two of the missions come nearer than a separation [m]."""
+    one, other = (_flown(flow, samples, joint.plans[k], joint.requests[k]) for k in vehicles)
+    return float(np.mean(nearest(one, other)[0] < separation))
+
+
 def _flown(
     flow: Flow, samples: Sequence[Sample], plan: MissionPlan, request: MissionRequest
 ) -> Motion:

@@ -19,6 +19,7 @@ from scipy.linalg import solve_triangular
 from planners.learning.loops import Survey
 from planners.learning.mapping import Mapping, refined
 from planners.learning.maps import (
+    Flown,
     best_mower,
     check_uncertain,
     choose_map,
@@ -52,6 +53,7 @@ class JointSurvey:
         after: With them.
         candidates: What was compared: no profiles, lawn-mowers, each for itself, this plan.
         share_of_bound: Variance that the plan removes, as a share of a bound of what any plan could.
+        flown: What each vehicle maps and flies in each of the candidates but the first, by their names.
     """
 
     plans: tuple[LearnPlan, ...]
@@ -59,6 +61,7 @@ class JointSurvey:
     after: float
     candidates: tuple[Candidate, ...]
     share_of_bound: float
+    flown: dict[str, tuple[Flown, ...]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +96,7 @@ class _Surveys:
         return replace(self, surveys=(*self.surveys[:k], survey, *self.surveys[k + 1 :]))
 
     @property
-    def flown(self) -> tuple[tuple[Mapping, Survey], ...]:
+    def flown(self) -> tuple[Flown, ...]:
         """Each vehicle's map and survey."""
         return tuple(zip(self.mappings, self.surveys, strict=True))
 
@@ -162,16 +165,11 @@ def _answer(
     joint: _Surveys,
 ) -> JointSurvey:
     """Return the plans of all vehicles with what they were compared with."""
-    first = joint.mappings[0]
-    before, after = first.before(), joint.error()
-    candidates, more = compared(
-        joint.scenes[0],
-        {
-            "no profiles": (before, ()),
-            **{name: (_error_of(one), one.flown) for name, one in others.items()},
-            "this plan": (after, joint.flown),
-        },
-    )
+    before, after = joint.mappings[0].before(), joint.error()
+    flown = {name: one.flown for name, one in {**others, "this plan": joint}.items()}
+    predicted = {name: (_error_of(one), flown[name]) for name, one in others.items()}
+    predicted |= {"this plan": (after, joint.flown)}
+    candidates, more = compared(joint.scenes[0], {"no profiles": (before, ()), **predicted})
     share = share_of_bound(joint.mappings, joint.surveys)
     count = sum(request.profiles for request in requests)
     words = f"{error_words(count, before, after)}; " + ", ".join(
@@ -186,7 +184,7 @@ def _answer(
             zip(joint.scenes, joint.surveys, requests, strict=True)
         )
     )
-    return JointSurvey(plans, before, after, candidates, share)
+    return JointSurvey(plans, before, after, candidates, share, flown)
 
 
 def _error_of(surveys: _Surveys) -> float:

@@ -26,6 +26,7 @@ from tests.benchmarks import (
     safety,
     size,
     start,
+    together,
     windows,
 )
 from tests.benchmarks.measure import environment, limits
@@ -47,6 +48,7 @@ BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "safety": safety.rows,
     "size": size.rows,
     "start": start.rows,
+    "together": together.rows,
     "windows": windows.rows,
 }
 

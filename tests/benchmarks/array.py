@@ -27,7 +27,7 @@ from tests.arrays import write_array
 from tests.benchmarks.measure import Row, alone, row
 from tests.places import DATA, SAMPLES
 
-_SEAS = {
+SEAS = {
     "sample": SAMPLES / "ensemble.nc",
     "quasi-geostrophic": DATA / "qg" / "forecast.nc",
     "North Atlantic": DATA / "natl_nemo" / "ensemble.nc",
@@ -41,7 +41,7 @@ _VEHICLES, _DAYS = 50, 30
 
 def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
-    seas = {name: path for name, path in _SEAS.items() if path.exists()}
+    seas = {name: path for name, path in SEAS.items() if path.exists()}
     if tiny:
         small = synthetic.ensemble(n_members=6, shape=(8, 9))
         return [_row("synthetic", small, True, 2, 1, 6, 40)]

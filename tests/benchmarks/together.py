@@ -1,0 +1,178 @@
+"""Several gliders planned together: joint surveys beside each for itself, and how truly the share of samples that come near is stated.
+
+``python -m tests.benchmarks together`` leaves members out in turn: surveys are flown in the member as the truth, and in samples.
+"""
+
+import time
+
+import numpy as np
+
+from planners import MissionRequest, MissionSettings
+from planners.learning.closed_loop import Sea, drawn_sea
+from planners.learning.current import currents_of
+from planners.learning.maps import realised
+from planners.learning.values import Box, LearnRequest, LearnSettings
+from planners.together.missions import plan_missions, share_of_nearer
+from planners.together.surveys import JointSurvey, plan_joint_survey
+from replay_kit.config.run import EstimatorConfig, ForecastConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator import build_estimator
+from replay_kit.estimator.basis.modes import embed_member
+from replay_kit.forecast import read_ensemble
+from replay_kit.studies.bench.plans import as_sample
+from replay_kit.studies.twins.truths import leave_out
+from tests import synthetic
+from tests.benchmarks.array import SEAS
+from tests.benchmarks.measure import Row, row
+from tests.planners.flow_samples import place
+
+_GLIDERS, _PROFILES, _DEPTH, _DRAWN = 3, 6, 280.0, 100
+_TWINS, _PAIRS, _SAMPLES, _NEAR = 24, 200, 40, 3000.0
+_NAMES = "this plan", "each for itself", "lawn-mowers"
+
+
+def rows(tiny: bool) -> list[Row]:
+    """Return what was measured."""
+    if tiny:
+        small = synthetic.ensemble(n_members=6, shape=(9, 11))
+        return [_surveys("synthetic", small, 1, 12, 2), _pairs("synthetic", small, 1, 12)]
+    seas = {
+        name: read_ensemble(path, ForecastConfig()) for name, path in SEAS.items() if path.exists()
+    }
+    found = [_surveys(name, sea, _TWINS, 60, _PROFILES) for name, sea in seas.items()]
+    return [*found, *(_pairs(name, sea, _PAIRS // len(seas), 60) for name, sea in seas.items())]
+
+
+def _twin(sea: Ensemble, number: int, modes: int) -> tuple[FlowEstimate, FlowEstimate]:
+    """Return the estimate without a member, before any measurement, and the member on its nodes."""
+    case = leave_out(sea, number % sea.n_members)
+    config = EstimatorConfig(modes=modes, representation_error_std=0.0)
+    estimator = build_estimator(case.ensemble, config)
+    flow = estimator.flow(estimator.initial())
+    return flow, as_sample(flow, embed_member(case.truth, 0, config))
+
+
+def _drawn(flow: FlowEstimate, rng: np.random.Generator, count: int, share: float) -> Array:
+    """Return places in the middle of a region, shape (count, 2) [m]: of such a share of its sides."""
+    axes = [
+        (float(np.mean([axis.min(), axis.max()])), float(np.ptp(axis)))
+        for axis in (flow.grid.east, flow.grid.north)
+    ]
+    return np.column_stack(
+        [rng.uniform(m - share * w / 2, m + share * w / 2, count) for m, w in axes]
+    )
+
+
+def _surveys(name: str, sea: Ensemble, count: int, modes: int, profiles: int) -> Row:
+    """Return the errors of joint surveys over those of each glider for itself: expected, in samples, in the truth."""
+    rng, found, spent = np.random.default_rng(0), [], 0.0
+    settings = LearnSettings(depth=_DEPTH, dives=3, samples=_DRAWN)
+    number = 0
+    while len(found) < count:
+        flow, truth = _twin(sea, number, modes)
+        number += 1
+        half = 0.25 * min(np.ptp(flow.grid.east), np.ptp(flow.grid.north), 160e3)
+        middle = _drawn(flow, rng, 1, 0.3)[0]
+        west, south = to_geographic(flow.grid.projection, *(middle - half))
+        east, north = to_geographic(flow.grid.projection, *(middle + half))
+        starts = middle + rng.uniform(-half, half, (_GLIDERS, 2))
+        asked = [
+            LearnRequest(place(flow, *one, 0.0), (), settings=settings, profiles=profiles)
+            for one in starts
+        ]
+        begin = time.process_time()
+        try:
+            joint = plan_joint_survey(
+                flow, asked, Box(float(west), float(south), float(east), float(north))
+            )
+        except PlanError:
+            # on land, or beside the edge of the region
+            assert number < 10 * count, "no scene of the sea can be surveyed"
+            continue
+        spent += time.process_time() - begin
+        found.append(_errors(joint, truth))
+    ratios = {
+        f"{kind} over {peer}": table[:, 0] / table[:, k]
+        for kind, table in zip(
+            ("expected", "samples", "truth"), np.array(found).transpose(1, 0, 2), strict=True
+        )
+        for k, peer in enumerate(_NAMES[1:], 1)
+    }
+    error = {text: float(np.exp(np.mean(np.log(values)))) for text, values in ratios.items()}
+    spread = {
+        f"{text} +-": 1.645 * float(np.std(np.log(values), ddof=min(1, count - 1)) / np.sqrt(count))
+        for text, values in ratios.items()
+    }
+    return row(
+        f"{name}: {_GLIDERS} gliders together, {count} twins: .9 of each for itself",
+        spent / count,
+        "each for itself",
+        error={**error, **spread},
+    )
+
+
+def _errors(joint: JointSurvey, truth: FlowEstimate) -> Array:
+    """Return the errors [m/s] expected, in samples and in the truth, shape (3, names)."""
+    by_name = {one.name: one for one in joint.candidates}
+    mapping, _ = joint.flown["this plan"][0]
+    known = mapping.known
+    drawn = drawn_sea(known, np.zeros(1), 2, 0)
+    own = currents_of(known.flow, [(truth.latent @ known.weights[0])[None]], np.zeros(1))
+    sea = Sea(known, drawn.times, drawn.mean, own)
+    count = sum(survey.times.size for _, survey in joint.flown["this plan"])
+    noise = np.random.default_rng(0).standard_normal((1, count, 2))
+    return np.array(
+        [
+            [by_name[name].predicted if name in by_name else np.nan for name in _NAMES],
+            [by_name[name].found if name in by_name else np.nan for name in _NAMES],
+            [float(realised(sea, joint.flown[name], noise)[0]) for name in _NAMES],
+        ]
+    )
+
+
+def _pairs(name: str, sea: Ensemble, count: int, modes: int) -> Row:
+    """Return the share of samples in which two missions come near, as stated and in fresh samples."""
+    rng, stated, fresh, moved, spent = np.random.default_rng(1), [], [], 0, 0.0
+    number = 0
+    while len(stated) < count:
+        flow, _ = _twin(sea, number, modes)
+        number += 1
+        assert number < 10 * count, "no pair of missions of the sea can be planned"
+        middle, turn = _drawn(flow, rng, 1, 0.3)[0], rng.uniform(0.0, 2.0 * np.pi, 2)
+        half = 12e3 * np.column_stack([np.cos(turn), np.sin(turn)])
+        settings = MissionSettings(depth=_DEPTH, tolerance=500.0)
+        asked = [
+            MissionRequest(
+                place(flow, *(middle - way), 0.0),
+                (place(flow, *(middle + way), 0.0),),
+                settings=settings,
+            )
+            for way in half
+        ]
+        samples = [flow.sample(_SAMPLES, seed) for seed in (0, 1)]
+        begin = time.process_time()
+        try:
+            joint = plan_missions(flow, samples[0], asked, _NEAR)
+        except PlanError:
+            continue
+        spent += time.process_time() - begin
+        stated.append(joint.nearness[0].share)
+        fresh.append(share_of_nearer(flow, samples[1], joint, (0, 1), _NEAR))
+        moved += any(len(one.no_go) for one in joint.requests)
+    off = np.array(stated) - np.array(fresh)
+    return row(
+        f"{name}: {count} pairs of missions kept {_NEAR / 1e3:g} km apart",
+        spent / count,
+        "fresh samples",
+        error={
+            "stated": float(np.mean(stated)),
+            "fresh": float(np.mean(fresh)),
+            "off": float(off.mean()),
+            "off +-": 1.645 * float(off.std() / np.sqrt(count)),
+            "gone_round": moved / count,
+        },
+    )
