@@ -85,7 +85,7 @@ class Etkf(ProfileBaseline[TransformState]):
         self, state: TransformState, bins: ProfileBins
     ) -> tuple[TransformState, Predictions]:
         """Return the state after a profile, and the predictions of its bins."""
-        rows = self.reduced.rows(bins.observation, bins.screened.used)
+        rows = self.reduced.rows(bins.observation, bins.used)
         design = rows.design()
         of_member, prior = design @ self.anomalies.T, design @ self.reduced.prior.mean
         before = prior + of_member @ state.mean
@@ -107,7 +107,7 @@ class Etkf(ProfileBaseline[TransformState]):
 
     def predict_bins(self, state: TransformState, bins: ProfileBins) -> Array:
         """Return the velocity predicted at the bins, shape (n, 2) [m/s], local axes."""
-        rows = self.reduced.rows(bins.observation, bins.screened.used)
+        rows = self.reduced.rows(bins.observation, bins.used)
         return bins.values - rows.misfit(rows.design() @ self._weights(state))
 
     def _weights(self, state: TransformState) -> Array:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
@@ -11,11 +12,11 @@ from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.gaussian import normalised_square
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Innovation, LinearMeasurement, Measurement
+from replay_kit.core.observation import Innovation, LinearMeasurement, Measurement, usable
 from replay_kit.estimator.baselines.columns import HATS, FlowColumns
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.update.rows import places_of
-from replay_kit.estimator.update.screening import Screened, local_values, screen_measurement
+from replay_kit.estimator.update.screening import ScreenedGroup, local_values, screen_group
 
 State = TypeVar("State")
 
@@ -33,14 +34,25 @@ class ProfileBins:
     """
 
     observation: LinearMeasurement
-    screened: Screened
+    screened: ScreenedGroup
     place: Array
     depth_weights: Array
     values: Array
 
+    @property
+    def used(self) -> NDArray[np.intp]:
+        """Their positions among all bins, shape (n,)."""
+        return np.flatnonzero(usable(self.screened.flags[0]))
+
+    def scatter(self, values: Array) -> Array:
+        """Return values of the usable bins, shape (n, 2), at their positions among all bins; NaN for the others."""
+        out = np.full((self.screened.flags.shape[1], 2), np.nan)
+        out[self.used] = values
+        return out
+
     def error_std(self, config: EstimatorConfig | None = None) -> Array:
         """Return the error of each bin, shape (n,) [m/s]: its own, the common one and the representation error; or the paper's."""
-        used = self.screened.used
+        used = self.used
         if config is not None and config.preset == "paper":
             return np.full(used.size, config.paper_error_std)
         representation = 0.0 if config is None else config.representation_error_std or 0.0
@@ -93,21 +105,21 @@ class ProfileBaseline(Estimator[State], Protocol[State]):
             EstimatorError: The observation is a mean along a path.
         """
         bins = profile_bins(observation, self.grid)
-        if bins.screened.used.size == 0:
-            return state, bins.screened.unused
+        if bins.used.size == 0:
+            return state, bins.screened.unused(0)
         after, predictions = self.assimilate(state, bins)
         return after, innovation_of(bins, predictions)
 
     def innovation(self, state: State, observation: Measurement) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
         bins = profile_bins(observation, self.grid)
-        return bins.screened.scatter(
-            bins.values - self.predict_bins(state, bins) if bins.screened.used.size else bins.values
+        return bins.scatter(
+            bins.values - self.predict_bins(state, bins) if bins.used.size else bins.values
         )
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether a profile has a bin that ``step`` would use."""
-        return profile_bins(observation, self.grid).screened.used.size > 0
+        return profile_bins(observation, self.grid).used.size > 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,10 +162,11 @@ def profile_bins(observation: Measurement, grid: Grid) -> ProfileBins:
             "a baseline assimilates profiles only, but got a mean along a path or a single component; "
             "filter observations by Estimator.supports_path_means"
         )
-    screened = screen_measurement(linear, grid, relative=False)
+    screened = screen_group((linear,), None, grid, relative=False)
+    used = np.flatnonzero(usable(screened.flags[0]))
     (place,) = places_of(linear, grid.projection)
-    weights = depth_weights(HATS, linear.depth[screened.used], grid.levels)
-    local, _ = local_values(linear, screened.used, grid.projection)
+    weights = depth_weights(HATS, linear.depth[used], grid.levels)
+    local, _ = local_values(linear, used, grid.projection)
     return ProfileBins(linear, screened, place, weights, local)
 
 
@@ -172,15 +185,15 @@ def fit_of(innovation: Array, std: Array, cov: Array) -> tuple[Array, float, flo
 
 def innovation_of(bins: ProfileBins, predictions: Predictions) -> Innovation:
     """Return the innovation of a profile with at least one usable bin."""
-    scatter = bins.screened.scatter
+    scatter = bins.scatter
     return replace(
-        bins.screened.unused,
+        bins.screened.unused(0),
         innovation=scatter(bins.values - predictions.before),
         innovation_std=scatter(predictions.innovation_std),
         residual=scatter(bins.values - predictions.after),
         prior_innovation=scatter(bins.values - predictions.prior),
         nis=predictions.nis,
-        dof=2 * bins.screened.used.size,
+        dof=2 * bins.used.size,
         accepted=True,
         log_likelihood=predictions.log_likelihood,
     )

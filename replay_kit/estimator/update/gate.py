@@ -43,47 +43,16 @@ _LEAST_PROFILES, _OUTLIER_SHARE = 5, 0.34
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GateResult:
-    """The gate's decision on a profile.
-
-    Attributes:
-        decision: ``accepted``, ``softened`` or ``rejected``.
-        statistic: Normalised innovation squared of the compressed rows, with the errors as adapted.
-        dof: Number of compressed rows.
-        threshold: Chi-square threshold of the statistic; inf without a gate.
-        exceeds_gate: Whether the profile exceeds the gate, in the sum or in one direction.
-        inflation: Factor, at least 1, on the profile's error variance.
-        variance: shape (m,), eigenvalues of the rows' predicted covariance.
-    """
-
-    decision: Decision
-    statistic: float
-    dof: int
-    threshold: float
-    exceeds_gate: bool
-    inflation: float
-    variance: Array
-
-    def signal_dof(self, inflation: float) -> float:
-        """Return the degrees of freedom for signal, the trace of the update's influence matrix (Cardinali et al. 2004).
-
-        Args:
-            inflation: Factor on the error variance in the update.
-        """
-        return float(np.sum(self.variance / (self.variance + inflation)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Gates:
     """The gate's decisions on n profiles of m compressed rows, the last of which may be empty.
 
     Attributes:
         decision: shape (n,), position in ``DECISIONS``.
-        statistic: shape (n,); this and the next ones as in ``GateResult``.
-        threshold: shape (n,).
-        exceeds: shape (n,).
-        inflation: shape (n,).
-        dof: shape (n,).
+        statistic: shape (n,), normalised innovation squared of the compressed rows, with the errors as adapted.
+        threshold: shape (n,), chi-square threshold of the statistic; inf without a gate.
+        exceeds: shape (n,), whether the profile exceeds the gate, in the sum or in one direction.
+        inflation: shape (n,), factor, at least 1, on the profile's error variance.
+        dof: shape (n,), number of compressed rows.
         variance: shape (n, m), eigenvalues of the rows' predicted covariance; 0 of empty rows.
         vectors: shape (n or 1, m, m), eigenvectors.
         along: shape (n, m), innovations along these.
@@ -108,18 +77,6 @@ class Gates:
     def nis(self) -> Array:
         """Normalised innovation squared of the rows, with the stated errors, shape (n,)."""
         return np.asarray(np.sum(self.along**2 / (self.variance + 1.0), axis=1))
-
-    def result(self, i: int) -> GateResult:
-        """Return the result of one profile."""
-        return GateResult(
-            DECISIONS[self.decision[i]],
-            float(self.statistic[i]),
-            int(self.dof[i]),
-            float(self.threshold[i]),
-            bool(self.exceeds[i]),
-            float(self.inflation[i]),
-            self.variance[i],
-        )
 
     @staticmethod
     def joined(parts: "Sequence[Gates]") -> "Gates":
@@ -241,9 +198,11 @@ class ConsistencyMonitor:
         )
 
     def updated(
-        self, result: GateResult, config: GatingConfig | None
+        self, gates: Gates, config: GatingConfig | None
     ) -> "tuple[ConsistencyMonitor, float]":
-        """Return the monitor after a profile, and the factor by which to inflate the estimate's covariance, usually 1.
+        """Return the monitor after profiles, and the factor by which to inflate the estimate's covariance, usually 1.
+
+        The first alone counts, as the others share the estimate's error.
 
         When half of the latest profiles lie beyond what one in forty should, the covariance grows by the median of their normalised
         innovations, and the monitor starts again. Contradictory data, as from two instruments that disagree, would inflate it for ever:
@@ -251,9 +210,8 @@ class ConsistencyMonitor:
         """
         if config is None:
             return self, 1.0
-        latest = (*self.latest, (result.statistic, result.dof, result.exceeds_gate))[
-            -config.inflation_profiles :
-        ]
+        first = float(gates.statistic[0]), int(gates.dof[0]), bool(gates.exceeds[0])
+        latest = (*self.latest, first)[-config.inflation_profiles :]
         tail = sum(statistic > chi_square_threshold(_TAIL, dof) for statistic, dof, _ in latest)
         full = len(latest) == config.inflation_profiles
         if not (

@@ -21,7 +21,6 @@ from replay_kit.estimator.update.screening import (
     local_velocities,
     relative_velocities,
     screen_group,
-    screen_measurement,
 )
 from replay_kit.estimator.update.stack import Factors, Stack, stack_of_one, stacked
 from replay_kit.estimator.update.superobservation import (
@@ -125,7 +124,7 @@ class GroupedEstimator(Estimator[State], Protocol[State]):
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
-        return screen_measurement(observation, self.grid).used.size > 0
+        return screen_group((observation,), None, self.grid).used.size > 0
 
     def screened(self, state: State, events: Sequence[Measurement]) -> ScreenedGroup:
         """Return measurements after screening."""
@@ -187,7 +186,7 @@ class GroupedEstimator(Estimator[State], Protocol[State]):
             evaluated: The state before them, and their evaluation.
         """
         state, update = evaluated
-        monitor, inflation = state.monitor.updated(update.first, self.gating)
+        monitor, inflation = state.monitor.updated(update.gate, self.gating)
         after, score, rows = state, state.bias_score, update.rows
         if rows is not None:
             innovation, jacobian = at.column.innovation(rows), update.scale_jacobian

@@ -41,7 +41,7 @@ class GroupResult:
     def rejected(self, i: int) -> Innovation:
         """Return the innovation of one of the usable measurements, which the gate rejected."""
         update, at, only = self.update, int(self.screened.used[i]), np.array([i], np.intp)
-        one, gate = update.stack.part(only), update.gate.result(i)
+        one, gate = update.stack.part(only), update.gate
         before = _shown(one, update.before[only])[0]
         of_estimate, errors = self._variances(one)
         return replace(
@@ -53,8 +53,8 @@ class GroupResult:
             nis=float(update.nis[i]),
             dof=int(one.layouts[0].dof),
             decision="rejected",
-            gate_statistic=gate.statistic,
-            gate=gate.threshold,
+            gate_statistic=float(gate.statistic[i]),
+            gate=float(gate.threshold[i]),
             signal_dof=0.0,
             # the first alone is told the monitor
             prior_inflation=self.prior_inflation if update.rows is None and i == 0 else 1.0,
@@ -92,8 +92,8 @@ class GroupResult:
             accepted=True,
             error_inflation=float(accepted.size / np.sum(1.0 / inflation)),
             decision="softened" if softened else "accepted",
-            gate_statistic=update.first.statistic,
-            gate=update.first.threshold,
+            gate_statistic=float(gate.statistic[0]),
+            gate=float(gate.threshold[0]),
             signal_dof=float(np.sum(values / (values + 1.0))),
             prior_inflation=self.prior_inflation,
             log_likelihood=likelihood,

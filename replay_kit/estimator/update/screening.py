@@ -71,35 +71,6 @@ def screen(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Screened:
-    """A measurement after screening.
-
-    Attributes:
-        observation: The measurement.
-        used: shape (n,), positions of its usable bins.
-        unused: The innovation to publish if it is not used.
-    """
-
-    observation: LinearMeasurement
-    used: NDArray[np.intp]
-    unused: Innovation
-
-    def scatter(self, values: Array) -> Array:
-        """Return values of the usable bins, shape (n, 2), at their positions among all bins; NaN for the others."""
-        out = np.full((self.unused.depth.size, 2), np.nan)
-        out[self.used] = values
-        return out
-
-
-def screen_measurement(observation: Measurement, grid: Grid, relative: bool = True) -> Screened:
-    """Return a measurement after screening; the arguments are those of ``screen``."""
-    linear = observation.linear
-    (flags,), (reasons,) = screen([linear], grid, relative)
-    unused = _with_mean_current(unused_innovation(linear, flags, reasons), linear, grid.projection)
-    return Screened(linear, np.flatnonzero(usable(flags)), unused)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ScreenedGroup:
     """Measurements with as many values each, after screening.
 
@@ -161,7 +132,11 @@ class ScreenedGroup:
 
 
 def screen_group(
-    events: Sequence[Measurement], last: LinearMeasurement | None, grid: Grid, late: bool = False
+    events: Sequence[Measurement],
+    last: LinearMeasurement | None,
+    grid: Grid,
+    late: bool = False,
+    relative: bool = True,
 ) -> ScreenedGroup:
     """Return measurements after screening.
 
@@ -170,9 +145,10 @@ def screen_group(
         last: The last measurement with a usable value before them; an equal one that follows is a duplicate.
         grid: The region.
         late: Whether they are too old for the estimate.
+        relative: As of ``screen``.
     """
     linear = tuple(each.linear for each in events)
-    flags, reasons = screen(linear, grid)
+    flags, reasons = screen(linear, grid, relative)
     rejected: dict[int, Reason] = {}
     for i in np.flatnonzero(usable(flags).any(axis=1)).tolist():
         if late:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.update.biases import NAMES, scale_jacobian
-from replay_kit.estimator.update.gate import GateResult, Gates, gate_innovations
+from replay_kit.estimator.update.gate import Gates, gate_innovations
 from replay_kit.estimator.update.noise import dependence_inflation, is_significant
 from replay_kit.estimator.update.stack import Stack
 
@@ -131,11 +131,6 @@ class GroupUpdate:
     rows: CombinedRows | None
     scale_jacobian: float
     after: Column
-
-    @property
-    def first(self) -> GateResult:
-        """Of the first profile; it alone is reported to the consistency monitor, as the others share the estimate's error."""
-        return self.gate.result(0)
 
     @property
     def nis(self) -> Array:

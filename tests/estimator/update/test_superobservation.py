@@ -212,9 +212,9 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
         )
         seen.add(single.decision)
         assert DECISIONS[found.decision[i]] == single.decision
-        assert found.result(i).statistic == pytest.approx(single.statistic)
+        assert found.statistic[i] == pytest.approx(single.statistic)
         assert found.threshold[i] == pytest.approx(single.threshold)
-        assert found.exceeds[i] == single.exceeds_gate
+        assert found.exceeds[i] == single.exceeds
         nis = innovation @ np.linalg.solve(cov + np.eye(innovation.size), innovation) + square
         assert found.nis[i] + stack.residual_square[i] == pytest.approx(nis)
         if single.decision == "rejected":
