@@ -156,13 +156,15 @@ def _summary(
         session.statistics.messages.skipped,
     )
     summary: ReplaySummary = session.statistics.summary(reports)
+    told = session.config.planner.depth
+    depth = told if isinstance(told, float) else None
     return replace(
         summary,
         plan=None if planning.result is None else planning.result.plan,
         plan_note=planning.failure,
         outcomes=planning.outcomes,
         surfacings=session.forecasts.outcomes,
-        next_surfacing=next_surfacing(session.forecasts, flow),
+        next_surfacing=next_surfacing(session.forecasts, flow, depth),
         ensemble=name_of(job.ensemble) if others else "",
         rivals=others,
         # what is not of the vehicle is said once, of all

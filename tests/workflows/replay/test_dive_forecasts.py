@@ -95,6 +95,39 @@ def test_in_a_steady_current_surfacings_come_to_lie_where_they_were_expected():
     )
 
 
+def test_a_dive_that_is_told_to_go_deeper_than_the_last_lasts_longer_and_leads_farther():
+    state = after(*(replace(mean(k), deepest=400.0) for k in range(6)))
+    usual, deeper = next_surfacing(state), next_surfacing(state, depth=600.0)
+    begin = state.outcomes[-1].fix
+    assert deeper.time_ns - begin.time_ns == pytest.approx(1.5 * (usual.time_ns - begin.time_ns))
+    ways = [
+        np.hypot(*to_local(Projection(*begin[1:]), one.longitude, one.latitude))
+        for one in (usual, deeper)
+    ]
+    assert ways[1] == pytest.approx(1.5 * ways[0], rel=1e-3)
+
+
+@pytest.mark.skipif(not (DATA / "glider").is_dir(), reason="../shared/data/glider is not there")
+@pytest.mark.parametrize(
+    ("pattern", "least"),
+    [("seaglider/p17101*.nc", 4), ("seaglider/p24900*.nc", 5), ("glider/seagliderOG1_*.nc", 17)],
+)
+def test_the_time_of_a_real_surfacing_is_known_to_a_tenth_where_the_depth_is_stated(pattern, least):
+    paths, config = sorted(DATA.glob(pattern)), RunConfig()
+    read = events_of(merge(open_logs(paths, config.logs), 60.0), config.measurements, None)
+    dives = [e for events in read for e in events if isinstance(e, PathMean) and flown_of(e)]
+    state, off = ForecastState(), []
+    for k, dive in enumerate(dives):
+        begin, end = dive.fixes
+        if k > 0:
+            coming = next_surfacing(state, depth=dive.deepest)
+            expected = coming.time_ns - coming.start.time_ns
+            off.append(abs(expected / (end.time_ns - begin.time_ns) - 1.0))
+        state, _ = forecast_mean(state, dive)
+    assert len(off) >= least
+    assert np.median(off) < 0.1
+
+
 def test_the_current_of_a_dive_does_not_move_its_own_ellipse():
     before = after(mean(0), mean(1))
     plain, other = (

@@ -188,20 +188,26 @@ def concluded(state: GroundState) -> GroundState:
     )
 
 
-def next_ground_surfacing(state: GroundState, flow: FlowEstimate) -> DiveForecast | None:
-    """Return where the vehicle surfaces next if its dive lasts as long and goes as deep as the last one; None before the first dive.
+def next_ground_surfacing(
+    state: GroundState, flow: FlowEstimate, longer: float = 1.0
+) -> DiveForecast | None:
+    """Return where the vehicle surfaces next if its dive goes on as the last one did; None before the first dive.
 
     Args:
         state: After all dives.
         flow: The estimate.
+        longer: How many times as long as the last one it lasts, and as deep it goes.
     """
     if state.last is None or state.latest is None:
         return None
     last, fix = state.last, state.latest
     state = replace(state, ahead=_ahead(state, flow))
-    current = _current(state, last.depth, last.weight)
+    current, seconds = _current(state, longer * last.depth, last.weight), longer * last.mean.seconds
     coming = replace(
-        last.mean, time_ns=fix.time_ns + int(0.5e9 * last.mean.seconds), backgrounds=current[None]
+        last.mean,
+        time_ns=fix.time_ns + int(0.5e9 * seconds),
+        seconds=seconds,
+        backgrounds=current[None],
     )
     return state.before.forecast(
         coming, Fix(fix.time_ns, fix.longitude, fix.latitude), last.number + 1, _basis(state)

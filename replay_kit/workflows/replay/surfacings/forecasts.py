@@ -164,20 +164,29 @@ def forecast_mean(
     return after, (outcome,)
 
 
-def next_surfacing(state: ForecastState, flow: FlowEstimate | None = None) -> DiveForecast | None:
+def next_surfacing(
+    state: ForecastState, flow: FlowEstimate | None = None, depth: float | None = None
+) -> DiveForecast | None:
     """Return where the vehicle surfaces next if it flies as in the last dive, from the last fix on; None before the first dive.
 
     Args:
         state: After all dives.
         flow: The estimate, for a log without mean currents; None without.
+        depth: That the coming dive is told to go to [m], with the last one's vertical speed; None for as deep as the last one.
     """
+    longer = 1.0 if depth is None or not state.dives else depth / state.dives[-1].depth
     if state.model is None and flow is not None:
-        return next_ground_surfacing(state.ground, flow)
+        return next_ground_surfacing(state.ground, flow, longer)
     if state.model is None or state.last is None:
         return None
     last, fix = state.last, state.outcomes[-1].fix
+    seconds = longer * last.seconds
     coming = replace(
-        last, time_ns=fix.time_ns + int(0.5e9 * last.seconds), backgrounds=_UNKNOWN, inverted=None
+        last,
+        time_ns=fix.time_ns + int(0.5e9 * seconds),
+        seconds=seconds,
+        backgrounds=_UNKNOWN,
+        inverted=None,
     )
     return Before(_MODEL, state.model, state.persistence).forecast(
         coming, fix, state.outcomes[-1].forecast.dive + 1
