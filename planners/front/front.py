@@ -138,10 +138,8 @@ class Front:
         away = np.abs(sea.places - place)
         longest = _REACH * sea.current.spacing
         near = np.flatnonzero(np.isfinite(self.times) & (away < away[number] + longest))
-        begin, lengths = (
-            np.tile(near, _FURTHER),
-            np.repeat(longest * np.arange(1, _FURTHER + 1) / _FURTHER, near.size),
-        )
+        begin = np.tile(near, _FURTHER)
+        lengths = np.repeat(longest * np.arange(1, _FURTHER + 1) / _FURTHER, near.size)
         lengths = np.minimum(lengths, away[begin])
         end = sea.places[begin] + lengths * (place - sea.places[begin]) / np.maximum(
             away[begin], 1e-9
@@ -241,10 +239,8 @@ def spread(sea: Sea, seeds: Numbers, begins: Array, until: float, goals: Numbers
     times, before = np.full(sea.places.size, np.inf), np.arange(sea.places.size)
     np.minimum.at(times, seeds, begins)
     pending, width = np.isfinite(times), sea.current.spacing / sea.fastest
-    held, later = (
-        _strong(sea),
-        sea.current.times[sea.current.times > np.min(begins)] if sea.waits else np.zeros(0),
-    )
+    held = _strong(sea)
+    later = sea.current.times[sea.current.times > np.min(begins)] if sea.waits else np.zeros(0)
     while pending.any() or later.size:
         # a front that stands still may go on at the current's next time
         now = float(

@@ -24,10 +24,8 @@ def relax(sea: Sea, route: Route, begins: float) -> Route:
         route: Of the front.
         begins: When [s].
     """
-    places, corners = (
-        as_complex(route.points),
-        np.zeros(0) if sea.obstacles is None else sea.obstacles.corners,
-    )
+    places = as_complex(route.points)
+    corners = np.zeros(0) if sea.obstacles is None else sea.obstacles.corners
     fixed = [0, *(np.flatnonzero(np.isin(places[1:-1], corners)) + 1), places.size - 1]
     found, times = [places[:1]], [np.zeros(1)]
     for first, last in pairwise(fixed):

@@ -175,10 +175,8 @@ def approach(task: GlideTask, guess: Glide, fractions: Array) -> Glide:
     """
     from scipy.optimize import least_squares  # loads slowly, and missions need none
 
-    program, parameters = (
-        glide_program(task, fractions.size - 1, False),
-        _parameters(task, fractions),
-    )
+    program = glide_program(task, fractions.size - 1, False)
+    parameters = _parameters(task, fractions)
     unknowns, lower, upper = _unknowns(task.settings, guess)
     seen: dict[bytes, tuple[Array, Array]] = {}
 

@@ -107,10 +107,8 @@ def fly_mission(flows: FlowEstimate | Sequence[Sample], plan: MissionPlan) -> Mi
         to_local(projection, plan.start.longitude, plan.start.latitude), dtype=np.float64
     )
     flight = fly_legs(currents, plan.vehicle, start, legs, currents.clock(plan.start_time_ns))
-    ends, met = (
-        flight.place[:, flight.ends],
-        flight.place[:, np.searchsorted(flight.time, plan.goal_times - 1e-6)],
-    )
+    ends = flight.place[:, flight.ends]
+    met = flight.place[:, np.searchsorted(flight.time, plan.goal_times - 1e-6)]
     goals = np.column_stack(
         to_local(projection, *np.array([[goal.longitude, goal.latitude] for goal in plan.goals]).T)
     )

@@ -63,11 +63,9 @@ def mission_odds(
         PlanError: The mission has no legs, or there are too few samples.
     """
     task = mission_task(flow, replace(request, settings=plan.settings))
-    legs, currents, summaries = (
-        legs_of_plan(plan, task.flow, 1),
-        currents_around(flow, samples),
-        list[MonteCarloSummary](),
-    )
+    legs = legs_of_plan(plan, task.flow, 1)
+    currents = currents_around(flow, samples)
+    summaries = list[MonteCarloSummary]()
     predicted = predict(task, legs)
     for pilot in (Pilot(), None):
         flight = fly_samples(task, currents, legs, predicted, pilot)

@@ -164,10 +164,8 @@ def _holding_angle(task: MissionTask, current: float) -> float:
 def _mooring_guess(task: MissionTask, current: Array, angles: Array, hops: bool) -> MissionGuess:
     """Return legs that each lead as near to the mooring as its length allows; with ``hops`` to either side of it in turn."""
     leg_time, angle = task.leg_time(float(angles[0])), float(angles[0])
-    drift, reach = (
-        current * leg_time,
-        float(task.vehicle.speeds(np, angle)[0]) * (leg_time - task.settings.surface_time),
-    )
+    drift = current * leg_time
+    reach = float(task.vehicle.speeds(np, angle)[0]) * (leg_time - task.settings.surface_time)
     side = np.array([0.5 * max(reach - float(np.linalg.norm(drift)), 0.0), 0.0]) * float(hops)
     at, places, headings = task.start[:2], [], []
     for k in range(angles.size):

@@ -160,10 +160,8 @@ class MissionTask:
 
     def leg_time(self, angle: float, depth: float | None = None) -> float:
         """Return the duration of a leg at a glide angle [rad] to a depth [m], by default that of the settings, with its drift [s]."""
-        down, deep = (
-            float(self.vehicle.speeds(np, angle)[1]),
-            self.settings.depth if depth is None else depth,
-        )
+        down = float(self.vehicle.speeds(np, angle)[1])
+        deep = self.settings.depth if depth is None else depth
         return 2.0 * self.settings.yos * deep / down + self.settings.surface_time
 
     def angle_of(self, leg_time: float, depth: float | None = None) -> float:
@@ -216,10 +214,8 @@ def mission_task(flow: Flow, request: MissionRequest) -> MissionTask:
         settings.depth, max(bottom.deepest, LEAST_DIVE, float(np.max(goals[:, 2])), float(start[2]))
     )
     request = replace(request, settings=replace(settings, depth=depth))
-    clock, deadline = (
-        currents.clock(request.start_time_ns),
-        monotonic() + settings.time_limit,
-    )
+    clock = currents.clock(request.start_time_ns)
+    deadline = monotonic() + settings.time_limit
     task = MissionTask(
         request, currents, region, rings, bottom, start, goals, clock, deadline=deadline
     )

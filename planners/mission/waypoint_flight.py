@@ -129,10 +129,8 @@ def first_currents(task: MissionTask, plan: MissionPlan, legs: Legs) -> list[Arr
     First that of the plan's first leg; then none, as of a glider that was just put to sea; then, where the estimate knows its errors, what
     it may have met there: currents spread evenly over the ellipse that holds 95 % of the dive's mean currents.
     """
-    begin, end = (
-        task.start[None, :2],
-        np.column_stack(to_local(task.region.grid.projection, *plan.surfacings[:1].T)),
-    )
+    begin = task.start[None, :2]
+    end = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings[:1].T))
     turn = float(true_north_halfway(task.region.grid.projection, begin, end)[0])
     planned = dead_reckoned_current(
         plan,

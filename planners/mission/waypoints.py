@@ -275,10 +275,8 @@ def _waypoints(
         f"ends {off_end:.0f} m from the plan's end and {abs(delay) / 60.0:.0f} min {'later' if delay >= 0.0 else 'earlier'}; "
         f"surfaces at most {off_track:.0f} m off the plan's legs"
     )
-    at, arrives = (
-        worst.violation,
-        n_reached == len(worst.few.kept) and off_end <= plan.settings.tolerance,
-    )
+    at = worst.violation
+    arrives = n_reached == len(worst.few.kept) and off_end <= plan.settings.tolerance
     expecting = f"if the glider expects {_expected(plan, projection, worst)} in its first dive"
     if at is not None:
         message = f"not safe: heading for the waypoints crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f} {expecting}; {message}"

@@ -31,12 +31,10 @@ def outcome_text(task: MissionTask, attempt: Attempt, goal_times: Array, tried: 
         goal_times: shape (G,) [s].
         tried: Largest number of legs that was tried.
     """
-    settings, reference, miss, flight = (
-        task.settings,
-        task.reference_path,
-        attempt.miss,
-        attempt.flight,
-    )
+    settings = task.settings
+    reference = task.reference_path
+    miss = attempt.miss
+    flight = attempt.flight
     if len(flight.ends) == 0:
         return _already_there(task)
     counts, (farthest, rms) = settings.weights.closest != 0.0, attempt.deviation
@@ -85,10 +83,8 @@ def outcome_text(task: MissionTask, attempt: Attempt, goal_times: Array, tried: 
 
 def _already_there(task: MissionTask) -> str:
     """Return why a mission takes no legs."""
-    name, below = (
-        "the goal" if len(task.goals) == 1 else "all goals",
-        float(np.max(task.goals[:, 2] - task.start[2])),
-    )
+    name = "the goal" if len(task.goals) == 1 else "all goals"
+    below = float(np.max(task.goals[:, 2] - task.start[2]))
     deep = (
         "" if below <= 0.0 else f"; only the depth of a goal is left, {below:g} m below the start"
     )
@@ -124,12 +120,10 @@ def _since(begins: int, seconds: float) -> str:
 
 def _binding(task: MissionTask, attempt: Attempt, tried: int) -> str:
     """Return the limits that bind."""
-    settings, flight, limits, parts = (
-        task.settings,
-        attempt.flight,
-        {bound.limit for bound in attempt.beyond},
-        list[str](),
-    )
+    settings = task.settings
+    flight = attempt.flight
+    limits = {bound.limit for bound in attempt.beyond}
+    parts = list[str]()
     if settings.weights.closest:
         return "limit: the weights, by which to come closer costs more than it gains, or what can be reached at all"
     if settings.legs is not None and task.reference_path is None:

@@ -155,10 +155,8 @@ def _swapped(grid: Grid, place: Place) -> str:
 
 
 def _bounds(grid: Grid) -> str:
-    west, south, east, north = (
-        grid.longitude.min(),
-        grid.latitude.min(),
-        grid.longitude.max(),
-        grid.latitude.max(),
-    )
+    west = grid.longitude.min()
+    south = grid.latitude.min()
+    east = grid.longitude.max()
+    north = grid.latitude.max()
     return f"(west, south, east, north: {west:.3f}, {south:.3f}, {east:.3f}, {north:.3f})"

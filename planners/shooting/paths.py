@@ -125,11 +125,9 @@ def fly_paths(stream: Stream, schedule: Schedule, starts: Starts) -> Paths:
     places[:, 0] = begins
     motions = [starts.motion(wet) for wet in (True, False)]
     for i in range(n_steps):
-        here, step, (rho, matrix) = (
-            places[:, i],
-            schedule.steps[:, i, None],
-            motions[int(i >= schedule.n_wet)],
-        )
+        here = places[:, i]
+        step = schedule.steps[:, i, None]
+        rho, matrix = motions[int(i >= schedule.n_wet)]
         for s in (2 * i, 2 * i + 1):
             at[:, s] = here
             found[:, s] = stream.derivatives(
@@ -233,11 +231,9 @@ def adjoint(first: Derivatives, schedule: Schedule, weights: Array) -> Array:
         schedule: Of the legs.
         weights: shape (L, N, 2).
     """
-    ends, carried, step = (
-        np.empty_like(weights),
-        np.zeros((len(weights), 2)),
-        schedule.steps[..., None],
-    )
+    ends = np.empty_like(weights)
+    carried = np.zeros((len(weights), 2))
+    step = schedule.steps[..., None]
     for i in reversed(range(weights.shape[1])):
         ends[:, i] = carried = carried + weights[:, i]
         carried = (carried[:, None] @ first.through[:, i])[:, 0]
@@ -266,11 +262,9 @@ def derive_twice(paths: Paths, first: Derivatives, weights: Array) -> tuple[Arra
     )
     moved = np.concatenate([first.stages - np.eye(2, count), first.slope @ moves], axis=3)
     values = np.concatenate([paths.at - paths.places[:, :1], paths.velocity()], axis=2)
-    second, sums, flat = (
-        np.zeros((n_legs, count, count)),
-        np.zeros((n_legs, COUNT)),
-        (n_legs, -1, count),
-    )
+    second = np.zeros((n_legs, count, count))
+    sums = np.zeros((n_legs, COUNT))
+    flat = (n_legs, -1, count)
     for wet, stages in zip((True, False), paths.phases, strict=True):
         weight, kappa = of_stage[:, stages], paths.starts.motion(wet)[1][:, None, :, 2:]
         of_velocity = (weight[:, :, None] @ kappa)[:, :, 0]

@@ -178,17 +178,13 @@ class Program:
         self.functions, layout = functions, functions.layout
         self.lower = np.concatenate([np.zeros(layout.n_equal), np.full(layout.n_limited, -np.inf)])
         self.upper = np.zeros(layout.n_equal + layout.n_limited)
-        unknowns, one, none = (
-            ca.Sparsity.dense(layout.n_unknowns, 1),
-            ca.Sparsity.dense(1, 1),
-            ca.Sparsity(0, 0),
-        )
+        unknowns = ca.Sparsity.dense(layout.n_unknowns, 1)
+        one = ca.Sparsity.dense(1, 1)
+        none = ca.Sparsity(0, 0)
         limits = ca.Sparsity.dense(self.upper.size, 1)
-        value, jacobian, hessian = (
-            functions.value,
-            functions.jacobian_entries,
-            functions.hessian_entries,
-        )
+        value = functions.value
+        jacobian = functions.jacobian_entries
+        hessian = functions.hessian_entries
         # held: CasADi does not keep them
         self._value = _Callback("mission", [unknowns], [one, limits], value)
         self._derivatives = {

@@ -160,10 +160,8 @@ def _fading(sites: Array, low: float, high: float, length: float) -> Array:
 def _errors(flow: FlowEstimate, spline: FlowSpline, stream: Stream) -> tuple[float, float]:
     """Return the largest and the root mean square error of the velocity [m/s] at random places, each at a random depth and time."""
     rng, n_levels = np.random.default_rng(0), flow.levels.size
-    at, depths = (
-        rng.uniform(spline.low, spline.high, (_PLACES, 2)),
-        rng.uniform(flow.levels[0], flow.levels[-1], _PLACES),
-    )
+    at = rng.uniform(spline.low, spline.high, (_PLACES, 2))
+    depths = rng.uniform(flow.levels[0], flow.levels[-1], _PLACES)
     times = rng.integers(0, len(spline.windows) // n_levels, (_PLACES, 1))
     where = (
         at,

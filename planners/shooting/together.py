@@ -62,16 +62,12 @@ def _timed(schedule: Schedule, frames: FrameMap, legs: Array, begin: float) -> S
 
 def _fly(stream: Stream, schedule: Schedule, starts: Starts) -> tuple[Array, Array]:
     """Return places and times of the legs, each flown from where it starts."""
-    (n_legs, n_steps), begins, clock = (
-        schedule.steps.shape,
-        starts.legs[:, :2],
-        starts.clock(schedule),
-    )
+    n_legs, n_steps = schedule.steps.shape
+    begins = starts.legs[:, :2]
+    clock = starts.clock(schedule)
     columns, weights = schedule.columns_at(clock)
-    motions, places = (
-        [starts.motion(wet) for wet in (True, False)],
-        np.empty((n_legs, n_steps + 1, 2)),
-    )
+    motions = [starts.motion(wet) for wet in (True, False)]
+    places = np.empty((n_legs, n_steps + 1, 2))
     places[:, 0] = begins
 
     def rate(at: Array, step: int, stage: int) -> Array:

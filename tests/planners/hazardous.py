@@ -115,12 +115,10 @@ def random_mission(seed: int, speeds: tuple[float, float] = (0.03, 0.15)) -> Haz
 
 def _thin_area(flow: FlowEstimate, rng: np.random.Generator, number: int) -> NoGo:
     """Return an area 2 to 50 m wide and some kilometres long, somewhere across the way."""
-    centre, along, length, width = (
-        rng.uniform(-4e3, 4e3, 2),
-        rng.uniform(0.0, np.pi),
-        rng.uniform(1e3, 5e3),
-        rng.uniform(2.0, 50.0),
-    )
+    centre = rng.uniform(-4e3, 4e3, 2)
+    along = rng.uniform(0.0, np.pi)
+    length = rng.uniform(1e3, 5e3)
+    width = rng.uniform(2.0, 50.0)
     axis = 0.5 * length * np.array([np.cos(along), np.sin(along)])
     side = 0.5 * width * np.array([-np.sin(along), np.cos(along)])
     corners = [

@@ -60,11 +60,9 @@ def test_a_new_latent_needs_no_new_function():
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
 def test_second_derivatives_are_those_of_the_jacobian(kind):
     flow = eddying_flow(8, kind)
-    position, latent, weights = (
-        ca.MX.sym("position", 3),
-        ca.MX.sym("latent", *flow.latent.shape),
-        ca.MX.sym("weights", 2),
-    )
+    position = ca.MX.sym("position", 3)
+    latent = ca.MX.sym("latent", *flow.latent.shape)
+    weights = ca.MX.sym("weights", 2)
     velocity = field_function(flow)(position, latent)
     gradient = ca.gradient(ca.dot(weights, velocity), position)
     functions = [

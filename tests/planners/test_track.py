@@ -45,10 +45,8 @@ def test_flight_is_of_fourth_order(kind):
 
 def test_closest_approach_is_continuous():
     # A straight line through two far points passes (0, 30, 40) at 50 m, between the points where it is known.
-    position, velocity = (
-        np.array([[-1000.0, 0.0, 0.0], [500.0, 0.0, 0.0]]),
-        np.array([[1.0, 0.0, 0.0]] * 2),
-    )
+    position = np.array([[-1000.0, 0.0, 0.0], [500.0, 0.0, 0.0]])
+    velocity = np.array([[1.0, 0.0, 0.0]] * 2)
     track = Track(np.array([0.0, 1500.0]), position, velocity)
     time, distance = track.closest(np.array([0.0, 30.0, 40.0]), 1500.0)
     assert time == pytest.approx(1000.0, abs=0.1)
@@ -69,10 +67,8 @@ def test_track_ends_where_it_leaves_the_region():
 
 
 def test_a_track_ends_where_it_first_leaves_even_if_it_comes_back():
-    position, velocity = (
-        np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0], [2000.0, 0.0, 0.0]]),
-        np.array([[1.0, 0.0, 0.0]] * 3),
-    )
+    position = np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0], [2000.0, 0.0, 0.0]])
+    velocity = np.array([[1.0, 0.0, 0.0]] * 3)
     track = Track(np.array([0.0, 1000.0, 2000.0]), position, velocity)
     # out of it for a while, in again, and out at the point that is known
     until = track.allowed_until(

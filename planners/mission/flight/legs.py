@@ -47,10 +47,8 @@ def fly_steps(
         second = rate(place + step / 2.0 * first, middle, time + step / 2.0)
         third = rate(place + step / 2.0 * second, middle, time + step / 2.0)
         fourth = rate(place + step * third, depths[i + 1], time + step)
-        place, time = (
-            place + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth),
-            time + step,
-        )
+        place = place + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+        time = time + step
         path.append((place, time))
     return path
 
@@ -135,10 +133,8 @@ def fly_legs(
     path, depths, number, ends = [(place, time)], [float(legs.depths[0][0])], [0], []
     for k, steps in enumerate(legs.depths):
         along, down = (float(speed) for speed in vehicle.speeds(np, legs.angles[k]))
-        through, durations = (
-            along * np.array([np.sin(legs.headings[k]), np.cos(legs.headings[k])]),
-            np.abs(np.diff(steps)) / down,
-        )
+        through = along * np.array([np.sin(legs.headings[k]), np.cos(legs.headings[k])])
+        durations = np.abs(np.diff(steps)) / down
         frame = leg_frame(currents, path[-1][0], through, float(np.sum(durations)))
         profile = LegProfile(steps, durations, float(legs.drifts[k]))
         flown = fly_leg(currents, frame, path[-1], profile, start_time, method)

@@ -111,22 +111,16 @@ def fly_corrected(
         legs: As planned; the depths and drifts are flown, heading and angle of the first leg too.
         pilot: Who corrects.
     """
-    count, targets, projection = (
-        len(currents.latent),
-        predicted.place[0, predicted.ends],
-        currents.flow.grid.projection,
-    )
-    path, depths = (
-        [(np.tile(predicted.place[0, 0], (count, 1)), np.zeros((count, 1)))],
-        [float(legs.depths[0][0])],
-    )
+    count = len(currents.latent)
+    targets = predicted.place[0, predicted.ends]
+    projection = currents.flow.grid.projection
+    path = [(np.tile(predicted.place[0, 0], (count, 1)), np.zeros((count, 1)))]
+    depths = [float(legs.depths[0][0])]
     numbers, ends, current_error = [0], [], np.zeros((count, 2))
     headings, angles = (np.tile(planned, (count, 1)) for planned in (legs.headings, legs.angles))
     for k, steps in enumerate(legs.depths):
-        leg, (begin, began) = (
-            HeldLeg(vehicle, steps, float(legs.drifts[k]), headings[:, k], angles[:, k]),
-            path[-1],
-        )
+        leg = HeldLeg(vehicle, steps, float(legs.drifts[k]), headings[:, k], angles[:, k])
+        begin, began = path[-1]
         expected = np.zeros((count, 2))
         for _ in range(_AIMS if k > 0 else 1):
             end, time = leg.fly(estimate, (begin, began))[-1]

@@ -97,13 +97,11 @@ def _bound_in(
     sea = sea_of(water.current, lead.speed, np.concatenate(discs), obstacles, waits=True)
     ends = water.current.places.size + np.cumsum([0, *(disc.size for disc in discs)])
     until = (most if np.isfinite(strong) else task.settings.max_duration) / error
-    now, fastest, trusted, limit, seeds = (
-        0.0,
-        0.0,
-        True,
-        _TRUSTED * water.speed,
-        np.arange(ends[0], ends[1]),
-    )
+    now = 0.0
+    fastest = 0.0
+    trusted = True
+    limit = _TRUSTED * water.speed
+    seeds = np.arange(ends[0], ends[1])
     for k, place in enumerate(places[1:]):
         goals = np.arange(ends[k + 1], ends[k + 2])
         if np.any(np.abs(sea.places[seeds] - place) <= radii[k + 1]):
@@ -179,12 +177,10 @@ def _second_order(task: MissionTask) -> float:
     root mean square at most (Wirtinger's inequality), to where w differs by some w / l, l the kernel length: w^2 t / (2 pi l) in the mean.
     The largest w around start and goals, in the forecast's region, counts, at any time of the mission.
     """
-    flow, angle, drift, by_level = (
-        task.flow,
-        task.vehicle.angles[0],
-        task.settings.surface_time,
-        _by_level(task),
-    )
+    flow = task.flow
+    angle = task.vehicle.angles[0]
+    drift = task.settings.surface_time
+    by_level = _by_level(task)
     dive = (task.leg_time(angle) - drift) / task.settings.yos + drift
     shares = shares_of_levels(flow, task.settings.depth, drift / task.leg_time(angle))
     deviation = by_level - (by_level @ shares)[..., None]
@@ -205,10 +201,8 @@ def lead_of(task: MissionTask, by_level: Array) -> Lead:
         task: The mission.
         by_level: shape (2, n, Z) [m/s], the current of each level wherever and whenever it may be met.
     """
-    drift, (first, full, last) = (
-        task.settings.surface_time,
-        (task.yo_depths(3)[k] for k in range(3)),
-    )
+    drift = task.settings.surface_time
+    first, full, last = (task.yo_depths(3)[k] for k in range(3))
     speed = float(np.max(np.divide(*_ways(task, by_level, full, drift))))
 
     def ahead(leg: YoDepths, then: float = 0.0) -> float:

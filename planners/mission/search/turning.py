@@ -135,10 +135,8 @@ def _cut(task: MissionTask, route: Route, passed: Array, pace: float) -> Cut | N
     length = float(np.sum(np.linalg.norm(np.diff(route.points, axis=0), axis=1)))
     times = np.union1d(np.linspace(0.0, route.times[-1], int(length / _SPACING) + 2), route.times)
     places = route.at(times)
-    beside, own = (
-        task.bottom.limit_at(places, _BESIDE * task.settings.margin),
-        task.bottom.limit_at(places),
-    )
+    beside = task.bottom.limit_at(places, _BESIDE * task.settings.margin)
+    own = task.bottom.limit_at(places)
     # the route keeps its margin from what is too shallow for any dive
     limits = np.where(beside < LEAST_DIVE, own, beside)
     most = min(task.settings.legs or task.settings.most_legs, task.settings.most_legs)
@@ -194,10 +192,8 @@ def _span(task: MissionTask, turn: float) -> float:
 
 def _turn(task: MissionTask, times: Array, limits: Array, begin: float, end: float) -> float:
     """Return how deep dives may be between two times of a route [s], by the limits [m] at some times."""
-    first, last = (
-        np.searchsorted(times, begin, side="right") - 1,
-        np.searchsorted(times, end, side="left") + 1,
-    )
+    first = np.searchsorted(times, begin, side="right") - 1
+    last = np.searchsorted(times, end, side="left") + 1
     least = min(float(np.min(limits[first:last])), task.settings.depth)
     return (
         least if least == task.settings.depth else max(np.floor(least / _STEP) * _STEP, LEAST_DIVE)

@@ -62,11 +62,9 @@ class GoalSteps:
 
     def points(self, flight: Flight) -> NDArray[np.intp]:
         """Return the numbers of a flight's points at which the goals are met."""
-        ends, legs, steps = (
-            np.concatenate([[0], flight.ends]),
-            np.array(self.legs),
-            np.array(self.steps),
-        )
+        ends = np.concatenate([[0], flight.ends])
+        legs = np.array(self.legs)
+        steps = np.array(self.steps)
         return np.asarray(
             np.where(steps == 0, ends[legs], ends[np.maximum(legs - 1, 0)] + REFINED * steps)
         )
@@ -108,10 +106,8 @@ class LegsProblem:
             (leg - 1, step) for leg, step in zip(self.goals.legs, self.goals.steps, strict=True)
         )
         n_places = self.depths[0].size - 1 + int(np.any(self.drifts))
-        has_reference, changing = (
-            self.task.reference_path is not None,
-            self.task.currents.times is not None,
-        )
+        has_reference = self.task.reference_path is not None
+        changing = self.task.currents.times is not None
         return Layout(self.n_legs, goals, n_places, n_planes, has_reference, changing)
 
 
@@ -212,11 +208,9 @@ def lacking_energy(task: MissionTask, attempt: Attempt) -> float:
 
 def ranking_key(task: MissionTask, attempt: Attempt) -> tuple[bool, float, float]:
     """Return the key that attempts are sorted by: feasible ones that the battery allows first, by cost; the others by what is missing."""
-    settings, duration, feasible = (
-        task.settings,
-        float(attempt.flight.time[-1]),
-        is_feasible(task, attempt),
-    )
+    settings = task.settings
+    duration = float(attempt.flight.time[-1])
+    feasible = is_feasible(task, attempt)
     miss = (
         0.0
         if feasible and not settings.aim.distance_first

@@ -47,11 +47,9 @@ def check(task: MissionTask, flight: Flight, margin: float = 0.0) -> Violation |
     """
     if not np.all(np.isfinite(flight.place)):
         return Violation("the path is not a number", 0.0, 1, float("nan"), float("nan"))
-    segments, depths, skin = (
-        _segments(flight.place)[0],
-        np.column_stack([flight.depth[:-1], flight.depth[1:]]),
-        bends(flight),
-    )
+    segments = _segments(flight.place)[0]
+    depths = np.column_stack([flight.depth[:-1], flight.depth[1:]])
+    skin = bends(flight)
     wide = skin + margin
     below = task.bottom.is_below(segments, depths, skin)
     deep = (depths.max(axis=1) > task.region.deepest + DEPTH_TOLERANCE) | (
@@ -124,10 +122,8 @@ def clearances(task: MissionTask, flight: Flight) -> dict[str, Array]:
     them; a flight whose dives all stay above the bottom has at least some clearance from it.
     """
     count, found = len(flight.place), dict[str, Array]()
-    segments, depths = (
-        _segments(flight.place),
-        np.column_stack([flight.depth[:-1], flight.depth[1:]]),
-    )
+    segments = _segments(flight.place)
+    depths = np.column_stack([flight.depth[:-1], flight.depth[1:]])
     for rings, taken, fixed in _hazards(task, flight):
         parts = segments[:, taken]
         if fixed and rings[0].surface_only:

@@ -96,10 +96,8 @@ def to_all(task: MissionTask, kept: tuple[int, ...], attempt: Attempt) -> Attemp
         attempt: Of the mission to these.
     """
     ends = np.concatenate([[0], attempt.flight.ends])
-    places, met = (
-        attempt.flight.place[0, ends],
-        dict(zip(kept, zip(attempt.goals.legs, attempt.goals.steps, strict=True), strict=True)),
-    )
+    places = attempt.flight.place[0, ends]
+    met = dict(zip(kept, zip(attempt.goals.legs, attempt.goals.steps, strict=True), strict=True))
     legs, steps = list[int](), list[int]()
     for k in range(len(task.goals)):
         if k not in met:
@@ -130,10 +128,8 @@ def with_n_legs(task: MissionTask, attempt: Attempt, n_legs: int) -> Attempt:
     passed = flight.time[attempt.goals.points(flight)]
     # a leg over several turns as high as the highest of their dives
     ends, turns = flight.time[flight.ends], np.array(turns_of(attempt.yo_depths))
-    first, last = (
-        np.searchsorted(ends, at - at[0], side="right"),
-        np.minimum(np.searchsorted(ends, at), len(ends) - 1),
-    )
+    first = np.searchsorted(ends, at - at[0], side="right")
+    last = np.minimum(np.searchsorted(ends, at), len(ends) - 1)
     limited = replace(
         task,
         turns=tuple(

@@ -65,10 +65,8 @@ def solve_legs(
     n_legs, settings = len(guess.headings), task.settings
     problem = LegsProblem(task, n_legs, goals)
     # where the miss distance is weighed against other costs, a goal that is not met is no failure
-    closest, weighed = (
-        settings.aim.distance_first,
-        settings.weighs_distance or task.reference_path is not None,
-    )
+    closest = settings.aim.distance_first
+    weighed = settings.weighs_distance or task.reference_path is not None
     unreachable = route is not None and not route.arrives and not weighed
     solution = optimum(problem, guess, closest=closest or unreachable, warm_start=route is None)
     best = _fly(problem, solution, 0)
@@ -102,12 +100,10 @@ def fly_guess(problem: LegsProblem, guess: MissionGuess) -> Attempt:
 def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> Attempt:
     """Return the optimum that keeps a safety margin, found from an attempt without it."""
     task = replace(task, turns=turns_of(before.yo_depths))
-    problem, at, best, iterations = (
-        LegsProblem(task, len(before.guess.headings), before.goals),
-        before.guess,
-        None,
-        0,
-    )
+    problem = LegsProblem(task, len(before.guess.headings), before.goals)
+    at = before.guess
+    best = None
+    iterations = 0
     missed = not task.settings.weighs_distance and bool(
         np.any(before.miss > task.settings.tolerance)
     )

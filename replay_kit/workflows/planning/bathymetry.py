@@ -45,10 +45,8 @@ _HEIGHTS = (
     "topo",
     "band1",
 )
-_LONGITUDES, _LATITUDES = (
-    ("longitude", "lon", "nav_lon", "lon_rho", "x"),
-    ("latitude", "lat", "nav_lat", "lat_rho", "y"),
-)
+_LONGITUDES = ("longitude", "lon", "nav_lon", "lon_rho", "x")
+_LATITUDES = ("latitude", "lat", "nav_lat", "lat_rho", "y")
 # Points kept beyond the ends of a region.
 _BEYOND = 2
 _UNITS = {
@@ -101,11 +99,9 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
         raise _nothing_found(path, dataset)
     cut = _window(axes[0], axes[1], region)
     # the cut is what is read
-    dataset, variable, axes = (
-        dataset.isel(cut),
-        variable.isel(cut),
-        [axis.isel(cut, missing_dims="ignore") for axis in axes],
-    )
+    dataset = dataset.isel(cut)
+    variable = variable.isel(cut)
+    axes = [axis.isel(cut, missing_dims="ignore") for axis in axes]
     values = np.asarray(variable, dtype=np.float64) * _scale(path, variable) * (-1.0 if up else 1.0)
     if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
         values = np.where(np.asarray(dataset["mask_rho"]) > 0.5, values, np.nan)
@@ -153,10 +149,8 @@ def _window(longitude: xr.DataArray, latitude: xr.DataArray, region: Grid) -> di
 def _between(values: Array, least: float, most: float) -> Any:
     """Return the positions of the values between two, and of two beyond on each side, in their order; a slice where they are in a row."""
     order = np.argsort(values, kind="stable")
-    first, last = (
-        int(np.searchsorted(values[order], least)),
-        int(np.searchsorted(values[order], most, side="right")),
-    )
+    first = int(np.searchsorted(values[order], least))
+    last = int(np.searchsorted(values[order], most, side="right"))
     first = min(max(first - _BEYOND, 0), max(values.size - 2, 0))
     kept = order[first : max(last + _BEYOND, first + 2)]
     low, high = int(kept.min()), int(kept.max())

@@ -151,10 +151,8 @@ def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
     if origin and on.flown is not None:
         notes += on.flown.notes()
     begin_ns, seconds = request.start_time_ns, _seconds(job, bound)
-    flow, drawn = (
-        known.flow(begin_ns, seconds),
-        known.samples(begin_ns, seconds, count, config.seed),
-    )
+    flow = known.flow(begin_ns, seconds)
+    drawn = known.samples(begin_ns, seconds, count, config.seed)
     # odds that a mission was chosen by are too high: it is judged in other samples
     searched = (
         known.samples(begin_ns, seconds, count, config.seed + 1)

@@ -135,11 +135,9 @@ def _learning_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
 
 
 def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
-    moored, compares, horizon = (
-        request.mooring is not None,
-        bool(request.departures_ns),
-        request.horizon,
-    )
+    moored = request.mooring is not None
+    compares = bool(request.departures_ns)
+    horizon = request.horizon
     shaped = moored or request.line
     return (
         (

@@ -57,10 +57,8 @@ def still(half, spacing=1e3):
 @pytest.mark.parametrize(("times", "divisions"), [(1, 1), (3, 2)])
 def test_the_current_is_linear_between_entries_as_its_twin(times, divisions):
     current, rng = lattice(1, 0.3, times, (4, 5), divisions), np.random.default_rng(2)
-    places, at = (
-        rng.uniform(-4e3, 3e3, 20) + 1j * rng.uniform(-3e3, 2e3, 20),
-        rng.uniform(-1e5, 3e5, 20),
-    )
+    places = rng.uniform(-4e3, 3e3, 20) + 1j * rng.uniform(-3e3, 2e3, 20)
+    at = rng.uniform(-1e5, 3e5, 20)
     twin = [
         current_at(current.values, current.origin, 1e3 / divisions, current.times, *pair)
         for pair in zip(places, at, strict=True)
@@ -193,10 +191,8 @@ def test_every_other_point_moves_to_where_a_fine_search_finds_the_way_past_it_qu
 def test_land_that_touches_land_or_the_regions_edge_is_closed_without_a_margin_too(
     apart, passes, by_edge
 ):
-    ends, frame = (
-        np.array([-4.1e3 + 4.2e3j, 4.2e3 - 4.1e3j]),
-        box(-5e3, -5e3, 5e3, 5e3, outside=True),
-    )
+    ends = np.array([-4.1e3 + 4.2e3j, 4.2e3 - 4.1e3j])
+    frame = box(-5e3, -5e3, 5e3, 5e3, outside=True)
     land = (
         [box(-100.0, -5e3, 100.0, 5e3 - apart)]
         if by_edge

@@ -51,10 +51,8 @@ def _far_from_its_centre(flow, longitude):
 def test_an_earlier_plan_is_begun_from_at_its_own_heading_where_the_frame_is_turned():
     flow = _far_from_its_centre(eddying_flow(21), 165.0)
     east, north = float(flow.grid.east.mean()), float(flow.grid.north.mean())
-    start, goal = (
-        place(flow, east - 1.2e4, north - 8e3),
-        place(flow, east + 1e4, north + 9e3, 250.0),
-    )
+    start = place(flow, east - 1.2e4, north - 8e3)
+    goal = place(flow, east + 1e4, north + 9e3, 250.0)
     turn = np.rad2deg(
         grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude)
     )

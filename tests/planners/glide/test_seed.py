@@ -54,10 +54,8 @@ def flow_with_land():
 def test_the_table_allows_what_the_region_allows():
     _, region, table = flow_with_land()
     rng = np.random.default_rng(0)
-    low, high = (
-        table.origin - 1e4,
-        table.origin + table.spacing * np.array(table.velocity.shape[:1:-1]) + 1e4,
-    )
+    low = table.origin - 1e4
+    high = table.origin + table.spacing * np.array(table.velocity.shape[:1:-1]) + 1e4
     points = np.column_stack([rng.uniform(low, high, (3000, 2)), rng.uniform(0.0, 400.0, 3000)])
     # inside a cell all of whose corners are allowed the two may differ by what a cell of the table cuts off a coast
     shifts = 2500.0 * np.array([[0, 0, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
@@ -149,11 +147,9 @@ def test_a_glide_counts_until_it_leaves_the_water_and_not_after_it_is_back():
 
 def test_seeds_are_the_nearest_first_and_no_more_than_asked_for():
     flow = eddying_flow(6, speed=0.2)
-    region, start, goal = (
-        region_of(flow.grid),
-        np.array([-1e4, -6e3, 0.0]),
-        np.array([9e3, 5e3, 250.0]),
-    )
+    region = region_of(flow.grid)
+    start = np.array([-1e4, -6e3, 0.0])
+    goal = np.array([9e3, 5e3, 250.0])
     task = GlideTask(flow, region, start, goal, GlideSettings(SPEED, max_duration=LONGEST))
     every, few = (find_seeds(task, count) for count in (1000, 3))
     distances = [seed.distance for seed in every]

@@ -99,10 +99,8 @@ def test_what_shear_gives_grows_with_its_square_and_a_dive_s_time_and_is_none_wi
     ) == pytest.approx(4.0 * gain)
     # Wirtinger's bound of the largest mean square deviation anywhere, looked for place by place
     flow, share = task.flow, SETTINGS.surface_time / task.leg_time(task.vehicle.angles[0])
-    shares, places = (
-        shares_of_levels(flow, SETTINGS.depth, share),
-        np.random.default_rng(0).uniform(-20e3, 20e3, (300, 2)),
-    )
+    shares = shares_of_levels(flow, SETTINGS.depth, share)
+    places = np.random.default_rng(0).uniform(-20e3, 20e3, (300, 2))
     squares = []
     for where in places:
         at = np.array([flow.velocity(*where, level) for level in flow.levels])

@@ -80,20 +80,16 @@ SURFACE, AGAINST = (1.0, 0.5, 0.0, 0.0, 0.0), (1.0, 0.5, -0.5, -1.0, -1.0)
 def test_no_plan_is_below_its_bound_where_the_surface_moves_otherwise_than_the_water_below(
     profile, depth, drift, way, below
 ):
-    flow, settings = (
-        sheared(profile),
-        MissionSettings(depth=depth, surface_time=drift, tolerance=100.0),
-    )
+    flow = sheared(profile)
+    settings = MissionSettings(depth=depth, surface_time=drift, tolerance=100.0)
     ends = place(flow, 0.5 * way, 0.0), (place(flow, -0.5 * way, 0.0, below),)
     bounded(flow, MissionRequest(*ends, settings=settings))
 
 
 def test_no_plan_is_below_its_bound_that_starts_below_the_surface_or_is_quicker_at_steep_angles():
     flow = sheared(SURFACE)
-    settings, ends = (
-        MissionSettings(depth=230.0, surface_time=600.0),
-        (place(flow, -3e3, 0.0, 150.0), (place(flow, 4e3, 0.0),)),
-    )
+    settings = MissionSettings(depth=230.0, surface_time=600.0)
+    ends = (place(flow, -3e3, 0.0, 150.0), (place(flow, 4e3, 0.0),))
     bounded(flow, MissionRequest(*ends, settings=settings))
     # by a flight model a glider makes most way at some 35 degrees
     steep, still = Glider(flight=SteadyFlight()), still_flow()

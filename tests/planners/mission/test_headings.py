@@ -71,21 +71,17 @@ def test_the_rate_in_the_frame_is_that_of_a_metre_on_the_ellipsoid(latitude):
 @pytest.mark.parametrize("heading", [0.0, 60.0, 200.0, 315.0])
 def test_a_leg_at_the_region_s_edge_ends_within_a_metre_of_one_held_by_a_compass(heading):
     # 300 km from the centre, at 60 degrees north, where true north turns by half a degree within 20 km
-    flow, frame, vehicle = (
-        moved(eddying_flow(1), Projection(10.0, 60.0), 250e3, 165e3),
-        Projection(10.0, 60.0),
-        Glider(),
-    )
+    flow = moved(eddying_flow(1), Projection(10.0, 60.0), 250e3, 165e3)
+    frame = Projection(10.0, 60.0)
+    vehicle = Glider()
     depths = leg_depths((0.0, *(400.0, 0.0) * 2), flow.levels, 40)
     legs = Legs(
         np.array([np.deg2rad(heading)]), np.array([np.deg2rad(5.0)]), (depths,), np.zeros(1)
     )
     start = np.array([250e3, 165e3])
     flight = fly_legs(currents_of(flow), vehicle, start, legs)
-    along, at = (
-        float(vehicle.speeds(np, legs.angles[0])[0]),
-        tuple(float(value) for value in to_geographic(frame, *start)),
-    )
+    along = float(vehicle.speeds(np, legs.angles[0])[0])
+    at = tuple(float(value) for value in to_geographic(frame, *start))
     through = along * np.array([np.sin(legs.headings[0]), np.cos(legs.headings[0])])
     for first, last in zip(
         np.arange(flight.time.size - 1), np.arange(1, flight.time.size), strict=True
@@ -101,10 +97,8 @@ def test_a_leg_at_the_region_s_edge_ends_within_a_metre_of_one_held_by_a_compass
 
 def test_the_turn_of_a_leg_is_that_of_true_north_halfway():
     frame = Projection(10.0, 60.0)
-    begins, ends = (
-        np.array([[200e3, 10e3], [-50e3, 80e3]]),
-        np.array([[220e3, 20e3], [-50e3, 60e3]]),
-    )
+    begins = np.array([[200e3, 10e3], [-50e3, 80e3]])
+    ends = np.array([[220e3, 20e3], [-50e3, 60e3]])
     halfway = to_geographic(frame, np.array([210e3, -50e3]), np.array([15e3, 70e3]))
     np.testing.assert_allclose(
         true_north_halfway(frame, begins, ends),

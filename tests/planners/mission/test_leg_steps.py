@@ -194,11 +194,9 @@ def test_no_leg_counts_as_flown_before_half_of_it_is_however_steep_it_is():
 @pytest.mark.full
 def test_between_the_dives_of_a_leg_the_glider_comes_up_clear_of_areas_that_forbid_it():
     flow = eddying_flow(12)
-    start, goal, settings = (
-        place(flow, -9e3, 0.0),
-        place(flow, 9e3, 1e3),
-        MissionSettings(depth=390.0, yos=3),
-    )
+    start = place(flow, -9e3, 0.0)
+    goal = place(flow, 9e3, 1e3)
+    settings = MissionSettings(depth=390.0, yos=3)
     lane = forbidden(flow, -1e3, -15e3, 1e3, 15e3, name="lane", surface_only=True)
     free, past = (
         plan_mission(flow, MissionRequest(start, (goal,), settings=settings, no_go=areas))

@@ -188,10 +188,8 @@ def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_
     assert result.goal_times[1] not in result.surfacing_times
     # from the surfacing after the first goal, at the same steps of the legs that are left
     begun = result.goal_legs[0]
-    here, now = (
-        Place(*(float(x) for x in result.surfacings[begun - 1]), 0.0),
-        result.surfacing_times[begun - 1],
-    )
+    here = Place(*(float(x) for x in result.surfacings[begun - 1]), 0.0)
+    now = result.surfacing_times[begun - 1]
     later = plan_mission(
         flow,
         MissionRequest(

@@ -45,10 +45,8 @@ def test_distances_from_a_place_and_a_line_are_those_point_by_point():
         rtol=1e-10,
     )
     # over time half of it is spent at 0 and half at 300 m; of its two ends of legs one is there
-    path, time = (
-        begin + np.array([[0.0, 0.0], [0.0, 0.0], [300.0, 0.0], [300.0, 0.0]]),
-        np.array([0.0, 50.0, 50.0, 100.0]),
-    )
+    path = begin + np.array([[0.0, 0.0], [0.0, 0.0], [300.0, 0.0], [300.0, 0.0]])
+    time = np.array([0.0, 50.0, 50.0, 100.0])
     assert place_.farthest_and_rms(time, path, np.array([1, 3])) == pytest.approx(
         (300.0, 300.0 / np.sqrt(2.0))
     )

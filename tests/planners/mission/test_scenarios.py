@@ -67,10 +67,8 @@ def test_margins_widen_until_the_samples_keep_clear():
 
 def test_a_risk_is_kept_on_the_way_to_a_goal_within_reach_and_not_by_flying_past_it():
     # half-planes moved by the margin that the samples need leave no room between the area and the goal
-    rng, parts = (
-        np.random.default_rng(1),
-        (uniform_flow(0.6, 0.0).latent, uniform_flow(0.0, 0.6).latent),
-    )
+    rng = np.random.default_rng(1)
+    parts = (uniform_flow(0.6, 0.0).latent, uniform_flow(0.0, 0.6).latent)
     drawn = [
         replace(
             FLOW, latent=FLOW.latent + sum(0.1 * rng.standard_normal() * part for part in parts)
@@ -113,10 +111,8 @@ def test_a_path_bends_between_its_points_as_its_velocity_changes_from_step_to_st
     rng, count = np.random.default_rng(8), 12
     depth = np.array([0.0, 0.0, 80.0, 160.0, 80.0, 0.0, 0.0, 0.0, 90.0, 0.0, 70.0, 0.0])
     leg = np.array([0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 2, 2])
-    time, place_ = (
-        np.cumsum(rng.uniform(50.0, 150.0, count)),
-        rng.uniform(-500.0, 500.0, (1, count, 2)),
-    )
+    time = np.cumsum(rng.uniform(50.0, 150.0, count))
+    place_ = rng.uniform(-500.0, 500.0, (1, count, 2))
     flight = Flight(time, depth, place_, leg, np.array([7, 9, 11]))
     steps = range(count - 1)
     velocity = [(place_[0, k + 1] - place_[0, k]) / (time[k + 1] - time[k]) for k in steps]
@@ -156,10 +152,8 @@ def test_few_samples_that_trespass_tell_little():
 
 def test_a_leg_is_aimed_so_that_it_ends_where_it_should():
     glider = Glider()
-    way, current = (
-        np.array([[3e3, 1e3], [1.5e3, -1.5e3], [30e3, 0.0]]),
-        np.array([[0.05, 0.02], [-0.03, 0.0], [0.0, 0.0]]),
-    )
+    way = np.array([[3e3, 1e3], [1.5e3, -1.5e3], [30e3, 0.0]])
+    current = np.array([[0.05, 0.02], [-0.03, 0.0], [0.0, 0.0]])
     headings, angles = aim(glider, way, current, 800.0, 300.0)
     along, down = glider.speeds(np, angles)
     ends = (along * 800.0 / down)[:, None] * np.column_stack([np.sin(headings), np.cos(headings)])
@@ -233,10 +227,8 @@ def test_chances_count_every_goal_and_the_last_goal_s_misses():
         MissionRequest(START, (place(FLOW, -3e3, -3e3), GOAL), Glider(), settings, (AREA,)),
     )
     # five flights of two points after the start: off the first goal and off the last one by so much, all south of the area
-    off_first, off_last = (
-        np.array([0.0, 100.0, 101.0, 0.0, 0.0]),
-        np.array([10.0, 20.0, 30.0, 40.0, 500.0]),
-    )
+    off_first = np.array([0.0, 100.0, 101.0, 0.0, 0.0])
+    off_last = np.array([10.0, 20.0, 30.0, 40.0, 500.0])
     places = np.zeros((5, 3, 2))
     places[:, 0] = task.start[:2] + np.array([-2e4, -2e4])
     places[:, 1] = task.goals[0, :2] - np.column_stack([np.zeros(5), off_first])

@@ -69,10 +69,8 @@ def test_in_a_uniform_current_one_waypoint_loses_nothing(depth):
 
 def test_what_eddies_and_another_flow_cost_is_measured_by_flying(monkeypatch):
     few, alone = waypoints_of(FLOW, PLAN), []
-    task, firsts = (
-        mission_task(FLOW, MissionRequest(PLAN.start, PLAN.goals, settings=PLAN.settings)),
-        waypoints.first_currents,
-    )
+    task = mission_task(FLOW, MissionRequest(PLAN.start, PLAN.goals, settings=PLAN.settings))
+    firsts = waypoints.first_currents
     for first in firsts(task, PLAN, legs_of_plan(PLAN, FLOW)):
         monkeypatch.setattr(waypoints, "first_currents", lambda *_, first=first: [first])
         alone.append(waypoints_of(FLOW, PLAN))
@@ -228,10 +226,8 @@ def test_a_dive_that_begins_below_the_surface_ends_at_it_and_the_last_drift_is_n
 def test_the_radius_that_ends_within_the_tolerance_and_then_the_one_that_loses_least_time_is_chosen(
     monkeypatch, seed, tolerances
 ):
-    flow, tolerance = (
-        replace(FLOW, latent=FLOW.latent + eddying_flow(seed, speed=0.08).latent),
-        PLAN.settings.tolerance,
-    )
+    flow = replace(FLOW, latent=FLOW.latent + eddying_flow(seed, speed=0.08).latent)
+    tolerance = PLAN.settings.tolerance
     chosen, alone = waypoints_of(flow, PLAN), {}
     for radii in (1.0, 2.0, 8.0):
         monkeypatch.setattr(waypoints, "_RADII", np.array([radii]))

@@ -194,10 +194,8 @@ def test_an_ellipse_of_few_points_holds_nine_of_ten_others(count):
     # two directions of different size that are correlated
     root = np.array([[300.0, 0.0], [120.0, 80.0]])
     for _ in range(1000):
-        points, other = (
-            rng.standard_normal((count, 2)) @ root.T,
-            rng.standard_normal((40, 2)) @ root.T,
-        )
+        points = rng.standard_normal((count, 2)) @ root.T
+        other = rng.standard_normal((40, 2)) @ root.T
         away = other - points.mean(axis=0)
         scaled = np.sum(away * np.linalg.solve(np.cov(points.T), away.T).T, axis=1)
         held.append(np.mean(scaled <= ellipse_factor(count) ** 2))

@@ -160,10 +160,8 @@ def test_a_route_leads_round_areas_with_a_sliver_between_them_and_through_no_edg
 @pytest.mark.full
 def test_a_mission_leads_round_areas_with_a_sliver_between_them():
     asked = _beside_a_sliver()
-    plan, drawn = (
-        plan_mission(FLOW, asked),
-        [ring for area in asked.no_go for ring in no_go_rings(FRAME, area)],
-    )
+    plan = plan_mission(FLOW, asked)
+    drawn = [ring for area in asked.no_go for ring in no_go_rings(FRAME, area)]
     assert plan.status == "reached"
     assert (
         first_crossing(

@@ -26,12 +26,10 @@ GOAL_STEP = 2
 
 def _mission(changing, planes, guided):
     """Return three legs of two depths past a goal on the way, in a flow of random eddies, and its numbers."""
-    rng, flow, n_legs, n_steps = (
-        np.random.default_rng(5),
-        eddying_flow(1, "gaussian" if changing else "hat"),
-        3,
-        6,
-    )
+    rng = np.random.default_rng(5)
+    flow = eddying_flow(1, "gaussian" if changing else "hat")
+    n_legs = 3
+    n_steps = 6
     times, latent = None, flow.latent
     if changing:
         dated = [

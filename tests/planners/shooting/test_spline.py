@@ -34,11 +34,9 @@ def _velocities(derivatives):
 @pytest.mark.parametrize("flow", _flows(), ids=["nodes", "lattice"])
 def test_stream_functions_have_the_velocity_of_their_flow_and_derivatives_as_differences_say(flow):
     stream, rng = stream_of(flow, flow.latent), np.random.default_rng(1)
-    at, columns, weights = (
-        rng.uniform(*BOX, (6, 2)),
-        rng.integers(0, 5, (6, 2)),
-        rng.standard_normal((6, 1, 2)),
-    )
+    at = rng.uniform(*BOX, (6, 2))
+    columns = rng.integers(0, 5, (6, 2))
+    weights = rng.standard_normal((6, 1, 2))
     found = stream.derivatives(at, columns, weights)
     latent = np.stack(
         [flow.latent[:, pair] @ weight[0] for pair, weight in zip(columns, weights, strict=True)],
@@ -91,11 +89,9 @@ def test_its_error_is_as_stated_and_falls_with_the_fifth_power(kind):
 
 def test_its_derivatives_are_those_of_differences_and_its_current_vanishes_far_outside():
     flow = eddying_flow(3)
-    spline, columns, weights = (
-        spline_of(flow, flow.latent, 4, *BOX),
-        np.array([[0, 2]]),
-        np.array([[[0.4, 0.6]]]),
-    )
+    spline = spline_of(flow, flow.latent, 4, *BOX)
+    columns = np.array([[0, 2]])
+    weights = np.array([[[0.4, 0.6]]])
     at = np.array([[3e3, -7e3]])
     found = spline.derivatives(at, columns, weights)[0, 0]
     for axis, step in ((0, np.array([1.0, 0.0])), (1, np.array([0.0, 1.0]))):

@@ -239,10 +239,8 @@ def test_a_window_of_a_curved_grid_is_cut_by_rows_and_columns(tmp_path):
 
 def test_the_bottom_under_a_track_is_linear_between_the_points(tmp_path):
     bathymetry = read_bathymetry(written(tmp_path, gebco()), WHOLE)
-    longitude, latitude = (
-        np.array([152.0, 152.025, 152.333, 151.0]),
-        np.array([-40.0, -40.05, -39.9, -40.0]),
-    )
+    longitude = np.array([152.0, 152.025, 152.333, 151.0])
+    latitude = np.array([-40.0, -40.05, -39.9, -40.0])
     track = np.column_stack([*to_local(WHOLE.projection, longitude, latitude), np.zeros(4)])
     found = depth_along(bathymetry, WHOLE.projection, track)
     expected = -50.0 + 1000.0 * (latitude + 40.5) + 140.0 * (longitude - 151.9)

@@ -382,10 +382,8 @@ def result_of(flow, path, *fixes):
 
 def test_a_mission_on_a_result_begins_when_the_vehicle_was_fixed_last(tmp_path):
     # dead reckoning went on for an hour; the estimate is of noon
-    result, asked = (
-        result_of(CHANGING, tmp_path / "log.mcap", (3.0, False), (5.0, False), (6.0, True)),
-        ("--samples", 0),
-    )
+    result = result_of(CHANGING, tmp_path / "log.mcap", (3.0, False), (5.0, False), (6.0, True))
+    asked = ("--samples", 0)
     said = answer(result, *asked, "-o", tmp_path / "plan.mcap")
     begins = time_text(NOON + 5 * HOUR)
     assert said["notes"] == [
