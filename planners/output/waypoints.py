@@ -19,7 +19,7 @@ def waypoint_text(waypoints: Waypoints, path: Path) -> str:
     """Return waypoints in the form that a file's name tells.
 
     It ends in .csv, .geojson, .json, .kml, .plan (QGroundControl), .ma (Slocum: a ``yo`` where the name begins with that, else a
-    ``goto_list``), .targets or is targets (Seaglider).
+    ``goto_list``), .targets or is targets (Seaglider), .science or is science (the depths at which a Seaglider samples).
 
     Raises:
         PlanError: The name tells none.
@@ -139,6 +139,29 @@ def _seaglider(waypoints: Waypoints) -> str:
             f"WP{k:03d} lat={_minutes(y)} lon={_minutes(x)} radius={waypoints.radius:g} goto=WP{min(k + 1, last):03d}"
         )
     return "\n".join(lines) + "\n"
+
+
+# Of a Seaglider, each from the depth of the one before it to its own [m]: seconds between samples, and between corrections of its flight.
+_SAMPLING = ((50.0, 5, 60), (200.0, 10, 120), (np.inf, 20, 180))
+
+
+def _science(waypoints: Waypoints) -> str:
+    """Return the intervals at which a Seaglider with one instrument samples, down to the deepest dive on the way.
+
+    References: Seaglider File Formats Manual, University of Washington, version 66.12, April 2012, ``science``; the checks of
+    ``validate.py`` in iop-apl-uw/basestation3: depth, seconds, a digit for each instrument, seconds between guidance and control.
+    """
+    deepest = float(np.max(waypoints.depths))
+    until = [min(depth, deepest) for depth, *_ in _SAMPLING]
+    lines = [
+        f"{below:g} {every} 1 {control}"
+        for above, below, (_, every, control) in zip([0.0, *until], until, _SAMPLING, strict=False)
+        if below > above
+    ]
+    return (
+        "\n".join(["/ depth seconds instruments control; a digit for each instrument", *lines])
+        + "\n"
+    )
 
 
 def _slocum_yo(waypoints: Waypoints) -> str:
@@ -265,4 +288,5 @@ FORMS: dict[str, Callable[[Waypoints], str]] = {
     ".plan": _qgroundcontrol,
     ".ma": _slocum,
     ".targets": _seaglider,
+    ".science": _science,
 }

@@ -27,11 +27,13 @@ class Bathymetry:
         longitude: shape (J, I) [degrees east].
         latitude: shape (J, I) [degrees north].
         depth: shape (J, I) [m], positive down; land is 0 or less, NaN (unknown) counts as land.
+        lowest_water: Least and greatest of the water levels that the depths allow for [m]; None where they allow for none.
     """
 
     longitude: Array
     latitude: Array
     depth: Array
+    lowest_water: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -55,10 +55,10 @@ class Outputs(Answer):
         option(
             "--waypoints",
             "Waypoint file: .csv, .geojson, .json, .kml, .plan for QGroundControl, .ma for a Slocum (yo*.ma: dives), "
-            ".targets for a Seaglider.",
+            ".targets or .science for a Seaglider.",
             metavar="FILE",
         ),
-        Ending((".csv", ".geojson", ".json", ".kml", ".plan", ".ma", ".targets")),
+        Ending((".csv", ".geojson", ".json", ".kml", ".plan", ".ma", ".targets", ".science")),
     ] = None
     policy: Annotated[
         Path | None,

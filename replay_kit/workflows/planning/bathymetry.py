@@ -45,6 +45,15 @@ _HEIGHTS = (
     "topo",
     "band1",
 )
+# Of the water's surface above the level that depths are counted from, positive up (NEMO: zos; ROMS: zeta).
+_LEVELS = (
+    "sea_surface_height_above_geoid",
+    "sea_surface_height_above_mean_sea_level",
+    "water_surface_height_above_reference_datum",
+    "zos",
+    "zeta",
+    "ssh",
+)
 _LONGITUDES = ("longitude", "lon", "nav_lon", "lon_rho", "x")
 _LATITUDES = ("latitude", "lat", "nav_lat", "lat_rho", "y")
 # Points kept beyond the ends of a region.
@@ -65,8 +74,9 @@ _UNITS = {
 def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
     """Return the depth of the bottom in a NetCDF file, around a region: no more of a grid of the world is read.
 
-    It is found by its standard name, or else by its name. The attribute ``positive`` decides the sign; without it names of heights are
-    positive up and names of depths positive down. Depths are metres where no unit is stated. Land by ``mask_rho`` of ROMS is unknown depth.
+    It is found by its standard name, or else by its name. Where the file has the level of the water at some times, the lowest counts. The attribute ``positive`` decides the sign; without it names of heights are
+    positive up and names of depths positive down. Depths are metres where no unit is stated. Land by
+    ``mask_rho`` of ROMS is unknown depth.
 
     Args:
         path: The file.
@@ -103,6 +113,8 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     variable = variable.isel(cut)
     axes = [axis.isel(cut, missing_dims="ignore") for axis in axes]
     values = np.asarray(variable, dtype=np.float64) * _scale(path, variable) * (-1.0 if up else 1.0)
+    low = _lowest_water(path, dataset, variable)
+    values = values if low is None else values + np.where(np.isfinite(low), low, 0.0)
     if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
         values = np.where(np.asarray(dataset["mask_rho"]) > 0.5, values, np.nan)
     # continuous where the region lies across the seam of the file
@@ -117,7 +129,20 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
             f"{path}: {variable.name} as a {'height, positive up' if up else 'depth, positive down'}, has no water; give it the attribute "
             f'positive = "{"down" if up else "up"}" if its sign is the other one'
         )
-    return Bathymetry(longitude, latitude, values)
+    lowest = None if low is None else (float(np.nanmin(low)), float(np.nanmax(low)))
+    return Bathymetry(longitude, latitude, values, lowest)
+
+
+def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array | None:
+    """Return the lowest level of the water at any time, of the shape of the depths [m]; None where the file has none on their points."""
+    for wanted in _LEVELS:
+        for name, level in dataset.data_vars.items():
+            called = wanted in (str(level.attrs.get("standard_name", "")), str(name).lower())
+            if called and set(depth.dims) <= set(level.dims):
+                times = level.transpose(..., *depth.dims).to_numpy().reshape(-1, *depth.shape)
+                low = np.fmin.reduce(times.astype(np.float64), axis=0) * _scale(path, level)
+                return low if np.isfinite(low).any() else None
+    return None
 
 
 def _window(longitude: xr.DataArray, latitude: xr.DataArray, region: Grid) -> dict[Hashable, Any]:
@@ -165,6 +190,11 @@ def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
     inside = known & inside_grid(
         grid, np.where(known, east, np.inf), np.where(known, north, np.inf)
     )
+    if bathymetry.lowest_water is not None:
+        low, high = bathymetry.lowest_water
+        notes.append(
+            f"the bottom counts as deep as at the file's lowest water, {low:.1f} to {high:.1f} m above the level of its depths"
+        )
     gaps = int(np.sum(inside & np.isnan(bathymetry.depth)))
     if gaps:
         notes.append(

@@ -91,6 +91,20 @@ def test_a_slocum_s_yo_has_the_dives():
     assert arguments["c_pitch_value(X)"] == -arguments["d_pitch_value(X)"]
 
 
+@pytest.mark.parametrize(
+    ("depth", "rows"),
+    [
+        (30.0, ["30 5 1 60"]),
+        (200.0, ["50 5 1 60", "200 10 1 120"]),
+        (612.5, ["50 5 1 60", "200 10 1 120", "612.5 20 1 180"]),
+    ],
+)
+def test_a_seaglider_samples_down_to_its_deepest_dive(depth, rows):
+    deepest = replace(FEW, depths=np.array([20.0, depth, 25.0]))
+    comment, *lines = waypoint_text(deepest, Path("science")).splitlines()
+    assert (comment[0], lines) == ("/", rows)
+
+
 def test_a_seaglider_s_targets_lead_from_each_waypoint_to_the_next():
     targets = read_targets(waypoint_text(FEW, Path("targets")))
     np.testing.assert_allclose(

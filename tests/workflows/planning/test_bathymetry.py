@@ -97,6 +97,24 @@ def test_depths_are_positive_down_in_metres(make, tmp_path):
     np.testing.assert_allclose(read.latitude, CURVED[1], rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("name", "attributes"),
+    [("zeta", {}), ("eta", {"standard_name": "sea_surface_height_above_geoid"})],
+)
+def test_depths_are_those_at_lowest_water_where_the_file_has_its_level(name, attributes, tmp_path):
+    tide = np.array([0.4, -1.5, 0.9])[:, None, None] + 0.01 * np.arange(25.0)
+    level = np.where(DEPTH > 0.0, np.broadcast_to(tide, (3, *DEPTH.shape)), np.nan)
+    made = roms().assign({name: (("ocean_time", "eta_rho", "xi_rho"), 100.0 * level)})
+    made[name].attrs |= {"units": "cm", **attributes}
+    plain, low = (read_bathymetry(written(tmp_path, one), WHOLE) for one in (roms(), made))
+    wet = DEPTH > 0.0
+    expected = plain.depth + (-1.5 + 0.01 * np.arange(25.0))
+    np.testing.assert_allclose(low.depth[wet], expected[wet], rtol=1e-12)
+    assert low.lowest_water == pytest.approx((-1.5, -1.26))
+    (note,) = set(bathymetry_notes(low, WHOLE)) - set(bathymetry_notes(plain, WHOLE))
+    assert "lowest water, -1.5 to -1.3 m" in note
+
+
 def test_a_single_number_is_no_axis(tmp_path):
     read = read_bathymetry(
         written(tmp_path, gebco().assign_coords(longitude=5.0, latitude=60.0)), WHOLE
