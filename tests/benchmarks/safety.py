@@ -14,6 +14,9 @@ import numpy as np
 from planners import plan_mission, waypoints_of
 from replay_kit.core.errors import PlanError
 from tests.benchmarks.measure import Row, row
+from tests.benchmarks.safety_odds import one_mission as one_uncertain
+from tests.benchmarks.safety_odds import uncertain_row
+from tests.benchmarks.safety_reach import reach_row
 from tests.planners.hazardous import MISSED, harm_done, harm_of_files, random_mission
 from tests.reference.vehicle import fly_commands
 
@@ -24,7 +27,7 @@ _DRAWN = 6
 
 
 def rows(tiny: bool, count: int = 300) -> list[Row]:
-    """Return how many plans called reached, and how many waypoint files, lead through something; and how many have each status."""
+    """Return how many plans called reached, and how many files, lead through something; what is stated and what comes of it."""
     made = []
     for speeds, missions in ((_MODERATE, count), (_STRONG, count // 3)):
         outcomes = [one_mission(seed, speeds) for seed in range(1 if tiny else missions)]
@@ -43,7 +46,9 @@ def rows(tiny: bool, count: int = 300) -> list[Row]:
         made.append(
             row(name, float(np.median(took)), "", error=errors, slowest_s=max(took), **found)
         )
-    return made
+    numbers = range(1 if tiny else count)
+    made.append(uncertain_row([one_uncertain(seed, not tiny and seed % 3 > 0) for seed in numbers]))
+    return [*made, reach_row(2 if tiny else 2 * count // 3)]
 
 
 def one_mission(seed: int, speeds: tuple[float, float]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What is stated of uncertain missions, and what comes of them: plans for a risk, their files and odds, flown in fresh samples by other code."""
+"""What is stated of uncertain missions and comes of them: plans for a risk, their files and odds, in fresh samples by other code."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,12 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.surfacing import Ellipse
 from tests.benchmarks.measure import Row, row
-from tests.planners.hazardous import HazardousMission, harm_done, random_mission, remembered_currents
+from tests.planners.hazardous import (
+    HazardousMission,
+    harm_done,
+    random_mission,
+    remembered_currents,
+)
 from tests.reference.vehicle import Sea, fly_plan, follow_waypoints, read_csv_waypoints
 
 # RMS speeds of the eddies at the first level [m/s], of which the estimate's errors are three tenths; the risk that is accepted.

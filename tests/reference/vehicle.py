@@ -121,15 +121,18 @@ def fly_plan(
     Args:
         sea: The current.
         plan: The mission.
-        known: What a pilot knows of the current, who aims each leg but the first at its planned end and expects the error of the last dive's
-            mean current to last; None to hold the commands.
+        known: What a pilot knows of the current, who aims each leg but the first at its planned end and expects the error of the last
+            dive's mean current to last; None to hold the commands.
     """
     path, ends, error = [_begin(sea, plan)], list[Array](), np.zeros(2)
     targets = np.column_stack(to_local(sea.flows[0].grid.projection, *plan.surfacings.T))
     for k, turns in enumerate(plan.yo_depths):
         last = k == len(plan.yo_depths) - 1
         drift = 0.0 if last else plan.settings.surface_time
-        command = float(np.deg2rad(plan.headings_deg[k])), float(np.deg2rad(plan.glide_angles_deg[k]))
+        command = (
+            float(np.deg2rad(plan.headings_deg[k])),
+            float(np.deg2rad(plan.glide_angles_deg[k])),
+        )
         begin, expected = path[-1], np.zeros(2)
         if known is not None:
             for _ in range(2 if k else 1):
