@@ -4,7 +4,7 @@ The integration steps are the same text for NumPy arrays and CasADi expressions,
 cannot differ.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.flow import field_function, latent_over_time
+from planners.flow import field_function
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -150,49 +150,25 @@ def fractions_of_duration(
     return fractions
 
 
-def fly_glide(
-    flow: FlowEstimate | Sequence[FlowEstimate],
-    start: Array,
-    velocity: Array,
-    time: Array,
-    start_time_ns: int = 0,
-) -> Track:
+def fly_glide(flow: FlowEstimate, start: Array, velocity: Array, time: Array) -> Track:
     """Return the track of a constant velocity through water in a flow, by RK4 between the given times.
 
     Args:
-        flow: The current, or its estimates for increasing times, between which it is linear.
+        flow: The current.
         start: shape (3,) [m], local east, north, depth.
         velocity: shape (3,) [m/s], through water.
         time: shape (n,) [s], from zero.
-        start_time_ns: When time is zero [ns, UTC], for a current that changes; 0 for its first time.
     """
     # The depths of all stages are known beforehand, so the contraction over the levels is done once: the rest is one small product a stage.
     steps = np.diff(time)
     depths = start[2] + velocity[2] * np.concatenate([time, time[:-1] + 0.5 * steps])
-    first = flow if isinstance(flow, FlowEstimate) else flow[0]
-    latent, weights = first.latent, depth_weights(first.depth_functions, depths, first.levels)
-    if not isinstance(flow, FlowEstimate):
-        times, latent = latent_over_time(flow)
-        now = time_since(first, start_time_ns) + np.concatenate([time, time[:-1] + 0.5 * steps])
-        hats = np.stack([np.interp(now, times, one) for one in np.eye(times.size)], axis=1)
-        weights = (hats[:, :, None] * weights[:, None, :]).reshape(now.size, -1)
-    latent = latent @ weights.T
+    latent = flow.latent @ depth_weights(flow.depth_functions, depths, flow.levels).T
     # of each step its middle twice, its end, and its end again as the next one's beginning
-    order = iter(
-        [
-            0,
-            *(
-                stage
-                for i in range(steps.size)
-                for stage in (time.size + i, time.size + i, i + 1, i + 1)
-            ),
-        ]
-    )
+    numbers = [(time.size + i, time.size + i, i + 1, i + 1) for i in range(steps.size)]
+    order = iter([0, *np.ravel(numbers)])
 
     def over_ground(position: Array) -> Array:
-        current = first.horizontal.velocity(
-            position[None, :2], latent[:, next(order), None]
-        ).ravel()
+        current = flow.horizontal.velocity(position[None, :2], latent[:, next(order), None]).ravel()
         ground: Array = velocity + np.append(current, 0.0)
         return ground
 
@@ -201,11 +177,6 @@ def fly_glide(
         positions.append(rk4_step(over_ground, positions[-1], step, velocities[-1]))
         velocities.append(over_ground(positions[-1]))
     return Track(time, np.array(positions), np.array(velocities))
-
-
-def time_since(flow: FlowEstimate, time_ns: int) -> float:
-    """Return how long a time [ns, UTC] is after that of a flow [s]; 0 for no time."""
-    return 0.0 if time_ns == 0 or flow.time_ns is None else (time_ns - flow.time_ns) / 1e9
 
 
 def path_function(flow: FlowEstimate, n_steps: int) -> ca.Function:

@@ -27,6 +27,7 @@ from planners.mission.solve.goals import aimed_at, to_all, with_n_legs
 from planners.mission.solve.legs import solve_legs
 from planners.mission.task import MissionTask, mission_task, turns_of
 from planners.mission.values import MissionPlan, MissionRequest
+from replay_kit.core.arrays import Array
 from replay_kit.core.progress import announce
 
 # Legs more than the quickest mission's that are tried in turn, as shares of its number, and how many are one at least.
@@ -38,11 +39,20 @@ _CLEARLY = 0.04
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Trial:
-    """A mission and its flights in the samples, by a pilot."""
+class Trial:
+    """A mission flown in samples.
+
+    Attributes:
+        attempt: It.
+        summary: Of its flights.
+        clear: shape (K,), the least clearance of each [m]: 0 or less where it violates a constraint.
+        deviations: shape (K, n, 2) [m], of the flights from the predicted one.
+    """
 
     attempt: Attempt
     summary: MonteCarloSummary
+    clear: Array
+    deviations: Array
 
 
 def plan_for_odds(
@@ -72,10 +82,10 @@ def plan_for_odds(
         return to_plan(whole, attempts)
     task, attempt = aimed_at(whole, first)
     steered = pilot or Pilot()
-    best = quickest = _judged(task, currents, steered, attempt)
+    best = quickest = judged(task, currents, steered, attempt)
     worse = tried = 0
     for longer in with_more_legs(task, attempt):
-        trial, tried = _judged(task, currents, steered, longer), tried + 1
+        trial, tried = judged(task, currents, steered, longer), tried + 1
         gain = trial.summary.succeeded - best.summary.succeeded
         if gain > _CLEARLY:
             best, worse = trial, 0
@@ -83,12 +93,7 @@ def plan_for_odds(
             worse += 1
         if worse == _PATIENCE or best.summary.succeeded == 1.0 or task.is_late:
             break
-    found = (
-        best.attempt
-        if first.kept is None
-        else replace(to_all(whole, first.kept, best.attempt), beyond=first.beyond)
-    )
-    plan = to_plan(whole, [found])
+    plan = to_plan(whole, [as_whole(whole, first, best.attempt)])
     more = {
         "attempts": len(attempts) + tried,
         "odds_costs_h": (plan.duration - float(quickest.attempt.flight.time[-1])) / 3600.0,
@@ -113,10 +118,20 @@ def with_more_legs(task: MissionTask, attempt: Attempt) -> Iterator[Attempt]:
             yield found
 
 
-def _judged(task: MissionTask, currents: Currents, pilot: Pilot, attempt: Attempt) -> _Trial:
+def judged(task: MissionTask, currents: Currents, pilot: Pilot | None, attempt: Attempt) -> Trial:
     """Return a mission flown in the samples."""
     legs = replace(attempt.legs, depths=task.depths(attempt.yo_depths))
     predicted = predict(task, legs)
     flight = fly_samples(task, currents, legs, predicted, pilot)
     met = points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)])
-    return _Trial(attempt, summarise_flights(task, flight, met)[0])
+    summary, clear = summarise_flights(task, flight, met)
+    return Trial(attempt, summary, clear, flight.place[:, 1:] - predicted.place[:, 1:])
+
+
+def as_whole(whole: MissionTask, first: Attempt, found: Attempt) -> Attempt:
+    """Return an attempt to the goals that a first one leads to as one to all, with what the first knows of those out of reach."""
+    return (
+        found
+        if first.kept is None
+        else replace(to_all(whole, first.kept, found), beyond=first.beyond)
+    )

@@ -17,24 +17,16 @@ from scipy.special import bdtr
 
 from planners.mission.flight.currents import Currents, Flow, Sample
 from planners.mission.flight.pilot import Pilot
-from planners.mission.flights import (
-    MonteCarloSummary,
-    currents_of_estimate,
-    fly_samples,
-    points_at,
-    predict,
-    summarise_flights,
-)
-from planners.mission.reserve import with_more_legs
+from planners.mission.flights import MonteCarloSummary, currents_of_estimate
+from planners.mission.reserve import Trial, as_whole, judged, with_more_legs
 from planners.mission.result import to_plan
 from planners.mission.search.search import solve_attempts
 from planners.mission.solve.attempt import Attempt, best_of, is_feasible
-from planners.mission.solve.goals import aimed_at, to_all, with_n_legs
+from planners.mission.solve.goals import aimed_at, with_n_legs
 from planners.mission.solve.half_planes import SafetyMargin
 from planners.mission.solve.legs import solve_with_margin
 from planners.mission.task import MissionTask, mission_task
 from planners.mission.values import MissionPlan, MissionRequest
-from replay_kit.core.arrays import Array
 
 # Plans made with wider and wider margins at most; each margin grows by this factor of what is missing, and by so much at least [m].
 _PLANS, _GROWTH, _LEAST = 4, 1.15, 50.0
@@ -53,20 +45,21 @@ class _Trial:
     """A plan with one margin, flown in the samples.
 
     Attributes:
-        attempt: It.
-        summary: Of its flights.
+        flown: It.
         extra: Its margin beside the samples' deviations, or beside that of the settings [m].
         passes: Whether its violations pass the binomial test.
         missing: Clearance that is missing to the first sample that must not violate a constraint [m].
-        deviations: shape (K, n, 2) [m], of the flights from the predicted one.
     """
 
-    attempt: Attempt
-    summary: MonteCarloSummary
+    flown: Trial
     extra: float
     passes: bool
     missing: float
-    deviations: Array
+
+    @property
+    def attempt(self) -> Attempt:
+        """The plan."""
+        return self.flown.attempt
 
 
 def plan_scenarios(
@@ -111,7 +104,7 @@ def plan_scenarios(
         if len(trials) > 1:
             extra += max(_GROWTH * trials[-1].missing, _LEAST)
         attempt = _widen_margin(
-            task, attempt, SafetyMargin(trials[-1].deviations, 1.0 - allowed, extra)
+            task, attempt, SafetyMargin(trials[-1].flown.deviations, 1.0 - allowed, extra)
         )
     met = [is_feasible(task, trial.attempt) for trial in trials]
     if met[0] and not all(met) and not any(_keeps(task, trial, allowed) for trial in trials):
@@ -126,13 +119,13 @@ def plan_scenarios(
     # a plan that reaches its goal comes before one that does not; then one that passes the test, or else the safest
     best = max(
         trials,
-        key=lambda trial: (is_feasible(task, trial.attempt), trial.passes, trial.summary.safe),
+        key=lambda trial: (
+            is_feasible(task, trial.attempt),
+            trial.passes,
+            trial.flown.summary.safe,
+        ),
     )
-    found = (
-        best.attempt
-        if first.kept is None
-        else replace(to_all(whole, first.kept, best.attempt), beyond=first.beyond)
-    )
+    found = as_whole(whole, first, best.attempt)
     plan = to_plan(whole, [found])
     hours = float(found.flight.time[-1] - first.flight.time[-1]) / 3600.0
     if abs(hours) >= _TOLD:
@@ -145,7 +138,7 @@ def plan_scenarios(
         "attempts": len(attempts) + len(trials) - 1,
         "extra_margin_m": best.extra,
     }
-    summary = replace(best.summary, reached=0.0) if first.beyond else best.summary
+    summary = replace(best.flown.summary, reached=0.0) if first.beyond else best.flown.summary
     return replace(plan, statistics={**plan.statistics, **counts}), summary
 
 
@@ -158,21 +151,16 @@ def _try(
     extra: float,
 ) -> _Trial:
     """Return a plan flown in the samples."""
-    legs = replace(attempt.legs, depths=task.depths(attempt.yo_depths))
-    predicted = predict(task, legs)
-    flight = fly_samples(task, currents, legs, predicted, pilot)
-    met = points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)])
-    summary, clear = summarise_flights(task, flight, met)
+    flown = judged(task, currents, pilot, attempt)
+    clear = flown.clear
     passes = passes_binomial_test(int(np.sum(clear <= 0.0)), len(clear), allowed)
     missing = float(np.sort(-clear)[::-1][most_violations_allowed(len(clear), allowed)])
-    return _Trial(
-        attempt, summary, extra, passes, missing, flight.place[:, 1:] - predicted.place[:, 1:]
-    )
+    return _Trial(flown, extra, passes, missing)
 
 
 def _keeps(task: MissionTask, trial: _Trial, allowed: float) -> bool:
     """Return whether a plan meets its goals and violates a constraint in no more than the allowed share of the samples."""
-    return is_feasible(task, trial.attempt) and 1.0 - trial.summary.safe <= allowed + 1e-9
+    return is_feasible(task, trial.attempt) and 1.0 - trial.flown.summary.safe <= allowed + 1e-9
 
 
 def _wider_ways(

@@ -8,11 +8,8 @@ import numpy as np
 
 from planners.mission.flight.currents import Flow
 from planners.mission.result import to_plan
-from planners.mission.search.search import rest_of, solve_attempts
-from planners.mission.solve.attempt import Attempt, is_feasible
-from planners.mission.solve.goals import with_n_legs
-from planners.mission.solve.legs import solve_legs
-from planners.mission.task import MissionTask, apogee_depths, mission_task
+from planners.mission.search.search import solve_attempts
+from planners.mission.task import apogee_depths, mission_task
 from planners.mission.values import Found, MissionPlan, MissionRequest
 from planners.mission.words import horizon_text
 from replay_kit.core.errors import PlanError
@@ -20,10 +17,6 @@ from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Place
 
-# Share by which a time in still water may be short of that in the current.
-_ROUGHLY = 1.01
-# Other numbers of legs solved from a neighbour at most; part of a leg that others make up for by steering better.
-_OTHERS, _SOME = 3, 0.25
 # Of the statuses the better one first.
 _RANKS = ("reached", "uncertain", "unreachable")
 
@@ -31,10 +24,7 @@ _RANKS = ("reached", "uncertain", "unreachable")
 def plan_departures(
     flow: Flow, request: MissionRequest, starts_ns: Sequence[int]
 ) -> tuple[MissionPlan, ...]:
-    """Return the best mission found for each departure.
-
-    The first is planned by itself. Each other one is solved from the plan before it, with a leg more or less where that is needed or might
-    do, and planned by itself where that is no good plan either. Only plans by themselves are compared with the lower bound of the time.
+    """Return the best mission found for each departure, each but the first from the legs of the one before it, as ``plan_mission`` does.
 
     Args:
         flow: The current, or its estimates for increasing times.
@@ -48,17 +38,14 @@ def plan_departures(
         raise PlanError(f"departures are {list(starts_ns)} ns; expected one or more that increase")
     plans = list[MissionPlan]()
     for start_ns in starts_ns:
-        asked = replace(request, start_time_ns=start_ns)
-        # leaving later, all legs of the plan before are still to be flown
-        made = (
-            _from_neighbour(flow, asked, replace(plans[-1], start_time_ns=start_ns))
-            if plans
-            else None
-        )
-        if made is None:
-            task = mission_task(flow, asked)
-            made = to_plan(task, solve_attempts(task))
-        plans.append(made)
+        # leaving later, all legs of the plan before are still to be flown; where time does not count, as many may be too many
+        warm = [
+            replace(plan, start_time_ns=start_ns)
+            for plan in plans[-1:]
+            if plan.status == "reached" and plan.settings.weights.time > 0.0
+        ]
+        task = mission_task(flow, replace(request, start_time_ns=start_ns))
+        plans.append(to_plan(task, solve_attempts(task, *warm)))
     return tuple(plans)
 
 
@@ -87,75 +74,6 @@ def best_departure(plans: Sequence[MissionPlan]) -> int:
         )
 
     return min(range(len(plans)), key=lambda k: rank(plans[k]))
-
-
-def _from_neighbour(flow: Flow, request: MissionRequest, before: MissionPlan) -> MissionPlan | None:
-    """Return the mission with the legs of another departure's, solved for its own; None where that is no good plan."""
-    if before.status != "reached":
-        return None
-    task = mission_task(flow, request)
-    attempts = rest_of(task, before, fewer=True)
-    alike = all(max(leg) == task.settings.depth for leg in before.yo_depths)
-    if attempts and alike and request.settings.legs is None:
-        attempts += _with_other_numbers(task, attempts[0])
-    made = to_plan(task, attempts)
-    return (
-        made
-        if made.status == "reached" and not (request.settings.legs is None and _spares_a_leg(made))
-        else None
-    )
-
-
-def _with_other_numbers(task: MissionTask, attempt: Attempt) -> list[Attempt]:
-    """Return attempts with more legs until one meets the goals, where an attempt misses them; with fewer as long as that might do."""
-    found, last = list[Attempt](), attempt
-    while len(found) < _OTHERS:
-        feasible, n_legs = is_feasible(task, last), len(last.legs.headings)
-        if found and feasible != is_feasible(task, attempt):
-            break
-        wanted = (
-            _fewer_legs(to_plan(task, [last])) if feasible else n_legs + _missing_legs(task, last)
-        )
-        if wanted == n_legs or wanted > task.settings.most_legs:
-            break
-        other = with_n_legs(task, last, wanted)
-        last = solve_legs(task, other.guess, other.goals, None, fewer=True)
-        found.append(last)
-    return found
-
-
-def _missing_legs(task: MissionTask, attempt: Attempt) -> int:
-    """Return how many more legs cover what an attempt misses at the speed it makes good, one at least."""
-    made_good = float(np.linalg.norm(attempt.flight.place[0, -1] - task.start[:2])) / len(
-        attempt.legs.headings
-    )
-    return max(
-        1,
-        int(
-            np.ceil(
-                (float(attempt.miss.max()) - task.settings.tolerance) / max(made_good, 1.0) - _SOME
-            )
-        ),
-    )
-
-
-def _spares_a_leg(plan: MissionPlan) -> bool:
-    """Return whether a mission might do with a leg less."""
-    return _fewer_legs(plan) < len(plan.headings_deg)
-
-
-def _fewer_legs(plan: MissionPlan) -> int:
-    """Return with how few legs a mission might do: at the shallowest glide angle they would take as long as it would in still water."""
-    settings, vehicle, n_legs = plan.settings, plan.vehicle, len(plan.headings_deg)
-    along, down = (float(speed) for speed in vehicle.speeds(np, vehicle.angles[0]))
-    slower = float(np.mean(vehicle.speeds(np, np.deg2rad(plan.glide_angles_deg))[0])) / along
-    longest = (
-        2.0 * settings.yos * max(max(leg) for leg in plan.yo_depths) / down + settings.surface_time
-    )
-    return min(
-        n_legs,
-        max(len(plan.goals), int(np.ceil(plan.duration * slower / longest / _ROUGHLY - 1e-9))),
-    )
 
 
 def first_legs(plan: MissionPlan, count: int, projection: Projection) -> MissionPlan:

@@ -131,14 +131,10 @@ def first_currents(task: MissionTask, plan: MissionPlan, legs: Legs) -> list[Arr
     """
     begin = task.start[None, :2]
     end = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings[:1].T))
-    turn = float(true_north_halfway(task.region.grid.projection, begin, end)[0])
-    planned = dead_reckoned_current(
-        plan,
-        end[0] - begin[0],
-        float(plan.surfacing_times[0]),
-        float(legs.headings[0]) + turn,
-        float(legs.angles[0]),
-    )
+    drift = float(legs.drifts[0])
+    leg = HeldLeg(plan.vehicle, legs.depths[0], drift, legs.headings[:1], legs.angles[:1])
+    lasts = plan.surfacing_times[:1, None]
+    planned = leg.mean_current(task.region.grid.projection, begin, end, lasts)[0]
     if not task.flow.n_modes:
         return [planned, np.zeros(2)]
     depths = np.linspace(0.0, float(np.max(legs.depths[0])), _DEPTHS)
@@ -322,16 +318,6 @@ def _margin(task: MissionTask, margin: float, given: Array) -> float:
     """
     least = min((float(ring.clearance(given).min()) for ring in task.rings), default=np.inf)
     return float(np.clip(0.5 * least, 0.0, _AS_FAR * margin))
-
-
-def dead_reckoned_current(
-    plan: MissionPlan, displacement: Array, duration: float, heading: float, angle: float
-) -> Array:
-    """Return the mean current [m/s] of a leg by dead reckoning: its displacement over ground [m] less that through water, over time [s]."""
-    along = float(plan.vehicle.speeds(np, angle)[0]) * max(
-        duration - plan.settings.surface_time, 0.0
-    )
-    return (displacement - along * np.array([np.sin(heading), np.cos(heading)])) / duration
 
 
 def heading_for(

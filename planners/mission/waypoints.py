@@ -160,11 +160,8 @@ def waypoints_of(
             _best_radius(task, plan, firsts, whole),
             key=lambda flown: _lost(plan, flown[0]),
         )
-    areas = tuple(area.area for area in no_go)
     if not samples:
-        return replace(
-            _waypoints(task, plan, best, places), areas=areas, clearance=plan.settings.clearance
-        )
+        return _waypoints(task, plan, best, places, no_go)
     currents = with_paces(currents_of_estimate(flow, samples), plan.vehicle, 1)
     risk = list_risk(task, plan, best[0].few, firsts, currents)
     first = first_legs(plan, 1, task.region.grid.projection)
@@ -177,14 +174,8 @@ def waypoints_of(
             risk.reached,
         ):
             best, risk = wider, then
-    found = _waypoints(task, plan, best, places)
-    return replace(
-        found,
-        areas=areas,
-        clearance=plan.settings.clearance,
-        risk=risk,
-        message=f"{found.message}; {risk.text()}",
-    )
+    found = _waypoints(task, plan, best, places, no_go)
+    return replace(found, risk=risk, message=f"{found.message}; {risk.text()}")
 
 
 def _lost(plan: MissionPlan, one: Followed) -> tuple[bool, int, bool, float]:
@@ -261,7 +252,11 @@ def list_risk(
 
 
 def _waypoints(
-    task: MissionTask, plan: MissionPlan, flown: Sequence[Followed], places: Array
+    task: MissionTask,
+    plan: MissionPlan,
+    flown: Sequence[Followed],
+    places: Array,
+    no_go: tuple[NoGo, ...],
 ) -> Waypoints:
     """Return waypoints and what they lose at most against the plan, whose legs lie between places [m], in flights with the worst first."""
     worst, projection = flown[0], task.region.grid.projection
@@ -302,6 +297,8 @@ def _waypoints(
         at,
         arrives,
         message,
+        areas=tuple(area.area for area in no_go),
+        clearance=plan.settings.clearance,
     )
 
 

@@ -107,7 +107,7 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
             if met == len(task.goals)
             else [_to_some(task, tuple(range(met, len(task.goals))), warm)]
         )
-    attempts = [] if warm is None else rest_of(task, warm)
+    attempts = [] if warm is None else _rest_of(task, warm)
     if any(is_feasible(task, attempt) for attempt in attempts):
         # a plan made at each surfacing is not compared with the bound, which would take longer than the plan
         water = water_of(task)
@@ -386,14 +386,8 @@ def _from_habit(task: MissionTask, water: Water, attempts: list[Attempt]) -> lis
     return [flown, solve_legs(task, flown.guess, flown.goals, None)]
 
 
-def rest_of(task: MissionTask, warm: MissionPlan, fewer: bool = False) -> list[Attempt]:
-    """Return the attempt with the legs of an earlier plan that are still to be flown; none when there are none, or not as many as asked.
-
-    Args:
-        task: The problem.
-        warm: The earlier plan.
-        fewer: Whether other numbers of legs are tried where these miss a goal by far.
-    """
+def _rest_of(task: MissionTask, warm: MissionPlan) -> list[Attempt]:
+    """Return the attempt with the legs of an earlier plan that are still to be flown; none when there are none, or not as many as asked."""
     begun = warm.legs_flown(task.request.start_time_ns)
     left = len(warm.headings_deg) - begun
     goal_legs = tuple(number - begun for number in warm.goal_legs if number > begun)
@@ -415,4 +409,4 @@ def rest_of(task: MissionTask, warm: MissionPlan, fewer: bool = False) -> list[A
     guess = MissionGuess(
         places, np.deg2rad(warm.headings_deg[begun:]), np.deg2rad(warm.glide_angles_deg[begun:])
     )
-    return [solve_legs(task, guess, goals, None, fewer=fewer)]
+    return [solve_legs(task, guess, goals, None)]

@@ -1,7 +1,6 @@
 """What the front tells a mission: its bound, how many legs, a goal by a wall, a pilot's habit, the rest of a plan that goes astray."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from planners.mission.search.passage import initial_guess, passage_past_goals, w
 from planners.mission.search.search import _fewest_legs, likely_legs
 from planners.mission.solve.attempt import is_feasible
 from planners.mission.task import mission_task
-from planners.mission.timing import _missing_legs
 from replay_kit.core.arrays import Array
 from tests.planners.flow_samples import (
     eddying_flow,
@@ -170,17 +168,3 @@ def test_the_rest_of_a_plan_with_too_many_legs_is_replaced_by_one_with_as_many_a
     assert said == [f"planning: {len(again.headings_deg)} legs"]
     assert again.duration <= 1.001 * cold.duration
     assert len(again.headings_deg) < 16
-
-
-@pytest.mark.parametrize(("miss", "legs"), [(150.0, 1), (1000.0, 1), (1900.0, 2), (4500.0, 5)])
-def test_legs_that_are_missing_are_those_that_make_good_what_is_missed(miss, legs):
-    """Three legs have made good a kilometre each."""
-    task = mission_task(still_flow(), request_in(still_flow(), (-10e3, 0.0), (10e3, 0.0)))
-    path = np.array([task.start[:2], task.start[:2] + np.array([3000.0, 0.0])])
-    miss_of_goals = np.array([0.0, miss + SETTINGS.tolerance])
-    attempt = SimpleNamespace(
-        flight=SimpleNamespace(place=path[None]),
-        legs=SimpleNamespace(headings=[0.0] * 3),
-        miss=miss_of_goals,
-    )
-    assert _missing_legs(task, attempt) == legs

@@ -14,7 +14,7 @@ from planners.mission import waypoints
 from planners.mission.flight.pilot import HeldLeg
 from planners.mission.flights import legs_of_plan
 from planners.mission.task import mission_task
-from planners.mission.waypoint_flight import dead_reckoned_current, heading_for
+from planners.mission.waypoint_flight import heading_for
 from planners.mission.waypoints import _distance_to_legs, kept_surfacings, waypoints_of
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.core.errors import PlanError
@@ -175,21 +175,6 @@ def test_a_heading_counts_the_drift_at_the_surface_on_the_way_and_the_current_ah
     assert shares == pytest.approx([1.0, 0.5, 0.1, 1.0, 1.0, 1.0])
     twice = replace(PLAN, settings=replace(PLAN.settings, yos=2))
     assert heading_for(twice, *given)[1][1] == pytest.approx(0.25)
-
-
-def test_the_current_reckoned_of_a_leg_is_its_drift_beside_the_way_through_water():
-    angle, heading, lasts = np.deg2rad(20.0), 0.8, 5000.0
-    through = 0.3 * np.cos(angle) * (lasts - 600.0) * np.array([np.sin(heading), np.cos(heading)])
-    current = np.array([0.07, -0.02])
-    np.testing.assert_allclose(
-        dead_reckoned_current(PLAN, through + current * lasts, lasts, heading, angle),
-        current,
-        atol=1e-12,
-    )
-    # a leg shorter than its drift went nowhere through water
-    np.testing.assert_allclose(
-        dead_reckoned_current(PLAN, 300.0 * current, 300.0, heading, angle), current, atol=1e-12
-    )
 
 
 def test_a_goal_below_the_surface_keeps_both_ends_of_its_leg():
