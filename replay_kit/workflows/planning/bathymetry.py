@@ -74,9 +74,9 @@ _UNITS = {
 def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
     """Return the depth of the bottom in a NetCDF file, around a region: no more of a grid of the world is read.
 
-    It is found by its standard name, or else by its name. Where the file has the level of the water at some times, the lowest counts. The attribute ``positive`` decides the sign; without it names of heights are
-    positive up and names of depths positive down. Depths are metres where no unit is stated. Land by
-    ``mask_rho`` of ROMS is unknown depth.
+    It is found by its standard name, or else by its name. The attribute ``positive`` decides the sign; without it names of heights are
+    positive up and names of depths positive down. Depths are metres where no unit is stated. Where the file has the level of the water at
+    some times, the lowest counts. Land by ``mask_rho`` of ROMS is unknown depth.
 
     Args:
         path: The file.
