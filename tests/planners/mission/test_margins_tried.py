@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, MonteCarloSummary, plan_scenarios
-from planners.mission import flights, scenarios
+from planners.mission import flights, reserve, scenarios
 from planners.mission.flights import points_at, summarise_flights
 from planners.mission.scenarios import _widen_margin, most_violations_allowed
 from planners.mission.search.search import solve_attempts
@@ -41,7 +41,7 @@ def outcomes(monkeypatch, problem, *clear):
         return problem[1]
 
     monkeypatch.setattr(scenarios, "solve_attempts", lambda *_: [problem[1]])
-    monkeypatch.setattr(scenarios, "summarise_flights", judged)
+    monkeypatch.setattr(reserve, "summarise_flights", judged)
     monkeypatch.setattr(scenarios, "_widen_margin", wider)
     return asked
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from replay_kit.core.as_flown import AS_FLOWN, AsFlown
+from replay_kit.core.as_flown import AS_FLOWN, AsFlown, FlownDive
 from replay_kit.core.plan import ORIGIN
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.show.status import figures
@@ -223,6 +223,24 @@ def test_a_surfacing_is_not_overdue_while_the_dives_flown_would_go_on():
     after = longer.time_ns + 4 * HOUR_NS
     assert "surfacing overdue" in kinds(flown(2.0), after)
     assert "surfacing overdue" not in kinds(flown(7.0), after)
+
+
+def test_of_200_twin_dives_hardly_one_is_overdue_though_the_pilot_changes_their_depth():
+    rng, alarms, planned = np.random.default_rng(0), 0, 4 * 3600.0
+    for _ in range(10):
+        depth, down, dives = rng.uniform(200.0, 600.0), rng.uniform(0.07, 0.15), []
+        for _ in range(21):
+            seconds = 2.0 * depth / (down * rng.lognormal(0.0, 0.1))
+            if flown := AsFlown.of(dives):
+                # the plan's leg of four hours is a dive as flown
+                scale = planned / (2.0 * flown.depth / flown.vertical)
+                lasted = {name: scale * getattr(flown, name) for name in ("duration", "longest")}
+                record = {AS_FLOWN: replace(flown, **lasted).to_record()}
+                margin = figures.next_surfacing(held(metadata=record)).margin_s
+                alarms += scale * seconds > planned + margin
+            dives.append(FlownDive(seconds, depth, 0.25, 2.0 * depth / seconds))
+            depth = np.clip(depth * rng.lognormal(0.0, 0.2), 50.0, 1000.0)
+    assert alarms <= 10
 
 
 def test_a_plan_says_which_numbers_of_its_dives_were_not_stated():
