@@ -13,6 +13,7 @@ from scipy.stats import beta
 from planners import MissionPlan, Pilot, mission_odds, plan_scenarios, waypoints_of
 from planners.output.waypoints import waypoint_text
 from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.surfacing import Ellipse
 from tests.benchmarks.measure import Row, row
@@ -26,9 +27,9 @@ from tests.reference.vehicle import Sea, fly_plan, follow_waypoints, read_csv_wa
 
 # RMS speeds of the eddies at the first level [m/s], of which the estimate's errors are three tenths; the risk that is accepted.
 _SPEEDS, RISK = (0.03, 0.15), 0.05
-# Samples planned in, others that the odds are stated by, and fresh ones flown in; the seeds of these.
+# Samples planned in, others that the odds are stated by, and fresh ones flown in; what is added to a mission's number for their seeds.
 _SAMPLES, _FRESH = 40, 2
-_SEARCH, _JUDGE, _TRUTH = 1, 2, 3
+_SEARCH, _JUDGE, _TRUTH, _TOLD = 10_000, 20_000, 30_000, 40_000
 # Longest step of the flights [s]: the current changes by a thousandth of its speed over one.
 _STEP = 120.0
 
@@ -74,7 +75,7 @@ def one_mission(seed: int, lists: bool) -> dict[str, Any]:
     """Return what was stated of a mission, and of its list if wanted, and what came of it in each of some fresh samples."""
     mission, began = random_mission(seed, _SPEEDS), process_time()
     flow, request = mission.flow, mission.request
-    searched = flow[0].sample(_SAMPLES, _SEARCH)
+    searched = flow[0].sample(_SAMPLES, _SEARCH + seed)
     try:
         plan, summary = plan_scenarios(flow, searched, request, allowed=RISK, pilot=Pilot())
     except PlanError:
@@ -82,8 +83,8 @@ def one_mission(seed: int, lists: bool) -> dict[str, Any]:
     seconds = process_time() - began
     if plan.status != "reached":
         return {"status": plan.status, "seconds": seconds}
-    odds = mission_odds(flow, flow[0].sample(_SAMPLES, _JUDGE), plan, request)
-    seas = [_sea(mission, k) for k in range(_FRESH)]
+    odds = mission_odds(flow, flow[0].sample(_SAMPLES, _JUDGE + seed), plan, request)
+    seas = [_sea(mission, one) for one in flow[0].sample(_FRESH, _TRUTH + seed)]
     known = replace(mission.sea, longest_step=_STEP)
     flown = [fly_plan(sea, plan, known)[0] for sea in seas]
     tracks = [np.array([[*at, depth] for at, depth, _ in path]) for path in flown]
@@ -101,13 +102,12 @@ def one_mission(seed: int, lists: bool) -> dict[str, Any]:
     }
     if np.isfinite(latest := odds.corrected.arrival_90_percent):
         told["in_time"] = arrived & np.array([path[-1][2] <= latest + 1.0 for path in flown])
-    return told | (_of_list(mission, plan, searched, seas) if lists else {})
+    return told | (_of_list(mission, plan, searched, seas, _TOLD + seed) if lists else {})
 
 
-def _sea(mission: HazardousMission, number: int) -> Sea:
-    """Return a fresh sample of the current: what it differs by from the first estimate persists."""
-    first = mission.flow[0]
-    off = first.sample(_FRESH, _TRUTH)[number].latent - first.latent
+def _sea(mission: HazardousMission, sample: FlowEstimate) -> Sea:
+    """Return a sample of the current: what it differs by from the first estimate persists."""
+    off = sample.latent - mission.flow[0].latent
     flows = [replace(flow, latent=flow.latent + off) for flow in mission.flow]
     return Sea(flows, mission.request.start_time_ns, _STEP)
 
@@ -123,7 +123,7 @@ def _held(sea: Sea, plan: MissionPlan, ellipses: np.ndarray) -> list[bool]:
 
 
 def _of_list(
-    mission: HazardousMission, plan: MissionPlan, searched: Any, seas: list[Sea]
+    mission: HazardousMission, plan: MissionPlan, searched: Any, seas: list[Sea], seed: int
 ) -> dict[str, Any]:
     """Return what gliders cross that head for the waypoints of the CSV, each expecting another current in its first dive."""
     asked = mission.request
@@ -134,7 +134,7 @@ def _of_list(
         return {}
     rows = read_csv_waypoints(waypoint_text(few, Path("few.csv")))
     places = np.array([[one["longitude"], one["latitude"]] for one in rows])
-    expected = remembered_currents(mission, plan, len(seas))[-len(seas) :]
+    expected = remembered_currents(mission, plan, len(seas), seed)[-len(seas) :]
     tracks = [
         follow_waypoints(sea, plan, rows, places, current)
         for sea, current in zip(seas, expected, strict=True)

@@ -153,18 +153,21 @@ def harm_done(mission: HazardousMission, track: Array) -> str | None:
     return "the bottom" if np.min(bottom - fine[:, 2]) < CLEARANCE - 0.1 else None
 
 
-def remembered_currents(mission: HazardousMission, plan: MissionPlan, drawn: int) -> list[Array]:
+def remembered_currents(
+    mission: HazardousMission, plan: MissionPlan, drawn: int, seed: int = 1
+) -> list[Array]:
     """Return currents that a glider may expect in its first dive [m/s]: none, the plan's, and the first dive's in samples of the estimate.
 
     Args:
         mission: With the estimate.
         plan: Its plan.
         drawn: Number of samples.
+        seed: Of these.
     """
     begin, depths = plan.track[0, :2], np.linspace(0.0, max(plan.yo_depths[0]), 30)
     met = [
         np.mean(sample.velocity(*begin, depths), axis=0)
-        for sample in mission.flow[0].sample(drawn, 1)
+        for sample in mission.flow[0].sample(drawn, seed)
     ]
     return [np.zeros(2), planned_current(mission.sea, plan), *met]
 
