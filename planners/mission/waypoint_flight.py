@@ -6,6 +6,7 @@ waypoints is flown with several of these.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -174,51 +175,56 @@ def follow(
     times, under_way = np.full((count, len(few.kept)), np.nan), np.arange(count)
     paths = [[(task.start[:2], 0.0)] for _ in range(count)]
     met = task.currents if currents is None else currents
-    clock, levels = met.clock(plan.start_time_ns), task.flow.levels
+    clock = met.clock(plan.start_time_ns)
     violations: list[Violation | None] = [None] * count
     for number in range(_LEGS_EACH * len(plan.headings_deg) + _LEGS_MORE):
-        begin, left = plan.yo_depths[0][0] if number == 0 else 0.0, list[int]()
         if under_way.size == 0:
             break
-        state = (at[under_way], now[under_way]), target[under_way], current[under_way]
+        these, begin = under_way, plan.yo_depths[0][0] if number == 0 else 0.0
+        state = (at[these], now[these]), target[these], current[these]
         headings, depths = _steered(task, plan, few, *state)
-        depths = np.maximum(depths, begin)
-        # dives to the same depth are flown together
-        for depth in np.unique(depths):
-            alike = depths == depth
-            these = under_way[alike]
-            turns = (begin, *(float(depth), 0.0) * settings.yos)
-            steps = leg_depths(turns, levels, steps_needed(turns, levels, settings.steps))
-            angles = few.angles[target[these]]
-            leg = HeldLeg(plan.vehicle, steps, settings.surface_time, headings[alike], angles)
-            flown = leg.fly(
-                met if currents is None else met.some(these), (at[these], clock + now[these])
-            )
-            found = _violations(task, steps, (at[these], flown), margin, currents is None)
-            surfaced, drifted = flown[steps.size - 2], flown[-1]
-            away = np.linalg.norm(surfaced[0] - few.places[target[these]], axis=1)
-            arrived = away <= radius[these]
-            last = arrived & (target[these] == len(few.kept) - 1)
-            # the last drift does not count
-            ends, lasts = (np.where(last[:, None], surfaced[i], drifted[i]) for i in (0, 1))
-            current[these] = counts[these] * leg.mean_current(projection, at[these], ends, lasts)
-            times[these[arrived], target[these[arrived]]] = (now[these] + surfaced[1][:, 0])[
-                arrived
-            ]
-            for k, one, end, then in zip(these, found, ends, now[these] + lasts[:, 0], strict=True):
-                if one is not None and violations[k] is None:
-                    violations[k] = replace(one, time=one.time + now[k], leg=number + 1)
-                paths[k].append((end, float(then)))
-            at[these], now[these] = ends, now[these] + lasts[:, 0]
-            target[these] += arrived & ~last
-            left += these[~last].tolist()
-        under_way = np.array(sorted(left), dtype=int)
+        steps = _profiles(plan, begin, np.maximum(depths, begin), task.flow.levels)
+        angles = few.angles[target[these]]
+        leg = HeldLeg(plan.vehicle, steps, settings.surface_time, headings, angles)
+        meets = met if currents is None else met.some(these)
+        flown = leg.fly(meets, (at[these], clock + now[these]))
+        found = _violations(task, steps, (at[these], flown), margin, currents is None)
+        surfaced, drifted = flown[len(steps) - 2], flown[-1]
+        away = np.linalg.norm(surfaced[0] - few.places[target[these]], axis=1)
+        arrived = away <= radius[these]
+        last = arrived & (target[these] == len(few.kept) - 1)
+        # the last drift does not count
+        ends, lasts = (np.where(last[:, None], surfaced[i], drifted[i]) for i in (0, 1))
+        current[these] = counts[these] * leg.mean_current(projection, at[these], ends, lasts)
+        reached = now[these] + surfaced[1][:, 0]
+        times[these[arrived], target[these[arrived]]] = reached[arrived]
+        for k, one, end, then in zip(these, found, ends, now[these] + lasts[:, 0], strict=True):
+            if one is not None and violations[k] is None:
+                violations[k] = replace(one, time=one.time + now[k], leg=number + 1)
+            paths[k].append((end, float(then)))
+        at[these], now[these] = ends, now[these] + lasts[:, 0]
+        target[these] += arrived & ~last
+        under_way = these[~last]
     if _has_hazards(task, float(few.depths.max())):
         for k in under_way:
             violations[k] = violations[k] or _unchecked(task, int(target[k]), paths[k])
     return [
         Followed(*one) for one in zip(lists, first_currents, times, paths, violations, strict=True)
     ]
+
+
+def _profiles(plan: MissionPlan, begin: float, depths: Array, levels: Array) -> Array:
+    """Return the depths of the steps of dives from a depth to others, shape (K,) [m]: shape (n + 1, K), or (n + 1,) where all are alike."""
+    each, which = np.unique(depths, return_inverse=True)
+    turns = [(begin, *(float(depth), 0.0) * plan.settings.yos) for depth in each]
+    count = max(steps_needed(one, levels, plan.settings.steps) for one in turns)
+    profiles = np.column_stack([_profile(one, tuple(levels.tolist()), count) for one in turns])
+    return profiles[:, 0] if each.size == 1 else profiles[:, which]
+
+
+@lru_cache(maxsize=256)
+def _profile(turns: tuple[float, ...], levels: tuple[float, ...], count: int) -> Array:
+    return leg_depths(turns, np.array(levels), count)
 
 
 def _steered(
@@ -254,11 +260,22 @@ def _violations(
     begin, path = flown
     places = np.stack([begin, *(place for place, _ in path)], axis=1)
     time = np.append(0.0, [float(np.mean(at)) for _, at in path])
-    depth = np.append(steps, np.zeros(time.size - steps.size))
+    deepest = steps if steps.ndim == 1 else steps.max(axis=1)
+    depth = np.append(deepest, np.zeros(time.size - len(steps)))
     whole = Flight(time, depth, places, np.zeros(time.size, dtype=int), np.array([time.size - 1]))
     near = _near_hazards(task, whole, margin)
     if not near.any():
         return [None] * len(near)
+    if steps.ndim > 1:
+        found: list[Violation | None] = [None] * len(near)
+        for profile in np.unique(steps, axis=1).T:
+            alike = np.flatnonzero(np.all(steps == profile[:, None], axis=0))
+            part = begin[alike], [(place[alike], at[alike]) for place, at in path]
+            for k, one in zip(
+                alike, _violations(task, profile, part, margin, exactly), strict=True
+            ):
+                found[k] = one
+        return found
     if exactly:
         return [
             check(task, replace(whole, place=one[None]), margin) if may else None

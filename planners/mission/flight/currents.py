@@ -121,7 +121,7 @@ class Currents:
 
         Args:
             place: shape (K, 2) [m].
-            of_levels: shape (Z,), the weights of the levels at the depth.
+            of_levels: shape (Z,), the weights of the levels at the depth; shape (K, Z) where each is at a depth of its own.
             time: On the clock of ``times`` [s].
         """
         flowing = self._flowing(place, of_levels, time)
@@ -137,15 +137,18 @@ class Currents:
                 ),
                 dtype=np.float64,
             )
-        used, functions = np.flatnonzero(weights), self.flow.horizontal
+        used, functions = np.flatnonzero(np.atleast_2d(weights).any(axis=0)), self.flow.horizontal
         if isinstance(functions, StreamFunctionLattice):
             numbers = np.arange(len(self.latent)) if self.numbers is None else self.numbers
             flows = np.broadcast_to(numbers, len(place))
-            parts = [(weights[i], self.columns[i]) for i in used] or [(0.0, self.columns[0])]
+            parts = [(weights[..., i, None], self.columns[i]) for i in used]
+            parts = parts or [(np.zeros(1), self.columns[0])]
             return functions.velocity_of_each(place, flows, parts)
         assert isinstance(functions, NodeKernel)
         each = slice(None) if self.numbers is None else self.numbers
-        return _from_nodes(functions, place, sum(weights[i] * self.columns[i][each] for i in used))
+        return _from_nodes(
+            functions, place, sum(weights[..., i, None] * self.columns[i][each] for i in used)
+        )
 
 
 def _from_nodes(functions: NodeKernel, place: Array, latent: Array) -> Array:

@@ -153,7 +153,7 @@ def fly_legs(
 
 
 class LegProfile(NamedTuple):
-    """The steps of a leg: depths of their ends, shape (n + 1,) [m]; durations, one or shape (K, 1) each [s]; the drift after them [s]."""
+    """A leg's steps: depths of their ends, shape (n + 1,) or (n + 1, K) [m]; durations, one or shape (K, 1) each [s]; the drift after [s]."""
 
     depths: Array
     durations: Any
@@ -180,8 +180,10 @@ def fly_leg(
     """
     steps, durations, drift = profile
     middles = 0.5 * (steps[:-1] + steps[1:])
-    rate = rate_over_ground(currents, frame, start_time, np.concatenate([steps, middles]))
-    flown = method(rate, *begin, steps, durations, steps.size - 1)
+    # depths that differ from flight to flight are weighed as they come
+    known = np.concatenate([steps, middles]) if steps.ndim == 1 else np.zeros(0)
+    rate = rate_over_ground(currents, frame, start_time, known)
+    flown = method(rate, *begin, steps, durations, len(steps) - 1)
     if drift > 0.0:
         surface = np.zeros(DRIFT_STEPS + 1)
         adrift = leg_frame(currents, flown[-1][0], np.zeros(2), drift)
@@ -235,20 +237,22 @@ def leg_frame(
 
 def rate_over_ground(
     currents: Currents, frame: LegFrame, start_time: float, depths: Array
-) -> Callable[[Array, float, float | Array], Array]:
+) -> Callable[[Array, Any, float | Array], Array]:
     """Return the rate of local places as a function of places, depth and time, for depths that are known beforehand.
 
     Args:
         currents: K flows.
         frame: Along the leg.
         start_time: On the clock of the currents' times [s].
-        depths: At which it will be asked for [m].
+        depths: At which it will be asked for [m]; at others of each flight, shape (K,), it may be asked for too.
     """
     weights = dict(zip(depths.tolist(), currents.weights(depths), strict=True))
 
-    def over_ground(at: Array, depth: float, now: float | Array) -> Array:
+    def over_ground(at: Array, depth: float | Array, now: float | Array) -> Array:
+        own = isinstance(depth, np.ndarray) and depth.ndim > 0
+        of_levels = currents.weights(np.asarray(depth)) if own else weights[float(depth)]
         # flights that are corrected each on its own differ by less than the current changes over
-        water = currents.velocity(at, weights[float(depth)], start_time + float(np.mean(now)))
+        water = currents.velocity(at, of_levels, start_time + float(np.mean(now)))
         turned = frame.turn @ (at - frame.begin)[..., None] + frame.stretch @ water[..., None]
         return frame.rate + turned[..., 0]
 

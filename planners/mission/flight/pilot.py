@@ -6,6 +6,7 @@ that the glider is in.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ class CorrectedFlight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldLeg:
-    """A leg of K gliders, each with its own heading and glide angle, shape (K,) [rad]."""
+    """A leg of K gliders, each with its own heading and glide angle, shape (K,) [rad], and depths of all or, shape (n + 1, K), its own."""
 
     vehicle: Glider
     depths: Array
@@ -63,9 +64,9 @@ class HeldLeg:
     angles: Array
 
     @property
-    def height(self) -> float:
-        """Sum of the heights of its dives and climbs [m]."""
-        return float(np.sum(np.abs(np.diff(self.depths))))
+    def height(self) -> Any:
+        """Sum of the heights of its dives and climbs [m], one or shape (K,)."""
+        return np.sum(np.abs(np.diff(self.depths, axis=0)), axis=0)
 
     @property
     def velocity_through_water(self) -> tuple[Array, Array]:
@@ -85,7 +86,8 @@ class HeldLeg:
     def fly(self, currents: Currents, begin: tuple[Array, Array]) -> list[tuple[Array, Array]]:
         """Return (places (K, 2) [m], times since its beginning (K, 1) [s]) after each step from a place and time."""
         at, began = begin[0], float(np.mean(begin[1]))
-        (through, down), heights = self.velocity_through_water, np.abs(np.diff(self.depths))
+        through, down = self.velocity_through_water
+        heights = np.abs(np.diff(self.depths, axis=0))
         frame = leg_frame(currents, at, through, self.height / down)
         durations = [(height / down)[:, None] for height in heights]
         zero = np.zeros((len(at), 1))

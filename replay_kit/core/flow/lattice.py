@@ -97,14 +97,14 @@ class StreamFunctionLattice:
         return out
 
     def velocity_of_each(
-        self, points: Array, flows: NDArray[np.intp], parts: Sequence[tuple[float, Array]]
+        self, points: Array, flows: NDArray[np.intp], parts: Sequence[tuple[Array, Array]]
     ) -> Array:
         """Return the velocity [m/s], shape (P, 2), at points each of which is in a flow of its own.
 
         Args:
             points: shape (P, 2) [m].
             flows: shape (P,), numbers of the flows.
-            parts: Weights and coefficients, shape (K, size) [m^2/s], whose sum the flows are; one at least.
+            parts: Weights, shape (1,) or (P, 1), and coefficients, shape (K, size) [m^2/s], whose sum the flows are; one at least.
         """
         (first_x, gx, slope_x), (first_y, gy, slope_y) = (
             self._window(points[:, axis], axis) for axis in (0, 1)
