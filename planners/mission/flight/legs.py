@@ -153,7 +153,7 @@ def fly_legs(
 
 
 class LegProfile(NamedTuple):
-    """A leg's steps: depths of their ends, shape (n + 1,) or (n + 1, K) [m]; durations, one or shape (K, 1) each [s]; the drift after [s]."""
+    """A leg's steps: depths of their ends, shape (n + 1,) or (n + 1, K) [m]; durations, one or shape (K, 1) each; the drift after them."""
 
     depths: Array
     durations: Any
