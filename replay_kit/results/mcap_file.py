@@ -69,6 +69,7 @@ class ResultFile:
         self._writer.start(profile="replay-kit", library="replay-kit")
         self._out = OutChannels(self._writer)
         self._channels: dict[str, int] = {}
+        self._held: dict[str, tuple[Callable[[], Definition], bytes, int]] = {}
         self._counts: Counter[str] = Counter()
         self._attachments = 0
         self.last_time_ns = 0
@@ -122,10 +123,27 @@ class ResultFile:
         self._counts[topic] += 1
         self.last_time_ns = max(self.last_time_ns, time_ns)
 
+    def hold_message(
+        self, topic: str, schema: Callable[[], Definition], data: bytes, time_ns: int
+    ) -> None:
+        """Write a message when the file is completed, in place of one held before: of some topics viewers draw all messages at once.
+
+        Args:
+            topic: Its channel.
+            schema: As of ``write_message``.
+            data: As of ``write_message``.
+            time_ns: As of ``write_message``.
+        """
+        self._held[topic] = schema, data, time_ns
+        name, encoding, definition = schema()
+        head = {"kind": "schema", "topic": topic, "name": name, "encoding": encoding}
+        self._record(head, definition)
+        self._record({"kind": "held", "topic": topic, "time_ns": time_ns}, data)
+
     @property
     def topics(self) -> tuple[str, ...]:
-        """The result's own topics that have messages."""
-        return tuple(self._channels)
+        """The result's own topics that have messages, or will have them when it is complete."""
+        return (*self._channels, *self._held)
 
     def attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
         """Write an attachment."""
@@ -195,6 +213,9 @@ class ResultFile:
                     data,
                     head["time_ns"],
                 )
+            elif head["kind"] == "held":
+                schema = partial(schemas.__getitem__, head["topic"])
+                self.hold_message(head["topic"], schema, data, head["time_ns"])
             elif head["kind"] == "attachment":
                 self.attach(head["time_ns"], head["name"], head["media_type"], data)
             elif head["kind"] == "copies":
@@ -215,6 +236,8 @@ class ResultFile:
         if not self._open:
             return
         try:
+            for topic, (schema, data, time_ns) in self._held.items():
+                self.write_message(topic, schema, data, time_ns)
             self._end()
             check_written(self.part, self._counts, self._attachments)
             self._check_target()

@@ -191,7 +191,7 @@ class ResultWriter(ResultFile):
         self.flush()
 
     def plan(self, plan: Plan, projection: Projection) -> None:
-        """Write a plan to ``/plan/path``, ``/plan/geojson`` and ``/plan/controls``.
+        """Write a plan to ``/plan/path`` and ``/plan/controls``; the last one goes to ``/plan/geojson``, when the file is completed.
 
         Args:
             plan: The plan.
@@ -199,7 +199,9 @@ class ResultWriter(ResultFile):
         """
         time_ns = plan.start_time_ns
         self._log("/plan/path", messages.plan_path(plan), time_ns)
-        self._log("/plan/geojson", messages.plan_geojson(plan, projection), time_ns)
+        drawn = messages.plan_geojson(plan, projection)
+        topic = topic_of(self._vehicle, "/plan/geojson")
+        self.hold_message(topic, lambda: _definition(drawn.get_schema()), drawn.encode(), time_ns)
         self._log_own("/plan/controls", "Plan", messages.plan_controls(plan), time_ns)
 
     def seabed(self, time_ns: int, seabed: Seabed) -> None:

@@ -249,6 +249,17 @@ def test_plan(result, flow, plan):
     )
 
 
+def test_viewers_find_the_last_plan_alone(plan, flow, tmp_path):
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        for message in ("stale", "last"):
+            writer.plan(replace(plan, message=message), flow.grid.projection)
+        assert "/plan/geojson" in writer.topics
+    found = decoded(tmp_path / "out.mcap")
+    assert [value.message for _, value in found["/plan/controls"]] == ["stale", "last"]
+    ((_, drawn),) = found["/plan/geojson"]
+    assert json.loads(drawn.geojson)["features"][0]["properties"]["message"] == "last"
+
+
 def test_path_poses_look_along_the_glide(result, plan):
     turn = result["/plan/path"][0][1].poses[0].orientation
     x, y, z, w = turn.x, turn.y, turn.z, turn.w

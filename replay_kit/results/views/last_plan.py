@@ -108,9 +108,9 @@ def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
         for end in ("start", "goal")
     )
     with result.path.open("rb") as file:
-        *_, (_, _, _, drawn) = make_reader(
-            file, decoder_factories=[DecoderFactory()]
-        ).iter_decoded_messages(topics="/plan/geojson")
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        # an unfinished result has none, one of an earlier version that of each plan
+        drawn = [found[-1] for found in reader.iter_decoded_messages(topics="/plan/geojson")]
     statistics = plan_statistics(result)
     legs = plan_legs(statistics)
     ellipses = [ellipse.outline(projection) for ellipse in planned_ellipses(legs)]
@@ -124,7 +124,7 @@ def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
         statistics,
         legs,
         ellipses,
-        _areas(json.loads(drawn.geojson)),
+        _areas(json.loads(drawn[-1].geojson)) if drawn else [],
     )
 
 
