@@ -31,9 +31,14 @@ class Outcome:
         return self.stdout + self.stderr
 
 
+def words_of(arguments: str | Sequence[str]) -> list[str]:
+    """Return the words of a command line, which are given as they are or as a line."""
+    return arguments.split() if isinstance(arguments, str) else list(arguments)
+
+
 def invoke(arguments: str | Sequence[str], columns: int = 160) -> Outcome:
     """Run ``replay-kit`` with arguments, or a line of them, on a terminal of so many columns; errors that are not its own pass through."""
-    words = arguments.split() if isinstance(arguments, str) else list(arguments)
+    words = words_of(arguments)
     out, err, exception = io.StringIO(), io.StringIO(), None
     with (
         contextlib.redirect_stdout(out),
@@ -47,9 +52,9 @@ def invoke(arguments: str | Sequence[str], columns: int = 160) -> Outcome:
     return Outcome(code, out.getvalue(), err.getvalue(), exception)
 
 
-def run_command(folder: Path, arguments: Sequence[str]) -> CompletedProcess[str]:
+def run_command(folder: Path, arguments: str | Sequence[str]) -> CompletedProcess[str]:
     """Run ``replay-kit`` as a process would in a folder, on a terminal of 160 columns; return its exit code and what it printed."""
-    out, err, command = io.StringIO(), io.StringIO(), ["replay-kit", *arguments]
+    out, err, command = io.StringIO(), io.StringIO(), ["replay-kit", *words_of(arguments)]
     with (
         contextlib.chdir(folder),
         contextlib.redirect_stdout(out),

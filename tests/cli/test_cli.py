@@ -29,9 +29,9 @@ COMMAND = [sys.executable, "-c", "from replay_kit.cli.app import main; main()"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "160"}
 
 
-def process(folder, *arguments):
+def process(folder, line):
     return subprocess.run(
-        [*COMMAND, *arguments],
+        [*COMMAND, *line.split()],
         cwd=folder,
         env=ENVIRONMENT,
         capture_output=True,
@@ -53,98 +53,64 @@ def ocean(tmp_path_factory) -> Path:
     return folder
 
 
-REPLAY = ["replay", "survey.mcap", "--ensemble", "ensemble.nc"]
+REPLAY = "replay survey.mcap --ensemble ensemble.nc"
 
 
 REFUSED = [
-    ([*REPLAY, "-o", "survey.mcap", "--overwrite"], "an input is never overwritten"),
+    (f"{REPLAY} -o survey.mcap --overwrite", "an input is never overwritten"),
     (
-        [*REPLAY, "-o", "o.mcap", "--netcdf", "ensemble.nc", "--overwrite"],
+        f"{REPLAY} -o o.mcap --netcdf ensemble.nc --overwrite",
         "an input is never overwritten",
     ),
     (
-        [
-            *REPLAY,
-            "-o",
-            "o.mcap",
-            "--truth",
-            "truth.nc#3",
-            "--save-estimate",
-            "truth.nc",
-            "--overwrite",
-        ],
+        f"{REPLAY} -o o.mcap --truth truth.nc#3 --save-estimate truth.nc --overwrite",
         "an input is never overwritten",
     ),
     (
-        [*REPLAY, "-o", "o.mcap", "--config", "there.json", "--json", "there.json", "--overwrite"],
+        f"{REPLAY} -o o.mcap --config there.json --json there.json --overwrite",
         "an input is never overwritten",
     ),
     (
-        [
-            "replay",
-            "survey.mcap",
-            "--ensemble",
-            "store.zarr",
-            "-o",
-            "store.zarr/o.mcap",
-            "--overwrite",
-        ],
+        "replay survey.mcap --ensemble store.zarr -o store.zarr/o.mcap --overwrite",
         "an input is never overwritten",
     ),
-    ([*REPLAY, "-o", "o.mcap", "--json", "there.json"], "--overwrite"),
-    ([*REPLAY, "-o", "o.mcap", "--save-estimate", "o.nc", "--netcdf", "./o.nc"], "two outputs"),
-    ([*REPLAY, "-o", "absent/o.mcap"], "there is no folder absent"),
-    ([*REPLAY, "-o", "folder.mcap", "--overwrite"], "is a folder"),
-    ([*REPLAY, "-o", "o.mcap", "--truth-radius", "0"], "--truth-radius"),
-    ([*REPLAY, "-o", "o.mcap", "--truth-radius", "nan"], "--truth-radius"),
-    ([*REPLAY, "-o", "o.mcap", "--goal", "nan,0,0"], "--goal"),
-    ([*REPLAY, "-o", "o.mcap", "--start", "yesterday"], "'logs.start': 'yesterday' is no time"),
-    ([*REPLAY, "-o", "o.mcap", "--modes", "some"], "estimator.modes"),
+    (f"{REPLAY} -o o.mcap --json there.json", "--overwrite"),
+    (f"{REPLAY} -o o.mcap --save-estimate o.nc --netcdf ./o.nc", "two outputs"),
+    (f"{REPLAY} -o absent/o.mcap", "there is no folder absent"),
+    (f"{REPLAY} -o folder.mcap --overwrite", "is a folder"),
+    (f"{REPLAY} -o o.mcap --truth-radius 0", "--truth-radius"),
+    (f"{REPLAY} -o o.mcap --truth-radius nan", "--truth-radius"),
+    (f"{REPLAY} -o o.mcap --goal nan,0,0", "--goal"),
+    (f"{REPLAY} -o o.mcap --start yesterday", "'logs.start': 'yesterday' is no time"),
+    (f"{REPLAY} -o o.mcap --modes some", "estimator.modes"),
     (
-        ["info", "there.json", "--json", "there.json", "--overwrite"],
+        "info there.json --json there.json --overwrite",
         "an input is never overwritten",
     ),
-    (["info", "survey.mcap", "--json", "there.json"], "--overwrite"),
-    (["info", "survey.mcap", "--suggest", "run.toml"], "--overwrite"),
+    ("info survey.mcap --json there.json", "--overwrite"),
+    ("info survey.mcap --suggest run.toml", "--overwrite"),
     (
-        ["info", "survey.mcap", "--suggest", "run.toml", "--config", "run.toml", "--overwrite"],
+        "info survey.mcap --suggest run.toml --config run.toml --overwrite",
         "an input is never overwritten",
     ),
-    (["info", "survey.mcap", "--suggest", "-", "--json", "-"], "only one of them"),
+    ("info survey.mcap --suggest - --json -", "only one of them"),
     (
-        ["convert", "there.json", "-o", "o.mcap", "--json", "there.json", "--overwrite"],
+        "convert there.json -o o.mcap --json there.json --overwrite",
         "an input is never overwritten",
     ),
-    (["info", "survey.mcap", "--suggest", "o", "--json", "./o"], "two outputs"),
+    ("info survey.mcap --suggest o --json ./o", "two outputs"),
     (
-        ["twin", "--truth", "survey.mcap", "-o", "survey.mcap", "--overwrite"],
+        "twin --truth survey.mcap -o survey.mcap --overwrite",
         "an input is never overwritten",
     ),
-    (["synthesize", "--ensemble", "e.nc", "--truth", "e.nc"], "two outputs"),
-    (["synthesize", "--ensemble", "e.nc", "--truth", "truth.nc"], "--overwrite"),
+    ("synthesize --ensemble e.nc --truth e.nc", "two outputs"),
+    ("synthesize --ensemble e.nc --truth truth.nc", "--overwrite"),
     (
-        [
-            "bench",
-            "--ensemble",
-            "there.json",
-            "--leave-out",
-            "0",
-            "--json",
-            "there.json",
-            "--overwrite",
-        ],
+        "bench --ensemble there.json --leave-out 0 --json there.json --overwrite",
         "an input is",
     ),
     (
-        [
-            "bench",
-            "--ensemble",
-            "ensemble.nc",
-            "--leave-out",
-            "0",
-            "--json",
-            "there.json",
-        ],
+        "bench --ensemble ensemble.nc --leave-out 0 --json there.json",
         "--overwrite",
     ),
 ]
@@ -158,9 +124,7 @@ def refusals(ocean):
     return answers, before, {path: path.stat().st_mtime_ns for path in ocean.rglob("*")}
 
 
-@pytest.mark.parametrize(
-    "k", range(len(REFUSED)), ids=[" ".join(arguments) for arguments, _ in REFUSED]
-)
+@pytest.mark.parametrize("k", range(len(REFUSED)), ids=[line for line, _ in REFUSED])
 def test_wrong_paths_and_options_are_refused_with_exit_2(refusals, k):
     answer = refusals[0][k]
     assert answer.returncode == 2
@@ -173,7 +137,7 @@ def test_a_refusal_touches_no_file(refusals):
 
 
 def test_a_refused_path_is_exit_2_of_the_process_and_no_traceback(ocean):
-    done = process(ocean, *REFUSED[0][0])
+    done = process(ocean, REFUSED[0][0])
     assert done.returncode == 2
     assert done.stderr.startswith("replay-kit: survey.mcap: is an input of this run")
 
@@ -198,23 +162,23 @@ def test_links_and_part_files_of_inputs_are_inputs_too(tmp_path):
 
 def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
     for arguments, code, said in (
-        (["twin", "--nope"], 2, "Unknown option: --nope"),
-        (["twin", "--truth", "t.nc", "-o", "x.mcap", "--pings", "0"], 2, "--pings"),
-        (["info", "absent.mcap"], 3, "file not found"),
-        ([], 2, ""),
-        (["experiment"], 2, ""),
+        ("twin --nope", 2, "Unknown option: --nope"),
+        ("twin --truth t.nc -o x.mcap --pings 0", 2, "--pings"),
+        ("info absent.mcap", 3, "file not found"),
+        ("", 2, ""),
+        ("experiment", 2, ""),
     ):
         done = run_command(tmp_path, arguments)
         assert done.returncode == code, done.stderr
         assert said in done.stderr
         assert "Traceback" not in done.stderr
-    assert run_command(tmp_path, ["--version"]).stdout.startswith("replay-kit ")
+    assert run_command(tmp_path, "--version").stdout.startswith("replay-kit ")
 
 
 def test_help_keeps_units(tmp_path):
     twin, replay = (
-        run_command(tmp_path, ["twin", "--help-all"]),
-        run_command(tmp_path, ["replay", "--help-all"]),
+        run_command(tmp_path, "twin --help-all"),
+        run_command(tmp_path, "replay --help-all"),
     )
     assert twin.returncode == replay.returncode == 0
     for said in ("[m/s]", "[m]", "[degrees]"):
@@ -228,7 +192,7 @@ def test_an_error_of_the_system_is_a_line_and_exit_1(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(twins, "write_ensemble", bad)
-    done = run_command(tmp_path, ["synthesize", "--ensemble", "e.nc", "--truth", "t.nc"])
+    done = run_command(tmp_path, "synthesize --ensemble e.nc --truth t.nc")
     assert done.returncode == 1
     assert done.stderr == "replay-kit: [Errno 28] No space left on device\n"
 
@@ -236,22 +200,20 @@ def test_an_error_of_the_system_is_a_line_and_exit_1(tmp_path, monkeypatch):
 def test_json_replaces_whole_files_only_when_asked_and_goes_to_pipes(ocean, tmp_path):
     log, answer = str(ocean / "survey.mcap"), tmp_path / "i.json"
     answer.write_text("old")
-    assert run_command(tmp_path, ["info", log, "--json", "i.json", "--overwrite"]).returncode == 0
+    assert run_command(tmp_path, f"info {log} --json i.json --overwrite").returncode == 0
     assert json.loads(answer.read_text())["logs"][0]["profiles"] == 20
     assert [path.name for path in tmp_path.iterdir()] == ["i.json"]
     assert (
-        json.loads(run_command(tmp_path, ["info", log, "--json", "-"]).stdout)["logs"][0][
-            "profiles"
-        ]
+        json.loads(run_command(tmp_path, f"info {log} --json -").stdout)["logs"][0]["profiles"]
         == 20
     )
-    piped = process(tmp_path, "info", log, "--json", "/dev/stderr")
+    piped = process(tmp_path, f"info {log} --json /dev/stderr")
     assert json.loads(piped.stderr)["logs"][0]["profiles"] == 20
 
 
 def test_ctrl_c_ends_with_130_and_names_the_part_of_a_replay(ocean, tmp_path):
     part = tmp_path / "out.mcap.part"
-    inputs = [str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc")]
+    inputs = f"{ocean / 'survey.mcap'} --ensemble {ocean / 'ensemble.nc'}"
     # the process interrupts itself after its ninth message: a signal from outside may come before the run begins or after it ended
     code = (
         "import signal, os, replay_kit.cli.app as c, replay_kit.workflows.replay.session as r\n"
@@ -263,7 +225,7 @@ def test_ctrl_c_ends_with_130_and_names_the_part_of_a_replay(ocean, tmp_path):
         "r.Session.take = counted\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\nc.main()"
     )
-    command = [sys.executable, "-c", code, "replay", *inputs, "-o", "out.mcap"]
+    command = [sys.executable, "-c", code, *f"replay {inputs} -o out.mcap".split()]
     done = subprocess.run(
         command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False
     )
@@ -278,7 +240,7 @@ def test_ctrl_c_elsewhere_names_no_part(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(twins, "write_ensemble", stop)
-    done = run_command(tmp_path, ["synthesize", "--ensemble", "e.nc", "--truth", "t.nc"])
+    done = run_command(tmp_path, "synthesize --ensemble e.nc --truth t.nc")
     assert (done.returncode, done.stderr) == (130, "replay-kit: interrupted\n")
 
 

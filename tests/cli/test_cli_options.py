@@ -28,13 +28,13 @@ WRITTEN = {
 }
 
 
-COMMANDS = [(name,) for name in _COMMANDS] + [("experiment", name) for name in _STUDIES]
+COMMANDS = [*_COMMANDS, *(f"experiment {name}" for name in _STUDIES)]
 
 
-def options(words: tuple[str, ...]) -> Iterator[Argument]:
+def options(words: str) -> Iterator[Argument]:
     """Yield the options of a command."""
     command = app
-    for word in words:
+    for word in words.split():
         command = command[word]
     for argument in command.assemble_argument_collection():
         if argument.name.startswith("--"):
@@ -45,44 +45,32 @@ OPTIONS = [(words, option.name, option) for words in COMMANDS for option in opti
 OUTPUTS = [
     (words, option)
     for words, option, _ in OPTIONS
-    if option in WRITTEN or (words == ("synthesize",) and option in ("--ensemble", "--truth"))
+    if option in WRITTEN or (words == "synthesize" and option in ("--ensemble", "--truth"))
 ]
 FOLDERS = [
     (words, option)
     for words, option in OUTPUTS
-    if words[0] in ("bench", "experiment", "fleet") and option == "--out"
+    if words.split()[0] in ("bench", "experiment", "fleet") and option == "--out"
 ]
 
 
-def refusal(*arguments: object) -> str:
+def refusal(line: str) -> str:
     """Return what a command line that is refused with exit 2 says."""
-    done = invoke([*map(str, arguments)])
+    done = invoke(line)
     assert done.exit_code == 2
     assert done.stderr.startswith("replay-kit: ")
     return done.stderr.removeprefix("replay-kit: ").removesuffix("\n")
 
 
 def test_the_outputs_of_every_command_are_known():
-    assert {words for words, option in OUTPUTS if option == "--out"} == {
-        *(
-            ("replay",),
-            ("smooth",),
-            ("report",),
-            ("plot",),
-            ("export",),
-            ("convert",),
-            ("plan",),
-            ("twin",),
-            ("fit",),
-            ("fleet",),
-            ("layout",),
-            ("fetch",),
-            ("bench",),
-        ),
-        ("experiment", "paper"),
-    }
-    without = set(COMMANDS) - {words for words, option in OUTPUTS if option == "--json"}
-    assert without == {("twin",), ("synthesize",), ("report",), ("plot",), ("export",), ("layout",)}
+    made, answered = (
+        {words for words, option in OUTPUTS if option == name} for name in ("--out", "--json")
+    )
+    assert " ".join(sorted(made)) == (
+        "bench convert experiment paper export fetch fit fleet layout plan plot replay report smooth twin"
+    )
+    without = " ".join(sorted(set(COMMANDS) - answered))
+    assert without == "export layout plot report synthesize twin"
 
 
 @pytest.mark.parametrize(("words", "option"), [given for given in OUTPUTS if given not in FOLDERS])
@@ -91,7 +79,7 @@ def test_an_ending_that_does_not_fit_is_refused_before_anything_is_read(
 ):
     monkeypatch.chdir(tmp_path)
     for name, shown in (("wrong.xyz", ".xyz"), ("flow.nc.gz", ".gz"), ("WRONG.DBF", ".DBF")):
-        said = refusal(*words, option, name)
+        said = refusal(f"{words} {option} {name}")
         assert said.startswith(f"{option}: expected the name of a file that ends in ")
         assert f"with the ending {shown};" in said
     assert list(tmp_path.iterdir()) == []
@@ -100,32 +88,32 @@ def test_an_ending_that_does_not_fit_is_refused_before_anything_is_read(
 @pytest.mark.parametrize(("words", "option"), FOLDERS)
 def test_a_folder_does_not_get_the_name_of_a_file(words, option):
     for name in ("study.json", "table.CSV"):
-        assert f"{option}: expected the name of a folder" in refusal(*words, option, name)
+        assert f"{option}: expected the name of a folder" in refusal(f"{words} {option} {name}")
     # a point alone is no ending of a file: what is missing next is complained of
-    assert invoke([*words, option, "study.v2"]).exit_code == 2
+    assert invoke(f"{words} {option} study.v2").exit_code == 2
 
 
 @pytest.mark.parametrize(
     ("arguments", "listed"),
     [
-        (["convert", "-o", "x.csv"], ".mcap, .tlog,"),
-        (["convert", "-o", "x.nc"], ".mcap, .tlog,"),
-        (["convert", "-o", "x"], ".mcap, .tlog, got 'x' with no ending"),
-        (["replay", "-o", "m2.nc"], "in .mcap,"),
-        (["replay", "--netcdf", "x.mcap"], "in .nc,"),
-        (["plan", "--geojson", "w.kml"], ".geojson, .json,"),
-        (["plan", "--waypoints", "w"], ".csv, .geojson, .json, .kml, .plan, .ma, .targets,"),
-        (["fit", "-o", "fitted.json"], "in .toml,"),
-        (["qc", "--json", "quality.csv"], "in .json,"),
+        ("convert -o x.csv", ".mcap, .tlog,"),
+        ("convert -o x.nc", ".mcap, .tlog,"),
+        ("convert -o x", ".mcap, .tlog, got 'x' with no ending"),
+        ("replay -o m2.nc", "in .mcap,"),
+        ("replay --netcdf x.mcap", "in .nc,"),
+        ("plan --geojson w.kml", ".geojson, .json,"),
+        ("plan --waypoints w", ".csv, .geojson, .json, .kml, .plan, .ma, .targets,"),
+        ("fit -o fitted.json", "in .toml,"),
+        ("qc --json quality.csv", "in .json,"),
     ],
 )
 def test_the_endings_that_are_possible_are_listed(arguments, listed):
-    assert listed in refusal(*arguments)
+    assert listed in refusal(arguments)
 
 
 @pytest.mark.parametrize("name", ["result", "result.mcap", "RESULT.MCAP", "a.b.Mcap"])
 def test_names_that_fit_go_on_to_what_is_missing(name):
-    done = invoke(["replay", "--out", name])
+    done = invoke(f"replay --out {name}")
     assert done.exit_code == 2
     assert (
         "LOG is missing; expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap."
@@ -133,9 +121,9 @@ def test_names_that_fit_go_on_to_what_is_missing(name):
     )
 
 
-@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize("words", COMMANDS)
 def test_the_names_that_annotations_state_are_those_that_the_parser_knows(words):
-    _, apps, _ = app.parse_commands(list(words))
+    _, apps, _ = app.parse_commands(words.split())
     # with the program's own defaults of options
     with app.app_stack(apps):
         parsed = {
@@ -151,48 +139,46 @@ def test_the_names_that_annotations_state_are_those_that_the_parser_knows(words)
     ("arguments", "missing"),
     [
         (
-            ["replay", "a.mcap"],
+            "replay a.mcap",
             "--ensemble is missing; expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap.",
         ),
         (
-            ["replay", "a.mcap", "--ensemble", "e.nc", "-o"],
+            "replay a.mcap --ensemble e.nc -o",
             "-o: its value is missing; expected replay-kit replay LOG...",
         ),
         (
-            ["experiment", "paper", "-o", "out"],
+            "experiment paper -o out",
             "--ensemble is missing; expected replay-kit experiment paper --ensemble FILE (--truth FILE | --leave-out K) -o DIR.",
         ),
     ],
 )
 def test_a_missing_option_is_named_with_the_form_of_the_command(arguments, missing):
-    said = refusal(*arguments)
+    said = refusal(arguments)
     assert missing in said
-    assert (
-        f"See replay-kit {' '.join(arguments[: 1 + (arguments[0] == 'experiment')])} --help."
-        in said
-    )
+    command, study, *_ = arguments.split()
+    assert f"See replay-kit {command}{f' {study}' * (command == 'experiment')} --help." in said
 
 
 @pytest.mark.parametrize(
     ("words", "unknown"),
     [
         (
-            ["--mode", "3"],
+            "--mode 3",
             "Unknown option: --mode. Did you mean --modes? See replay-kit replay --help.",
         ),
-        (["--dry_rum"], "Unknown option: --dry_rum. Did you mean --dry-run?"),
-        (["--forecast.no-axis=3"], "Unknown option: --forecast.no-axis."),
-        (["--ensembel", "e.nc"], "Unknown option: --ensembel. Did you mean --ensemble?"),
-        (["-z"], "Unknown option: -z."),
+        ("--dry_rum", "Unknown option: --dry_rum. Did you mean --dry-run?"),
+        ("--forecast.no-axis=3", "Unknown option: --forecast.no-axis."),
+        ("--ensembel e.nc", "Unknown option: --ensembel. Did you mean --ensemble?"),
+        ("-z", "Unknown option: -z."),
     ],
 )
 def test_an_unknown_option_is_named_before_what_is_missing(words, unknown):
-    assert unknown in refusal("replay", "a.mcap", *words)
+    assert unknown in refusal(f"replay a.mcap {words}")
 
 
 def test_options_with_an_underscore_and_words_after_two_hyphens_are_no_unknown_options():
     assert "--ensemble is missing" in refusal(
-        "replay", "--dry_run", "--measurements.no-use-inverted", "--", "--mode"
+        "replay --dry_run --measurements.no-use-inverted -- --mode"
     )
 
 
@@ -215,12 +201,12 @@ def test_upper_case_endings_choose_the_same_format(log, tmp_path):
 def test_answers_go_to_streams_and_logs_do_not(log, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for stream in ("-", "/dev/null"):
-        assert invoke(["info", str(log), "--json", stream]).exit_code == 0
+        assert invoke(f"info {log} --json {stream}").exit_code == 0
     # a file that takes a device's name would replace it
     os.mkfifo("pipe.mcap")
     for stream in ("-", "/dev/null", "pipe.mcap"):
-        for words in (("convert", log), ("replay", log), ("twin",), ("plan", "flow.nc")):
-            assert f"got the stream '{stream}'" in refusal(*words, "-o", stream, "--overwrite")
+        for words in (f"convert {log}", f"replay {log}", "twin", "plan flow.nc"):
+            assert f"got the stream '{stream}'" in refusal(f"{words} -o {stream} --overwrite")
     assert Path("pipe.mcap").is_fifo()
     assert [path.name for path in tmp_path.iterdir()] == ["pipe.mcap"]
 
@@ -239,18 +225,18 @@ def test_an_option_with_one_value_is_given_once(words, step):
     assert single
     for option in single[::step]:
         # short and long names are one option
-        said = refusal(*words, option.name, "first", f"{option.names[-1]}=second")
+        said = refusal(f"{words} {option.name} first {option.names[-1]}=second")
         assert said == (
-            f"{option.name}: expected one value, got first and second; give the option once. See replay-kit {' '.join(words)} --help."
+            f"{option.name}: expected one value, got first and second; give the option once. See replay-kit {words} --help."
         )
 
 
 def test_every_command_that_reads_an_ensemble_takes_several_files():
-    assert {words for words, option in SINGLE if option.name == "--ensemble"} == {("synthesize",)}
-    assert {words for words, name, option in OPTIONS if option.name == "--ensemble"} == {
-        *(("replay",), ("smooth",), ("info",), ("synthesize",), ("fleet",), ("fetch",), ("bench",)),
-        ("experiment", "paper"),
-    }
+    assert {words for words, option in SINGLE if option.name == "--ensemble"} == {"synthesize"}
+    several = {words for words, name, option in OPTIONS if option.name == "--ensemble"}
+    assert " ".join(sorted(several)) == (
+        "bench experiment paper fetch fleet info replay smooth synthesize"
+    )
 
 
 @pytest.mark.parametrize(
@@ -285,10 +271,10 @@ def test_words_after_an_ensemble_are_files_of_it(given, meant):
 
 
 def test_short_and_long_names_are_one_option_and_flags_and_lists_may_come_again(log, tmp_path):
-    said = refusal("replay", "log.mcap", "-o", "a.mcap", "--ensemble", "e.nc", "--out", "b.mcap")
+    said = refusal("replay log.mcap -o a.mcap --ensemble e.nc --out b.mcap")
     assert "--out: expected one value, got a.mcap and b.mcap" in said
-    again = ["--remap", "/a=/b", "--remap", "/c=/d", "--overwrite", "--overwrite"]
-    done = invoke(["convert", str(log), "-o", str(tmp_path / "o.mcap"), *again])
+    again = "--remap /a=/b --remap /c=/d --overwrite --overwrite"
+    done = invoke(f"convert {log} -o {tmp_path}/o.mcap {again}")
     assert done.exit_code == 0, done.exception
 
 
@@ -296,8 +282,8 @@ def test_durations_of_options_take_units(tmp_path):
     same = []
     for k, interval in enumerate(("10min", "600")):
         out = tmp_path / f"{k}.mcap"
-        words = ["--vehicle", "glider", "--pings", "2", "--interval", interval, "-o", str(out)]
-        assert invoke(["twin", "--truth", str(SAMPLES / "truth.nc"), *words]).exit_code == 0
+        words = f"--vehicle glider --pings 2 --interval {interval} -o {out}"
+        assert invoke(f"twin --truth {SAMPLES}/truth.nc {words}").exit_code == 0
         same.append(out.read_bytes())
     assert same[0] == same[1]
     done = invoke(["twin", "--truth", "t.nc", "--interval", "10 parsecs", "-o", "x.mcap"])

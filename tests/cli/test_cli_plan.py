@@ -20,7 +20,7 @@ from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow
 
-ASK = ["--start=152.42,-40.0,0", "--goal=152.52,-39.96,0", "--depth", "390"]
+ASK = "--start=152.42,-40.0,0 --goal=152.52,-39.96,0 --depth 390"
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +37,8 @@ def flow(tmp_path_factory):
     return path
 
 
-def run(*arguments, code=0):
-    done = invoke(["plan", *map(str, arguments)])
+def run(line, code=0):
+    done = invoke(f"plan {line}")
     if code == 0:
         assert done.exit_code == 0, done.output
     return done
@@ -49,18 +49,7 @@ def test_everything_it_writes_agrees(flow, tmp_path):
         tmp_path / name for name in ("plan.mcap", "plan.geojson", "plan.csv", "plan.json")
     )
     done = run(
-        flow,
-        *ASK,
-        "-o",
-        out,
-        "--geojson",
-        geojson,
-        "--csv",
-        table,
-        "--json",
-        answer,
-        "--samples",
-        10,
+        f"{flow} {ASK} -o {out} --geojson {geojson} --csv {table} --json {answer} --samples 10",
     )
     said = json.loads(answer.read_text())
     assert said["status"] == "reached"
@@ -104,7 +93,7 @@ def test_its_files_are_whole_when_a_reader_of_its_table_stops_early(flow, tmp_pa
     monkeypatch.setattr("replay_kit.workflows.planning.outputs.print_mission", closed)
     out, answer = tmp_path / "plan.mcap", tmp_path / "plan.json"
     with pytest.raises(BrokenPipeError):
-        run(flow, *ASK, "-o", out, "--json", answer, "--samples", 0)
+        run(f"{flow} {ASK} -o {out} --json {answer} --samples 0")
     assert json.loads(answer.read_text())["status"] == "reached"
     with out.open("rb") as file:
         assert make_reader(file).get_summary() is not None
@@ -124,18 +113,7 @@ def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
         )
     )
     run(
-        flow,
-        *ASK,
-        "--config",
-        config,
-        "--no-go",
-        areas,
-        "--objective",
-        "energy",
-        "--legs",
-        3,
-        "-o",
-        out,
+        f"{flow} {ASK} --config {config} --no-go {areas} --objective energy --legs 3 -o {out}",
     )
     metadata, settings = recorded(out)
     hashes = {"flow0": flow, "no_go": areas}
@@ -161,7 +139,8 @@ def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
     ) == (30.0, 390.0, 4.0)
     assert attached.planner.max_duration == MissionSettings().max_duration
     again = tmp_path / "again.mcap"
-    run(flow, *ASK[:2], "--config", tmp_path / "attached.toml", "--no-go", areas, "-o", again)
+    places = ASK.partition(" --depth")[0]
+    run(f"{flow} {places} --config {tmp_path}/attached.toml --no-go {areas} -o {again}")
     assert recorded(again)[1] == settings
     assert first_difference(out, again) is None
 
@@ -194,26 +173,15 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
     read = read_bathymetry(tmp_path / "bottom.nc", eddying_flow(12).grid)
     assert (read.depth.shape, read.depth.max()) == ((26, 39), 4000.0)
     free, past = (
-        json.loads(run(flow, *ASK, "--json", "-", *more).stdout)
-        for more in ([], ["--no-go", areas, "--samples", 5])
+        json.loads(run(f"{flow} {ASK} --json - {more}").stdout)
+        for more in ("", f"--no-go {areas} --samples 5")
     )
     assert past["status"] == ("unsafe" if past["samples"]["safe"] < 0.9 else "reached")
     assert past["duration_s"] > free["duration_s"]
     assert (past["samples"]["safe"] == 1.0) == (past["samples"]["violations"] == {})
     assert past["samples"]["allowed"] is None
     done = run(
-        flow,
-        *ASK,
-        "--json",
-        "-",
-        "--no-go",
-        areas,
-        "--samples",
-        5,
-        "--risk",
-        0.2,
-        "--legs",
-        len(past["legs"]),
+        f"{flow} {ASK} --json - --no-go {areas} --samples 5 --risk 0.2 --legs {len(past['legs'])}",
         code=None,
     )
     wide = json.loads(done.stdout)
@@ -225,8 +193,8 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
 
 @pytest.mark.full
 def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path):
-    here = ["--start=152.5,-40.0,0", "--goal=152.5,-40.0,0", "--depth", "390", "--json", "-"]
-    done = run(flow, *here, "--mooring", "2000,4", "--surfacings-only", "--samples", 4)
+    here = "--start=152.5,-40.0,0 --goal=152.5,-40.0,0 --depth 390 --json -"
+    done = run(f"{flow} {here} --mooring 2000,4 --surfacings-only --samples 4")
     moored = json.loads(done.stdout)
     assert "samples of the estimate stay within the radius" in done.stderr
     assert moored["duration_s"] >= 4 * 3600.0 * (1.0 - 1e-9)
@@ -234,19 +202,7 @@ def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path)
     assert moored["samples"]["miss_median_m"] >= 0.5 * moored["statistics"]["farthest_m"]
     places = tmp_path / "goto_l10.ma"
     lined = run(
-        flow,
-        *ASK,
-        "--json",
-        "-",
-        "--line",
-        "--line-weight",
-        20,
-        "--objective",
-        "time=1,energy=0.01",
-        "--waypoints",
-        places,
-        "--spline",
-        2,
+        f"{flow} {ASK} --json - --line --line-weight 20 --objective time=1,energy=0.01 --waypoints {places} --spline 2",
     )
     said = json.loads(lined.stdout)
     assert 0.0 < said["statistics"]["spline_error"] < 0.01
@@ -255,10 +211,10 @@ def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path)
 
 
 def test_a_track_farther_from_its_line_than_the_width_does_not_reach_the_goal(flow, tmp_path):
-    asked = (flow, *ASK, "--line", "--samples", 0, "--legs", 4, "--json", "-")
+    asked = f"{flow} {ASK} --line --samples 0 --legs 4 --json -"
     wide, narrow = (
-        json.loads(run(*asked, *more).stdout)
-        for more in (["-o", tmp_path / "plan.mcap"], ["--line-width", 30])
+        json.loads(run(f"{asked} {more}").stdout)
+        for more in (f"-o {tmp_path / 'plan.mcap'}", "--line-width 30")
     )
     assert (wide["status"], narrow["status"]) == ("reached", "unreachable")
     assert 30.0 < narrow["statistics"]["farthest_m"] <= wide["statistics"]["farthest_m"]
@@ -270,39 +226,39 @@ def test_a_track_farther_from_its_line_than_the_width_does_not_reach_the_goal(fl
 @pytest.mark.parametrize(
     ("more", "code", "words"),
     [
-        (["--angles", "15"], 2, "--angles"),
-        (["--samples", "2"], 2, "three or more"),
-        (["--csv", "-", "--json", "-"], 2, "standard output"),
-        (["--risk", "0.1", "--samples", "0"], 2, "--samples"),
-        (["--arrive", "1.1"], 2, "--arrive"),
-        (["--time-limit", "0"], 2, "--time-limit"),
-        (["--battery", "0"], 2, "--battery"),
-        (["--objective", "time=1,speed=2"], 2, "--objective"),
-        (["--objective", "time=0"], 2, "--objective"),
-        (["--mooring", "500"], 2, "RADIUS,HOURS"),
-        (["--mooring", "500,2", "--line"], 2, "one or the other"),
-        (["--line", "--goal=152.5,-40,0"], 2, "one --goal"),
-        (["--mooring", "500,2", "--waypoints", "a.csv"], 2, "has none"),
-        (["--waypoints", "a.txt"], 2, "ends in one of"),
-        (["--surfacings-only"], 2, "expected --mooring"),
-        (["--line-weight", "5"], 2, "expected --line"),
-        (["--line-width", "500"], 2, "--line-width: expected --line beside it"),
-        (["--line", "--line-width", "0"], 2, "--line-width: expected a number above 0, got 0"),
-        (["--line", "--line-width", "inf"], 2, "--line-width: expected a number above 0, got inf"),
-        (["--waypoint-tolerance", "5"], 2, "expected --waypoints"),
-        (["--mooring", "500,2", "--objective", "energy"], 2, "a mooring has none"),
-        (["--objective", "time=1,closest=0"], 3, "a weight of 0"),
-        (["--depth", "4000"], 3, "deepest level"),
-        (["--max-depth", "200"], 3, "deeper than the vehicle's limit, 200 m"),
-        (["--max-depth", "0"], 2, "max_depth"),
-        (["--goal=170,-40,0"], 3, "outside the forecast"),
-        (["--no-go", "nowhere.geojson"], 3, "nowhere.geojson: expected a file to plan with"),
+        ("--angles 15", 2, "--angles"),
+        ("--samples 2", 2, "three or more"),
+        ("--csv - --json -", 2, "standard output"),
+        ("--risk 0.1 --samples 0", 2, "--samples"),
+        ("--arrive 1.1", 2, "--arrive"),
+        ("--time-limit 0", 2, "--time-limit"),
+        ("--battery 0", 2, "--battery"),
+        ("--objective time=1,speed=2", 2, "--objective"),
+        ("--objective time=0", 2, "--objective"),
+        ("--mooring 500", 2, "RADIUS,HOURS"),
+        ("--mooring 500,2 --line", 2, "one or the other"),
+        ("--line --goal=152.5,-40,0", 2, "one --goal"),
+        ("--mooring 500,2 --waypoints a.csv", 2, "has none"),
+        ("--waypoints a.txt", 2, "ends in one of"),
+        ("--surfacings-only", 2, "expected --mooring"),
+        ("--line-weight 5", 2, "expected --line"),
+        ("--line-width 500", 2, "--line-width: expected --line beside it"),
+        ("--line --line-width 0", 2, "--line-width: expected a number above 0, got 0"),
+        ("--line --line-width inf", 2, "--line-width: expected a number above 0, got inf"),
+        ("--waypoint-tolerance 5", 2, "expected --waypoints"),
+        ("--mooring 500,2 --objective energy", 2, "a mooring has none"),
+        ("--objective time=1,closest=0", 3, "a weight of 0"),
+        ("--depth 4000", 3, "deepest level"),
+        ("--max-depth 200", 3, "deeper than the vehicle's limit, 200 m"),
+        ("--max-depth 0", 2, "max_depth"),
+        ("--goal=170,-40,0", 3, "outside the forecast"),
+        ("--no-go nowhere.geojson", 3, "nowhere.geojson: expected a file to plan with"),
     ],
 )
 def test_what_it_refuses(flow, more, code, words):
     # an option that is given anew here is not given twice
-    asked = ASK[:2] if "--depth" in more else ASK
-    done = run(flow, *asked, *more, code=code)
+    asked = ASK.partition(" --depth")[0] if "--depth" in more else ASK
+    done = run(f"{flow} {asked} {more}", code=code)
     assert words in str(done.exception)
     assert getattr(done.exception, "exit_code", None) == code
 
@@ -310,9 +266,9 @@ def test_what_it_refuses(flow, more, code, words):
 def test_a_configuration_counts_here_too_and_options_win(flow, tmp_path):
     config = tmp_path / "run.toml"
     config.write_text("[planner]\ndepth = 300.0\nmax_angle = 20.0\nsamples = 3\n")
-    near = ["--start=152.42,-40.0,0", "--goal=152.46,-40.0,0", "--config", config, "--json", "-"]
-    configured = json.loads(run(flow, *near).stdout)
-    said = json.loads(run(flow, *near, "--depth", 200, "--samples", 0).stdout)
+    near = f"--start=152.42,-40.0,0 --goal=152.46,-40.0,0 --config {config} --json -"
+    configured = json.loads(run(f"{flow} {near}").stdout)
+    said = json.loads(run(f"{flow} {near} --depth 200 --samples 0").stdout)
     assert {leg["depth_m"] for leg in configured["legs"]} == {300.0}
     assert {leg["depth_m"] for leg in said["legs"]} == {200.0}
     assert max(leg["glide_angle_deg"] for leg in said["legs"]) <= 20.0 + 1e-6
@@ -324,15 +280,15 @@ def test_samples_of_a_flow_that_changes_keep_their_errors(flow, tmp_path):
     later = tmp_path / "later.nc"
     first = load(flow)
     replace(first, latent=0.5 * first.latent, time_ns=first.time_ns + 86400 * 10**9).save(later)
-    said = json.loads(run(flow, later, *ASK, "--samples", 5, "--json", "-").stdout)
-    alone = json.loads(run(flow, *ASK, "--samples", 5, "--json", "-").stdout)
+    said = json.loads(run(f"{flow} {later} {ASK} --samples 5 --json -").stdout)
+    alone = json.loads(run(f"{flow} {ASK} --samples 5 --json -").stdout)
     assert said["samples"]["count"] == 5
     assert said["samples"]["miss_median_m"] != alone["samples"]["miss_median_m"]
     assert said["samples"]["miss_90_percent_m"] < said["samples"]["miss_90_percent_held_m"]
 
 
 def test_a_plan_is_judged_by_forty_samples_and_its_message_leads_with_the_odds(flow):
-    done = run(flow, *ASK, "--json", "-", "--battery", 10)
+    done = run(f"{flow} {ASK} --json - --battery 10")
     said = json.loads(done.stdout)
     share = said["samples"]["reached"]
     assert said["samples"]["count"] == 40
@@ -346,7 +302,7 @@ def test_a_plan_is_judged_by_forty_samples_and_its_message_leads_with_the_odds(f
     assert (
         f"{said['energy_j'] / 1e3:.0f} kJ, {said['energy_j'] / 1e5:.1f} % of 10 MJ" in done.stderr
     )
-    doubtful = json.loads(run(flow, *ASK, "--json", "-", "--angles", "15,16", "--arrive", 1).stdout)
+    doubtful = json.loads(run(f"{flow} {ASK} --json - --angles 15,16 --arrive 1").stdout)
     assert (doubtful["status"], doubtful["samples"]["reached"] < 1.0) == ("uncertain", True)
     assert "100 % are asked for" in doubtful["message"]
 
@@ -368,23 +324,8 @@ def test_a_risk_that_cannot_be_kept_ends_with_7_and_without_files(flow, tmp_path
             }
         )
     )
-    asked = (
-        flow,
-        *ASK,
-        "--no-go",
-        areas,
-        "--risk",
-        0.05,
-        "--json",
-        "-",
-        "--csv",
-        csv,
-        "-o",
-        out,
-        "--time-limit",
-        0.1,
-    )
-    done = run(*asked, code=7)
+    asked = f"{flow} {ASK} --no-go {areas} --risk 0.05 --csv {csv} -o {out} --time-limit 0.1"
+    done = run(f"{asked} --json -", code=7)
     said = json.loads(done.stdout)
     assert done.exit_code == 7
     assert said["status"] == "unsafe"
@@ -393,9 +334,7 @@ def test_a_risk_that_cannot_be_kept_ends_with_7_and_without_files(flow, tmp_path
     assert "the time limit of 0.1 s ended the search" in said["message"]
     assert not out.exists()
     assert not csv.exists()
-    written = run(
-        *[part for part in asked if part not in ("--json", "-")], "--write-unsafe", code=7
-    )
+    written = run(f"{asked} --write-unsafe", code=7)
     assert written.exit_code == 7
     assert out.exists()
     assert csv.exists()
@@ -407,32 +346,35 @@ def test_a_file_may_hold_what_is_asked_for(flow, tmp_path):
         "[planner]\ndepth = 390.0\n[plan]\nstart = '152.42,-40.0,0'\ngoal = ['152.52,-39.96,0']\narrive = 1\n"
     )
     found = [
-        json.loads(run(flow, *asked, "--samples", 0, "--json", "-").stdout)
-        for asked in (["--config", config], [*ASK, "--arrive", 1])
+        json.loads(run(f"{flow} {asked} --samples 0 --json -").stdout)
+        for asked in (f"--config {config}", f"{ASK} --arrive 1")
     ]
     assert found[0]["legs"] == found[1]["legs"] != []
-    assert "--start is missing; expected replay-kit plan FLOW" in run(flow, *ASK[1:], code=2).output
+    assert (
+        "--start is missing; expected replay-kit plan FLOW"
+        in run(f"{flow} --goal=152.52,-39.96,0", code=2).output
+    )
     config.write_text("[plan]\nrisky = 0.1\n")
-    assert "unknown key 'plan.risky'" in run(flow, *ASK, "--config", config, code=2).output
+    assert "unknown key 'plan.risky'" in run(f"{flow} {ASK} --config {config}", code=2).output
 
 
 def test_an_estimate_without_uncertainty_has_no_odds_and_says_so(flow, tmp_path):
     load(flow).mean_flow().save(tmp_path / "mean.nc")
-    said = json.loads(run(tmp_path / "mean.nc", *ASK, "--json", "-").stdout)
+    said = json.loads(run(f"{tmp_path / 'mean.nc'} {ASK} --json -").stdout)
     assert said["samples"] is None
     assert "states no uncertainty" in said["message"]
-    for asked in (("--objective", "odds"), ("--risk", 0.1)):
-        refused = run(tmp_path / "mean.nc", *ASK, *asked, code=3)
+    for asked in ("--objective odds", "--risk 0.1"):
+        refused = run(f"{tmp_path}/mean.nc {ASK} {asked}", code=3)
         assert refused.exit_code == 3
-        assert f"{asked[0]}" in refused.output
+        assert asked.split()[0] in refused.output
         assert "so that it has no odds" in refused.output
 
 
 def test_a_mission_for_the_odds_is_judged_in_other_samples_and_by_a_time(flow, tmp_path):
-    narrow, table = ("--angles", "15,20", "--json", "-"), tmp_path / "policy.csv"
+    narrow, table = "--angles 15,20 --json -", tmp_path / "policy.csv"
     quickest, odds = (
-        json.loads(run(flow, *ASK, *narrow, *more).stdout)
-        for more in ((), ("--objective", "odds", "--policy", table))
+        json.loads(run(f"{flow} {ASK} {narrow} {more}").stdout)
+        for more in ("", f"--objective odds --policy {table}")
     )
     assert odds["samples"]["reached"] >= quickest["samples"]["reached"]
     assert len(odds["legs"]) >= len(quickest["legs"])
@@ -441,14 +383,14 @@ def test_a_mission_for_the_odds_is_judged_in_other_samples_and_by_a_time(flow, t
     assert f"(90 % intervals {100 * low:.0f} to {100 * high:.0f} %" in odds["message"]
     assert table.read_text().count("\n") == 1 + len(odds["policy"]["headings"])
     hours = quickest["duration_s"] / 3600.0
-    late = json.loads(run(flow, *ASK, *narrow, "--arrive-by", f"{0.5 * hours:.2f}h").stdout)
+    late = json.loads(run(f"{flow} {ASK} {narrow} --arrive-by {0.5 * hours:.2f}h").stdout)
     assert (late["status"], late["samples"]["reached"]) == ("unreachable", 0.0)
     for given, why in (
         ("2001-09-09T00:00Z", "expected a time after the start at 2001-09-09 01:46:40Z"),
         ("0h", "expected a duration above 0"),
         ("2001-13-01", "'2001-13-01' is no time"),
     ):
-        refused = run(flow, *ASK, "--arrive-by", given, code=2)
+        refused = run(f"{flow} {ASK} --arrive-by {given}", code=2)
         assert refused.exit_code == 2
         assert why in refused.output
 
@@ -456,30 +398,9 @@ def test_a_mission_for_the_odds_is_judged_in_other_samples_and_by_a_time(flow, t
 def test_every_output_and_page_holds_a_plan_without_legs(flow, tmp_path):
     names = ("plan.mcap", "plan.geojson", "plan.csv", "plan.json", "places.csv")
     out, geojson, table, answer, places = (tmp_path / name for name in names)
-    here = [
-        "--start=152.5,-40.0,0",
-        "--goal=152.5,-40.001,0",
-        "--depth",
-        390,
-        "--risk",
-        0.1,
-        "--samples",
-        10,
-    ]
-    done = run(
-        flow,
-        *here,
-        "-o",
-        out,
-        "--geojson",
-        geojson,
-        "--csv",
-        table,
-        "--json",
-        answer,
-        "--waypoints",
-        places,
-    )
+    here = "--start=152.5,-40.0,0 --goal=152.5,-40.001,0 --depth 390 --risk 0.1 --samples 10"
+    files = f"-o {out} --geojson {geojson} --csv {table} --json {answer} --waypoints {places}"
+    done = run(f"{flow} {here} {files}")
     assert "reached: already there: the start is within 111.0 m of the goal" in done.output
     said = json.loads(answer.read_text())
     assert (said["status"], said["legs"], said["samples"], said["waypoints"]) == (
@@ -497,12 +418,12 @@ def test_every_output_and_page_holds_a_plan_without_legs(flow, tmp_path):
     assert "no waypoints are written: the plan has no legs" in done.output
     page, figure = tmp_path / "plan.html", tmp_path / "plan.png"
     for command in (
-        ["report", out, "-o", page],
-        ["plot", out, "plan", "-o", figure],
-        ["verify", out, "--inputs", flow.parent],
+        f"report {out} -o {page}",
+        f"plot {out} plan -o {figure}",
+        f"verify {out} --inputs {flow.parent}",
     ):
-        assert invoke([*map(str, command)]).exit_code == 0
+        assert invoke(command).exit_code == 0
     assert "Nothing to steer: already there" in page.read_text()
     status = invoke(f"status {out} --json -")
     assert json.loads(status.stdout)["command"]["heading_deg"] is None
-    assert "no command: already there" in " ".join(invoke(["status", str(out)]).stdout.split())
+    assert "no command: already there" in " ".join(invoke(f"status {out}").stdout.split())

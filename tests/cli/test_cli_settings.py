@@ -102,24 +102,24 @@ def test_a_section_that_is_not_there_is_a_fault_of_the_program():
 
 def test_help_lists_what_the_libraries_have():
     for words, names in (
-        (["plan"], FORMS),
-        (["bench"], (*TASKS, *DIVE_METHODS, *METHODS)),
+        ("plan", FORMS),
+        ("bench", (*TASKS, *DIVE_METHODS, *METHODS)),
     ):
-        said = invoke([*words, "--help-all"], columns=400).stdout
+        said = invoke(f"{words} --help-all", columns=400).stdout
         assert all(name in said for name in names), words
 
 
 @pytest.mark.parametrize(
     ("arguments", "nearest"),
     [
-        (["twin", "--truht", "t.nc", "-o", "x.mcap"], "--truth"),
-        (["replay", "a.mcap", "--ensemble", "e.nc", "-o", "x.mcap", "--mode", "3"], "--modes"),
+        ("twin --truht t.nc -o x.mcap", "--truth"),
+        ("replay a.mcap --ensemble e.nc -o x.mcap --mode 3", "--modes"),
         (
-            ["replay", "a.mcap", "--ensemble", "e.nc", "-o", "x.mcap", "--planner.dept", "3"],
+            "replay a.mcap --ensemble e.nc -o x.mcap --planner.dept 3",
             "--planner.depth",
         ),
-        (["replya"], '"replay"'),
-        (["experiment", "plannig"], '"planning"'),
+        ("replya", '"replay"'),
+        ("experiment plannig", '"planning"'),
     ],
 )
 def test_a_misspelt_word_names_the_nearest(arguments, nearest):
@@ -131,7 +131,7 @@ def test_a_misspelt_word_names_the_nearest(arguments, nearest):
 
 def test_help_is_as_wide_as_it_is_told_to_be():
     for columns in (60, 100, 240):
-        lines = invoke(["replay", "--help-all"], columns=columns).stdout.splitlines()
+        lines = invoke("replay --help-all", columns=columns).stdout.splitlines()
         assert columns - 10 < max(map(len, lines)) <= columns
     wide, told = (
         python("-m", "replay_kit", "qc", "--help-all", env=env) for env in ({}, {"COLUMNS": "80"})
@@ -142,35 +142,33 @@ def test_help_is_as_wide_as_it_is_told_to_be():
 
 def test_help_and_refusals_load_no_library_that_takes_long():
     for arguments in (
-        ["replay", "--help"],
-        ["replay", "a.mcap", "--nope"],
-        ["plan", "--help"],
-        ["--version"],
+        "replay --help",
+        "replay a.mcap --nope",
+        "plan --help",
+        "--version",
     ):
-        assert slow_libraries(*arguments) == "[]", arguments
+        assert slow_libraries(arguments) == "[]", arguments
 
 
 def test_what_is_in_a_log_is_told_without_the_libraries_of_forecasts_and_plans():
-    assert slow_libraries("info", "sample_logs/glider.mcap") == "['mcap', 'numpy']"
+    assert slow_libraries("info sample_logs/glider.mcap") == "['mcap', 'numpy']"
 
 
 def test_a_plan_of_a_file_that_is_not_there_is_refused_before_the_planners_are_loaded():
     assert (
-        slow_libraries(
-            "plan", "nowhere.nc", "--start=152,-40,0", "--goal=152.1,-40,0", "--objective", "energy"
-        )
+        slow_libraries("plan nowhere.nc --start=152,-40,0 --goal=152.1,-40,0 --objective energy")
         == "['numpy']"
     )
 
 
-def slow_libraries(*arguments: str) -> str:
+def slow_libraries(line: str) -> str:
     """Return which of the libraries that take long to load a command loads."""
     code = (
         "import sys\nfrom replay_kit.cli.app import main\n"
         "slow = {'numpy', 'scipy', 'xarray', 'pandas', 'matplotlib', 'casadi', 'h5py', 'mcap', 'pymavlink'}\n"
         "try: main()\nexcept SystemExit: print(sorted(slow & sys.modules.keys()))"
     )
-    return python("-c", code, *arguments).splitlines()[-1]
+    return python("-c", code, *line.split()).splitlines()[-1]
 
 
 def python(*arguments: str, env: dict[str, str] | None = None) -> str:

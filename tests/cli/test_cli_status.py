@@ -30,7 +30,7 @@ def results(tmp_path_factory):
 
 
 def test_several_results_are_shown_one_after_the_other(results):
-    said = [invoke(["status", each]).stdout for each in results]
+    said = [invoke(f"status {each}").stdout for each in results]
     assert invoke(["status", *results]).stdout == "\n".join(said)
     both, first = (
         json.loads(invoke(["status", *each, "-q", "--json", "-"]).stdout)

@@ -81,7 +81,7 @@ def test_help_fits_a_screen_and_says_how_to_see_the_rest(words):
 
 
 def test_the_common_options_of_a_long_list_come_first():
-    said = invoke(["replay", "--help-all"], columns=80).stdout
+    said = invoke("replay --help-all", columns=80).stdout
     found = headings(said)
     assert found[:6] == [
         "Common options:",
@@ -108,7 +108,7 @@ def test_the_common_options_of_a_long_list_come_first():
         *("--place-ensemble", "--modes", "--without", "--speed", "--depth"),
     }
     # a short list has no such heading
-    assert headings(invoke(["synthesize", "--help"]).stdout) == [
+    assert headings(invoke("synthesize --help").stdout) == [
         "Outputs:",
         "Options:",
         "Reporting:",
@@ -116,7 +116,7 @@ def test_the_common_options_of_a_long_list_come_first():
 
 
 def test_of_a_long_list_the_help_has_first_sentences_short_names_and_defaults():
-    said = " ".join(invoke(["replay", "--help"], columns=100).stdout.split())
+    said = " ".join(invoke("replay --help", columns=100).stdout.split())
     assert "--levels Z1,Z2,... Depth levels used [m] --place-ensemble" in said
     assert "--modes N|all Number of modes per level, fewer where fewer exist [default: 300]" in said
     # what must be given is told whole
@@ -124,7 +124,7 @@ def test_of_a_long_list_the_help_has_first_sentences_short_names_and_defaults():
 
 
 def test_forms_choices_and_defaults_are_told():
-    said = " ".join(invoke(["twin", "--help-all"], columns=80).stdout.split())
+    said = " ".join(invoke("twin --help-all", columns=80).stdout.split())
     assert (
         "--vehicle vessel|glider A vessel surveys at random positions, a glider dives. [default: vessel]"
         in said
@@ -145,11 +145,11 @@ def test_forms_choices_and_defaults_are_told():
         (["-h"], 0, "Usage: replay-kit COMMAND [OPTIONS]\n"),
         (["experiment"], 2, "Usage: replay-kit experiment COMMAND [OPTIONS]\n"),
         (
-            ["experiment", "paper", "-h"],
+            "experiment paper -h",
             0,
             "Usage: replay-kit experiment paper --ensemble FILE (--truth FILE | --leave-out K) -o DIR [OPTIONS]\n",
         ),
-        (["--help", "qc", "a.mcap"], 0, "Usage: replay-kit qc LOG... [OPTIONS]\n"),
+        ("--help qc a.mcap", 0, "Usage: replay-kit qc LOG... [OPTIONS]\n"),
     ],
 )
 def test_help_is_shown_wherever_it_is_asked_for(arguments, code, begin):

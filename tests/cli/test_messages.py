@@ -4,7 +4,7 @@ import pytest
 import xarray as xr
 
 from replay_kit.config.run import RunConfig
-from tests.command import invoke
+from tests.command import invoke, words_of
 from tests.workflows.replay.interrupted import make_ocean
 
 
@@ -17,16 +17,10 @@ def ocean(tmp_path_factory):
     return folder
 
 
-def said(ocean, *more, ensemble="ensemble.nc", code=2):
+def said(ocean, more, ensemble="ensemble.nc", code=2):
     """Return what a replay that is refused says."""
-    files = [
-        str(ocean / "glider.mcap"),
-        "--ensemble",
-        str(ocean / ensemble),
-        "-o",
-        str(ocean / "never.mcap"),
-    ]
-    done = invoke(["replay", *files, *more])
+    files = f"{ocean / 'glider.mcap'} --ensemble {ocean / ensemble} -o {ocean / 'never.mcap'}"
+    done = invoke([*f"replay {files}".split(), *words_of(more)])
     assert done.exit_code == code, done.output
     assert not list(ocean.glob("never*"))
     return done.stderr.removeprefix("replay-kit: ").removesuffix("\n")
@@ -55,7 +49,7 @@ def said(ocean, *more, ensemble="ensemble.nc", code=2):
     ],
 )
 def test_what_is_wrong_with_a_place(ocean, goal, why):
-    assert said(ocean, f"--goal={goal}") == f"--goal: expected LON,LAT,DEPTH, got '{goal}': {why}"
+    assert said(ocean, [f"--goal={goal}"]) == f"--goal: expected LON,LAT,DEPTH, got '{goal}': {why}"
 
 
 def test_a_place_whose_swapped_numbers_lie_in_the_region_is_asked_about(ocean, tmp_path):
@@ -86,11 +80,11 @@ def test_a_goal_outside_is_told_from_a_log_outside(ocean):
 
 def test_a_time_span_without_messages_is_told_that_of_the_log(ocean):
     span = "2018-11-16T00:00:00Z to "
-    after = said(ocean, "--start", "2019-01-01")
+    after = said(ocean, "--start 2019-01-01")
     assert after.startswith(
         f"--start 2019-01-01: no message lies there; the log spans {span}2018-11-16T0"
     )
-    before = said(ocean, "--start", "2018-01-01", "--end", "2018-11-15")
+    before = said(ocean, "--start 2018-01-01 --end 2018-11-15")
     assert before.startswith(
         f"--start 2018-01-01 and --end 2018-11-15: no message lies there; the log spans {span}"
     )
@@ -100,13 +94,13 @@ def test_an_option_is_not_blamed_on_the_file(ocean, tmp_path):
     path = tmp_path / "run.toml"
     path.write_text("[planner]\nspeed = 0.3\n")
     wrong = "'logs.start': 'yesterday' is no time; write ISO 8601 UTC such as 2018-11-16T00:00:00Z"
-    assert said(ocean, "--start", "yesterday") == f"options: {wrong}"
-    assert said(ocean, "--start", "yesterday", "--config", str(path)) == f"options: {wrong}"
+    assert said(ocean, "--start yesterday") == f"options: {wrong}"
+    assert said(ocean, f"--start yesterday --config {path}") == f"options: {wrong}"
     path.write_text("[planner]\nspeed = -1.0\n[logs]\nstart = 'yesterday'\n")
     words = "expected a number above 0, or a range as 100:700, got"
     speed = f"'planner.speed': {words} -1.0"
-    assert said(ocean, "--config", str(path)) == f"{path}: {wrong}; {speed}"
-    assert said(ocean, "--config", str(path), "--start", "2018-11-16", "--planner.depth=0") == (
+    assert said(ocean, f"--config {path}") == f"{path}: {wrong}; {speed}"
+    assert said(ocean, f"--config {path} --start 2018-11-16 --planner.depth=0") == (
         f"{path}: {speed}; options: 'planner.depth': {words} '0'"
     )
 
@@ -128,22 +122,22 @@ def test_an_option_is_not_blamed_on_the_file(ocean, tmp_path):
 def test_a_repeated_key_is_named_with_its_line(ocean, tmp_path, text, why):
     path = tmp_path / "run.toml"
     path.write_text(text)
-    assert said(ocean, "--config", str(path)) == f"{path}: {why}"
+    assert said(ocean, f"--config {path}") == f"{path}: {why}"
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (
-            ["--ensemble", "e.nc", "replay", "a.mcap"],
+            "--ensemble e.nc replay a.mcap",
             "--ensemble: stands before the command; write replay-kit replay --ensemble ...",
         ),
         (
-            ["-q", "--json=x.json", "info", "a.mcap"],
+            "-q --json=x.json info a.mcap",
             "--json=x.json: stands before the command; write replay-kit info --json=x.json ...",
         ),
         (
-            ["--pairs", "1", "experiment", "paper"],
+            "--pairs 1 experiment paper",
             "--pairs: stands before the command; write replay-kit experiment paper --pairs ...",
         ),
     ],

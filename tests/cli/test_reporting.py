@@ -24,13 +24,13 @@ class Terminal(io.StringIO):
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     made = tmp_path_factory.mktemp("log") / "survey.mcap"
-    assert invoke(["twin", "--truth", TRUTH, "--pings", "3", "-o", str(made), "-q"]).exit_code == 0
+    assert invoke(f"twin --truth {TRUTH} --pings 3 -o {made} -q").exit_code == 0
     return str(made)
 
 
 @pytest.fixture(scope="module")
 def usual(log):
-    done = invoke(["info", log], columns=80)
+    done = invoke(f"info {log}", columns=80)
     assert done.exit_code == 0
     return done.stdout
 
@@ -42,7 +42,7 @@ def test_quiet_prints_nothing_wherever_it_stands(log, before, after):
 
 
 def test_quiet_keeps_answers_that_are_asked_for_and_errors(log):
-    done = invoke(["info", log, "-q", "--json", "-"])
+    done = invoke(f"info {log} -q --json -")
     assert json.loads(done.stdout)["format_version"] == FORMAT_VERSION == 2
     assert done.stderr == ""
     assert "file not found" in invoke("-q info absent.mcap").stderr
@@ -54,7 +54,7 @@ def test_a_log_keeps_what_is_printed_with_the_time(log, usual, tmp_path):
             invoke(["--log", str(tmp_path / "a.log"), "info", log, *more], columns=80).exit_code
             == 0
         )
-    run_command(tmp_path, ["info", "absent.mcap", "--log", "a.log"])
+    run_command(tmp_path, "info absent.mcap --log a.log")
     lines = (tmp_path / "a.log").read_text().splitlines()
     assert all(re.match(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\dZ .", line) for line in lines)
     kept = [line[21:] for line in lines]
@@ -67,26 +67,26 @@ def test_a_log_keeps_what_is_printed_with_the_time(log, usual, tmp_path):
 
 def test_a_log_is_no_other_file_of_the_command(log, tmp_path):
     (tmp_path / "flight.log").write_bytes(b"precious")
-    done = run_command(tmp_path, ["info", "flight.log", "--log", "./flight.log"])
+    done = run_command(tmp_path, "info flight.log --log ./flight.log")
     assert done.returncode == 2
     assert (
         done.stderr
         == "replay-kit: --log: 'flight.log' is another file of this command; choose another name\n"
     )
     assert (tmp_path / "flight.log").read_bytes() == b"precious"
-    done = run_command(tmp_path, ["info", log, "--log", "absent/a.log"])
+    done = run_command(tmp_path, f"info {log} --log absent/a.log")
     assert (
         done.stderr
         == "replay-kit: --log: cannot write 'absent/a.log': No such file or directory; choose another file\n"
     )
     assert (
         "--log: expected the name of a file that ends in one of .log, .txt"
-        in run_command(tmp_path, ["info", log, "--log", log]).stderr
+        in run_command(tmp_path, f"info {log} --log {log}").stderr
     )
 
 
 def test_one_run_does_not_report_as_the_one_before(log, tmp_path):
-    invoke(["info", log, "-q", "-v"])
+    invoke(f"info {log} -q -v")
     assert reporting.current() == reporting.Reporting(quiet=True, verbose=True)
     invoke(["--version"])
     assert reporting.current() == reporting.Reporting()
