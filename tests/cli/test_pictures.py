@@ -27,27 +27,27 @@ def folder(tmp_path_factory):
 
 
 def test_plot_writes_a_figure_and_keeps_what_exists(folder):
-    done = run_command(folder, ["plot", "r.mcap", "dac", "-o", "f.svg"])
+    done = run_command(folder, "plot r.mcap dac -o f.svg")
     assert (done.returncode, done.stdout.strip()) == (0, "Figure: f.svg")
     assert "mean current, eastward" in (folder / "f.svg").read_text()
-    again = run_command(folder, ["plot", "r.mcap", "dac", "-o", "f.svg"])
+    again = run_command(folder, "plot r.mcap dac -o f.svg")
     assert again.returncode == 2
     assert "--overwrite" in again.stderr
 
 
 def test_export_says_how_many_rows_it_wrote(folder):
-    done = run_command(folder, ["export", "r.mcap", "--at=152.6,-40,150", "-o", "x.csv"])
+    done = run_command(folder, "export r.mcap --at=152.6,-40,150 -o x.csv")
     assert (done.returncode, done.stdout.strip()) == (0, "x.csv: series 2 rows")
 
 
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["plot", "r.mcap", "map", "-o", "f.jpg"], "one of .png, .svg, .pdf"),
-        (["plot", "r.mcap", "maps", "-o", "f.png"], "maps"),
-        (["export", "r.mcap", "-o", "x.xlsx"], "one of .nc, .csv, .kml, .geojson"),
-        (["export", "r.mcap", "-o", "y.csv", "--table", "series"], "give --at LON,LAT,DEPTH"),
-        (["plot", "r.mcap", "series", "--at=152.6,-40", "-o", "f.png"], "DEPTH is missing"),
+        ("plot r.mcap map -o f.jpg", "one of .png, .svg, .pdf"),
+        ("plot r.mcap maps -o f.png", "maps"),
+        ("export r.mcap -o x.xlsx", "one of .nc, .csv, .kml, .geojson"),
+        ("export r.mcap -o y.csv --table series", "give --at LON,LAT,DEPTH"),
+        ("plot r.mcap series --at=152.6,-40 -o f.png", "DEPTH is missing"),
     ],
 )
 def test_wrong_words_end_with_code_2(folder, words, says):
@@ -59,10 +59,10 @@ def test_wrong_words_end_with_code_2(folder, words, says):
 def test_a_result_that_is_cut_short_is_drawn_with_a_note(folder):
     whole = (folder / "r.mcap").read_bytes()
     (folder / "cut.mcap").write_bytes(whole[: len(whole) * 3 // 4])
-    done = run_command(folder, ["plot", "cut.mcap", "trust", "-o", "cut.svg"])
+    done = run_command(folder, "plot cut.mcap trust -o cut.svg")
     assert done.returncode == 4, done.stderr
     assert "cut short" in (folder / "cut.svg").read_text()
-    none = run_command(folder, ["plot", "missing.mcap", "trust", "-o", "none.svg"])
+    none = run_command(folder, "plot missing.mcap trust -o none.svg")
     assert none.returncode == 3
 
 
@@ -88,33 +88,3 @@ def test_the_script_of_the_next_three_days(folder, capsys):
     # a plan has its odds: fewer than 90 % of the samples of this estimate arrive
     assert lines[1].split()[:2] == ["153.0,-40.2,0", "uncertain"]
     assert float(lines[1].split()[2]) < 72.0
-
-
-def test_a_replay_writes_a_smoothed_result_too(tmp_path):
-    words = [
-        "replay",
-        str(SAMPLES / "glider.mcap"),
-        "--ensemble",
-        str(SAMPLES / "ensemble.nc"),
-        "--end",
-        "2018-11-16T02:00:00Z",
-        "-q",
-    ]
-    words += [
-        "--levels",
-        "5,150,500",
-        "--modes",
-        "6",
-        "--time.scale",
-        "86400",
-        "-o",
-        "r.mcap",
-        "--smooth",
-        "s.mcap",
-    ]
-    done = run_command(tmp_path, words)
-    assert done.returncode == 0, done.stderr
-    first, second = (rk.open_result(tmp_path / name) for name in ("r.mcap", "s.mcap"))
-    assert (first.observations["nis"] == second.observations["nis"]).all()
-    assert len(first.fixes) == len(second.fixes) > 5
-    assert run_command(tmp_path, [*words[:-1], "r.mcap", "--overwrite"]).returncode == 2

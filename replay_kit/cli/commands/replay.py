@@ -1,7 +1,7 @@
 """``replay``: logs through the estimator to an estimate, its uncertainty and a plan."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from replay_kit.config.run import RunConfig
     from replay_kit.core.plan import Place
     from replay_kit.results.outcome.run import ReplaySummary
-    from replay_kit.workflows.replay.inputs.forecast import Forecasts
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
 
@@ -112,15 +111,6 @@ class Outputs(Answer):
     include_inputs: Annotated[
         bool, flag("--include-inputs", "Copy the logs' messages unchanged into the result.")
     ] = False
-    smooth: Annotated[
-        Path | None,
-        option(
-            "--smooth",
-            "Also write a smoothed result (uses later measurements); see smooth.",
-            metavar="SMOOTHED.mcap",
-        ),
-        MCAP,
-    ] = None
     report: Annotated[
         bool,
         flag(
@@ -163,7 +153,6 @@ def replay(
     following.check(
         {
             "--dry-run": dry_run,
-            "--smooth": outputs.smooth,
             "--checkpoint": outputs.checkpoint,
             "--truth": inputs.truth,
             "--against": inputs.against,
@@ -179,24 +168,20 @@ def replay(
     )
     replaced = outputs.overwrite or following.goes_on(outputs.out)
     status = following.page(outputs.out) if following.follow else None
-    check_paths(read, (*made, outputs.smooth, outputs.json_file, outputs.page, status), replaced)
+    check_paths(read, (*made, outputs.json_file, outputs.page, status), replaced)
     config = settings.load()
 
     # what takes long to load, after what is quickly refused
     from replay_kit.results.outcome.from_run import failed
     from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.replay.inputs.job import check_outputs
-    from replay_kit.workflows.replay.inputs.opened import forecasts_of
     from replay_kit.workflows.replay.inputs.vehicles import identified
     from replay_kit.workflows.replay.replay import replay as replay_logs
-    from replay_kit.workflows.smooth import check_smoothable
 
     job = _job(logs, inputs, outputs)
     console = console_beside(outputs.json_file)
     if not following.follow:
-        check_outputs(
-            job, also_read=[settings.file], also_written=[outputs.json_file, outputs.smooth]
-        )
+        check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     (job,) = local_forecasts([(job, config)])
     if following.follow:
         return following.run(job, config, console, outputs.page, outputs.json_file)
@@ -206,16 +191,10 @@ def replay(
     try:
         with part_named(outputs.out), progress() as advance:
             advance(0, 0, "reading the forecast")
-            forecasts = forecasts_of(job, config)
-            if outputs.smooth is not None:
-                check_smoothable(forecasts)
-                if job.vehicles:
-                    raise ConfigError("--smooth: goes with one vehicle only; leave it out")
-            summary, _ = replay_logs(job, config, planner_of, advance, forecasts=forecasts)
+            summary, _ = replay_logs(job, config, planner_of, advance)
     except (MeasurementError, ForecastError) as error:
         write_json(outputs.json_file, error.answer or failed(error).to_json())
         raise
-    _smooth(outputs, job, config, forecasts)
     _answer(outputs, summary, console)
     return summary.exit_code
 
@@ -285,18 +264,6 @@ def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "
     dry.print_dry_run(result, console)
     write_json(outputs.json_file, dry.dry_run_json(result))
     return 0
-
-
-def _smooth(
-    outputs: Outputs, job: "ReplayJob", config: "RunConfig", forecasts: "Forecasts"
-) -> None:
-    """Write the smoothed result if it is asked for."""
-    if outputs.smooth is None:
-        return
-    from replay_kit.workflows.smooth import smooth
-
-    with part_named(outputs.smooth), progress() as advance:
-        smooth(replace(job, out=outputs.smooth), config, advance, forecasts)
 
 
 def _answer(outputs: Outputs, summary: "ReplaySummary", console: "Console") -> None:

@@ -60,45 +60,8 @@ class Survey:
     changing: Annotated[
         bool, flag("--changing", "The current changes through all leads or times of the truth.")
     ] = False
-    dac_only: Annotated[
-        bool,
-        flag(
-            "--dac-only", "Record a glider's positions and depth-averaged currents, and no pings."
-        ),
-    ] = False
-    seed: Annotated[int, option("--seed", "The same seed gives the same bytes.")] = 0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Errors:
-    """What the instrument measures wrongly."""
-
     noise: Noise = 0.09
-    reference: Annotated[
-        Literal["earth", "platform"], option("--reference", "What the velocities are relative to.")
-    ] = "earth"
-    platform_std: Annotated[
-        float | None,
-        option(
-            "--platform-std",
-            "Pings state the platform's velocity, with this standard error [m/s]. Default: they do not.",
-            metavar="S",
-        ),
-    ] = None
-    heading_bias: Annotated[
-        float, option("--heading-bias", "Error of the compass, clockwise [degrees].", metavar="DEG")
-    ] = 0.0
-    scale_error: Annotated[
-        float,
-        option(
-            "--scale-error",
-            "Relative error of the velocity; 0.03 is 3 % too much.",
-            metavar="SHARE",
-        ),
-    ] = 0.0
-    outliers: Annotated[
-        float, option("--outliers", "Share of pings that are 1 m/s off.", metavar="SHARE")
-    ] = 0.0
+    seed: Annotated[int, option("--seed", "The same seed gives the same bytes.")] = 0
 
 
 @takes_settings(*PART_OF_FORECAST, file=False)
@@ -106,7 +69,6 @@ def twin(
     *,
     files: Annotated[Files, TO_OUTPUTS],
     survey: Annotated[Survey, TO_OPTIONS] = Survey(),
-    errors: Annotated[Errors, TO_OPTIONS] = Errors(),
     settings: Settings,
 ) -> int:
     """Return 0."""
@@ -114,23 +76,10 @@ def twin(
     part = settings.load().forecast
 
     from replay_kit.forecast import read_changing_truth, read_truth
-    from replay_kit.studies.twins import EPOCH, Faults, Twin, make_twin
+    from replay_kit.studies.twins import EPOCH, Twin, make_twin
 
-    faults = Faults(
-        errors.reference,
-        errors.platform_std,
-        errors.heading_bias,
-        errors.scale_error,
-        errors.outliers,
-    )
     simulated = Twin(
-        survey.vehicle,
-        survey.pings,
-        errors.noise,
-        survey.seed,
-        faults,
-        survey.interval,
-        survey.dac_only,
+        survey.vehicle, survey.pings, survey.noise, survey.seed, interval_s=survey.interval
     )
     with progress() as advance:
         advance(0, 0, "moving the vehicle")
@@ -140,9 +89,8 @@ def twin(
             else read_truth(files.truth, part)
         )
         made = make_twin(sea, simulated, files.out, files.overwrite)
-    counted = f"{made.pings} pings" if made.pings else f"{made.dives} mean currents"
     console_beside(None).print(
-        f"{files.out}: {counted} over {made.duration / 3600.0:.1f} h", soft_wrap=True
+        f"{files.out}: {made.pings} pings over {made.duration / 3600.0:.1f} h", soft_wrap=True
     )
     return 0
 

@@ -14,7 +14,6 @@ ENSEMBLE = ("--ensemble", "sample_logs/ensemble.nc")
         (["--goal-file", "goal.txt"], "--goal-file: goes with --follow only"),
         (["--notify", "true"], "--notify: goes with --follow only"),
         (["--follow", "--dry-run"], "--dry-run: does not go with --follow"),
-        (["--follow", "--smooth", "s.mcap"], "--smooth: does not go with --follow"),
         (["--follow", "--checkpoint", "c"], "--checkpoint: does not go with --follow"),
         (["--follow", "--interval", "0"], "--interval"),
         (["--follow", "--goal=152.8,-40.1,300", "--goal-file", "goal.txt"], "--goal is given too"),
