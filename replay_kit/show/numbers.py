@@ -1,7 +1,96 @@
-"""Numbers, durations and places as people write them."""
+"""Numbers, durations and places as people write them, and sentences in which each number carries the field that it formats."""
 
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from math import isfinite
+from functools import reduce
+from html import escape
+from math import floor, isfinite, log10
+from string import Formatter
+from typing import Any, NamedTuple
+
+
+class Shown(NamedTuple):
+    """A number as it is shown.
+
+    Attributes:
+        key: Its path in an outcome or in the figures of a status, such as ``rms_innovation.before``.
+        value: Of the field.
+        text: Rounded, as people write it.
+    """
+
+    key: str
+    value: float | int
+    text: str
+
+    @property
+    def html(self) -> str:
+        """The text, which carries the field and its exact value."""
+        return f'<data data-key="{escape(self.key)}" value="{escape(repr(self.value))}">{escape(self.text)}</data>'
+
+
+class Sentence(NamedTuple):
+    """Texts, and numbers among them, for a terminal and for a page."""
+
+    parts: Sequence[str | Shown]
+
+    def __str__(self) -> str:
+        """Return it as text."""
+        return "".join(part if isinstance(part, str) else part.text for part in self.parts)
+
+    @property
+    def html(self) -> str:
+        """The sentence as HTML."""
+        return "".join(escape(part) if isinstance(part, str) else part.html for part in self.parts)
+
+
+def sentence(template: str, fields: Mapping[str, Any], at: str = "") -> Sentence:
+    """Return a sentence on fields.
+
+    Args:
+        template: With paths of fields in braces, each with its form: ``cm`` for a speed [m/s] in cm/s, ``share`` in per cent, ``min`` for
+            seconds in minutes with their sign, or one of Python's.
+        fields: Values, mappings of them and sequences; None for what is unknown.
+        at: Path of the fields within an outcome, with a dot at its end.
+    """
+    parts: list[str | Shown] = []
+    for text, name, form, _ in Formatter().parse(template):
+        parts.append(text)
+        if name is not None:
+            steps = [int(step) if step.isdigit() else step for step in name.split(".")]
+            value = reduce(lambda held, step: held[step], steps, fields)  # type: ignore[index]
+            parts.append(_part(f"{at}{name}", value, form or ""))
+    return Sentence(parts)
+
+
+def _part(key: str, value: Any, form: str) -> str | Shown:
+    if value is None or isinstance(value, str):
+        return "none" if value is None else value
+    own = {
+        "cm": lambda: f"{100.0 * value:.2f} cm/s",
+        "share": lambda: f"{100.0 * value:.0f} %",
+        "min": lambda: f"{value / 60.0:+.0f} min",
+    }
+    return Shown(key, value, own[form]() if form in own else f"{value:{form or ','}}")
+
+
+def number(key: str, value: float | int | None, text: str) -> str:
+    """Return a number as HTML, see ``Shown``; ``unknown`` for None."""
+    return "unknown" if value is None else Shown(key, value, text).html
+
+
+def cm(key: str, value: float | None) -> str:
+    """Return a speed of the summary [m/s] in cm/s, see ``number``."""
+    return number(key, value, "" if value is None else f"{100.0 * value:.2f} cm/s")
+
+
+def nice(value: float, least: bool = False) -> float:
+    """Return 1, 2 or 5 times a power of ten: the largest not above a value above 0, or with ``least`` the least not below it."""
+    power = 10.0 ** floor(log10(value))
+    steps = [factor * power for factor in (1.0, 2.0, 5.0, 10.0)]
+    near = 1e-9 * value
+    if least:
+        return float(f"{min(step for step in steps if step >= value - near):.3g}")
+    return float(f"{max(step for step in steps if step <= value + near):.3g}")
 
 
 def fixed(value: float, digits: int, signed: bool = False) -> str:

@@ -16,15 +16,7 @@ from replay_kit.show.vehicles import (
     vehicle_rows,
     vehicle_sentences,
 )
-from replay_kit.show.words import (
-    evidence_sentence,
-    flight_correction_sentence,
-    outcomes_sentence,
-    plan_sentence,
-    referee_sentences,
-    source_sentence,
-    surfacings_sentences,
-)
+from replay_kit.show.words import estimate_sentences, further_sentences
 
 # Dives that the summary names.
 _WORST = 3
@@ -55,7 +47,8 @@ def print_summary(outcome: Outcome, console: Console, verbose: bool = False) -> 
     if outcome.vehicles:
         print_table(console, "Vehicles", COLUMNS, vehicle_rows(outcome))
         print_lines(console, [ABOUT_VALUE, *vehicle_sentences(outcome)])
-        print_lines(console, [*estimate_sentences(outcome), *_further_sentences(outcome)])
+        print_lines(console, map(str, [*estimate_sentences(outcome), *further_sentences(outcome)]))
+        print_lines(console, _closing_lines(outcome))
         if verbose:
             for name, values in outcome.vehicles.items():
                 console.print(f"\n{name}", soft_wrap=True)
@@ -67,13 +60,13 @@ def print_summary(outcome: Outcome, console: Console, verbose: bool = False) -> 
     print_table(console, "Messages", ("topic", "read", "used", "skipped"), folded(rows, verbose))
     why = {row["topic"]: {one["reason"]: one["count"] for one in row["reasons"]} for row in topics}
     print_lines(console, not_used_lines(why, verbose))
-    print_lines(console, estimate_sentences(outcome))
+    print_lines(console, map(str, estimate_sentences(outcome)))
     if verbose and outcome.by_dive:
         cells = map(_dive_cells, outcome.by_dive)
         print_table(console, "RMS innovation by dive [cm/s]", _DIVE_COLUMNS, cells)
     elif outcome.by_dive:
         print_lines(console, [_dive_sentence(outcome.by_dive)])
-    print_lines(console, _further_sentences(outcome))
+    print_lines(console, [*map(str, further_sentences(outcome)), *_closing_lines(outcome)])
 
 
 def _dive_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
@@ -102,23 +95,8 @@ def _dive_sentence(dives: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _further_sentences(outcome: Outcome) -> Iterator[str]:
-    """Yield plan, surfacings, truth, times, notes and losses, each as a sentence."""
-    plan = outcome.plan
-    if plan is not None:
-        # one that was never made has nothing but the reason
-        made = "statistics" in plan
-        yield "Plan: " + (plan_sentence(plan) if made else f"none; {plan['message']}")
-    if outcome.surfacings is not None:
-        yield f"Plan vs. actual surfacings: {outcomes_sentence(outcome.surfacings)}"
-    if outcome.evidence is not None:
-        yield f"Log evidence: {evidence_sentence(outcome.evidence)}"
-    if outcome.referee is not None:
-        yield from (f"Referee: {text}" for text in referee_sentences(outcome.referee))
-    if outcome.expected_surfacings is not None:
-        yield f"Predicted surfacings: {'; '.join(surfacings_sentences(outcome.expected_surfacings))}"
-    if outcome.truth is not None:
-        yield from _truth_sentences(outcome.truth)
+def _closing_lines(outcome: Outcome) -> Iterator[str]:
+    """Yield times, notes and losses."""
     yield "Time: " + ", ".join(
         f"{stage} {seconds:.2f} s" for stage, seconds in outcome.seconds.items()
     )
@@ -126,45 +104,6 @@ def _further_sentences(outcome: Outcome) -> Iterator[str]:
     yield from (f"LOST: {one['file']}: {lost_text(one)}" for one in outcome.losses)
     if outcome.late:
         yield f"LOST: {outcome.late} messages came later than the reorder window allows; widen logs.reorder_window"
-
-
-def estimate_sentences(outcome: Outcome) -> Iterator[str]:
-    """Yield what was used, how well it was predicted, and the flight model's correction, each as a sentence."""
-    counts, rms = outcome.observations, outcome.rms_innovation
-    rejected = ", ".join(f"{count} {name}" for name, count in counts["bins_rejected"].items())
-    means = counts.get("mean_currents", 0)
-    others, values = (
-        sum(row[name] for row in counts.get("sources", ())) for name in ("used", "values")
-    )
-    own = counts["used"] - means - others
-    profiles = f"{own} profiles used ({counts['bins_used'] - means - values // 2} bins)"
-    currents = f"{means} mean {'current' if means == 1 else 'currents'} used"
-    used = [
-        *([profiles] if own or not means + others else []),
-        *([currents] if means else []),
-    ]
-    yield f"Observations: {', '.join(used)}, {counts['rejected']} rejected; bins not used: {rejected or 'none'}"
-    for row in counts.get("sources", ()):
-        yield f"Also used: {source_sentence(row)}"
-    nis = "none" if outcome.nis_per_dof is None else f"{outcome.nis_per_dof:.2f}"
-    yield (
-        f"RMS innovation: {_cm(rms['before'])} before each update, {_cm(rms['after'])} after it, "
-        f"{_cm(rms['prior'])} by the prior forecast; NIS per degree of freedom {nis}"
-    )
-    if outcome.flight_correction is not None:
-        yield f"Flight model: {flight_correction_sentence(outcome.flight_correction)}"
-
-
-def _truth_sentences(truth: Mapping[str, Any]) -> Iterator[str]:
-    yield (
-        f"Against the truth over {truth['points']} grid points: RMSE {_cm(truth['rmse'])} (relative error {truth['rel_error']:.3f}); "
-        f"ensemble mean {_cm(truth['ensemble_mean_rmse'])}"
-    )
-    if truth["closest_approach_m"] is not None:
-        yield (
-            f"Flown in the truth, the plan passes {truth['closest_approach_m']:.0f} m from the goal; "
-            f"the ensemble mean's plan {truth['ensemble_mean_closest_approach_m']:.0f} m"
-        )
 
 
 def _cm(value: float | None) -> str:

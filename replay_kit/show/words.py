@@ -5,26 +5,111 @@ from statistics import median
 from typing import Any
 
 from replay_kit.core.text import place_text
+from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.show.numbers import Sentence, sentence
 
 
-def plan_sentence(plan: Mapping[str, Any]) -> str:
+def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
+    """Yield what was used, how well it was predicted, and the flight model's correction."""
+    counts = outcome.observations
+    rejected = ", ".join(f"{count} {name}" for name, count in counts["bins_rejected"].items())
+    means = counts.get("mean_currents", 0)
+    others, values = (
+        sum(row[name] for row in counts.get("sources", ())) for name in ("used", "values")
+    )
+    own = counts["used"] - means - others
+    profiles = f"{own} profiles used ({counts['bins_used'] - means - values // 2} bins)"
+    currents = f"{means} mean {'current' if means == 1 else 'currents'} used"
+    used = [
+        *([profiles] if own or not means + others else []),
+        *([currents] if means else []),
+    ]
+    yield sentence(
+        f"Observations: {', '.join(used)}, {{rejected}} rejected; bins not used: {rejected or 'none'}",
+        counts,
+        "observations.",
+    )
+    for row in counts.get("sources", ()):
+        yield Sentence([f"Also used: {source_sentence(row)}"])
+    yield sentence(
+        "RMS innovation: {rms_innovation.before:cm} before each update, {rms_innovation.after:cm} after it, "
+        "{rms_innovation.prior:cm} by the prior forecast; NIS per degree of freedom {nis_per_dof:.2f}",
+        {"rms_innovation": outcome.rms_innovation, "nis_per_dof": outcome.nis_per_dof},
+    )
+    if outcome.flight_correction is not None:
+        yield Sentence([f"Flight model: {flight_correction_sentence(outcome.flight_correction)}"])
+
+
+def further_sentences(outcome: Outcome) -> Iterator[Sentence]:
+    """Yield what of the summary follows the estimate."""
+    yield from found_sentences(outcome)
+    yield from trust_sentences(outcome)
+
+
+def found_sentences(outcome: Outcome) -> Iterator[Sentence]:
+    """Yield plan, surfacings and truth."""
+    if (plan := outcome.plan) is not None:
+        # one that was never made has nothing but the reason
+        made = "statistics" in plan
+        yield plan_sentence(plan) if made else Sentence([f"Plan: none; {plan['message']}"])
+    if outcome.surfacings is not None:
+        yield outcomes_sentence(outcome.surfacings)
+    if outcome.truth is not None:
+        yield from truth_sentences(outcome.truth)
+
+
+def trust_sentences(outcome: Outcome) -> Iterator[Sentence]:
+    """Yield log evidence, other forecasts and expected surfacings."""
+    if outcome.evidence is not None:
+        yield evidence_sentence(outcome.evidence)
+    if outcome.referee is not None:
+        yield from (Sentence([f"Referee: {text}"]) for text in referee_sentences(outcome.referee))
+    if (expected := outcome.expected_surfacings) is not None:
+        yield Sentence([f"Predicted surfacings: {'; '.join(surfacings_sentences(expected))}"])
+
+
+def plan_sentence(plan: Mapping[str, Any]) -> Sentence:
     """Return a plan of an outcome as a sentence."""
     if plan["status"] == "failed" or plan.get("heading_deg") is None:
-        return f"{plan['status']}: {plan['message']}"
-    return (
-        f"{plan['status']}: steer {plan['heading_deg']:.1f} degrees true at {plan['speed']:.2f} m/s through water, "
-        f"{plan['glide_angle_deg']:.2f} degrees down; {plan['message']}"
+        return sentence("Plan: {status}: {message}", plan)
+    return sentence(
+        "Plan: {status}: steer {heading_deg:.1f} degrees true at {speed:.2f} m/s through water, {glide_angle_deg:.2f} degrees "
+        "down; {message}",
+        plan,
+        "plan.",
     )
 
 
-def outcomes_sentence(found: Mapping[str, Any]) -> str:
+def outcomes_sentence(found: Mapping[str, Any]) -> Sentence:
     """Return the errors of the surfacings that plans predicted, one at least, as a sentence."""
-    share = found["inside_ellipse"]
-    return (
-        f"{found['count']} predicted by the plan before; median distance {found['distance_median_m']:.0f} m, "
-        f"{found['delay_median_s'] / 60.0:+.0f} min"
-        + ("" if share is None else f", {100.0 * share:.0f} % inside the 90 % ellipse")
+    share = (
+        ""
+        if found["inside_ellipse"] is None
+        else ", {inside_ellipse:share} inside the 90 % ellipse"
     )
+    return sentence(
+        "Plan vs. actual surfacings: {count} predicted by the plan before; median distance {distance_median_m:.0f} m, {delay_median_s:min}"
+        + share,
+        found,
+        "surfacings.",
+    )
+
+
+def truth_sentences(truth: Mapping[str, Any]) -> Iterator[Sentence]:
+    """Yield the errors against a known truth as sentences."""
+    yield sentence(
+        "Against the truth over {points} grid points: RMSE {rmse:cm} (relative error {rel_error:.3f}); ensemble mean "
+        "{ensemble_mean_rmse:cm}",
+        truth,
+        "truth.",
+    )
+    if truth["closest_approach_m"] is not None:
+        yield sentence(
+            "Flown in the truth, the plan passes {closest_approach_m:.0f} m from the goal; the ensemble mean's plan "
+            "{ensemble_mean_closest_approach_m:.0f} m",
+            truth,
+            "truth.",
+        )
 
 
 def surfacings_sentences(found: Mapping[str, Any]) -> Iterator[str]:
@@ -91,15 +176,16 @@ def _early(one: Mapping[str, Any]) -> str:
     return f"{before}: {'inside' if one['inside_90'] else 'outside'} its 90 % ellipse of {one['radius_90_m']:.0f} m"
 
 
-def evidence_sentence(found: Mapping[str, Any]) -> str:
+def evidence_sentence(found: Mapping[str, Any]) -> Sentence:
     """Return the figures of ``evidence_json`` as a sentence."""
-    dives = len(found["by_dive"])
-    a_dive = (
-        f", {sum(each['log_evidence'] for each in found['by_dive']) / dives:.1f} a dive"
-        if dives
-        else ""
+    each = [one["log_evidence"] for one in found["by_dive"]]
+    a_dive = f", {sum(each) / len(each):.1f} a dive" if each else ""
+    return sentence(
+        "Log evidence: {log_evidence:.1f} of {measurements} measurements, {per_measurement:.2f} a measurement"
+        + a_dive,
+        found,
+        "evidence.",
     )
-    return f"{found['log_evidence']:.1f} of {found['measurements']} measurements, {found['per_measurement']:.2f} a measurement{a_dive}"
 
 
 def referee_sentences(found: Mapping[str, Any]) -> Iterator[str]:

@@ -189,10 +189,10 @@ def test_reasons_have_codes_in_json():
 
 def test_a_plan_is_told_by_how_to_steer_and_a_failed_one_by_why(plan, failed_plan):
     assert (
-        plan_sentence(plan_json(plan) or {})
-        == "reached: steer 45.0 degrees true at 0.30 m/s through water, 20.00 degrees down; ok"
+        str(plan_sentence(plan_json(plan) or {}))
+        == "Plan: reached: steer 45.0 degrees true at 0.30 m/s through water, 20.00 degrees down; ok"
     )
-    assert plan_sentence(plan_json(failed_plan) or {}) == "failed: no path"
+    assert str(plan_sentence(plan_json(failed_plan) or {})) == "Plan: failed: no path"
     for energy, told in ((5.0, 5.0), (math.nan, None), (math.inf, None)):
         assert plan_json(replace(plan, energy=energy))["energy_j"] == told
         assert plan_json(replace(plan, battery=energy))["battery_j"] == told
@@ -219,12 +219,12 @@ def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside
         for area, late, away, distance in misses
     ]
     assert (
-        outcomes_sentence(outcomes_json(made))
-        == "4 predicted by the plan before; median distance 2250 m, +2 min, 67 % inside the 90 % ellipse"
+        str(outcomes_sentence(outcomes_json(made)))
+        == "Plan vs. actual surfacings: 4 predicted by the plan before; median distance 2250 m, +2 min, 67 % inside the 90 % ellipse"
     )
     assert (
-        outcomes_sentence(outcomes_json(made[3:]))
-        == "1 predicted by the plan before; median distance 9000 m, +4 min"
+        str(outcomes_sentence(outcomes_json(made[3:])))
+        == "Plan vs. actual surfacings: 1 predicted by the plan before; median distance 9000 m, +4 min"
     )
     told = outcomes_json(made)
     assert [one["inside_ellipse"] for one in told["each"]] == [True, False, True, None]

@@ -135,24 +135,6 @@ def pack(values: NDArray[np.float64], scale: float, along: int = 0) -> dict[str,
     }
 
 
-def number(key: str, value: float | int | None, text: str) -> str:
-    """Return a number of the run's summary as HTML that carries its exact value.
-
-    Args:
-        key: Its path in the summary, such as ``rms_innovation.before``.
-        value: As in the summary; None when unknown.
-        text: What is shown.
-    """
-    if value is None:
-        return "unknown"
-    return f'<data data-key="{escape(key)}" value="{escape(repr(value))}">{escape(text)}</data>'
-
-
-def cm(key: str, value: float | None) -> str:
-    """Return a speed of the summary [m/s] in cm/s, see ``number``."""
-    return number(key, value, "" if value is None else f"{100.0 * value:.2f} cm/s")
-
-
 def table_html(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> str:
     """Return a table as HTML that scrolls where it is too wide, and opens on demand where it is long.
 

@@ -10,8 +10,8 @@ from replay_kit.show.page import page_html
 from replay_kit.show.page.section import Section, items_html, table_html
 from replay_kit.show.report.sections.again import again_section
 from replay_kit.show.report.sections.current_map import map_beside
-from replay_kit.show.summary import estimate_sentences
 from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_rows, vehicle_sentences
+from replay_kit.show.words import estimate_sentences
 
 
 def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
@@ -59,7 +59,7 @@ def _vehicles(contents: Contents, pages: Mapping[str, str]) -> Section:
     said = [
         *contents.notes,
         *map(finding_line, outcome.consistency),
-        *estimate_sentences(outcome),
+        *map(str, estimate_sentences(outcome)),
         *outcome.notes,
         *vehicle_sentences(outcome),
     ]

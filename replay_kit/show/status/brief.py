@@ -2,31 +2,16 @@
 
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from typing import Any, NamedTuple
 
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import place_text, printable, time_text
-from replay_kit.show.numbers import fixed, hours_text, minutes_text
+from replay_kit.show.numbers import Sentence, Shown, fixed, hours_text, minutes_text
 from replay_kit.show.status.status import Status
 
 _LABEL = 11
 #: Lines of alarms: of more, the last says how many.
 _ALARMS = 2
-
-
-class Shown(NamedTuple):
-    """A number as it is shown.
-
-    Attributes:
-        key: Of the status's figure, such as ``odds.reached``.
-        value: Of the figure.
-        text: Rounded, as people write it.
-    """
-
-    key: str
-    value: float
-    text: str
 
 
 class Brief(NamedTuple):
@@ -43,17 +28,12 @@ class Brief(NamedTuple):
     @property
     def text(self) -> str:
         """The line without its label."""
-        return "".join(part if isinstance(part, str) else part.text for part in self.parts)
+        return str(Sentence(self.parts))
 
     @property
     def html(self) -> str:
         """The line without its label, each number with the figure that it shows."""
-        return "".join(
-            escape(part)
-            if isinstance(part, str)
-            else f'<data data-key="{part.key}" value="{part.value!r}">{escape(part.text)}</data>'
-            for part in self.parts
-        )
+        return Sentence(self.parts).html
 
 
 def brief_text(status: Status, width: int = 80) -> str:

@@ -1,7 +1,7 @@
 """A status: the answers to a pilot's questions as lines of text, as alarms, and as figures for JSON."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -68,38 +68,21 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
         now_ns: The present time [ns, UTC]; None for the last time of the result.
     """
     now = held.last_ns if now_ns is None else now_ns
-    alarms = alarms_of(held, now)
-    kinds = {alarm.kind for alarm in alarms}
-    made = (
-        _where(held),
-        _rate(held),
-        _current(held),
-        _surfacing(held, now),
-        _command(held),
-        _odds(held),
-        _forecast(held, now),
-        _fit(held),
-    )
-    lines = [
-        Line(
-            line.key,
-            line.label,
-            line.text,
-            line.time_ns,
-            not kinds.isdisjoint(_ALARMS.get(line.key, ())),
-        )
-        for line, _ in made
-        if line.text
-    ]
-    numbers = {line.key: values for line, values in made if values}
+    alarms, numbers = alarms_of(held, now), dict[str, Any]()
+    kinds, lines = {alarm.kind for alarm in alarms}, list[Line]()
+    for key, (label, answer_of, of_it) in _ANSWERS.items():
+        text, values, time_ns = answer_of(held, now)
+        if text:
+            lines.append(Line(key, label, tuple(text), time_ns, not kinds.isdisjoint(of_it)))
+        if values:
+            numbers[key] = values
     about = {
         "result": held.name,
         "now": time_text(now),
         "last": time_text(held.last_ns),
         "alarms": [alarm.record() for alarm in alarms],
     }
-    places = _places(held)
-    return Status(held.name, now, tuple(lines), alarms, {**about, **numbers}, places)
+    return Status(held.name, now, tuple(lines), alarms, {**about, **numbers}, _places(held))
 
 
 def _places(held: Held) -> dict[str, Sequence[tuple[float, float]]]:
@@ -123,19 +106,13 @@ def _places(held: Held) -> dict[str, Sequence[tuple[float, float]]]:
     return found
 
 
-# Which alarms belong to which answer.
-_ALARMS = {
-    "surfacing": ("surfacing overdue", "outside its ellipse"),
-    "odds": ("plan",),
-    "forecast": ("forecast ended",),
-    "fit": ("consistency",),
-}
-_Answer = tuple[Line, dict[str, Any]]
+#: Sentences, figures for JSON, and when they were so [ns, UTC]; None for what has no time.
+_Answer = tuple[Sequence[str], dict[str, Any], int | None]
 
 
-def _where(held: Held) -> _Answer:
+def _where(held: Held, now_ns: int) -> _Answer:
     if not held.fixes:
-        return Line("position", "Position", ("no measured position",)), {}
+        return ["no measured position"], {}, None
     fix, error = held.fixes[-1], held.settings.get("measurements", {}).get("fix_std")
     text = [
         f"{place_text(fix.longitude, fix.latitude)}"
@@ -161,15 +138,15 @@ def _where(held: Held) -> _Answer:
     if held.dive and held.dive[-1].dive:
         text.append(f"after dive {held.dive[-1].dive}")
         values["dive"] = held.dive[-1].dive
-    return Line("position", "Position", tuple(text), fix.time_ns), values
+    return text, values, fix.time_ns
 
 
-def _rate(held: Held) -> _Answer:
+def _rate(held: Held, now_ns: int) -> _Answer:
     goal, rates = figures.goal_of(held), figures.made_good(held)
     if goal is None:
-        return Line("made_good", "Made good", ("no goal was given",)), {}
+        return ["no goal was given"], {}, None
     if not held.fixes:
-        return Line("made_good", "Made good", ("no fix, no distance to the goal",)), {}
+        return ["no fix, no distance to the goal"], {}, None
     left = figures.far(held.fixes[-1], goal) / 1e3
     text = [f"{left:.1f} km to the goal {place_text(goal[0], goal[1])}, {goal[2]:g} m"]
     # over a long time the fixes' errors are far below the digit that is shown
@@ -183,13 +160,13 @@ def _rate(held: Held) -> _Answer:
             {"days": rate.days, "km_a_day": rate.km_a_day, "error": rate.error} for rate in rates
         ],
     }
-    return Line("made_good", "Made good", tuple(text), held.fixes[-1].time_ns), values
+    return text, values, held.fixes[-1].time_ns
 
 
-def _current(held: Held) -> _Answer:
+def _current(held: Held, now_ns: int) -> _Answer:
     found = figures.dive_current(held)
     if found is None:
-        return Line("current", "Current", ("nothing measured",)), {}
+        return ["nothing measured"], {}, None
     values: dict[str, Any] = {
         "time": time_text(found.time_ns),
         "dive": found.dive,
@@ -205,7 +182,7 @@ def _current(held: Held) -> _Answer:
         text = [
             f"no mean current in the last dive; profiles differ {100.0 * found.difference:.1f} cm/s RMS from the estimate ({expected})"
         ]
-        return Line("current", "Current", tuple(text), found.time_ns), values
+        return text, values, found.time_ns
     text = []
     for name, words, current in (
         ("measured", "measured", found.measured),
@@ -223,7 +200,7 @@ def _current(held: Held) -> _Answer:
             f"predicted {_current_text(found.predicted)}; apart {100.0 * found.difference:.1f} cm/s ({expected})"
         )
         values["predicted"] = {"east": found.predicted.east, "north": found.predicted.north}
-    return Line("current", "Current", tuple(text), found.time_ns), values
+    return text, values, found.time_ns
 
 
 def _surfacing(held: Held, now_ns: int) -> _Answer:
@@ -263,9 +240,7 @@ def _surfacing(held: Held, now_ns: int) -> _Answer:
             "count": found["count"],
             "next": found["next"],
         }
-    return Line(
-        "surfacing", "Surfacing", tuple(text), following.planned_ns if following else None
-    ), values
+    return text, values, following.planned_ns if following else None
 
 
 def _next_surfacing(
@@ -319,9 +294,9 @@ def _next_as_last_dive(
     return [text], {"next": {"basis": "last_dive", **values}}
 
 
-def _command(held: Held) -> _Answer:
+def _command(held: Held, now_ns: int) -> _Answer:
     if not held.plans:
-        return Line("command", "Steer", ("no plan",) if figures.goal_of(held) else ()), {}
+        return ["no plan"] if figures.goal_of(held) else [], {}, None
     plan, change = held.plans[-1], change_of(held)
     following = figures.next_surfacing(held)
     leg = following.leg if following else {}
@@ -337,16 +312,16 @@ def _command(held: Held) -> _Answer:
         "latitude": leg.get("latitude"),
         "why": list(change),
     }
-    return Line("command", "Steer", tuple(text), plan.timestamp.ToNanoseconds()), values
+    return text, values, plan.timestamp.ToNanoseconds()
 
 
-def _odds(held: Held) -> _Answer:
+def _odds(held: Held, now_ns: int) -> _Answer:
     said, since_ns = figures.last_plan(held)
     if said is None:
-        return Line("odds", "Odds", ()), {}
+        return [], {}, None
     values: dict[str, Any] = {"status": said["status"], "message": said["message"]}
     if said["status"] == "failed":
-        return Line("odds", "Odds", (f"plan failed: {said['message']}",), since_ns), values
+        return [f"plan failed: {said['message']}"], values, since_ns
     plan = held.plans[-1]
     text = [_outcome(plan, said)]
     if plan.HasField("odds") and plan.odds.n_samples:
@@ -378,7 +353,7 @@ def _odds(held: Held) -> _Answer:
         )
         text.append(f"energy {plan.energy / 1e3:.0f} kJ{share}")
         values |= {"energy_j": plan.energy, "battery_j": _finite(plan.battery)}
-    return Line("odds", "Odds", tuple(text), since_ns), values
+    return text, values, since_ns
 
 
 def _outcome(plan: Any, said: Mapping[str, Any]) -> str:
@@ -394,7 +369,7 @@ def _outcome(plan: Any, said: Mapping[str, Any]) -> str:
 def _forecast(held: Held, now_ns: int) -> _Answer:
     times = figures.forecast_times(held)
     if times is None:
-        return Line("forecast", "Forecast", ("states no time: its age is unknown",)), {}
+        return ["states no time: its age is unknown"], {}, None
     first, last, evolves = times
     values = {
         "first": time_text(first),
@@ -402,25 +377,17 @@ def _forecast(held: Held, now_ns: int) -> _Answer:
         "age_s": (now_ns - first) / _SECOND,
     }
     if not evolves:
-        return Line(
-            "forecast", "Forecast", (f"of {time_text(first)}, held constant",), first
-        ), values
+        return [f"of {time_text(first)}, held constant"], values, first
     ahead = (last - now_ns) / _SECOND
     ends = f"ends in {_hours(ahead)}" if ahead >= 0.0 else f"ENDED {_hours(-ahead)} ago"
-    return Line(
-        "forecast", "Forecast", (f"{time_text(first)} to {time_text(last)}; {ends}",), first
-    ), values
+    return [f"{time_text(first)} to {time_text(last)}; {ends}"], values, first
 
 
-def _fit(held: Held) -> _Answer:
+def _fit(held: Held, now_ns: int) -> _Answer:
     outcome = held.outcome
     if outcome is None:
         why = "no verdict: the run did not finish, or an earlier version made the result"
-        return Line("fit", "Fit", (why,), held.last_ns), {
-            "findings": [],
-            "verdict": [],
-            "nis_per_dof": None,
-        }
+        return [why], {"findings": [], "verdict": [], "nis_per_dof": None}, held.last_ns
     text = [
         str(outcome.decision),
         *(
@@ -436,9 +403,20 @@ def _fit(held: Held) -> _Answer:
         "verdict": list(outcome.verdict),
         "nis_per_dof": outcome.nis_per_dof,
     }
-    return Line("fit", "Fit", tuple(text), held.last_ns), values
+    return text, values, held.last_ns
 
 
+#: By the key of its figures what an answer is called, how it is made, and the alarms that belong to it.
+_ANSWERS: Mapping[str, tuple[str, Callable[[Held, int], _Answer], Sequence[str]]] = {
+    "position": ("Position", _where, ()),
+    "made_good": ("Made good", _rate, ()),
+    "current": ("Current", _current, ()),
+    "surfacing": ("Surfacing", _surfacing, ("surfacing overdue", "outside its ellipse")),
+    "command": ("Steer", _command, ()),
+    "odds": ("Odds", _odds, ("plan",)),
+    "forecast": ("Forecast", _forecast, ("forecast ended",)),
+    "fit": ("Fit", _fit, ("consistency",)),
+}
 _CORRECTED = "corrected for the flight model's error"
 
 

@@ -8,11 +8,23 @@ import numpy as np
 import replay_kit as rk
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.views.record import leaves
+from replay_kit.show.numbers import Shown
 from replay_kit.show.report import report_html
 from replay_kit.show.report.page import SECTIONS
+from replay_kit.show.status.brief import brief_lines
+from replay_kit.show.status.held import read_held
+from replay_kit.show.status.status import status_of
+from replay_kit.show.words import estimate_sentences, further_sentences
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, figures, text_of, unpacked
 
+#: Figures of a status that are numbers of the summary.
+STATED = {
+    "odds.reached": "plan.odds.reached",
+    "odds.samples": "plan.odds.n_samples",
+    "odds.closest_approach_m": "plan.closest_approach_m",
+    "command.speed": "plan.speed",
+}
 KNOWN = ["map", "answer", "section", "trust", "plan", "again"]
 KEYS = [
     *("current-map", "profiles", "mean-currents", "innovations", "dives", "error", "calibration"),
@@ -44,12 +56,11 @@ def test_the_same_result_gives_the_same_page_and_it_is_small(page, replayed):
     assert str(replayed.path.parent) not in page
 
 
-def test_the_numbers_are_those_of_json(page, replayed):
+def test_every_number_of_page_summary_and_status_is_one_of_json(page, replayed):
     assert replayed.summary is not None
+    outcome = outcome_of(replayed.summary)
     expected = {
-        path: value
-        for path, value in leaves(outcome_of(replayed.summary).to_json())
-        if not path.startswith("seconds.")
+        path: value for path, value in leaves(outcome.to_json()) if not path.startswith("seconds.")
     }
     numbers = {
         path: value
@@ -57,20 +68,32 @@ def test_the_numbers_are_those_of_json(page, replayed):
         if isinstance(value, int | float) and not isinstance(value, bool)
     }
     assert len(numbers) > 40
-    carried: dict[str, set[str]] = {}
-    for attrs, text in elements(page, "data"):
-        key, value = attrs["data-key"] or "", json.loads(attrs["value"] or "")
+    said = [*estimate_sentences(outcome), *further_sentences(outcome)]
+    carried = [part for each in said for part in each.parts if not isinstance(part, str)]
+    assert len(carried) > 10
+    status = status_of(read_held(replayed.path))
+    carried += [
+        part._replace(key=STATED[part.key])
+        for line in brief_lines(status)
+        for part in line.parts
+        if not isinstance(part, str) and part.key in STATED
+    ]
+    assert {each.key for each in carried} >= set(STATED.values())
+    carried += [
+        Shown(attrs["data-key"] or "", json.loads(attrs["value"] or ""), text)
+        for attrs, text in elements(page, "data")
+    ]
+    for key, value, text in carried:
         path, _, part = key.partition("#")
         # a leg is text of its own in the summary
-        assert value == (json.loads(expected[path])[part] if part else expected[path]), attrs
-        carried.setdefault(key, set()).add(text)
-        assert "-0.0" not in text.replace("-0.0", "x", 0) or float(text.split()[0]) != 0.0, attrs
+        assert value == (json.loads(expected[path])[part] if part else expected[path]), key
+        assert "-0.0" not in text.replace("-0.0", "x", 0) or float(text.split()[0]) != 0.0, key
         if (
             not re.search(r"surfacing_s|time_ns|delay_median_s|duration_s", key)
             or text[0].isdigit()
         ):
             _check_rounded(key, value, text)
-    assert {key for key in carried if "#" not in key} == set(numbers)
+    assert {each.key for each in carried if "#" not in each.key} == set(numbers)
     assert all(
         str(value) in text_of(page, "again")
         for value in expected.values()
@@ -96,25 +119,19 @@ def _check_rounded(key: str, value: float, text: str) -> None:
 def test_words_say_what_was_measured_found_and_not_used(page, replayed):
     words, summary = " ".join(text_of(page, "answer").split()), replayed.summary
     assert summary is not None
-    means = summary.mean_currents
-    assert means > 1
-    values = f"{summary.bins_used:,} values: {means} mean currents, {summary.bins_used - means:,} depth bins of profiles"
-    assert (
-        f"gave {summary.profiles_used} measurements of the current that were used ({values}), on 3 dives"
-        in words
-    )
-    change = 100.0 * (1.0 - summary.rms_before / summary.rms_prior)
-    assert f"differed from it by {100 * summary.rms_before:.2f} cm/s (RMS of a component)" in words
-    assert f"the estimate is {change:.0f} % closer" in words
-    assert f"per degree of freedom is {summary.nis_per_dof:.2f}" in words
+    assert summary.mean_currents > 1
     assert summary.profiles_rejected == 1
-    assert "1 measurement was rejected as a whole. Bins not used" in words
-    assert f"{summary.bins_rejected['below_grid']:,} below grid" in words
+    assert "; 3 dives; " in words
+    trust = " ".join(text_of(page, "trust").split())
+    said = [*estimate_sentences(outcome_of(summary)), *further_sentences(outcome_of(summary))]
+    assert all(str(each) in f"{words} {trust}" for each in said)
+    assert f"{summary.mean_currents} mean currents used, 1 rejected; bins not used: " in words
+    assert f"RMS innovation: {100 * summary.rms_before:.2f} cm/s before each update" in words
+    assert f"NIS per degree of freedom {summary.nis_per_dof:.2f}" in words
     assert summary.plan is not None
     card = " ".join(text_of(page, "map").split())
     assert f"{round(summary.plan.heading_deg) % 360:03d}°" in card
     assert f"{100.0 * summary.plan.odds.reached:.0f} % of 4 samples" in card.replace("%of", "% of")
-    assert "The estimated current at the last position" in words
 
 
 def test_the_map_holds_the_published_current(page, replayed):

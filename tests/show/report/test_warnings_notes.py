@@ -8,7 +8,7 @@ import pytest
 
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import nis_sentence
-from replay_kit.show.report.sections.answer import _depths, _values
+from replay_kit.show.report.sections.answer import _depths
 from replay_kit.show.report.sections.warnings import found_warnings, next_steps
 
 
@@ -65,18 +65,6 @@ def test_steps_follow_the_verdict_and_can_be_run(nis, profiles, first):
     assert step.startswith(first)
     said = nis_sentence(nis)
     assert said.startswith("error bars consistent") == step.startswith("Nothing:")
-
-
-def test_mean_currents_have_no_depth_bins():
-    said = [
-        _values(str(values), values, means) for values, means in ((6, 0), (6, 6), (1, 1), (9, 1))
-    ]
-    assert said[:3] == [
-        "6 depth bins",
-        "6 mean currents, without depth bins",
-        "1 mean current, without depth bins",
-    ]
-    assert said[3] == "9 values: 1 mean current, 8 depth bins of profiles"
 
 
 def test_a_depth_of_a_little_above_the_surface_is_no_negative_zero():

@@ -9,7 +9,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.results.views.record import read_record
-from replay_kit.show.summary import estimate_sentences
+from replay_kit.show.words import estimate_sentences
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
@@ -47,7 +47,7 @@ def test_shear_is_counted_apart_and_the_result_says_the_same(ocean, tmp_path):
     assert row.rms_after < row.rms_before
     outcome = outcome_of(summary)
     assert outcome_from(read_record(tmp_path / "out.mcap").summary) == outcome
-    (said,) = [text for text in estimate_sentences(outcome) if "shear" in text]
+    (said,) = [text for text in map(str, estimate_sentences(outcome)) if "shear" in text]
     assert said.startswith(
         "Also used: geostrophic shear: 3 measurements used (24 values), 0 rejected"
     )

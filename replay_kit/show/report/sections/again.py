@@ -8,7 +8,8 @@ from typing import Any
 
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import changed_settings, leaves
-from replay_kit.show.page.section import Section, number, table_html
+from replay_kit.show.numbers import number
+from replay_kit.show.page.section import Section, table_html
 
 # Entries of a list of the summary that are shown.
 _LONG = 40

@@ -10,8 +10,10 @@ from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.track import thinned
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.plan import profile_chart, surfacing_chart
-from replay_kit.show.page.section import Section, number, table_html
+from replay_kit.show.numbers import number
+from replay_kit.show.page.section import Section, table_html
 from replay_kit.show.report.sections.learning import learning_html, value_chart
+from replay_kit.show.words import outcomes_sentence
 
 _STATUS = {
     "reached": "the predicted path passes the goal within the tolerance",
@@ -120,6 +122,7 @@ def plan_section(contents: Contents) -> Section:
             answer="There is none.",
         )
     figures = [figure_of(profile_chart(contents, plan))] if len(plan.track) else []
+    found = contents.outcome.surfacings
     if (value := value_chart(contents)) is not None:
         figures.append(figure_of(value))
     if len(contents.result.surfacings):
@@ -130,7 +133,7 @@ def plan_section(contents: Contents) -> Section:
         + learning_html(contents)
         + _legs_html(plan)
         + _plans_html(contents)
-        + _figures_of_surfacings(contents)
+        + ("" if found is None else f"<p>{outcomes_sentence(found).html}.</p>")
     )
     status = str(plan.row["status"])
     answer = f"{escape(status.capitalize())}: {_STATUS.get(status, '')}."
@@ -219,23 +222,3 @@ def _plans_html(contents: Contents) -> str:
         "message",
     ]
     return table_html(heads, rows, f"All plans, oldest first{thin}")
-
-
-def _figures_of_surfacings(contents: Contents) -> str:
-    figures = contents.outcome.surfacings
-    if not figures:
-        return ""
-    median, delay, share = (
-        figures["distance_median_m"],
-        figures["delay_median_s"],
-        figures["inside_ellipse"],
-    )
-    text = (
-        f"{number('surfacings.count', figures['count'], str(figures['count']))} surfacings were predicted by the plan "
-        "before: median distance "
-        f"{number('surfacings.distance_median_m', median, f'{median:,.0f}')} m, median delay "
-        f"{number('surfacings.delay_median_s', delay, f'{delay / 60.0:+.0f}')} minutes"
-    )
-    if share is not None:
-        text += f"; {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} are inside the 90 % ellipse"
-    return f"<p>{text}. If the vehicle flew other plans, the distances include that difference.</p>"

@@ -1,24 +1,18 @@
 """Whether the answer can be trusted: innovations, their spread against the stated errors, the error's decrease, the gate."""
 
-from collections.abc import Mapping, Sequence
 from html import escape
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from replay_kit.core.errors import severity_word
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import LEAST_NIS, MOST_NIS, nis_sentence
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.slices import EXPECTED, Calibration, calibration, information_by_dive
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.trust import trust_charts
 from replay_kit.show.page.page import figure_html
-from replay_kit.show.page.section import Figure, Section, cm, number, table_html
+from replay_kit.show.page.section import Figure, Section, items_html, table_html
 from replay_kit.show.report.sections.warnings import warnings_html
-from replay_kit.show.words import (
-    evidence_sentence,
-    referee_sentences,
-    surfacings_sentences,
-)
+from replay_kit.show.words import trust_sentences
 
 _ITSELF = {
     "good": "log fits itself",
@@ -70,7 +64,7 @@ def _against_forecast(outcome: Outcome) -> Light:
     )
     fits = before <= prior and not outside
     return Light(
-        "fits the forecast" if fits else "misfits the forecast",
+        "fits forecast" if fits else "misfits forecast",
         "good" if fits else "care",
         f"{gain}{f'; {outside}' if outside else ''}.",
         ("dives", "error"),
@@ -83,7 +77,7 @@ def _errors_hold(outcome: Outcome) -> Light:
         return Light("errors not tested", "none", "No measurement tested them.", ())
     hold = LEAST_NIS <= nis <= MOST_NIS
     return Light(
-        "stated errors hold" if hold else "stated errors do not hold",
+        "errors hold" if hold else "errors do not hold",
         "good" if hold else "care",
         f"{nis_sentence(nis)[:1].upper()}{nis_sentence(nis)[1:]}.",
         ("calibration",),
@@ -110,15 +104,9 @@ def trust_section(contents: Contents) -> Section:
         placed += figures
         head = f'<summary><span class="light {light.color}">{escape(light.name)}</span> {escape(light.text)}</summary>'
         blocks.append(f'<details class="lit">{head}{own}</details>')
-    tables = (
-        _coverage_html(calibration(contents.result.innovations))
-        + _gate_html(contents)
-        + _dives_html(contents, contents.outcome.by_dive)
-        + _evidence_html(contents)
-        + surfacings_html(contents.outcome.expected_surfacings)
-    )
-    html = warnings_html(contents) + "".join(blocks)
-    html += f'<details class="lit"><summary>The figures as tables</summary>{tables}</details>'
+    told = [each.html for each in trust_sentences(contents.outcome)]
+    html = warnings_html(contents) + "".join(blocks) + _gate_html(contents)
+    html += items_html(told) if told else ""
     return Section(
         "trust",
         "How far can it be trusted?",
@@ -135,20 +123,6 @@ def _answer(contents: Contents) -> str:
     if not contents.outcome.complete:
         return "No verdict: the run did not finish, or an earlier version made the result."
     return f"{escape(str(contents.outcome.decision).capitalize())}."
-
-
-def _coverage_html(found: Calibration) -> str:
-    if not found.coverage:
-        return ""
-    rows = [
-        [f"{limit:g}", f"{100 * EXPECTED[limit]:.1f} %", f"{100 * share:.1f} %"]
-        for limit, share in found.coverage.items()
-    ]
-    return table_html(
-        ["standard deviations", "expected", "found"],
-        rows,
-        "Share of the innovations within the stated errors",
-    )
 
 
 def _gate_html(contents: Contents) -> str:
@@ -172,105 +146,3 @@ def _gate_html(contents: Contents) -> str:
         + text
         + biases
     )
-
-
-def _evidence_html(contents: Contents) -> str:
-    """Return the log evidence of the run, and of the forecasts that it was compared with, in words."""
-    found, compared = contents.outcome.evidence, contents.outcome.referee
-    if not found:
-        return ""
-    sentences = [
-        f"Log evidence: {evidence_sentence(found)}",
-        *(referee_sentences(compared) if compared else ()),
-    ]
-    return "".join(f"<p>{escape(sentence)}.</p>" for sentence in sentences)
-
-
-def _dives_html(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> str:
-    if not dives:
-        return "<p>The log has no dives with measurements to compare.</p>"
-    information = information_by_dive(contents.result.observations)
-    rows = []
-    for k, dive in enumerate(dives):
-        key = f"by_dive.{k}"
-        nis = dive["nis_per_dof"]
-        rows.append(
-            [
-                number(f"{key}.dive", dive["dive"], str(dive["dive"])),
-                number(f"{key}.profiles", dive["profiles"], str(dive["profiles"])),
-                number(f"{key}.bins", dive["bins"], str(dive["bins"])),
-                cm(f"{key}.rms_innovation_predicted", dive["rms_innovation_predicted"]),
-                cm(f"{key}.rms_innovation_prior", dive["rms_innovation_prior"]),
-                number(f"{key}.nis_per_dof", nis, "" if nis is None else f"{nis:.2f}"),
-                f"{information.get(dive['dive'], 0.0):.1f}",
-            ]
-        )
-    heads = [
-        "dive",
-        "profiles",
-        "bins",
-        "missed by the estimate before it",
-        "missed by the prior forecast",
-        "NIS/dof",
-        "independent values determined",
-    ]
-    return table_html(
-        heads, rows, "The dives: each predicted from the dives before it, and what it added"
-    )
-
-
-_SURFACING_HEADS = (
-    "dive",
-    "earlier dives",
-    "distance [m]",
-    "50 % ellipse [m]",
-    "90 % ellipse [m]",
-    "held by",
-    "log score",
-    "log score of the last dive's current",
-)
-
-
-def surfacings_html(found: Mapping[str, Any] | None) -> str:
-    """Return the expected surfacings of a summary as a table with its sentences; empty without any."""
-    if not found:
-        return ""
-    words = "".join(
-        f"<p>{escape(sentence[0].upper() + sentence[1:])}.</p>"
-        for sentence in surfacings_sentences(found)
-    )
-    rows = [
-        _surfacing_row(f"expected_surfacings.each.{k}", one) for k, one in enumerate(found["each"])
-    ]
-    return (
-        table_html(
-            list(_SURFACING_HEADS), rows, "Surfacings: each expected from the dives before it"
-        )
-        + words
-    )
-
-
-def _surfacing_row(key: str, one: dict[str, Any]) -> list[str]:
-    held = "50 %" if one["inside_50"] else "90 %" if one["inside_90"] else "neither"
-    axes = [
-        f"{one[name]['major_m']:.0f} x {one[name]['minor_m']:.0f}"
-        for name in ("ellipse_50", "ellipse_90")
-    ]
-    scores = [
-        number(f"{key}.{name}", one[name], _score(one[name]))
-        for name in ("log_score", "persistent_log_score")
-    ]
-    counts = [
-        number(f"{key}.{name}", one[name], str(one[name])) for name in ("dive", "earlier_dives")
-    ]
-    return [
-        *counts,
-        number(f"{key}.distance_m", one["distance_m"], f"{one['distance_m']:.0f}"),
-        *axes,
-        held,
-        *scores,
-    ]
-
-
-def _score(score: float | None) -> str:
-    return "" if score is None else f"{score:.2f}"

@@ -5,10 +5,10 @@ from html import escape
 import numpy as np
 
 from replay_kit.core.errors import severity_word
-from replay_kit.results.outcome.verdict import LEAST_NIS, MOST_NIS
+from replay_kit.results.outcome.verdict import MOST_NIS
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import calibration
-from replay_kit.show.page.section import number
+from replay_kit.show.numbers import number
 
 #: Notes of a run that only state what was read and chosen.
 _NEUTRAL = (
@@ -47,7 +47,7 @@ def warnings_html(contents: Contents) -> str:
 def found_warnings(contents: Contents) -> list[tuple[str, str]]:
     """Return what a reader should look into, each with its kind and as an escaped sentence."""
     outcome = contents.outcome
-    tests = (_losses, _nis, _bias, _improvement, _rejections, _surfacings)
+    tests = (_losses, _bias, _rejections, _surfacings)
     notes = outcome.notes
     care = [text for test in tests if (text := test(contents))]
     care += [escape(_sentence(note)) for note in notes if not _is_neutral(note)]
@@ -132,22 +132,6 @@ def _losses(contents: Contents) -> str:
     )
 
 
-def _nis(contents: Contents) -> str:
-    nis = contents.outcome.nis_per_dof
-    if nis is None or LEAST_NIS <= nis <= MOST_NIS:
-        return ""
-    if nis > MOST_NIS:
-        return (
-            f"Innovations are {np.sqrt(nis):.1f} times as large as the estimate expects (NIS per degree of freedom "
-            f"{nis:.2f}): it is overconfident, "
-            "or instrument and forecast disagree."
-        )
-    return (
-        f"Innovations are {np.sqrt(nis):.2f} times as large as the estimate expects (NIS per degree of freedom "
-        f"{nis:.2f}): errors are overstated."
-    )
-
-
 def _bias(contents: Contents) -> str:
     bins = contents.result.innovations
     found = calibration(bins)
@@ -159,13 +143,6 @@ def _bias(contents: Contents) -> str:
         f"The innovations have a mean of {100 * east:+.1f} cm/s east and {100 * north:+.1f} "
         f"cm/s north: a bias of instrument or forecast."
     )
-
-
-def _improvement(contents: Contents) -> str:
-    rms = contents.outcome.rms_innovation
-    if not rms["before"] or not rms["prior"] or rms["before"] <= rms["prior"]:
-        return ""
-    return "The estimate predicts the measurements worse than the prior forecast: earlier measurements misled it."
 
 
 def _rejections(contents: Contents) -> str:
