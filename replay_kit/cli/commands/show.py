@@ -27,18 +27,29 @@ from replay_kit.core.time import parse_time
 
 if TYPE_CHECKING:
     from replay_kit.results.outcome.outcome import Outcome
+    from replay_kit.results.views.contents import Contents
     from replay_kit.show.status.status import Status
     from replay_kit.workflows.sound import Sound
 
 
+_Result = Annotated[
+    Path,
+    argument(
+        "RESULT.mcap", "A result of replay or plan; of a truncated one the readable part is used."
+    ),
+]
+
+
+def _told(contents: "Contents", line: str) -> int:
+    """Print what of a result was lost, then a line; return the exit code."""
+    from replay_kit.show.text import print_lines
+
+    print_lines(console_beside(), [*contents.notes, line])
+    return contents.exit_code
+
+
 def report(
-    result: Annotated[
-        Path,
-        argument(
-            "RESULT.mcap",
-            "A result of replay or plan; of a truncated one the readable part is shown.",
-        ),
-    ],
+    result: _Result,
     /,
     *,
     out: Annotated[
@@ -53,15 +64,12 @@ def report(
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
     """Return 0, or 4 when part of the result was lost."""
-    from replay_kit.show.text import print_lines
     from replay_kit.workflows.report import page_of
     from replay_kit.workflows.report import report as write_report
 
     page = out or page_of(result)
     size, contents = write_report(result, page, replacing.overwrite)
-    print_lines(console := console_beside(), contents.notes)
-    console.print(f"Report: {page} ({size / 1e6:.1f} MB); open it in a browser.", soft_wrap=True)
-    return contents.exit_code
+    return _told(contents, f"Report: {page} ({size / 1e6:.1f} MB); open it in a browser.")
 
 
 # Columns of the screen, at most where a terminal is wider.
@@ -211,13 +219,7 @@ class Look:
 
 
 def plot(
-    result: Annotated[
-        Path,
-        argument(
-            "RESULT.mcap",
-            "A result of replay or plan; of a truncated one the readable part is shown.",
-        ),
-    ],
+    result: _Result,
     figure: Annotated[
         Literal["map", "section", "series", "dac", "trust", "plan"],
         argument("FIGURE", "Kind of figure."),
@@ -246,7 +248,6 @@ def plot(
     from replay_kit.core.atomic import atomic_file
     from replay_kit.show.plots import Chosen, drawn
     from replay_kit.show.plots.style import saved
-    from replay_kit.show.text import print_lines
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
@@ -255,9 +256,7 @@ def plot(
         content = saved(drawn(of, figure, chosen, look.columns), out.suffix.lower())
     with atomic_file(out) as file:
         file.write(content)
-    print_lines(console := console_beside(None), contents.notes)
-    console.print(f"Figure: {out}", soft_wrap=True)
-    return contents.exit_code
+    return _told(contents, f"Figure: {out}")
 
 
 _FILES = Ending((".nc", ".csv", ".kml", ".geojson"))
@@ -265,13 +264,7 @@ _TABLES = Literal["series", "track", "section", "dives", "innovations", "surfaci
 
 
 def export(
-    result: Annotated[
-        Path,
-        argument(
-            "RESULT.mcap",
-            "A result of replay or plan; of a truncated one the readable part is exported.",
-        ),
-    ],
+    result: _Result,
     /,
     *,
     out: Annotated[
@@ -308,22 +301,17 @@ def export(
     places = [numbers(text, "--at", PLACE.form) for text in at or ()]
 
     from replay_kit.show.export import export as write
-    from replay_kit.show.text import print_lines
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
         of = contents if vehicle is None else contents.of(vehicle)
         rows = write(of, out, [(place[0], place[1], place[2]) for place in places], table)
-    print_lines(console := console_beside(None), contents.notes)
-    console.print(
-        f"{out}: " + ", ".join(f"{name} {count} rows" for name, count in rows.items()),
-        soft_wrap=True,
-    )
-    return contents.exit_code
+    counted = ", ".join(f"{name} {count} rows" for name, count in rows.items())
+    return _told(contents, f"{out}: {counted}")
 
 
 def layout(
-    result: Annotated[Path, argument("RESULT.mcap", "A result of replay.")],
+    result: _Result,
     /,
     *,
     out: Annotated[

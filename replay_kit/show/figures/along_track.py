@@ -178,25 +178,6 @@ def mean_current_chart(means: MeanCurrents) -> Chart:
     )
 
 
-def comparison_chart(means: MeanCurrents) -> Chart:
-    """Return the mean currents of dives, measured and corrected, against the estimated ones, with the line of equal values."""
-    parts = _parts(means)
-    estimated = parts.pop("estimated")
-    marks = []
-    for k, (symbol, color) in enumerate((("circle", "one"), ("triangle-up", "two"))):
-        for part, values in parts.items():
-            shape = symbol if part == "measured" else f"{symbol}-open"
-            name = COMPONENTS[k] if part == next(iter(parts)) else ""
-            marks.append(Mark("points", estimated[:, k], values[:, k], name, color, shape))
-    both = np.concatenate([estimated, *parts.values()])
-    ends = np.array([np.nanmin(both), np.nanmax(both)])
-    marks.append(Mark("line", ends, ends, "1 : 1", "ink", width=1.0))
-    beyond = 0.05 * float(np.ptp(ends))
-    span = float(ends[0]) - beyond, float(ends[1]) + beyond
-    panel = Panel("all dives", Axis(", ".join(parts), "m/s", span), marks)
-    return Chart("", "", Axis("estimated", "m/s", span), [panel], equal=1.0)
-
-
 def _parts(means: MeanCurrents) -> dict[str, Array]:
     """Return what the result holds of the mean currents [m/s], each shape (n, 2), by name."""
     if not np.isfinite(means.estimated).any():

@@ -7,6 +7,7 @@
 from importlib.resources import files
 
 import numpy as np
+import shapely
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
@@ -24,29 +25,24 @@ def coast_near(projection: Projection, longitude: Array, latitude: Array) -> lis
         longitude: Least and greatest of the box [degrees], continuous: they may lie beyond 180.
         latitude: Least and greatest [degrees].
     """
-    wanted = np.array([longitude, latitude], dtype=np.float64)
-    least = float(np.ptp(wanted, axis=1).max()) / _POINTS
-    found = []
+    (west, east), (south, north) = longitude, latitude
+    least = float(max(east - west, north - south)) / _POINTS
+    near = []
     for ring in _rings():
-        low, high = ring.min(axis=0), ring.max(axis=0)
-        if high[1] < wanted[1, 0] or low[1] > wanted[1, 1]:
+        (left, low), (right, high) = ring.min(axis=0), ring.max(axis=0)
+        if high < south or low > north:
             continue
         for turn in (-360.0, 0.0, 360.0):
-            if low[0] + turn > wanted[0, 1] or high[0] + turn < wanted[0, 0]:
-                continue
-            cut = _cut(ring + np.array([turn, 0.0]), wanted)
-            if len(cut) > 2:
-                found.append(_thinned(cut, least))
+            if left + turn <= east and right + turn >= west:
+                near.append(shapely.Polygon(ring + np.array([turn, 0.0])))
+    cut = shapely.clip_by_rect(near, west, south, east, north)
+    parts = shapely.get_parts(shapely.simplify(cut, 0.5 * least))
     # what of a ring beside the box is cut to a line has no area
     return [
-        np.column_stack(to_local(projection, *ring.T)) for ring in found if _area(ring) > least**2
+        np.column_stack(to_local(projection, *part.exterior.coords.xy))
+        for part in parts
+        if part.area > least**2
     ]
-
-
-def _area(ring: Array) -> float:
-    """Return the area within a closed ring, in the square of its unit."""
-    x, y = ring.T
-    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
 def _rings() -> list[Array]:
@@ -60,30 +56,3 @@ def _rings() -> list[Array]:
         origin + scale * np.concatenate([start[None], start + np.cumsum(part, axis=0)])
         for start, part in each
     ]
-
-
-def _cut(ring: Array, box: Array) -> Array:
-    """Return the part of a closed ring inside a box, shape (2, 2), by Sutherland and Hodgman (1974), side by side."""
-    for axis, side in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        limit, sign = box[axis, side], 1.0 if side == 0 else -1.0
-        if len(ring) == 0:
-            break
-        after = np.roll(ring, -1, axis=0)
-        inside, follows = (sign * (points[:, axis] - limit) >= 0.0 for points in (ring, after))
-        crosses = inside != follows
-        over = np.where(crosses, after[:, axis] - ring[:, axis], 1.0)
-        edge = ring + ((limit - ring[:, axis]) / over)[:, None] * (after - ring)
-        # each point that is inside, then where the line to the next one crosses
-        both = np.stack([ring, edge], axis=1).reshape(-1, 2)
-        ring = both[np.stack([inside, crosses], axis=1).reshape(-1)]
-    return ring
-
-
-def _thinned(ring: Array, least: float) -> Array:
-    """Return a ring without points nearer to the last one kept than a distance [degrees]."""
-    kept, last = [0], ring[0]
-    for k, point in enumerate(ring):
-        if abs(point[0] - last[0]) + abs(point[1] - last[1]) >= least:
-            kept.append(k)
-            last = point
-    return ring[kept]

@@ -17,6 +17,7 @@ from replay_kit.results.views.slices import (
 )
 from replay_kit.results.views.track import thinned
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
+from replay_kit.show.numbers import fixed
 
 _TIME = Axis("time (UTC)")
 _RMS = Axis("RMS innovation", "m/s", from_zero=True)
@@ -160,13 +161,14 @@ def calibration_chart(found: Calibration) -> Chart:
         Mark("line", x, "calibration.expected_density", "expected", "two", width=2.5),
     ]
     within = f"{100.0 * found.coverage[1.0]:.0f} % within 1 (68 %)\n{100.0 * found.coverage[2.0]:.0f} % within 2 (95 %)"
-    note = f"mean {found.mean:+.2f}\nstd {found.std:.2f}\n{within}"
+    mean = fixed(found.mean, 2, True)
+    note = f"mean {mean}\nstd {found.std:.2f}\n{within}"
     return Chart(
         "calibration",
         "Innovations against their stated errors",
         Axis("innovation / its standard deviation", ends=(-4.0, 4.0)),
         [Panel("innovations over their standard deviation", Axis("density"), marks, note=note)],
-        f"All {found.standardized.size:,} components of the bins used: mean {found.mean:+.2f} (expected 0), standard deviation "
+        f"All {found.standardized.size:,} components of the bins used: mean {mean} (expected 0), standard deviation "
         f"{found.std:.2f} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias. "
         "The outermost bars include all values beyond.",
         "Histogram of the standardised innovations beside the standard normal curve.",

@@ -1,6 +1,5 @@
 """Figures whose panels are charts: mean currents of dives, trust, the series at a place, the section along the track."""
 
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -15,7 +14,6 @@ from replay_kit.results.views.history import Series, typical_depth
 from replay_kit.show.figures import values as figures
 from replay_kit.show.figures.along_track import (
     COMPONENTS,
-    comparison_chart,
     gridded,
     mean_current_chart,
 )
@@ -27,7 +25,7 @@ from replay_kit.show.plots.style import colorbar, colormap
 
 
 def dive_panels(contents: Contents, chosen: Chosen) -> Panels:
-    """Return the depth-averaged currents of the dives, measured, corrected and estimated, through time and against each other.
+    """Return the depth-averaged currents of the dives, measured, corrected and estimated, through time.
 
     Args:
         contents: Of the result.
@@ -37,18 +35,15 @@ def dive_panels(contents: Contents, chosen: Chosen) -> Panels:
     if means.time_ns.size == 0:
         why = "The result holds no mean current of a dive: its vehicle does not dive, or the log has none that was used."
         return Panels([missing("Depth-averaged currents of dives", why)], 1, notes)
-    chart, known = mean_current_chart(means), bool(np.isfinite(means.estimated).any())
+    chart = mean_current_chart(means)
     panels = [
-        Panel(panel.title, drawing_of(chart, k, 4), 0.85 if known else 0.55)
-        for k, panel in enumerate(chart.panels)
+        Panel(panel.title, drawing_of(chart, k), 0.55) for k, panel in enumerate(chart.panels)
     ]
-    if known:
-        scatter = Panel("all dives", drawing_of(comparison_chart(means), 0), 0.85)
-        return Panels([*panels, scatter], 3, notes)
-    notes.append(
-        "The result holds no estimate: the figure shows measured minus estimated currents."
-    )
-    return Panels([replace(panel, height=0.55) for panel in panels], 2, notes)
+    if not np.isfinite(means.estimated).any():
+        notes.append(
+            "The result holds no estimate: the figure shows measured minus estimated currents."
+        )
+    return Panels(panels, 2, notes)
 
 
 # Panel of each chart that a paper needs.

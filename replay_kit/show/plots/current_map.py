@@ -20,17 +20,18 @@ from replay_kit.results.views.history import typical_depth
 from replay_kit.results.views.slices import CurrentSlices, slices_of
 from replay_kit.show.figures.in_print import draw_mark
 from replay_kit.show.figures.map_layers import (
-    coast_layer,
     contour_step,
     drawn_layers,
     dry_text,
 )
+from replay_kit.show.figures.on_canvas import Extent
 from replay_kit.show.figures.values import Layer, Mark
+from replay_kit.show.numbers import nice
 from replay_kit.show.plots.panel import CONTOUR_LABEL, Chosen, Panel, Panels, missing
 from replay_kit.show.plots.style import colorbar, colormap
 
-# Most arrows along the longer side of a map; degrees between meridians; the least width of a map [degrees of latitude].
-_ARROWS, _LEAST = 24, 0.02
+# Most arrows along the longer side of a map.
+_ARROWS = 24
 # Of fewer arrows side by side each is still no longer than this share of the width.
 _FEW = 10.0
 #: Between the axes and the title of a map with a key of its arrows [points]; of that the gap below the title.
@@ -176,7 +177,7 @@ def draw_speed(
     axes.quiver(*at, zorder=2.0, **look)
     # the key, between the axes and the title however high the axes are
     shown, above = (
-        _nice(0.6 * typical),
+        nice(0.6 * max(typical, 1e-6)),
         ScaledTranslation(0.0, 0.5 * (ABOVE_KEY - _TITLE) / 72.0, axes.figure.dpi_scale_trans),
     )
     place: Any = {"transform": axes.transAxes + above, "clip_on": False}
@@ -299,7 +300,6 @@ def _field(
     else:
         mesh = axes.pcolormesh(longitude, latitude, np.ma.masked_invalid(values), **colors)
     colorbar(axes, mesh, look[1])
-    draw_layers(contents, axes, coast_layer(slices))
     axes.set(xlim=(centres[0].min(), centres[0].max()), ylim=(centres[1].min(), centres[1].max()))
 
 
@@ -312,14 +312,16 @@ def _blank(slices: CurrentSlices) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]
 
 def _widen(contents: Contents, axes: Axes) -> None:
     """Give a map of positions alone a least width: one position has none."""
-    x, y = degrees(contents, contents.track.east, contents.track.north)
-    wide = _LEAST / max(float(np.cos(np.deg2rad(y.mean()))), 0.02)
-    for middle, reach, least, put in (
-        (x, np.ptp(x), wide, axes.set_xlim),
-        (y, np.ptp(y), _LEAST, axes.set_ylim),
-    ):
-        centre, half = 0.5 * (middle.min() + middle.max()), 0.55 * max(float(reach), least)
-        put(centre - half, centre + half)
+    show_extent(
+        contents, axes, Extent.around(contents.track.east / 1e3, contents.track.north / 1e3, 0.05)
+    )
+
+
+def show_extent(contents: Contents, axes: Axes, extent: Extent) -> None:
+    """Give a map in degrees the limits of an extent."""
+    west, east, south, north = (1e3 * end for end in extent.ends)
+    x, y = degrees(contents, *np.meshgrid([west, east], [south, north]))
+    axes.set(xlim=(x.min(), x.max()), ylim=(y.min(), y.max()))
 
 
 def _height(slices: CurrentSlices) -> float:
@@ -331,14 +333,6 @@ def _height(slices: CurrentSlices) -> float:
 def _edges(centres: Array) -> Array:
     half = 0.5 * (centres[1] - centres[0])
     return np.append(centres - half, centres[-1] + half)
-
-
-def _nice(value: float) -> float:
-    """Return 1, 2 or 5 times a power of ten, not above a value."""
-    power = 10.0 ** np.floor(np.log10(max(value, 1e-6)))
-    return float(
-        f"{max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-9)) * power:.3g}"
-    )
 
 
 def _degrees_text(value: float, letters: str) -> str:

@@ -6,21 +6,21 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.plan import ORIGIN
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.figures.in_print import drawing_of
 from replay_kit.show.figures.map_layers import hazard_layer, plan_layer, surfacing_layer
+from replay_kit.show.figures.on_canvas import Extent
 from replay_kit.show.figures.plan import profile_chart
 from replay_kit.show.plots.current_map import (
     ABOVE_KEY,
-    degrees,
     draw_layers,
     draw_seabed,
     draw_speed,
     frame,
+    show_extent,
     slices_at,
     without_current,
 )
@@ -53,7 +53,8 @@ def plan_panels(contents: Contents, chosen: Chosen) -> Panels:
         notes.append(_in_words(plan.row))
         notes += _figures_in_words(plan)
     slices, around = slices_at(contents, chosen), _around(plan)
-    notes += [] if slices is None else without_current(slices, around)
+    east, north = 1e3 * np.array(around.ends).reshape(2, 2)
+    notes += [] if slices is None else without_current(slices, (east, north))
     panels = [
         Panel(
             f"last plan: {plan.row['status']}",
@@ -99,25 +100,17 @@ def _in_words(plan: Any) -> str:
     )
 
 
-def _around(plan: LastPlan) -> tuple[Array, Array]:
-    """Return the ends in east and in north [m] of a square around a plan."""
-    places = np.vstack([np.column_stack([plan.east, plan.north]), plan.start, plan.goal])
-    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
-    reach = 0.65 * max(float(np.ptp(places, axis=0).max()), 2e3)
-    about = np.array([-reach, reach])
-    return middle[0] + about, middle[1] + about
+def _around(plan: LastPlan) -> Extent:
+    """Return the extent around a plan."""
+    places = np.vstack([np.column_stack([plan.east, plan.north]), plan.start, plan.goal]) / 1e3
+    return Extent.around(places[:, 0], places[:, 1], 0.15)
 
 
-def _map(
-    contents: Contents, slices: CurrentSlices | None, around: tuple[Array, Array], axes: Axes
-) -> None:
-    plan = contents.last_plan
-    assert plan is not None
+def _map(contents: Contents, slices: CurrentSlices | None, around: Extent, axes: Axes) -> None:
     if slices is not None:
-        draw_speed(contents, slices, axes, float(np.ptp(around[0])))
-    longitude, latitude = degrees(contents, *np.meshgrid(*around))
-    limits = {"xlim": (longitude.min(), longitude.max()), "ylim": (latitude.min(), latitude.max())}
-    axes.set(**limits)
+        draw_speed(contents, slices, axes, 1e3 * (around.east - around.west))
+    show_extent(contents, axes, around)
+    limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
     draw_seabed(contents, axes)
     draw_layers(
         contents, axes, hazard_layer(contents), plan_layer(contents), surfacing_layer(contents)

@@ -1,7 +1,9 @@
 """The figures of a result by their names, for scripts and for the command line."""
 
 from collections.abc import Callable, Mapping
+from functools import partialmethod
 from types import MappingProxyType
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,7 +14,7 @@ from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.plots.charts import dive_panels, section_panels, series_panels, trust_panels
 from replay_kit.show.plots.current_map import map_panels
-from replay_kit.show.plots.panel import At, Chosen, Panels, compose
+from replay_kit.show.plots.panel import Chosen, Panels, compose
 from replay_kit.show.plots.plan import plan_panels
 from replay_kit.show.plots.style import WIDTHS
 
@@ -50,6 +52,12 @@ def drawn(contents: Contents, kind: str, chosen: Chosen = _FREE, columns: int = 
         raise ConfigError(f"figure: expected one of {', '.join(KINDS)}, got '{kind}'")
     if columns not in WIDTHS:
         raise ConfigError(f"columns: expected 1 or 2, got {columns!r}")
+    check_chosen(kind, chosen)
+    return compose(KINDS[kind](contents, chosen), columns)
+
+
+def check_chosen(kind: str, chosen: Chosen) -> None:
+    """Raise ConfigError for a place, a depth or a time that a figure does not have."""
     for name, value in (("at", chosen.at), ("depth", chosen.depth), ("time", chosen.time_ns)):
         if value is not None and kind not in _HAVE[name]:
             raise ConfigError(
@@ -57,60 +65,32 @@ def drawn(contents: Contents, kind: str, chosen: Chosen = _FREE, columns: int = 
             )
     if chosen.at is not None and chosen.depth is not None:
         raise ConfigError("--depth: --at states a depth already; leave one of them out")
-    return compose(KINDS[kind](contents, chosen), columns)
 
 
 class Plots:
     """The figures of a result; each returns a matplotlib figure.
 
-    Each takes ``ax``, axes of your own into which one panel is drawn (``panel`` counts from 0), ``at``, longitude, latitude [degrees] and
-    depth [m], and ``columns``, 1 or 2, for the width of a journal's column or of two.
+    Each takes ``ax``, axes of your own into which one panel is drawn (``panel`` counts from 0), and ``columns``, 1 or 2, for the width of a
+    journal's column or of two; ``map``, ``series`` and ``plan`` also ``at``, longitude, latitude [degrees] and depth [m], ``map`` and
+    ``plan`` ``depth`` [m], and ``map`` ``time``, ISO 8601, after which nothing is shown.
     """
 
     def __init__(self, result: ResultFile) -> None:
         """Prepare the figures of a result; nothing is read yet."""
         self._contents = Contents(result)
 
-    def map(
+    def _figure(
         self,
+        kind: str,
         ax: Axes | None = None,
         *,
         panel: int = 0,
-        at: At | None = None,
-        time: str | None = None,
         columns: int = 2,
+        time: str | None = None,
+        **place: Any,
     ) -> Figure:
-        """Return the current and its standard error at a depth, with the track; at ``time``, ISO 8601, nothing later."""
-        time_ns = None if time is None else parse_time(time)
-        return self._figure("map", ax, panel, Chosen(at, time_ns=time_ns), columns)
-
-    def section(self, ax: Axes | None = None, *, panel: int = 0, columns: int = 2) -> Figure:
-        """Return measured, estimated, difference and standard error along the track, each eastward and northward."""
-        return self._figure("section", ax, panel, Chosen(), columns)
-
-    def series(
-        self, ax: Axes | None = None, *, panel: int = 0, at: At | None = None, columns: int = 2
-    ) -> Figure:
-        """Return both components of the current at a place through time."""
-        return self._figure("series", ax, panel, Chosen(at), columns)
-
-    def dac(self, ax: Axes | None = None, *, panel: int = 0, columns: int = 2) -> Figure:
-        """Return the depth-averaged currents of the dives beside the estimate's."""
-        return self._figure("dac", ax, panel, Chosen(), columns)
-
-    def trust(self, ax: Axes | None = None, *, panel: int = 0, columns: int = 2) -> Figure:
-        """Return the innovations against their stated errors."""
-        return self._figure("trust", ax, panel, Chosen(), columns)
-
-    def plan(
-        self, ax: Axes | None = None, *, panel: int = 0, at: At | None = None, columns: int = 2
-    ) -> Figure:
-        """Return the last plan on a map, and its depth."""
-        return self._figure("plan", ax, panel, Chosen(at), columns)
-
-    def _figure(
-        self, kind: str, ax: Axes | None, panel: int, chosen: Chosen, columns: int
-    ) -> Figure:
+        chosen = Chosen(**place, time_ns=None if time is None else parse_time(time))
+        check_chosen(kind, chosen)
         if ax is None:
             return drawn(self._contents, kind, chosen, columns)
         panels = KINDS[kind](self._contents, chosen).panels
@@ -122,3 +102,10 @@ class Plots:
         figure = ax.get_figure(root=True)
         assert figure is not None  # axes belong to a figure
         return figure
+
+    map = partialmethod(_figure, "map")
+    section = partialmethod(_figure, "section")
+    series = partialmethod(_figure, "series")
+    dac = partialmethod(_figure, "dac")
+    trust = partialmethod(_figure, "trust")
+    plan = partialmethod(_figure, "plan")

@@ -9,7 +9,6 @@ import pytest
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import on_grid, published_slices, slices_of
-from replay_kit.show.figures.map_layers import coastline
 from replay_kit.show.plots import drawn
 from replay_kit.show.report import report_html
 from tests.results.cases import turned, write
@@ -46,28 +45,6 @@ def test_slices_know_which_cells_lie_off_the_grid(contents):
 def test_what_was_published_of_another_grid_is_not_called_outside(contents):
     slices = published_slices(contents().result.path)
     assert on_grid(slices, synthetic_flow(spacing=1_000.0).grid).outside is None
-
-
-def test_a_coast_lies_between_water_and_land_alone(contents):
-    slices = contents().slices
-    assert coastline(contents(land=False).slices)[0].size == 0
-    x, y = (1e3 * line for line in coastline(slices))
-    half = 0.5 * (slices.east[1] - slices.east[0])
-    wet = np.isfinite(slices.fields[0, -1, 0])
-    dry = ~wet & ~slices.outside
-    for k in range(0, x.size, 3):
-        middle = np.array([x[k : k + 2].mean(), y[k : k + 2].mean()])
-        near = (
-            np.hypot(
-                *(
-                    each - at
-                    for each, at in zip(np.meshgrid(slices.east, slices.north), middle, strict=True)
-                )
-            )
-            < 1.1 * half
-        )
-        assert (int((near & wet).sum()), int((near & dry).sum())) == (1, 1)
-    assert x.size > 0
 
 
 def test_the_page_calls_them_outside_the_forecast(contents):

@@ -15,8 +15,9 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import series_at, typical_depth
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.figures.in_print import date_axis
+from replay_kit.show.numbers import nice
 from replay_kit.show.plots import ENDINGS, KINDS, Chosen, drawn
-from replay_kit.show.plots.current_map import _degrees_text, _nice
+from replay_kit.show.plots.current_map import _degrees_text
 from replay_kit.show.plots.style import colormap, saved
 from tests.results.cases import moved, write
 from tests.synthetic_flow import synthetic_flow
@@ -327,7 +328,7 @@ def test_labels_of_degrees_and_of_arrows():
         "0°",
         "62.5°N",
     ]
-    assert [_nice(value) for value in (0.19, 0.2, 0.51, 1.7, 0.099)] == [0.1, 0.2, 0.5, 1.0, 0.05]
+    assert [nice(value) for value in (0.19, 0.2, 0.51, 1.7, 0.099)] == [0.1, 0.2, 0.5, 1.0, 0.05]
 
 
 @pytest.mark.parametrize(
