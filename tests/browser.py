@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
@@ -28,6 +28,10 @@ _HOLD = """
 const next = window.requestAnimationFrame.bind(window);
 window.requestAnimationFrame = (task) => (document.querySelector("[data-drawn]") ? 0 : next(task));
 """
+_FRAMES = """(count) => new Promise((done) => {
+  const next = () => { count -= 1; if (count) requestAnimationFrame(next); else done(); };
+  requestAnimationFrame(next);
+})"""
 _AXE = """async () => {
   const { violations, passes } = await axe.run();
   return [passes.length, violations.map(({ impact, id, nodes }) => [impact, id, nodes[0].html])];
@@ -78,6 +82,26 @@ def opened(
     tab.close()
 
 
+def thread_clock(tab: Any) -> Callable[[], float]:
+    """Return a function that returns the processor time of a tab's thread so far [s]."""
+    session = tab.context.new_cdp_session(tab)
+    session.send("Performance.enable")
+
+    def spent() -> float:
+        metrics = session.send("Performance.getMetrics")["metrics"]
+        return float(next(each["value"] for each in metrics if each["name"] == "ThreadTime"))
+
+    return spent
+
+
+def seconds_a_frame(tab: Any, frames: int = 30) -> float:
+    """Return the processor time of a frame of what moves in a tab [s], the mean of some."""
+    spent = thread_clock(tab)
+    began = spent()
+    tab.evaluate(_FRAMES, frames)
+    return (spent() - began) / frames
+
+
 def seconds_to_first_picture(browser: Any, path: Path) -> float:
     """Return the processor time [s] that a page's thread takes from its opening to its first figure.
 
@@ -88,18 +112,7 @@ def seconds_to_first_picture(browser: Any, path: Path) -> float:
         path: Of the page.
     """
     tab = browser.new_page(viewport={"width": WIDTHS[0], "height": 900})
-    session = tab.context.new_cdp_session(tab)
-    session.send("Performance.enable")
-
-    def spent() -> float:
-        return float(
-            next(
-                each["value"]
-                for each in session.send("Performance.getMetrics")["metrics"]
-                if each["name"] == "ThreadTime"
-            )
-        )
-
+    spent = thread_clock(tab)
     began = spent()
     tab.add_init_script(_HOLD)
     tab.goto(path.as_uri(), wait_until="commit")

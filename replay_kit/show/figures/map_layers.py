@@ -1,12 +1,13 @@
 """What lies on a map of the current: the track and its fixes, surfacings, the last plan and what it keeps clear of."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.colors import ON_FIELD, SYMBOLS
+from replay_kit.core.colors import SYMBOLS
 from replay_kit.core.geodesy import to_local
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.last_plan import LastPlan
@@ -14,6 +15,7 @@ from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.results.views.track import outlines_of, thinned
 from replay_kit.show.figures.plan import plan_table
 from replay_kit.show.figures.values import Layer, Mark, until
+from replay_kit.show.numbers import nice
 
 #: Positions of the track shown; more are thinned.
 POSITIONS = 3000
@@ -225,40 +227,17 @@ def hazard_layer(contents: Contents) -> Layer:
         local = [np.column_stack(to_local(contents.projection, *ring.T)) for ring in rings]
         marks.append(_rings(local, "no-go area", SYMBOLS["no_go"][0], None, text))
     if plan.ellipses:
-        times = np.repeat(_made(plan), len(plan.ellipses))
-        name = "90 % of planned surfacings"
-        marks.append(_rings(plan.ellipses, name, SYMBOLS["plan"][0], times))
+        name, color, made = (
+            "90 % of planned surfacings, headings held",
+            SYMBOLS["plan"][0],
+            _made(plan),
+        )
+        *earlier, last = plan.ellipses
+        if earlier:
+            marks.append(_rings(earlier, name, color, np.repeat(made, len(earlier))))
+        end = _rings([last], name, color, made)
+        marks.append(replace(end, width=1.6, label="90 % end here, headings held"))
     return Layer(marks, tables)
-
-
-def coastline(slices: CurrentSlices) -> tuple[Array, Array]:
-    """Return the edges between wet and dry cells of the shallowest slice as a line with gaps: east and north [km].
-
-    Cells that are known to lie off the forecast's grid are neither.
-    """
-    wet = np.isfinite(slices.fields[0, -1, 0])
-    dry = ~wet if slices.outside is None else ~wet & ~slices.outside
-    half = 0.5 * np.array([slices.east[1] - slices.east[0], slices.north[1] - slices.north[0]])
-    edges = [np.empty((0, 2))]
-    # between neighbours in east, whose edge runs north, and the other way around
-    for step, along in (((0, 1), (0.0, 1.0)), ((1, 0), (1.0, 0.0))):
-        here, there = (slice(None, -k or None) for k in step), (slice(k, None) for k in step)
-        one, other = tuple(here), tuple(there)
-        for j, i in zip(*np.nonzero(wet[one] & dry[other] | dry[one] & wet[other]), strict=True):
-            first = np.array([slices.east[i], slices.north[j]])
-            second = np.array([slices.east[i + step[1]], slices.north[j + step[0]]])
-            ends = 0.5 * (first + second) + half * np.outer([-1.0, 1.0], along)
-            edges += [ends / 1e3, _GAP]
-    east, north = np.concatenate(edges).T
-    return east, north
-
-
-def coast_layer(slices: CurrentSlices) -> Layer:
-    """Return the coast, which may be the edge of the forecast where that is not known; nothing without one."""
-    name = "coast" if slices.outside is not None else "coast, or edge of the forecast"
-    east, north = coastline(slices)
-    mark = Mark("line", east, north, name, ON_FIELD, width=1.5, hover="skip")
-    return Layer([mark]) if east.size else Layer()
 
 
 def dry_text(slices: CurrentSlices) -> str:
@@ -271,13 +250,8 @@ def dry_text(slices: CurrentSlices) -> str:
 
 
 def contour_step(span: float) -> float:
-    """Return the step between contours over a span of depths [m]: 1, 2 or 5 times a power of ten, at most seven contours."""
-    span = max(span, 10.0)
-    power = 10.0 ** np.floor(np.log10(span / _CONTOURS))
-    return float(
-        power
-        * next(factor for factor in (1.0, 2.0, 5.0, 10.0) if factor * power * _CONTOURS >= span)
-    )
+    """Return the step between contours over a span of depths [m], at most seven contours."""
+    return nice(max(span, 10.0) / _CONTOURS, least=True)
 
 
 def _rings(

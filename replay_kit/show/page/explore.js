@@ -33,6 +33,7 @@ function sizeMap(map, first = false) {
     [canvas.width, canvas.height] = [map.w * ratio, map.h * ratio];
     canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
   }
+  measureRoom(map);
   if (first || map.chosen) fitView(map, map.chosen || Object.keys(map.drawn.views)[0]);
   drawMap(map);
 }

@@ -4,10 +4,18 @@ const LABEL = "12px system-ui, 'DejaVu Sans', sans-serif";
 const toScreen = (map, x, y) => [(x - map.x) * map.k + map.w / 2, (map.y - y) * map.k + map.h / 2];
 const toPlace = (map, px, py) => [(px - map.w / 2) / map.k + map.x, map.y - (py - map.h / 2) / map.k];
 
+// What the controls and, where they are as wide as the window, the keys leave free above and below [px].
+function measureRoom(map) {
+  const part = (name) => map.place.parentElement.querySelector(`:scope > ${name}`);
+  const [tools, keys, controls] = [".tools", ".keys", ".controls"].map(part);
+  const tops = [controls, ...(map.w < 560 ? [keys] : [])].filter(({ offsetHeight }) => offsetHeight).map(({ offsetTop }) => offsetTop);
+  map.room = { l: 24, r: 24, t: tools.offsetHeight ? tools.offsetTop + tools.offsetHeight + 8 : 16, b: map.h - Math.min(map.h, ...tops) + 16 };
+}
+
 // Show a part of the frame, clear of the controls above and below.
 function fitView(map, name) {
   const [west, east, south, north] = map.drawn.views[name];
-  const room = { l: 24, r: 24, t: 52, b: map.h > 420 ? 64 : 30 };
+  const { room } = map;
   const [wide, high] = [map.w - room.l - room.r, map.h - room.t - room.b];
   map.k = Math.max(Math.min(wide / (east - west), high / (north - south)), 1e-3);
   map.x = (west + east) / 2 + (room.r - room.l) / 2 / map.k;
@@ -247,8 +255,8 @@ function drawDegrees(map, context) {
   }
   for (const [kind, value, at, step] of labelled) {
     const text = axisText(kind ? value : turned(value), kind ? "NS" : "EW", step);
-    if (kind && (at < 84 || at > map.h - 110)) continue;
-    halo(map, context, text, kind ? 8 : at + 5, kind ? at - 5 : 66, LABEL, styled("--soft"));
+    if (kind && (at < map.room.t + 32 || at > map.h - map.room.b)) continue;
+    halo(map, context, text, kind ? 8 : at + 5, kind ? at - 5 : map.room.t + 12, LABEL, styled("--soft"));
   }
 }
 

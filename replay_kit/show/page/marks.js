@@ -10,20 +10,25 @@ function drawMarks(map, context) {
   for (const mark of marks) {
     const color = colorOf(mark.color);
     if (mark.kind === "points") drawPoints(map, context, mark, color, labels);
-    else drawLine(map, context, mark, color);
+    else drawLine(map, context, mark, color, labels);
   }
   const taken = [];
   labels.forEach((label) => placeLabel(map, context, label, taken));
 }
 
-function drawLine(map, context, mark, color) {
+function drawLine(map, context, mark, color, labels) {
   const path = new Path2D();
   let gap = true;
+  let named = null;
   mark.x.forEach((x, k) => {
     if (x === null || !isShown(map, mark, k)) { gap = true; return; }
-    path[gap ? "moveTo" : "lineTo"](...toScreen(map, x, mark.y[k]));
+    const [px, py] = toScreen(map, x, mark.y[k]);
+    path[gap ? "moveTo" : "lineTo"](px, py);
     gap = false;
+    // the name of a closed line stands beside the highest of its points that is seen
+    if (mark.label && py > map.room.t + 20 && px > 0 && px < map.w && (!named || py < named.py)) named = { px, py, text: mark.label, far: 8, light: true };
   });
+  if (named) labels.push(named);
   Object.assign(context, { lineJoin: "round", lineCap: "round" });
   context.setLineDash(mark.dash === "solid" ? [] : mark.dash === "dot" ? [2, 4] : [6, 4]);
   if (mark.halo) {
@@ -32,10 +37,10 @@ function drawLine(map, context, mark, color) {
   }
   const ring = mark.kind === "ring";
   if (ring) {
-    Object.assign(context, { fillStyle: color, globalAlpha: 0.07 });
+    Object.assign(context, { fillStyle: color, globalAlpha: mark.label ? 0.14 : 0.06 });
     context.fill(path);
   }
-  Object.assign(context, { strokeStyle: color, lineWidth: mark.width, globalAlpha: ring ? 0.28 : 1 });
+  Object.assign(context, { strokeStyle: color, lineWidth: mark.width, globalAlpha: !ring ? 1 : mark.label ? 0.7 : 0.25 });
   context.stroke(path);
   context.globalAlpha = 1;
   context.setLineDash([]);
@@ -73,14 +78,14 @@ function symbol(context, { symbol: kind, size, edge, width = 2 }, px, py, color)
 }
 
 // Beside a point, where nothing is yet: right, left, above, below.
-function placeLabel(map, context, { px, py, text, far }, taken) {
-  const font = `600 13px ${LABEL.slice(5)}`;
+function placeLabel(map, context, { px, py, text, far, light }, taken) {
+  const font = light ? LABEL : `600 13px ${LABEL.slice(5)}`;
   context.font = font;
   const wide = context.measureText(text).width;
   if (px < -20 || py < -20 || px > map.w + 20 || py > map.h + 20) return;
   const tries = [[far, 4], [-far - wide, 4], [-wide / 2, -far - 2], [-wide / 2, far + 12], [far, -12], [far, 20]];
   const boxes = tries.map(([dx, dy]) => [px + dx, py + dy - 12, px + dx + wide, py + dy + 4]);
-  const free = boxes.find((box) => box[0] > 4 && box[2] < map.w - 4 && box[1] > 48 && box[3] < map.h - 60 && taken.every((other) => box[2] < other[0] || other[2] < box[0] || box[3] < other[1] || other[3] < box[1]));
+  const free = boxes.find((box) => box[0] > 4 && box[2] < map.w - 4 && box[1] > map.room.t && box[3] < map.h - map.room.b + 8 && taken.every((other) => box[2] < other[0] || other[2] < box[0] || box[3] < other[1] || other[3] < box[1]));
   if (!free) return;
   taken.push(free);
   halo(map, context, text, free[0], free[3] - 4, font);

@@ -14,8 +14,15 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import mean_to_depth
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.steering import Arrival
-from replay_kit.show.numbers import clock_text, error_text, fixed, hours_text, minutes_text
-from replay_kit.show.page.section import number
+from replay_kit.show.numbers import (
+    clock_text,
+    error_text,
+    fixed,
+    hours_text,
+    minutes_text,
+    nice,
+    number,
+)
 from replay_kit.show.svg import compass
 
 _CLASSES = {"trust": "good", "with care": "care", "do not use": "stop"}
@@ -38,7 +45,10 @@ def card_html(contents: Contents, arrivals: Sequence[Arrival] = ()) -> str:
     answer = (
         _steer(plan) + _arrival(contents, plan, arrivals) if steered and plan else _water(contents)
     )
-    parts = [_chip(contents), answer, _surfacing(contents), _profile(contents), _lights(contents)]
+    parts = [
+        *(_chip(contents), answer, _surfacing(contents), _profile(contents), _lights(contents)),
+        _why(contents),
+    ]
     return "".join(f"<div>{part}</div>" for part in parts if part)
 
 
@@ -64,6 +74,15 @@ def _chip(contents: Contents) -> str:
     more = f" (and {len(decision.reasons) - 1} more)" if len(decision.reasons) > 1 else ""
     text = escape(f"{_WORDS[decision.word]}{reason}{more}")
     return f'<p class="chip {_CLASSES[decision.word]}"><a href="#trust">{text}</a></p>'
+
+
+def _why(contents: Contents) -> str:
+    """Return what else asks for care, and what the plan says of itself; nothing where all is to be trusted."""
+    decision, plan = contents.outcome.decision, contents.last_plan
+    texts = [*decision.reasons[1:]]
+    if plan is not None and plan.row["status"] != "reached":
+        texts.append(str(plan.row["message"]).partition(". ")[0])
+    return f'<p class="below">{escape("; ".join(texts))}.</p>' if texts else ""
 
 
 def _steer(plan: LastPlan) -> str:
@@ -124,8 +143,12 @@ def _range(begin: int, duration: float, arrivals: Sequence[Arrival]) -> str:
         return "range unknown without samples"
     beyond = duration - arrivals[0].duration
     ends = [samples[round(share * (len(samples) - 1))] + beyond for share in (0.05, 0.95)]
+    day = clock_text(begin + round(1e9 * duration)).rpartition(" ")[0]
     early, late = (
-        clock_text(begin + round(1e9 * each)) if np.isfinite(each) else "never" for each in ends
+        clock_text(begin + round(1e9 * each)).removeprefix(f"{day} ")
+        if np.isfinite(each)
+        else "never"
+        for each in ends
     )
     return f"90 %: {early} to {late}"
 
@@ -262,7 +285,9 @@ def _profile(contents: Contents) -> str:
             ("north", "one", found.v, found.v_standard_error),
         )
     ]
-    reach = _round_up(max(float((np.abs(value) + band).max()) for _, _, value, band in parts))
+    reach = nice(
+        max(*(float((np.abs(value) + band).max()) for _, _, value, band in parts), 1e-3), True
+    )
     return (
         '<p class="title">Current at the vehicle by depth (bands: 90 %)</p>'
         f'<svg class="profile" viewBox="0 0 {_WIDE} {_HIGH + 30}" role="img" aria-label="{_profile_words(parts, depth)}">'
@@ -291,11 +316,12 @@ def _profile_svg(parts: Any, depth: Array, reach: float) -> str:
     out = []
     for share in (-1.0, -0.5, 0.0, 0.5, 1.0):
         at, unit = float(x(share * reach)), " m/s" if share == 0.0 else ""
+        text = f"{share * reach:.3g}{unit}".replace("-", "−")
         out.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="8" y2="{_HIGH + 8}"/>')
-        out.append(f'<text x="{at:.1f}" y="{_HIGH + 24}">{share * reach:.3g}{unit}</text>')
-    for share in (0.0, 0.5, 1.0):
+        out.append(f'<text x="{at:.1f}" y="{_HIGH + 24}">{text}</text>')
+    for level in np.arange(0.0, deepest + 1.0, nice(deepest / 4.0, True)):
         out.append(
-            f'<text class="depth" x="{_LEFT - 6}" y="{float(y(share * deepest)) + 4:.1f}">{share * deepest:.0f} m</text>'
+            f'<text class="depth" x="{_LEFT - 6}" y="{float(y(level)) + 4:.1f}">{level:g} m</text>'
         )
     for number_, (name, color, value, band) in enumerate(parts):
         both = f"{line(value + band, depth)} {line((value - band)[::-1], depth[::-1])}"
@@ -306,9 +332,3 @@ def _profile_svg(parts: Any, depth: Array, reach: float) -> str:
             f'<text class="name" style="fill:var(--{color})" x="{side}" y="{_HIGH - 18 + 16 * number_}">{name}</text>'
         )
     return "".join(out)
-
-
-def _round_up(value: float) -> float:
-    """Return 1, 2 or 5 times a power of ten that is no less than a value."""
-    power = 10.0 ** np.floor(np.log10(max(value, 1e-3)))
-    return float(power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value))

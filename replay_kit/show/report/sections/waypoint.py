@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -62,12 +62,14 @@ def editing(contents: Contents) -> Editing:
     levels = flow.levels[thinned(flow.levels.size, _LEVELS)]
     samples = _SAMPLES if 0 < flow.n_modes * flow.levels.size <= _SAMPLED else 0
     currents = gridded_currents(flow, levels, samples, _SEED)
+    step = max(float(np.abs(currents.velocity).max()), 1e-3) / _WHOLE
+    # flown as the page has them, so that both write the same numbers
+    currents = replace(currents, velocity=step * np.rint(currents.velocity / step))
     waypoints = _waypoints(plan)
     arrivals = [
         fly_to_waypoints(currents, k, dives, plan.start, [*waypoints, plan.goal])
         for k in range(len(currents.velocity))
     ]
-    step = max(float(np.abs(currents.velocity).max()), 1e-3) / _WHOLE
     odds = plan.odds
     hours = float(plan.row["duration"]) / 3600.0
     known = "" if odds is None else f", odds {100.0 * odds['reached']:.0f} %"
