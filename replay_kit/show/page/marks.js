@@ -13,6 +13,8 @@ function drawMarks(map, context) {
     else drawLine(map, context, mark, color, labels);
   }
   const taken = [];
+  // points before closed lines, whose names have more places to stand
+  labels.sort((one, other) => Boolean(one.light) - Boolean(other.light));
   labels.forEach((label) => placeLabel(map, context, label, taken));
 }
 
@@ -85,7 +87,7 @@ function placeLabel(map, context, { px, py, text, far, light }, taken) {
   if (px < -20 || py < -20 || px > map.w + 20 || py > map.h + 20) return;
   const tries = [[far, 4], [-far - wide, 4], [-wide / 2, -far - 2], [-wide / 2, far + 12], [far, -12], [far, 20]];
   const boxes = tries.map(([dx, dy]) => [px + dx, py + dy - 12, px + dx + wide, py + dy + 4]);
-  const free = boxes.find((box) => box[0] > 4 && box[2] < map.w - 4 && box[1] > map.room.t && box[3] < map.h - map.room.b + 8 && taken.every((other) => box[2] < other[0] || other[2] < box[0] || box[3] < other[1] || other[3] < box[1]));
+  const free = boxes.find((box) => box[0] > 4 && box[2] < map.w - 4 && box[1] > map.room.t + (light ? 18 : 0) && box[3] < map.h - map.room.b + 8 && taken.every((other) => box[2] < other[0] || other[2] < box[0] || box[3] < other[1] || other[3] < box[1]));
   if (!free) return;
   taken.push(free);
   halo(map, context, text, free[0], free[3] - 4, font);

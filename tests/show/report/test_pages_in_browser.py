@@ -1,8 +1,14 @@
-"""Pages of odd results are drawn in a browser without an error, and the first screen is that of the reference pictures."""
+"""Pages of odd results are drawn in a browser without an error, and first screens are those of the reference pictures.
+
+A screen that differs is where the failure says: look at it, and copy it into ``references`` if it is right.
+"""
 
 import io
+from base64 import b64encode
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +16,6 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-import replay_kit as rk
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
@@ -18,10 +23,12 @@ from replay_kit.core.plan import Area
 from replay_kit.results import ResultWriter
 from replay_kit.show import open_result
 from replay_kit.show.report import report_html
-from tests.browser import MARKS, check_drawn, chromium, opened, unfold
-from tests.places import SAMPLES
-from tests.results.conftest import plan, state  # noqa: F401 - fixtures
+from tests.browser import MARKS, SCHEMES, check_drawn, chromium, opened, unfold
+from tests.results.cases import one_bin, write
+from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
 from tests.results.result_samples import CONFIG, METADATA
+from tests.show.page.kinds import QUICK, SLOW
+from tests.show.report.replays import sample, seaglider
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 # fixtures of other modules are imported by their names
@@ -29,8 +36,8 @@ from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 pytestmark = MARKS
 REFERENCES = Path(__file__).parent / "references"
-#: Width, height and colours of each picture of the sample's first screen.
-SCREENS = {"light": (1440, 900), "dark": (1280, 800), "phone": (390, 844)}
+#: Width and height of first screens.
+SCREENS = {"wide": (1440, 900), "narrow": (1280, 800), "phone": (390, 844)}
 #: Blocks of pixels that are averaged, and the largest root mean square difference of two that are alike, of 1 from black to white.
 BLOCK, TOLERANCE = 10, 0.04
 MARKUP = "<img src=x onerror=alert(1)><script>alert(2)</script>&amp;"
@@ -93,6 +100,39 @@ def test_odd_results_are_drawn(browser, tmp_path, state, plan, name):
             assert "°" in tab.locator(".tip").inner_text()
 
 
+def _page(folder: Path, request: pytest.FixtureRequest, replay: Callable[[Path], Path]) -> str:
+    return report_html(open_result(replay(folder)))
+
+
+def _small(folder: Path, request: pytest.FixtureRequest, kind: str) -> str:
+    """Return the page of a small result: near Gran Canaria, without profiles of an ADCP, or of a plan that failed."""
+    innovation, plan = (request.getfixturevalue(name) for name in ("innovation", "plan"))
+    flow = placed(-15.55, 27.75) if kind == "island" else synthetic_flow()
+    ends = {
+        name: replace(place, longitude=flow.grid.projection.longitude + far, latitude=latitude)
+        for name, place, far in (("start", plan.start, 0.0), ("goal", plan.goal, 0.05))
+        for latitude in [flow.grid.projection.latitude + 0.5 * far]
+    }
+    plan = replace(plan, **ends)
+    if kind == "failed":
+        track = np.empty((0, 3))
+        lost = {"status": "failed", "track": track, "track_time": track[:, 0]}
+        plan = replace(plan, message="no path around the shoal", **lost)
+    of_dive: dict[str, Any] = {"mean_current": np.array([0.1, -0.2]), "mean_kind": "dac"}
+    measured = one_bin(innovation, **of_dive) if kind == "dac" else innovation
+    each = [replace(measured, dive=k + 1) for k in range(4)]
+    return report_html(write(folder / "small.mcap", flow, each, plan).result)
+
+
+#: Pages by the names of their reference pictures.
+PAGES: dict[str, Callable[[Path, pytest.FixtureRequest], str]] = {
+    **{each.__name__: partial(_page, replay=each) for each in (sample, seaglider)},
+    **{kind: partial(_small, kind=kind) for kind in ("island", "dac", "failed")},
+    **{kind.rpartition("/")[2]: QUICK[kind] for kind in QUICK if kind != "show/report"},
+    "paper": SLOW["studies/paper"],
+}
+
+
 def blocks(picture: bytes) -> np.ndarray:
     """Return the block means of a picture, shape (rows, columns, 3): letters become grey."""
     pixels = matplotlib.image.imread(io.BytesIO(picture))[..., :3]
@@ -101,22 +141,39 @@ def blocks(picture: bytes) -> np.ndarray:
     return whole.reshape(rows, BLOCK, columns, BLOCK, 3).mean(axis=(1, 3))
 
 
+def first_screens(browser: Any, page: str) -> Iterator[tuple[str, bytes]]:
+    """Yield the first screen of a page at each size in both schemes, by its name, in letters that matplotlib brings along."""
+    font = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf").read_bytes()
+    face = f"@font-face {{ font-family: Own; src: url(data:font/ttf;base64,{b64encode(font).decode()}) }}"
+    styled = page.replace("</style>", f"{face}\n* {{ font-family: Own !important }}</style>", 1)
+    # only the test's own font is asked for
+    allowed = styled.replace("default-src 'none';", "default-src 'none'; font-src data:;", 1)
+    for (size, (width, height)), scheme in product(SCREENS.items(), SCHEMES):
+        with opened(browser, allowed, width, scheme) as tab:
+            tab.set_viewport_size({"width": width, "height": height})
+            tab.evaluate("() => document.fonts.ready")
+            tab.wait_for_timeout(600)
+            yield f"{size}-{scheme}", tab.screenshot(timeout=120_000)
+
+
 @pytest.mark.skipif(
     not REFERENCES.is_dir(), reason="the reference pictures are not in the source archive"
 )
-def test_the_first_screen_is_that_of_the_reference_pictures(browser, tmp_path):
-    out, settings = tmp_path / "sample.mcap", {"estimator": {"modes": 40}}
-    logs = SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc"
-    page = report_html(rk.replay(*logs, goal=(152.8, -40.1, 300.0), settings=settings, out=out))
-    for name, (width, height) in SCREENS.items():
-        with opened(browser, page, width, "dark" if name == "dark" else "light") as tab:
-            tab.set_viewport_size({"width": width, "height": height})
-            tab.wait_for_timeout(600)
-            found = blocks(tab.screenshot())
-        matplotlib.image.imsave(tmp_path / f"{name}.png", found)
-        expected = matplotlib.image.imread(REFERENCES / f"{name}.png")[..., :3]
+@pytest.mark.parametrize("name", PAGES)
+def test_first_screens_are_the_reference_pictures(browser, tmp_path, request, name):
+    for screen, picture in first_screens(browser, PAGES[name](tmp_path, request)):
+        found, path = blocks(picture), tmp_path / f"{name}-{screen}.png"
+        matplotlib.image.imsave(path, found)
+        expected = matplotlib.image.imread(REFERENCES / path.name)[..., :3]
         assert found.shape == expected.shape
         difference = float(np.sqrt(np.mean((found - expected) ** 2)))
-        assert difference < TOLERANCE, f"look at {tmp_path / name}.png"
+        assert difference < TOLERANCE, f"look at {path}"
         # a screen upside down is another
         assert float(np.sqrt(np.mean((found[::-1] - expected) ** 2))) > 2.0 * TOLERANCE
+
+
+def test_reference_pictures_are_few_and_small():
+    files = sorted(REFERENCES.iterdir())
+    names = [f"{name}-{size}-{scheme}" for name, size, scheme in product(PAGES, SCREENS, SCHEMES)]
+    assert [path.stem for path in files] == sorted(names)
+    assert sum(path.stat().st_size for path in files) < 8e6
