@@ -39,7 +39,6 @@ _COMMON = {
     *(
         "--overwrite",
         "--depth",
-        "--surface-time",
         "--samples",
         "--speed",
         "--tolerance",
@@ -77,7 +76,7 @@ _RARE = {
         "--box",
         "--profiles",
     ),
-    *("--profile-error", "--others"),
+    *("--profile-error", "--others", "--separation", "--horizon"),
 }
 # Up to a full stop or semicolon, not one in a name such as .mcap; and the default at the end.
 _FIRST_SENTENCE = re.compile(r"(.*?)(?=[.;](?:\s|$)|$).*?( \[default: [^]]*\])?$", re.DOTALL)

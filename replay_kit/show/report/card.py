@@ -41,7 +41,9 @@ def card_html(contents: Contents, arrivals: Sequence[Arrival] = ()) -> str:
         arrivals: Of the plan's way flown in the mean of the estimate, then in samples; none without a plan.
     """
     plan = contents.last_plan
-    steered = plan is not None and np.isfinite(plan.row["heading_deg"])
+    steered = (
+        plan is not None and plan.row["status"] != "failed" and np.isfinite(plan.row["heading_deg"])
+    )
     answer = (
         _steer(plan) + _arrival(contents, plan, arrivals) if steered and plan else _water(contents)
     )
@@ -71,8 +73,7 @@ def _chip(contents: Contents) -> str:
         return '<p class="chip care">No verdict: the run did not finish, or an earlier version made the result</p>'
     decision = outcome.decision
     reason = f": {decision.reasons[0]}" if decision.reasons else ""
-    more = f" (and {len(decision.reasons) - 1} more)" if len(decision.reasons) > 1 else ""
-    text = escape(f"{_WORDS[decision.word]}{reason}{more}")
+    text = escape(f"{_WORDS[decision.word]}{reason}")
     return f'<p class="chip {_CLASSES[decision.word]}"><a href="#trust">{text}</a></p>'
 
 

@@ -192,7 +192,7 @@ def test_the_page_shows_them(contents):
     marks = {mark["name"]: mark for mark in drawn["marks"]}
     assert len(marks["no-go area"]["x"]) == 2 * 5
     assert marks["no-go area"]["text"] == ["range"] * 4 + [""] + ["lane (surface only)"] * 4 + [""]
-    assert len(marks["90 % of planned surfacings"]["x"]) == 38
+    assert len(marks["90 % of planned surfacings, headings held"]["x"]) == 38
     assert "Labelled lines: depth of the bottom, from bottom.nc." in text_of(page, "map")
 
 
@@ -202,7 +202,7 @@ def test_the_figures_show_them(full, tmp_path):
     assert "last plan: uncertain" in words(figure)
     assert "Energy 92 kJ, 4.6 % of 2 MJ. 72 % of 40 samples of the estimate arrive" in words(figure)
     lines = {line.get_label(): line for line in [*figure.axes[0].lines, *figure.axes[1].lines]}
-    assert {"no-go area", "90 % of planned surfacings", "bottom"} <= set(lines)
+    assert {"no-go area", "90 % of planned surfacings, headings held", "bottom"} <= set(lines)
     np.testing.assert_array_equal(lines["bottom"].get_ydata(), full.bottom)
     assert figure.axes[1].get_ylim() == (1.05 * 250.0, 0.0)
     axes = drawn(contents, "map").axes[0]

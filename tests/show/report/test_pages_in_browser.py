@@ -108,6 +108,7 @@ def _small(folder: Path, request: pytest.FixtureRequest, kind: str) -> str:
     """Return the page of a small result: near Gran Canaria, without profiles of an ADCP, or of a plan that failed."""
     innovation, plan = (request.getfixturevalue(name) for name in ("innovation", "plan"))
     flow = placed(-15.55, 27.75) if kind == "island" else synthetic_flow()
+    flow.grid.wet[:, 2, 2] = kind != "island"
     ends = {
         name: replace(place, longitude=flow.grid.projection.longitude + far, latitude=latitude)
         for name, place, far in (("start", plan.start, 0.0), ("goal", plan.goal, 0.05))
