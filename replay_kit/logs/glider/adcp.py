@@ -50,16 +50,16 @@ FROM_SURFACE = {
 
 
 def earth_ping(
-    time_ns: int, ordinal: int, dive: int | None, velocity: Array, cells: tuple[float, float]
+    time_ns: int, ordinal: int, dive: int | None, velocity: Array, cells: tuple[float | None, float]
 ) -> dict[str, Any]:
-    """Return a ping in earth coordinates; unknown fields are null.
+    """Return a ping in earth coordinates, or the beginning of another; unknown fields are null.
 
     Args:
         time_ns: [ns, UTC].
         ordinal: Of the ping.
         dive: Number of its dive; None when unknown.
-        velocity: shape (n_cells, 2 or 3) [m/s], east, north, up; NaN where missing.
-        cells: Size of the cells, and distance of the first one's centre [m].
+        velocity: shape (n_cells, k) [m/s], east, north, perhaps up; NaN where missing.
+        cells: Size of the cells, None where unknown, and distance of the first one's centre [m].
     """
     return {
         "stamp": stamp(time_ns),
@@ -71,9 +71,7 @@ def earth_ping(
         "cell_size": cells[0],
         "bin0_distance": cells[1],
         "transducer_depth": 0.0,
-        "velocity": [
-            [number(component) for component in cell] for cell in np.round(velocity, 6).tolist()
-        ],
+        "velocity": numbers(np.round(velocity, 6)),
         **dict.fromkeys(_UNKNOWN),
     }
 
@@ -322,22 +320,16 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     distance = (
         distance if distance.size == velocity.shape[1] else _distances(file, velocity.shape[1])
     )
+    size = float(np.median(np.diff(distance))) if distance.size > 1 else None
     for k in np.flatnonzero(known).tolist():
-        payload = {
-            "stamp": stamp(int(time_ns[k])),
-            "frame_id": "adcp",
-            "ping": k,
+        payload = earth_ping(int(time_ns[k]), k, None, velocity[k], (size, float(distance[0])))
+        payload |= {
             "coordinate_system": "beam",
             "reference": "platform",
             "orientation": orientation,
             "bin_mapped": False,
             "attitude_convention": "nortek",
             "beam_unit_vectors": _BEAMS[[beam - 1 for beam in beams]].tolist(),
-            "n_cells": velocity.shape[1],
-            "cell_size": float(np.median(np.diff(distance))) if distance.size > 1 else None,
-            "bin0_distance": float(distance[0]),
-            "transducer_depth": 0.0,
-            "velocity": numbers(np.round(velocity[k], 6)),
             **{word: numbers(values[k]) for word, values in quality.items()},
             "declination_applied": False,
             **{name: number(float(values[k])) for name, values in sensors.items()},

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.observation import Fix
 from replay_kit.logs.glider.columns import Columns, Table
@@ -261,11 +262,7 @@ def _fixes_about(candidate: _Candidate, samples: Table, fixes: Positions) -> tup
     )
     if not 0 < after < fixes.time_ns.size:
         return None
-    before, end = (
-        Fix(int(fixes.time_ns[k]), float(fixes.longitude[k]), float(fixes.latitude[k]))
-        for k in (after - 1, after)
-    )
-    return before, end
+    return _two(fixes.time_ns, fixes.longitude, fixes.latitude, after)
 
 
 def _time_within(candidate: _Candidate, samples: Table) -> int:
@@ -308,16 +305,24 @@ def _samples_at_surface(candidate: _Candidate, samples: Table) -> tuple[Fix, Fix
     inside = _time_within(candidate, samples)
     if inside <= 0 or not {"longitude", "latitude", "depth"} <= set(samples):
         return None
-    time_ns = samples["time"]
     shallow = np.flatnonzero(
         (samples["depth"] <= _SURFACE) & np.isfinite(samples["longitude"] + samples["latitude"])
     )
-    after = int(np.searchsorted(time_ns[shallow], inside))
+    after = int(np.searchsorted(samples["time"][shallow], inside))
     if not 0 < after < shallow.size:
         return None
+    time_ns, longitude, latitude = (
+        samples[name][shallow] for name in ("time", "longitude", "latitude")
+    )
+    return _two(time_ns, longitude, latitude, after)
+
+
+def _two(
+    time_ns: NDArray[np.int64], longitude: Array, latitude: Array, after: int
+) -> tuple[Fix, Fix]:
+    """Return the places before and at an index."""
     before, end = (
-        Fix(int(time_ns[k]), float(samples["longitude"][k]), float(samples["latitude"][k]))
-        for k in shallow[after - 1 : after + 1]
+        Fix(int(time_ns[k]), float(longitude[k]), float(latitude[k])) for k in (after - 1, after)
     )
     return before, end
 

@@ -59,24 +59,18 @@ class Rows:
         """Return the cycles of several files in order of time; a sensor that a file lacks is not written there."""
         time = np.concatenate([part.time for part in parts])
         order = np.argsort(time, kind="stable")
-        none = [
-            (np.full(part.time.size, np.nan), np.zeros(part.time.size, np.uint8)) for part in parts
-        ]
-        held = {
-            name: np.concatenate(
-                [part.held.get(name, empty) for part, (empty, _) in zip(parts, none, strict=True)]
-            )[order]
-            for name in names
-        }
-        written = {
-            name: np.concatenate(
-                [
-                    part.written.get(name, never)
-                    for part, (_, never) in zip(parts, none, strict=True)
-                ]
-            )[order]
-            for name in names
-        }
+        held, written = (
+            {
+                name: np.concatenate(
+                    [
+                        getattr(part, column).get(name, np.full(part.time.size, empty))
+                        for part in parts
+                    ]
+                )[order]
+                for name in names
+            }
+            for column, empty in (("held", np.nan), ("written", np.uint8(0)))
+        )
         return cls(time[order], held, written)
 
     def has(self, names: Sequence[str]) -> bool:

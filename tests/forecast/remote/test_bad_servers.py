@@ -32,31 +32,71 @@ def objects():
     )
 
 
-def values_alone(fault):
-    """A fault of every answer with values."""
-    return lambda path, number: fault if path.startswith(("uo/0", "vo/0")) else ""
+@pytest.fixture(scope="module")
+def grids():
+    """Answers of griddap: a forecast, and the same data set later, with other values."""
+    needs("xpublish_erddap")
+    with griddap(sea()) as first, griddap(2 * sea()) as later:
+        yield _from(first, 2), _from(later, 2)
+
+
+@pytest.fixture
+def served(request, objects):
+    """Of a kind of server: its answers, the path of the forecast, and what an answer with values is asked by."""
+    if request.param == "griddap":
+        return (
+            request.getfixturevalue("grids")[0],
+            "/griddap/forecast",
+            re.compile(r"\.dods\?[uv]o"),
+        )
+    return objects, "", re.compile(r"[uv]o/\d")
+
+
+NO_ANSWER = r"no whole answer in \d attempts: "
+#: Of each fault of all answers with values: the words of the error, for Zarr and for griddap; None where it is not tried.
+FAULTY = {
+    "close": (NO_ANSWER + "the connection was closed",) * 2,
+    "cut": (None, NO_ANSWER + "the connection was closed"),
+    "hang": ("no whole answer in 2 attempts: the server was silent for too long",) * 2,
+    "500": (NO_ANSWER + "status 500; it says: out of order; check", None),
+    "503": (None, NO_ANSWER + "status 503; it says: out of order"),
+    "403": ("answers with status 403: it refuses access",) * 2,
+    "html": (
+        "expected data, got a page of the web, as of a login",
+        "the server answers: a page of the web, as of a login",
+    ),
+    "more": ("the server sends .* MB, where .* MB were expected at most; it was not read on", None),
+    "short": ("what the server sends cannot be read", "the answer ends after"),
+    "absent": (None, "the server answers: no data"),
+    "flood": (None, "the server sends more, where .* MB were expected at most; it was not read on"),
+    "redirect": (None, "which is in a private network; this is refused"),
+}
 
 
 @pytest.mark.parametrize(
-    ("fault", "words"),
+    ("served", "fault", "words"),
     [
-        ("close", "no whole answer in 5 attempts: the connection was closed"),
-        ("hang", "no whole answer in 2 attempts: the server was silent for too long"),
-        ("500", "no whole answer in 5 attempts: status 500; it says: out of order; check"),
-        ("403", "answers with status 403: it refuses access; does the data need a login"),
-        ("html", "expected data, got a page of the web, as of a login"),
-        ("more", "the server sends .* MB, where .* MB were expected at most; it was not read on"),
-        ("short", "what the server sends cannot be read"),
+        (kind, fault, words)
+        for fault, both in FAULTY.items()
+        for kind, words in zip(("zarr", "griddap"), both, strict=True)
+        if words
     ],
+    indirect=["served"],
 )
-def test_a_faulty_server_is_an_error_in_words(asker, objects, fault, words):
-    silence = 0.3 if fault == "hang" else 5.0
-    asker.state.limits = Limits(silence=silence, attempts=5, pause=0.001)
-    with serving(Files(objects, fault=values_alone(fault))) as files:
+def test_a_faulty_server_is_an_error_in_words(asker, served, fault, words):
+    answers, path, values = served
+    asker.state.limits = Limits(silence=0.3 if fault == "hang" else 5.0, attempts=3, pause=0.001)
+    files, inner = (
+        Files(answers, lambda path, number: fault if values.search(path) else ""),
+        Files(answers),
+    )
+    with serving(inner), serving(files):
+        files.redirect = inner.url + path
         with pytest.raises(ForecastError, match=words):
-            asker(files.url)
-        # what was too long was not received
-        assert files.sent < 2e8
+            asker(files.url + path)
+    assert inner.asked == []
+    # what was too long was not received, but for what fits into the pipes
+    assert files.sent < (2e7 if path else 2e8)
     assert not left_over(asker.folder)
     assert not list(asker.folder.glob("*.nc"))
 
@@ -186,15 +226,15 @@ def test_a_store_that_cannot_be_listed_is_named(asker):
         assert "without consolidated metadata" in refused(asker, files.url)
 
 
-def test_another_ocean_and_another_year_are_said_before_values_are_received(asker, objects):
-    with serving(Files(objects)) as files:
-        words = refused(asker, files.url, "-30,40,-29,41")
-        assert "the forecast covers 152.000..155.900 E" in words
-        words = refused(asker, files.url, logs={"start": "2024-01-01", "end": "2024-01-02"})
+@pytest.mark.parametrize("served", ["zarr", "griddap"], indirect=True)
+def test_another_ocean_and_another_year_are_said_before_values_are_received(asker, served):
+    answers, path, values = served
+    with serving(Files(answers)) as files:
+        address = files.url + path
+        assert "the forecast covers 152.000..155.900 E" in refused(asker, address, "-30,40,-29,41")
+        words = refused(asker, address, logs={"start": "2024-01-01", "end": "2024-01-02"})
         assert "the forecast is of 2018-11-15 00:00:00Z to 2018-11-18" in words
-        assert not [
-            path for path in files.asked if path.startswith(("uo/0", "vo/0", "uo/1", "vo/1"))
-        ]
+        assert not [each for each in files.asked if values.search(each)]
 
 
 def test_more_than_allowed_is_not_received(asker, objects):
@@ -252,45 +292,6 @@ def _from(url, depth=1):
     return objects
 
 
-@pytest.fixture(scope="module")
-def grids():
-    """Answers of griddap: a forecast, and the same data set later, with other values."""
-    needs("xpublish_erddap")
-    with griddap(sea()) as first, griddap(2 * sea()) as later:
-        yield _from(first, 2), _from(later, 2)
-
-
-@pytest.mark.parametrize(
-    ("fault", "words"),
-    [
-        ("close", "no whole answer in 3 attempts: the connection was closed"),
-        ("hang", "no whole answer in 2 attempts: the server was silent for too long"),
-        ("cut", "no whole answer in 3 attempts: the connection was closed"),
-        ("503", "no whole answer in 3 attempts: status 503; it says: out of order"),
-        ("403", "status 403: it refuses access"),
-        ("html", "the server answers: a page of the web, as of a login"),
-        ("short", "the answer ends after"),
-        ("absent", "the server answers: no data"),
-        ("flood", "the server sends more, where .* MB were expected at most; it was not read on"),
-        ("redirect", "which is in a private network; this is refused"),
-    ],
-)
-def test_a_faulty_griddap_is_an_error_in_words(asker, grids, fault, words):
-    asker.state.limits = Limits(silence=0.3 if fault == "hang" else 5.0, attempts=3, pause=0.001)
-    # the values, once the axes were told
-    files = Files(grids[0], lambda path, number: fault if ".dods?uo" in path else "")
-    inner = Files(grids[0])
-    with serving(inner), serving(files):
-        files.redirect = inner.url + "/griddap/forecast"
-        with pytest.raises(ForecastError, match=words):
-            asker(files.url + "/griddap/forecast")
-    assert inner.asked == []
-    # of 10 GB no more than what fits into the pipes
-    assert files.sent < 2e7
-    assert not left_over(asker.folder)
-    assert not list(asker.folder.glob("*.nc"))
-
-
 def test_a_griddap_that_closes_every_third_connection_gives_the_sound_forecast(asker, grids):
     asker.state.limits = Limits(attempts=5, pause=0.001)
     files = Files(grids[0], lambda path, number: "close" if number % 3 == 0 else "")
@@ -305,15 +306,6 @@ def test_a_griddap_that_changes_between_two_requests_is_refused(asker, grids):
     with serving(files), pytest.raises(ForecastError, match="the data changed while they were"):
         asker(files.url + "/griddap/forecast")
     assert not list(asker.folder.glob("*"))
-
-
-def test_another_year_of_griddap_is_said_before_values_are_received(asker, grids):
-    with serving(Files(grids[0])) as files:
-        address = files.url + "/griddap/forecast"
-        assert "the forecast covers 152.000..155.900 E" in refused(asker, address, "-30,40,-29,41")
-        words = refused(asker, address, logs={"start": "2024-01-01", "end": "2024-01-02"})
-        assert "the forecast is of 2018-11-15 00:00:00Z to 2018-11-18" in words
-        assert not [path for path in files.asked if re.search(r"dods\?[uv]o", path)]
 
 
 def _random_runs(asker, objects, url_of, runs):

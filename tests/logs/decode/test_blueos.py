@@ -181,10 +181,3 @@ def test_a_recording(tmp_path):
             "one field of a message on another topic",
         ),
     }
-
-
-def test_a_recording_after_a_power_cut(tmp_path):
-    whole = json_mcap(recording())
-    messages, report = read(tmp_path, whole[: len(whole) * 2 // 3])
-    assert report.losses
-    assert messages == read(tmp_path, whole)[0][: len(messages)]

@@ -283,29 +283,6 @@ def test_a_cut_file_is_an_error_of_ours(tmp_path, write, share):
 
 @real
 @pytest.mark.parametrize("path", WITH_ADCP, ids=lambda path: path.stem)
-def test_real_dives_with_adcp(path):
-    messages = _read(path)
-    times = [message.time_ns for message in messages]
-    assert times == sorted(times)
-    counts = Counter(message.topic for message in messages)
-    assert (counts["/vehicle/fix"], counts["/adcp/inverted"], counts["/dac"]) == (3, 2, 1)
-    assert 85 < counts["/adcp"] < 95
-    assert 80 < counts["/vehicle/position"] < 95
-    end = _topic(messages, "/vehicle/fix")[-1].time_ns
-    for profile in _topic(messages, "/adcp/inverted"):
-        assert profile.payload["n_cells"] == 201
-        assert profile.payload["dive"] == int(path.stem[-4:])
-        assert profile.time_ns <= end
-        velocity = np.array(profile.payload["velocity"], dtype=float)
-        finite = np.isfinite(velocity).all(axis=1)
-        assert 100 <= finite.sum() <= 105
-        assert np.hypot(velocity[finite, 0], velocity[finite, 1]).max() < 1.5
-    (dac,) = _topic(messages, "/dac")
-    assert np.hypot(dac.payload["dac_eastward"], dac.payload["dac_northward"]) < 0.5
-
-
-@real
-@pytest.mark.parametrize("path", WITH_ADCP, ids=lambda path: path.stem)
 def test_relative_velocities_are_in_earth_coordinates(path):
     """The third component is the vertical speed that pressure gives, whatever the pitch: so the axes are not the instrument's."""
     pings = _topic(_read(path), "/adcp")
