@@ -10,6 +10,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.forecast.members import MemberRule
 from replay_kit.forecast.names import find_time
 from replay_kit.forecast.pairs import OpenedFile
+from replay_kit.forecast.times import scalar_time
 
 # Of one run, files that follow one another share one time at most.
 _LEAST_COMMON = 2
@@ -83,21 +84,15 @@ def _minute(time: np.datetime64) -> str:
 
 def _stated_start(file: OpenedFile) -> str | None:
     """Return the start that a file states: its reference time, its bulletin's date, or the hours since the analysis (HYCOM's tau)."""
-    for name, variable in file.ds.variables.items():
-        named = (variable.attrs.get("standard_name"), name)
-        if "forecast_reference_time" in named and variable.size == 1 and variable.dtype.kind == "M":
-            return _minute(variable.values.ravel()[0])
+    if (reference := scalar_time(file.ds, "forecast_reference_time")) is not None:
+        return _minute(np.datetime64(reference, "ns"))
     if "bulletin_date" in file.ds.attrs:
         return str(file.ds.attrs["bulletin_date"])
     times = _dates(file)
     if not times.size or "tau" not in file.ds.variables:
         return None
     since = file.ds["tau"]
-    hours = (
-        str(since.attrs.get("units", "")).startswith("hours") and np.isfinite(since.values).all()
-    )
-    return (
-        _minute(times[0] - np.timedelta64(round(float(since.values.flat[0])), "h"))
-        if hours
-        else None
-    )
+    hours = since.values.ravel()[:1]
+    if not str(since.attrs.get("units", "")).startswith("hours") or not np.isfinite(hours).all():
+        return None
+    return _minute(times[0] - np.timedelta64(round(float(hours[0])), "h"))

@@ -82,7 +82,7 @@ def choose_time(
     else:
         reference = _reference(ds, config)
     if lead is None:
-        time_ns_or_none = _scalar_time(ds, "time")
+        time_ns_or_none = scalar_time(ds, "time")
         return ds, time_ns_or_none, _notes(time_ns_or_none, near_ns, "")
     position, valid_ns = _choose_lead(ds[lead], config, reference, near_ns)
     chosen = f"{float(ds[lead].values[position]):g} {ds[lead].attrs.get('units', '')}".strip()
@@ -147,7 +147,7 @@ def _reference(ds: xr.Dataset, config: ForecastConfig) -> int | None:
     """Return the time of lead 0 [ns, UTC]: configured, or stated; None without either."""
     if config.reference_time:
         return parse_time(config.reference_time)
-    return _scalar_time(ds, "forecast_reference_time")
+    return scalar_time(ds, "forecast_reference_time")
 
 
 def _choose_lead(
@@ -179,7 +179,8 @@ def _notes(time_ns: int | None, near_ns: int | None, among: str) -> tuple[str, .
     return (f"{note}, {among}",) if among else ()
 
 
-def _scalar_time(ds: xr.Dataset, standard_name: str) -> int | None:
+def scalar_time(ds: xr.Dataset, standard_name: str) -> int | None:
+    """Return the single time of a variable with a name or standard name [ns, UTC]; None without one."""
     for name, variable in ds.variables.items():
         known = standard_name in (variable.attrs.get("standard_name"), name)
         if known and variable.size == 1 and np.issubdtype(variable.dtype, np.datetime64):
