@@ -224,7 +224,7 @@ class ForecastConfig(Section):
         description="Definition of a member. dim[:NAME]: a position along a dimension; files[:REGEX]: a file, or files of one label; "
         "suffix: variables such as uo_glor and uo_oras; lags: forecasts of several starts, valid at one time; times:15d: fields within so "
         "many days of the season, as anomalies about the forecast; models: several products without their mean biases. Default: the member "
-        "dimension, else labels such as mem001 in the names of files.",
+        "dimension, else labels such as mem001 in the names of files, else files of the same times, else forecasts of several starts.",
     )
     axes: Annotated[Literal["auto", "grid", "true"], Option("--axes")] = Field(
         default="auto",

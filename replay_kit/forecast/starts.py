@@ -14,6 +14,8 @@ from replay_kit.forecast.times import scalar_time
 
 # Of one run, files that follow one another share one time at most.
 _LEAST_COMMON = 2
+# Attributes of a file that differ between products.
+_PRODUCT = ("title", "source", "institution", "product", "challenger")
 
 
 def start_of(file: OpenedFile) -> str:
@@ -59,11 +61,12 @@ def rule_of(holders: Sequence[OpenedFile]) -> tuple[MemberRule | None, tuple[str
 
 
 def _form(file: OpenedFile) -> tuple[object, ...]:
-    """Return what files of one product share: the name of the component, and its dimensions but for that of times."""
+    """Return what files of one product share: attributes, the name of the component, and its dimensions but for that of times."""
     assert file.current is not None
     sizes = file.ds[file.current.u or file.current.v].sizes
     time = find_time(file.ds, file.dims)
-    return file.current.u, tuple(item for item in sizes.items() if item[0] != time)
+    product = tuple(str(file.ds.attrs.get(name, "")) for name in _PRODUCT)
+    return *product, file.current.u, tuple(item for item in sizes.items() if item[0] != time)
 
 
 def _times(file: OpenedFile) -> NDArray[np.generic]:

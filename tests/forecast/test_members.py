@@ -183,7 +183,7 @@ def test_members_of_producers_files_are_found_without_an_option(tmp_path, produc
         assert read.time_ns == (START + 3 * DAY).astype(np.int64)
 
 
-def test_files_of_one_run_or_of_other_grids_are_no_members_by_themselves(tmp_path):
+def test_files_of_one_run_of_other_grids_or_products_are_no_members_by_themselves(tmp_path):
     whole = forms.known().isel(member=0, drop=True)
     for k in range(3):
         (tmp_path / f"part{k}").mkdir()
@@ -193,7 +193,10 @@ def test_files_of_one_run_or_of_other_grids_are_no_members_by_themselves(tmp_pat
     refused("no member dimension; .*--members lags", tmp_path)
     other = whole.isel(latitude=slice(1, None)).expand_dims(time=[START, START + DAY])
     save(other, tmp_path / "other.nc")
-    refused("no member dimension; .*--members models", [tmp_path / "part0", tmp_path / "other.nc"])
+    product = whole.expand_dims(time=[START, START + DAY]).assign_attrs(source="another model")
+    save(product, tmp_path / "product.nc")
+    for file in ("other.nc", "product.nc"):
+        refused("no member dimension; .*--members models", [tmp_path / "part0", tmp_path / file])
 
 
 def test_fields_of_the_season_are_anomalies_about_the_forecast(tmp_path):
