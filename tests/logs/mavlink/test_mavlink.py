@@ -141,23 +141,6 @@ def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path, at):
     assert report.notes == ("1 outlier stamps were replaced by the following stamp",)
 
 
-def test_bad_bytes_longer_than_a_block(tmp_path):
-    entries = tlog(4)
-    noise = bytes((1, 2, 3, 4, 0xFE)) * 500_000
-    messages, report = read_log(tmp_path, entries[0] + entries[1] + noise + entries[2] + entries[3])
-    assert boots(messages) == [0, 1, 2, 3]
-    assert [loss.bytes for loss in report.losses] == [len(noise)]
-
-
-def test_entries_across_the_blocks_of_reading(tmp_path):
-    count = 60_000
-    entry = tlog_entry(START, attitude(1))
-    messages, report = read_log(tmp_path, entry * count)
-    assert len(entry) * count > 2 << 20
-    assert len(messages) == count
-    assert report.losses == ()
-
-
 @broken
 @given(part=st.floats(0.0, 1.0))
 def test_a_cut_log_gives_a_prefix_and_a_loss(tmp_path, part):
