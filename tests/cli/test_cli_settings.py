@@ -119,7 +119,7 @@ def test_help_lists_what_the_libraries_have():
             "--planner.depth",
         ),
         ("replya", '"replay"'),
-        ("experiment plannig", '"planning"'),
+        ("experiment papr", '"paper"'),
     ],
 )
 def test_a_misspelt_word_names_the_nearest(arguments, nearest):

@@ -111,13 +111,14 @@ def bench_page(result: BenchResult) -> str:
     words = [line for task, rows in by_task.items() for line in _best(task, rows)]
     about = "Each task gives every method the same records, in order, and scores its answers. Intervals are from resampling cases."
     answer = words_html([about]) + list_html(words) + criteria_html(criteria)
+    methods = list(dict.fromkeys(_label(row.method) for row in result.rows))
     sections = [Section("answer", "In words", answer, missing=[f"{why}." for why in result.lost])]
     sections += [
         Section(
             task,
             TITLES[task],
             tables_html([task_table(task, rows)]),
-            [chart_figure(chart) for chart in _charts(task, rows)],
+            [chart_figure(chart, methods) for chart in _charts(task, rows)],
         )
         for task, rows in by_task.items()
     ]

@@ -117,14 +117,20 @@ def series_by(points: Iterable[tuple[str, float, float]]) -> tuple[Series, ...]:
     )
 
 
-def chart_figure(chart: Chart) -> Figure:
-    """Return a chart as a figure of a page, its data a table with a pair of columns for each series, filled up with nothing."""
+def chart_figure(chart: Chart, known: Sequence[str] = ()) -> Figure:
+    """Return a chart as a figure of a page, its data a table with a pair of columns for each series, filled up with nothing.
+
+    Args:
+        chart: The chart.
+        known: Labels that have one colour, symbol and dash in all charts of the page.
+    """
     columns: dict[str, list[float | None]] = {}
     traces = []
     for k, series in enumerate(chart.series):
         names = [f"{series.label}: {axis.title}" for axis in chart.axes]
         columns.update(zip(names, (column(series.x), column(series.y)), strict=True))
-        traces.append(_trace(series, k, chart.axes))
+        number = known.index(series.label) if series.label in known else k
+        traces.append(_trace(series, number, chart.axes))
     lines = zip_longest(*columns.values())
     filled = dict(zip(columns, map(list, zip(*lines, strict=True)), strict=True))
     horizontal, vertical = chart.axes

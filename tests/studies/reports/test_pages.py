@@ -105,6 +105,10 @@ def test_a_chart_says_its_data_in_words_and_fills_short_series():
         len({(str(trace["line"]["color"]), trace["marker"]["symbol"]) for trace in figure.traces})
         == 3
     )
+    # a method has the colour of its place among those of the page
+    alone = chart_figure(Chart("k", "T", "C", axes, series[1:2]), ["a.b", "c"])
+    assert alone.traces[0]["line"] == figure.traces[1]["line"]
+    assert alone.traces[0]["line"] != figure.traces[0]["line"]
     axes = Axis("value [1]"), Axis("name", labels=("first", "second"))
     named = chart_figure(Chart("k", "T", "C", axes, (Series("s", [1.0, 2.0], [1, 0]),)))
     assert named.alternative == "T: name against value [1]. s: second 1; first 2."
