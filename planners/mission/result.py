@@ -10,6 +10,7 @@ from planners.mission.solve.attempt import (
     goals_met,
     is_feasible,
     lacking_energy,
+    overtime,
     staying,
 )
 from planners.mission.task import MissionTask
@@ -29,7 +30,7 @@ def to_plan(task: MissionTask, attempts: list[Attempt]) -> MissionPlan:
         what = "no path is finite" if attempts else "the current is not a number"
         return _failed_plan(task, f"{what}; check the estimate's latent velocities")
     best = best_of(task, finite)
-    arrives = goals_met(task, best) and lacking_energy(task, best) == 0.0
+    arrives = goals_met(task, best) and overtime(task, best) == lacking_energy(task, best) == 0.0
     status: PlanStatus = "unsafe" if best.violation else "reached" if arrives else "unreachable"
     goal_times = best.flight.time[best.goals.points(best.flight)]
     tried = max(len(attempt.flight.ends) for attempt in finite)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from planners.mission.solve.attempt import Attempt, above_bound, lacking_energy
+from planners.mission.solve.attempt import Attempt, above_bound, lacking_energy, overtime
 from planners.mission.task import MissionTask
 from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
@@ -72,6 +72,8 @@ def outcome_text(task: MissionTask, attempt: Attempt, goal_times: Array, tried: 
     if (lacking := lacking_energy(task, attempt)) > 0.0:
         needed, held = (lacking + settings.battery) / 1e6, settings.battery / 1e6
         text += f"; limit: the battery: it takes {needed:.3g} MJ of {held:.3g} MJ (--battery)"
+    if overtime(task, attempt) > 0.0:
+        text += f"; {_longest_text(task)}"
     if task.is_late:
         text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and other ways are untried"
     return (
@@ -131,11 +133,7 @@ def _binding(task: MissionTask, attempt: Attempt, tried: int) -> str:
     if "legs" in limits or (not limits and tried >= settings.most_legs):
         parts.append(f"limit: max_legs = {settings.max_legs} (--max-legs)")
     if "duration" in limits or (not limits and flight.time[-1] >= _NEARLY * settings.max_duration):
-        parts.append(
-            f"limit: {settings.arrive_by / 3600.0:.1f} h to arrive in (--arrive-by)"
-            if settings.arrive_by <= settings.max_duration
-            else f"limit: max_duration = {settings.max_duration:g} s (--max-duration)"
-        )
+        parts.append(_longest_text(task))
     if "ways" in limits:
         parts.append(
             "a constraint closes every way: land, an area, water too shallow for a dive or the edge of the region"
@@ -153,6 +151,14 @@ def _binding(task: MissionTask, attempt: Attempt, tried: int) -> str:
             f"{what} keeps a glider of {through:.2f} m/s from it: it makes good {ground:.2f} m/s",
         ]
     )
+
+
+def _longest_text(task: MissionTask) -> str:
+    """Return what limits a mission's duration."""
+    settings = task.settings
+    if settings.arrive_by <= settings.max_duration:
+        return f"limit: {settings.arrive_by / 3600.0:.1f} h to arrive in (--arrive-by)"
+    return f"limit: max_duration = {settings.max_duration:g} s (--max-duration)"
 
 
 def odds_text(plan: MissionPlan, count: int, corrected: float, held: float) -> str:

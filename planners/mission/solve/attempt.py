@@ -192,8 +192,15 @@ def excess_deviation(task: MissionTask, attempt: Attempt) -> float:
 
 
 def is_feasible(task: MissionTask, attempt: Attempt) -> bool:
-    """Return whether an attempt violates no constraint and meets its goals, unless the miss distance is weighed against other costs."""
-    return attempt.violation is None and (task.settings.weighs_distance or goals_met(task, attempt))
+    """Return whether an attempt violates no constraint, is in time and meets its goals, unless their miss is weighed against other costs."""
+    met = task.settings.weighs_distance or goals_met(task, attempt)
+    return attempt.violation is None and met and overtime(task, attempt) == 0.0
+
+
+def overtime(task: MissionTask, attempt: Attempt) -> float:
+    """Return how much longer than the longest mission an attempt lasts [s]; 0 beside a reference path, which has a duration of its own."""
+    late = float(attempt.flight.time[-1]) - task.settings.max_duration
+    return max(late, 0.0) if task.reference_path is None else 0.0
 
 
 def energy_of(task: MissionTask, attempt: Attempt) -> float:
@@ -224,7 +231,7 @@ def ranking_key(task: MissionTask, attempt: Attempt) -> tuple[bool, float, float
         cost += task.reference_path.weight * duration / HOUR * (attempt.deviation[1] / KM) ** 2
         miss += excess_deviation(task, attempt)
     lacking = lacking_energy(task, attempt)
-    return not feasible or lacking > 0.0, miss + lacking / 1e3, cost
+    return not feasible or lacking > 0.0, miss + overtime(task, attempt) + lacking / 1e3, cost
 
 
 def best_of(task: MissionTask, attempts: list[Attempt]) -> Attempt:

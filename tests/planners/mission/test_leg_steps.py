@@ -28,7 +28,6 @@ from tests.planners.flow_samples import (
     plan_between,
     still_flow,
 )
-from tests.reference.leg import leg_function, stage_latent
 
 GLIDER, HERE = Glider(), np.array([3e3, -4e3])
 DAY_NS = 86_400 * 10**9
@@ -141,27 +140,6 @@ def test_a_flight_begins_at_its_time_on_the_clock_of_the_flow_and_knows_the_leg_
     assert flight.ends.tolist() == [10 + DRIFT_STEPS, 20 + DRIFT_STEPS]
     assert flight.leg.tolist() == [0] * (11 + DRIFT_STEPS) + [1] * 10
     np.testing.assert_array_equal(flight.depth, [*dive, *[0.0] * DRIFT_STEPS, *dive[1:]])
-
-
-def test_the_optimiser_s_leg_begins_at_its_time_too():
-    flows = [_dated(3, 0.0), _dated(4, 0.5)]
-    currents = currents_of(flows)
-    dive = leg_depths((0.0, 300.0, 0.0), np.array(LEVELS), 20)
-    latent = stage_latent(currents.latent[0], flows[0].levels, flows[0].depth_functions, dive)
-    leg = leg_function(flows[0], GLIDER, 20, currents.times, True)
-    for begin in (0.0, 20_000.0):
-        places, end = leg(HERE, begin, 1.0, 0.3, dive, 900.0, latent)
-        flight = fly_legs(
-            currents,
-            GLIDER,
-            HERE,
-            Legs(np.array([1.0]), np.array([0.3]), (dive,), np.array([900.0])),
-            begin,
-        )
-        np.testing.assert_allclose(np.asarray(places)[:, -1], flight.place[0, -1], atol=1.0)
-        # the drift is the last place but one to the last
-        np.testing.assert_allclose(np.asarray(places)[:, -2], flight.place[0, 20], atol=1.0)
-        assert float(end) - begin == pytest.approx(flight.time[-1], rel=1e-12)
 
 
 def test_one_current_serves_many_places_and_many_currents_each_its_own():

@@ -47,6 +47,17 @@ def planned(
     )
 
 
+def test_a_mission_that_lasts_longer_than_the_longest_has_not_reached_its_goal():
+    # the goal is near, but the steepest dive takes an hour
+    long, short = (
+        planned(STILL, (300.0, 0.0), start=(0.0, 0.0), max_duration=t) for t in (1e4, 1800.0)
+    )
+    assert (long.status, short.status) == ("reached", "unreachable")
+    assert short.duration > 1800.0
+    assert short.closest_approach[0] <= 250.0
+    assert "limit: max_duration = 1800 s (--max-duration)" in short.message
+
+
 def test_legs_grow_with_the_way_and_a_limit_of_them_is_named_where_it_binds():
     shallow = planned(STILL, (25e3, 0.0), start=(-25e3, 0.0), depth=100.0)
     assert (shallow.status, len(shallow.headings_deg)) == ("reached", 67)
