@@ -192,7 +192,7 @@ def excess_deviation(task: MissionTask, attempt: Attempt) -> float:
 
 
 def is_feasible(task: MissionTask, attempt: Attempt) -> bool:
-    """Return whether an attempt violates no constraint, is in time and meets its goals, unless their miss is weighed against other costs."""
+    """Return whether an attempt violates no constraint, is in time and meets its goals, unless their miss is weighed against a cost."""
     met = task.settings.weighs_distance or goals_met(task, attempt)
     return attempt.violation is None and met and overtime(task, attempt) == 0.0
 

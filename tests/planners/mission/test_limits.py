@@ -50,7 +50,7 @@ def planned(
 def test_a_mission_that_lasts_longer_than_the_longest_has_not_reached_its_goal():
     # the goal is near, but the steepest dive takes an hour
     long, short = (
-        planned(STILL, (300.0, 0.0), start=(0.0, 0.0), max_duration=t) for t in (1e4, 1800.0)
+        planned(STILL, (900.0, 0.0), start=(0.0, 0.0), max_duration=t) for t in (1e4, 1800.0)
     )
     assert (long.status, short.status) == ("reached", "unreachable")
     assert short.duration > 1800.0
