@@ -57,4 +57,7 @@ def test_on_a_full_disk_the_former_store_stays(store, monkeypatch):
         write_store(store, KIND, {"run": "b"}, PARTS)
     monkeypatch.undo()
     assert read_store(store, KIND)[0]["run"] == "a"
-    assert [path.name for path in store.parent.iterdir() if path.suffix != ".lock"] == ["it"]
+    # what is left over of the other one is no obstacle
+    write_store(store, KIND, {"run": "c"}, PARTS)
+    assert read_store(store, KIND)[0]["run"] == "c"
+    assert [path.name for path in store.parent.iterdir()] == ["it"]
