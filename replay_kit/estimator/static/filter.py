@@ -5,22 +5,20 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
-from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.core.observation import Innovation, LinearMeasurement, Measurement
-from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Innovation, Measurement
+from replay_kit.estimator.basis.modes import build_basis, mean_variance
 from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.interface import Stepped
 from replay_kit.estimator.prior.amplitude import (
     AmplitudePrior,
     MeanAmplitude,
-    ScaledPrior,
     before_the_log,
     scaled_prior,
 )
@@ -42,11 +40,10 @@ from replay_kit.estimator.static.group import (
     rows_alone,
 )
 from replay_kit.estimator.static.state import FilterState, SpreadFit, with_mean_averaged
-from replay_kit.estimator.update.biases import NAMES, significant_bias_notes
+from replay_kit.estimator.update.biases import significant_bias_notes
 from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current_gradient
-from replay_kit.estimator.update.noise import BinNoise, bin_noise, measurement_noise
-from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
+from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import Posterior, PriorCrossCovariance, means
 from replay_kit.estimator.update.representation import (
     PosteriorCovariance,
@@ -55,60 +52,22 @@ from replay_kit.estimator.update.representation import (
     prefetch,
     select_representation,
 )
-from replay_kit.estimator.update.rows import Rows, measurement_rows, places_of
 from replay_kit.estimator.update.screening import ScreenedGroup, screen_group
 from replay_kit.estimator.update.stack import Stack
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedBasisEstimator(StaticEstimator):
-    """The paper's 2.5D estimator, in both presets.
-
-    Attributes:
-        basis: Basis flows.
-        prior: Of the weights.
-        error_std: Error of every bin [m/s], replacing the bins' own (paper); None adds ``representation_std`` to the bins' own.
-        representation_std: shape (Z,) [m/s], representation error of the basis, by level.
-        time_ns: Time of the forecast.
-        gating: Gate and covariance inflation; None accepts every profile with its stated errors (paper).
-        mean_amplitude: Gaussian of the ensemble mean's amplitude before the log, which is then averaged; None where its variance is given.
-        spread: Amplitude of the prior's covariance before the log, which is then fitted to it; None leaves the covariance as it is.
-        grouping: Which profiles are combined; None combines none.
-    """
-
-    basis: Basis
-    prior: Prior
-    error_std: float | None
-    representation_std: Array
-    time_ns: int | None
-    gating: GatingConfig | None = None
-    spread: SpreadFit | None = None
-    grouping: Grouping | None = None
-    mean_amplitude: MeanAmplitude | None = None
+    """The paper's 2.5D estimator, in both presets."""
 
     supports_path_means = True
     # the products of so many observations with the prior covariance are computed together: it is read once for all
     block_size = 16
 
     @property
-    def grid(self) -> Grid:
-        """The grid of the forecast."""
-        return self.basis.grid
-
-    @property
-    def adapts_errors(self) -> bool:
-        """Whether errors grow where residuals are correlated along a profile: not those of the paper."""
-        return self.error_std is None
-
-    @property
     def state_size(self) -> int:
         """Number of weights in all."""
         return int(self.prior.mean.size)
-
-    @property
-    def prior_weights(self) -> Array:
-        """Mean of the prior, shape (Z, r)."""
-        return self.by_level(self.prior.mean)
 
     @property
     def common_part(self) -> Prior:
@@ -118,12 +77,6 @@ class ReducedBasisEstimator(StaticEstimator):
     def initial(self) -> FilterState:
         """Return the prior as a state."""
         return self.initial_with(self.spread)
-
-    def initial_with(self, spread: SpreadFit | None) -> FilterState:
-        """Return the prior of an amplitude as a state."""
-        no_bias = np.zeros((len(NAMES), *self.prior_weights.shape))
-        prior = self.prior if spread is None else ScaledPrior(self.prior, spread.amplitude)
-        return FilterState(initial(prior, no_bias), spread, self.mean_amplitude)
 
     def prior_with(self, amplitude: MeanAmplitude) -> Prior:
         """Return the prior with a Gaussian of the ensemble mean's amplitude."""
@@ -252,20 +205,6 @@ class ReducedBasisEstimator(StaticEstimator):
         flow = self.basis.flow(mean, covariance, self.time_ns if time_ns is None else time_ns)
         return replace(flow, later=constant)
 
-    def rows(self, observation: Measurement, used: NDArray[np.intp]) -> Rows:
-        """Return the rows of a measurement's usable bins."""
-        linear = observation.linear
-        return measurement_rows(linear, used, self.basis, self.noise(linear, used))
-
-    def noise(self, observation: LinearMeasurement, used: NDArray[np.intp]) -> BinNoise:
-        """Return the noise of a measurement's usable bins; the paper's error is that of a bin, not of a mean over several places."""
-        if self.error_std is None or not observation.at_one_place:
-            places = places_of(observation, self.grid.projection)
-            return measurement_noise(observation, used, self.basis, self.representation_std, places)
-        return bin_noise(
-            np.diag(np.full(used.size, self.error_std**2)), observation.reference == "relative"
-        )
-
     @property
     def basis_size(self) -> tuple[int | None, int | None]:
         """Number of modes for each level, and of elements of the basis."""
@@ -294,10 +233,6 @@ class ReducedBasisEstimator(StaticEstimator):
             "amplitude": repr(state.spread.amplitude),
             "measurements": str(state.spread.fitted_to),
         }
-
-    def by_level(self, mean: Array) -> Array:
-        """Return weights, shape (Z r,), level by level, shape (Z, r)."""
-        return mean.reshape(self.basis.grid.levels.size, -1)
 
 
 def build_estimator(

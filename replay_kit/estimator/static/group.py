@@ -1,19 +1,21 @@
 """Groups of profiles in the static estimator, and the fit of the prior's amplitude while it goes on."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import Innovation, LinearMeasurement, Measurement, usable
+from replay_kit.core.grid import Grid
+from replay_kit.core.observation import LinearMeasurement, Measurement, usable
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import Stepped
+from replay_kit.estimator.prior.amplitude import MeanAmplitude, ScaledPrior
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.static.state import FilterState, SpreadFit
+from replay_kit.estimator.update.biases import NAMES
 from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.group_step import (
     GroupColumn,
@@ -21,46 +23,79 @@ from replay_kit.estimator.update.group_step import (
     group_misfit,
     stack_of,
 )
-from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.estimator.update.noise import BinNoise, compress
+from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
+from replay_kit.estimator.update.noise import BinNoise, bin_noise, compress, measurement_noise
+from replay_kit.estimator.update.observation_space import initial
 from replay_kit.estimator.update.posterior import Posterior
-from replay_kit.estimator.update.rows import ProfileRows, Rows
+from replay_kit.estimator.update.rows import ProfileRows, Rows, measurement_rows, places_of
 from replay_kit.estimator.update.screening import ScreenedGroup, screen_group
 from replay_kit.estimator.update.superobservation import Column, CombinedRows, combined
 
 
-class StaticEstimator(GroupedEstimator[FilterState], Protocol):
-    """What a static estimator gives to its groups: see ``ReducedBasisEstimator``, which has them."""
+@dataclass(frozen=True, slots=True, eq=False)
+class StaticEstimator(GroupedEstimator[FilterState]):
+    """A static estimator's problem, and what it sees of measurements.
+
+    Attributes:
+        basis: Basis flows.
+        prior: Of the weights.
+        error_std: Error of every bin [m/s], replacing the bins' own (paper); None adds ``representation_std`` to the bins' own.
+        representation_std: shape (Z,) [m/s], representation error of the basis, by level.
+        time_ns: Time of the forecast.
+        gating: Gate and covariance inflation; None accepts every profile with its stated errors (paper).
+        mean_amplitude: Gaussian of the ensemble mean's amplitude before the log, which is then averaged; None where its variance is given.
+        spread: Amplitude of the prior's covariance before the log, which is then fitted to it; None leaves the covariance as it is.
+        grouping: Which profiles are combined; None combines none.
+    """
 
     basis: Basis
     prior: Prior
+    error_std: float | None
+    representation_std: Array
+    time_ns: int | None
+    gating: GatingConfig | None = None
+    spread: SpreadFit | None = None
+    grouping: Grouping | None = None
+    mean_amplitude: MeanAmplitude | None = None
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of the forecast."""
+        return self.basis.grid
+
+    @property
+    def adapts_errors(self) -> bool:
+        """Whether errors grow where residuals are correlated along a profile: not those of the paper."""
+        return self.error_std is None
 
     @property
     def prior_weights(self) -> Array:
         """Mean of the prior, shape (Z, r)."""
-        ...
+        return self.by_level(self.prior.mean)
 
     def by_level(self, mean: Array) -> Array:
-        """Return weights, shape (Z, r)."""
-        ...
+        """Return weights, shape (Z r,), level by level, shape (Z, r)."""
+        return mean.reshape(self.basis.grid.levels.size, -1)
+
+    def rows(self, observation: Measurement, used: NDArray[np.intp]) -> Rows:
+        """Return the rows of a measurement's usable bins."""
+        linear = observation.linear
+        return measurement_rows(linear, used, self.basis, self.noise(linear, used))
+
+    def noise(self, observation: LinearMeasurement, used: NDArray[np.intp]) -> BinNoise:
+        """Return the noise of a measurement's usable bins; the paper's error is that of a bin, not of a mean over several places."""
+        if self.error_std is None or not observation.at_one_place:
+            places = places_of(observation, self.grid.projection)
+            return measurement_noise(observation, used, self.basis, self.representation_std, places)
+        return bin_noise(
+            np.diag(np.full(used.size, self.error_std**2)), observation.reference == "relative"
+        )
 
     def initial_with(self, spread: SpreadFit | None) -> FilterState:
         """Return the prior of an amplitude as a state."""
-        ...
-
-    def alone(
-        self, state: FilterState, measurements: Iterable[Measurement]
-    ) -> Iterator[tuple[FilterState, Innovation]]:
-        """Yield the state after each observation, and its innovation."""
-        ...
-
-    def rows(self, observation: Measurement, used: NDArray[np.intp]) -> Rows:
-        """Return the rows of a measurement's usable values."""
-        ...
-
-    def noise(self, observation: LinearMeasurement, used: NDArray[np.intp]) -> BinNoise:
-        """Return the noise of a measurement's usable bins."""
-        ...
+        no_bias = np.zeros((len(NAMES), *self.prior_weights.shape))
+        prior = self.prior if spread is None else ScaledPrior(self.prior, spread.amplitude)
+        return FilterState(initial(prior, no_bias), spread, self.mean_amplitude)
 
 
 def fitting_step(

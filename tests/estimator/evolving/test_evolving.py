@@ -9,7 +9,6 @@ import pytest
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
-from replay_kit.core.errors import EstimatorError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator
@@ -120,16 +119,6 @@ def test_without_forgetting_and_change_it_is_the_static_filter(n_times, error_st
     )
 
 
-def test_a_very_long_scale_is_none():
-    states = []
-    for scale in ("static", 1e22):
-        estimator = build_evolving(forecasts(), CONFIG, TimeConfig(scale=scale, dropped_std=0.0))
-        state = after(estimator, profiles(12))
-        states.append(state)
-    np.testing.assert_allclose(states[0].mean, states[1].mean, rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(states[0].cov, states[1].cov, rtol=0.0, atol=1e-12)
-
-
 def test_uncertainty_grows_from_the_last_observation_towards_the_forecast_s():
     estimator = build_evolving(forecasts(), CONFIG, TimeConfig(scale=86_400.0))
     state = after(estimator, profiles(12))
@@ -229,16 +218,6 @@ def test_a_rejected_profile_leaves_the_state_untouched():
     assert same.time_ns == state.time_ns
     np.testing.assert_array_equal(same.mean, state.mean)
     np.testing.assert_array_equal(same.cov, state.cov)
-
-
-def test_a_flow_without_a_model_of_time_refuses_another_time():
-    flow = (
-        build_evolving(forecasts(), CONFIG, WHOLE)
-        .flow(build_evolving(forecasts(), CONFIG, WHOLE).initial())
-        .mean_flow()
-    )
-    with pytest.raises(EstimatorError, match="has no model of time"):
-        flow.at(DAY)
 
 
 @pytest.mark.full
