@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
@@ -20,7 +21,6 @@ from replay_kit.estimator.update.biases import (
     notes_of,
     significant_bias_notes,
 )
-from replay_kit.estimator.update.evaluation import predict_observation
 from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator, group_misfit
 from replay_kit.estimator.update.grouping import Grouping
 from replay_kit.estimator.update.screening import ScreenedGroup
@@ -102,11 +102,17 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
         """Return the estimate of the column that the usable measurements see, at their mean time."""
         operator = column_operator(self.operator, screened)
         at_time, design = self.predict(state, operator.time_ns), operator.design
-        cov = design @ at_time.cov @ design.T
+        cross = design @ at_time.cov
+        cov = cross @ design.T
 
         def posterior(rows: CombinedRows, innovation: Array) -> tuple[Array, Array]:
-            predicted = predict_observation(at_time.means, at_time.cov, rows_in(design, rows))
-            return predicted.posterior(innovation, 1.0)
+            of_rows = column.predicted_cov(rows.r[None])[0]
+            lower = np.linalg.cholesky(of_rows + np.eye(len(of_rows)))
+            both = solve_triangular(
+                lower, np.hstack([rows_in(cross, rows), innovation]), lower=True
+            )
+            gain, whitened = both[:, : cross.shape[1]], both[:, cross.shape[1] :]
+            return at_time.means + gain.T @ whitened, at_time.cov - gain.T @ gain
 
         def against(other: EvolvingState) -> Array:
             return group_misfit(operator.stack, design @ self._mean_at(other, operator.time_ns))

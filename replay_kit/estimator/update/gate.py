@@ -81,6 +81,8 @@ class Gates:
     @staticmethod
     def joined(parts: "Sequence[Gates]") -> "Gates":
         """Return the decisions on several parts of a group as one."""
+        if len(parts) == 1:
+            return parts[0]
 
         def whole(name: str) -> NDArray[Any]:
             each = [getattr(part, name) for part in parts]

@@ -66,9 +66,9 @@ class GroupResult:
         """Return the innovation of the accepted ones together."""
         update, gate, screened = self.update, self.update.gate, self.screened
         stack, at = update.stack.part(accepted), screened.used[accepted]
-        before, after, prior = (
-            column_misfit(stack, mean)
-            for mean in (self.before.means[:, 0], update.after.means[:, 0], self.prior)
+        before = update.before if self._is_one else column_misfit(stack, self.before.means[:, 0])
+        after, prior = (
+            column_misfit(stack, mean) for mean in (update.after.means[:, 0], self.prior)
         )
         assert update.rows is not None
         inflation, dof = gate.inflation[accepted], int(np.sum(_of_each(stack, "dof")))
@@ -76,7 +76,9 @@ class GroupResult:
         flags = screened.flags[at[0]]
         if not self._is_one:
             flags = np.where(stack.used.any(axis=0), Flag.GOOD, flags).astype(np.int8)
-        values = np.linalg.eigvalsh(self.before.predicted_cov(update.rows.r[None])[0])
+        variance = gate.variance[0] / inflation[0]
+        if not self._is_one:
+            variance = np.linalg.eigvalsh(self.before.predicted_cov(update.rows.r[None])[0])
         likelihood = self._log_likelihood(stack, np.ones(1) if self._is_one else inflation)
         return replace(
             screened.unused(int(at[0])),
@@ -94,7 +96,7 @@ class GroupResult:
             decision="softened" if softened else "accepted",
             gate_statistic=float(gate.statistic[0]),
             gate=float(gate.threshold[0]),
-            signal_dof=float(np.sum(values / (values + 1.0))),
+            signal_dof=float(np.sum(variance / (variance + 1.0))),
             prior_inflation=self.prior_inflation,
             log_likelihood=likelihood,
             estimated_std=self._estimated_std(stack, update.after),
@@ -123,18 +125,17 @@ class GroupResult:
 
     def _log_likelihood(self, stack: Stack, inflation: Array) -> float:
         """Return the logarithm of the density of all values under the column before the group, with errors of some inflation."""
-        rows = self.update.rows
+        rows, gate = self.update.rows, self.update.gate
         if self._is_one:
-            # of unit noise, as stated
-            r, residual = stack.of("r"), 0.0
-            cov = self.before.predicted_cov(r)[0]
-            innovation = (stack.y - self.before.predicted(r)[..., 0]).ravel()
+            # of unit noise, as stated: along the eigenvectors that the gate found
+            square = float(self.update.nis[0])
+            half_log_det = 0.5 * float(np.sum(np.log1p(gate.variance[0])))
         else:
             assert rows is not None
             cov = self.before.predicted_cov(rows.r[None])[0]
-            innovation, residual = self.before.innovation(rows)[:, 0], rows.residual
-        square, half_log_det = normalised_square(innovation, cov + np.eye(len(cov)))
-        square += residual + float(np.sum(stack.residual_square / inflation))
+            innovation = self.before.innovation(rows)[:, 0]
+            square, half_log_det = normalised_square(innovation, cov + np.eye(len(cov)))
+            square += rows.residual + float(np.sum(stack.residual_square / inflation))
         noise = len(stack.components) * _of_each(stack, "half_log_det")
         noise = noise + 0.5 * _of_each(stack, "dof") * np.log(inflation)
         return float(-0.5 * square - half_log_det - np.sum(noise))
@@ -158,6 +159,8 @@ def _shown(stack: Stack, values: Array) -> Array:
 
 def _mean_of(stack: Stack, values: Array) -> Array:
     """Return the mean over the measurements that use a value, shape (m, 2); NaN where none does."""
+    if len(values) == 1:
+        return np.asarray(_shown(stack, values)[0])
     counts = stack.used.sum(axis=0)[:, None]
     total = np.sum(np.where(stack.used[..., None], values, 0.0), axis=0)
     return np.asarray(np.divide(total, counts, out=np.full(total.shape, np.nan), where=counts > 0))

@@ -80,6 +80,7 @@ class ScreenedGroup:
         flags: shape (n, m).
         reasons: shape (n, m).
         rejected: Those that are not used although they have usable values, and why.
+        used: Positions of those that are used.
         projection: Of the region.
     """
 
@@ -88,13 +89,8 @@ class ScreenedGroup:
     flags: NDArray[np.int8]
     reasons: NDArray[np.int32]
     rejected: Mapping[int, Reason]
+    used: NDArray[np.intp]
     projection: Projection
-
-    @property
-    def used(self) -> NDArray[np.intp]:
-        """Positions of those that are used."""
-        seen = np.flatnonzero(usable(self.flags).any(axis=1))
-        return seen[~np.isin(seen, list(self.rejected))] if self.rejected else seen
 
     @property
     def usable_linear(self) -> tuple[LinearMeasurement, ...]:
@@ -116,7 +112,7 @@ class ScreenedGroup:
         """Return the same of one measurement after another, which it may repeat."""
         if not is_duplicate(last, self.linear[0]):
             return self
-        return replace(self, rejected={0: Reason.DUPLICATE})
+        return replace(self, rejected={0: Reason.DUPLICATE}, used=self.used[:0])
 
     def unused(self, i: int) -> Innovation:
         """Return the innovation of a measurement that is not used."""
@@ -150,14 +146,17 @@ def screen_group(
     linear = tuple(each.linear for each in events)
     flags, reasons = screen(linear, grid, relative)
     rejected: dict[int, Reason] = {}
+    used = []
     for i in np.flatnonzero(usable(flags).any(axis=1)).tolist():
         if late:
             rejected[i] = Reason.OUT_OF_ORDER
         elif is_duplicate(last, linear[i]):
             rejected[i] = Reason.DUPLICATE
         else:
+            used.append(i)
             last = linear[i]
-    return ScreenedGroup(tuple(events), linear, flags, reasons, rejected, grid.projection)
+    at = np.array(used, np.intp)
+    return ScreenedGroup(tuple(events), linear, flags, reasons, rejected, at, grid.projection)
 
 
 def _with_mean_current(
