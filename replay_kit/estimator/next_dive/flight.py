@@ -2,26 +2,30 @@
 
 **Flight model.** It may err in proportion to the way through the water. An error is believed only where the dives are e^2 times as likely
 with one as without, whichever single dive is left out: a mean current that is wrong, by a bad fix or a wrong entry, is explained by such an
-error as well as by anything, and would be taken from all others.
+error as well as by anything, and would be taken from all others. The way itself is what the mean current leaves of the displacement, so an
+error of one dive's mean current is in its way too, with the other sign: dives flown one way would show a flight model that errs by all of
+it. So the way of dives that differ by no more than such errors is that of the first of them, and turns alone tell.
 
 **Current beside the estimate.** The estimate's own error is part of what a dive's mean current may differ by, and one combination of
 settings has no current beside the estimate: only what the estimate fails to explain, dive after dive, is evidence for one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.estimator.next_dive.filter import DiveMean, DiveModel, DiveState
-from replay_kit.estimator.next_dive.settings import local_combinations
+from replay_kit.estimator.next_dive.settings import FLIGHT_WHITES, local_combinations
 
 #: nats; least log evidence of an error over none.
 LEAST_EVIDENCE = 2.0
 # Dives that are left out at most: where there are more, those without which the evidence is least.
 _MOST_LEFT_OUT = 32
 _FLIGHT_MODEL = DiveModel.of_flight()
+# m/s; ways that differ by less may be one, each with the error of its mean current
+_TURNED = 2.5 * max(FLIGHT_WHITES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,10 +35,12 @@ class FlightBias:
     Attributes:
         known: Of all of them; None before the first, as it is large.
         without: Of all but one, a state for each dive that is left out.
+        way: shape (2,) [m/s], of the first dive since the last turn; None before the first dive.
     """
 
     known: DiveState | None = None
     without: tuple[DiveState, ...] = ()
+    way: Array | None = None
 
     @property
     def dives(self) -> int:
@@ -61,11 +67,16 @@ class FlightBias:
 
     def after(self, dive: DiveMean) -> "FlightBias":
         """Return what is known after one more dive."""
+        turned = self.way is None or np.hypot(*(dive.way - self.way)) > _TURNED
+        way = dive.way if turned else self.way
+        assert way is not None
+        dive = replace(dive, way=way)
         before = _FLIGHT_MODEL.initial() if self.known is None else self.known
         without = [*(_FLIGHT_MODEL.step(state, dive) for state in self.without), before]
         return FlightBias(
             _FLIGHT_MODEL.step(before, dive),
             tuple(sorted(without, key=_FLIGHT_MODEL.flight_evidence)[:_MOST_LEFT_OUT]),
+            way,
         )
 
 

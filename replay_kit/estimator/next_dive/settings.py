@@ -19,7 +19,7 @@ _CONSTANTS = (0.05, 0.15)
 _GROUND_AMPLITUDES = (0.02, 0.04, 0.08, 0.16, 0.32)
 _GROUND_CONSTANTS = (0.1, 0.3)
 # The same for the flight model's bias alone: fewer, as they are passed through once for each dive that is left out.
-_FLIGHT_AMPLITUDES, _FLIGHT_TIME_SCALES, _FLIGHT_WHITES = (
+_FLIGHT_AMPLITUDES, _FLIGHT_TIME_SCALES, FLIGHT_WHITES = (
     (0.01, 0.04, 0.16),
     (6.0 * _HOUR, 96.0 * _HOUR),
     (0.005, 0.015, 0.04),
@@ -88,7 +88,7 @@ def flight_combinations() -> Settings:
     axes = (
         _FLIGHT_AMPLITUDES,
         _FLIGHT_TIME_SCALES,
-        _FLIGHT_WHITES,
+        FLIGHT_WHITES,
         biases,
         _FLIGHT_SURFACE_SHARES,
         _CONSTANTS,

@@ -117,3 +117,12 @@ def test_of_many_dives_those_are_left_out_without_which_the_evidence_is_least(mo
     few = after(given)[-1]
     assert len(few.without) == 3
     assert few.evidence == pytest.approx(whole.evidence, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_errors_of_mean_currents_on_one_course_are_no_error_of_the_flight_model(seed):
+    # each is in the way through the water too, so that ways and mean currents vary against each other
+    given = dives(12, 0.0, seed, turn=0.0)
+    for k, error in enumerate(0.02 * np.random.default_rng(seed).normal(size=(12, 2))):
+        given = with_wrong(given, k, error)
+    assert not any(state.is_believed for state in after(given))
