@@ -1,5 +1,6 @@
 """Twins of gliders that fly distinct courses through one truth."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,10 @@ from replay_kit.studies.twins.adcp import SOUND, Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import Schedule, mission
 from replay_kit.studies.twins.messages import measured_on
-from replay_kit.studies.twins.vehicle import EPOCH_NS
+from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission
+
+# m/s, a component; that of a mean current that states none, as a replay takes it
+_MEAN_CURRENT_STD = 0.02
 
 
 def course(number: int, of: int) -> tuple[tuple[float, float], ...]:
@@ -19,6 +23,17 @@ def course(number: int, of: int) -> tuple[tuple[float, float], ...]:
     return tuple(
         (0.5 + 0.3 * float(np.sin(angle)), 0.5 + 0.3 * float(np.cos(angle))) for angle in angles
     )
+
+
+def with_errors(mission: Mission, rng: np.random.Generator) -> Mission:
+    """Return a mission whose dives' mean currents err as a replay takes them to."""
+    dives = tuple(
+        replace(dive, current=(dive.current[0] + float(east), dive.current[1] + float(north)))
+        for dive, (east, north) in zip(
+            mission.dives, _MEAN_CURRENT_STD * rng.normal(size=(len(mission.dives), 2)), strict=True
+        )
+    )
+    return replace(mission, dives=dives)
 
 
 def write_array(
@@ -47,9 +62,8 @@ def write_array(
         rng = np.random.default_rng(number)
         schedule = Schedule(to_the_end=True, course=course(number, count))
         begin_ns = start_ns + 10**9 * (late_s * number)
-        flown = measured_on(
-            mission(field, pings, begin_ns, rng, schedule), field, 0.09, rng, number
-        )
+        flown = with_errors(mission(field, pings, begin_ns, rng, schedule), rng)
+        flown = measured_on(flown, field, 0.09, rng, number)
         path = logs[f"sg{number + 1}"] = folder / f"sg{number + 1}.mcap"
         found = (faults or {}).get(number, SOUND)
         write_mcap_log(path, flown.messages(found, pings=not dac_only))

@@ -44,7 +44,7 @@ _WRONG, _WRONG_STD = 0.05, 0.5
 #: m; how far two fixes alone miss together, over the dive's time.
 FIXES_STD = 20.0
 _JUMPING = slice(2, 6)
-# Logarithm of a case's probability, covariances of the unknowns and of the mean current in it, shapes (h, 8, 8) and (h, 2, 2).
+# Logarithm of a case's probability, covariances of the unknowns and of the mean current in it, shapes (..., h, 8, 8) and (..., h, 2, 2).
 _Case = tuple[float, Array, Array]
 #: m; depth over which the part trapped at the surface falls by e.
 SURFACE_DEPTH = 50.0
@@ -91,12 +91,12 @@ class DiveMean:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DiveState:
-    """What is known after some dives.
+    """What is known after some dives; leading axes are of several states, of dives of the same times.
 
     Attributes:
-        mean: shape (h, 8), of the unknowns under each combination of settings.
-        cov: shape (h, 8, 8).
-        log_weights: shape (h,), of the combinations; the weights sum to one.
+        mean: shape (..., h, 8), of the unknowns under each combination of settings.
+        cov: shape (..., h, 8, 8).
+        log_weights: shape (..., h), of the combinations; the weights sum to one.
         time_ns: Of the last dive [ns, UTC]; None before the first.
         dives: Number of dives.
     """
@@ -148,7 +148,7 @@ class DiveModel:
         time_ns = max(time_ns, state.time_ns)
         kept = np.exp(-(time_ns - state.time_ns) / _NS / self.settings.scales)
         cov = state.cov * kept[:, :, None] * kept[:, None, :]
-        cov[:, range(UNKNOWNS), range(UNKNOWNS)] += (1.0 - kept**2) * self.settings.variance
+        cov[..., range(UNKNOWNS), range(UNKNOWNS)] += (1.0 - kept**2) * self.settings.variance
         return replace(state, mean=state.mean * kept, cov=cov, time_ns=time_ns)
 
     def forecast(self, state: DiveState, dive: DiveMean) -> Mixture:
@@ -184,12 +184,13 @@ class DiveModel:
         variance = weights @ (state.cov[:, parts, parts] + (means - mean) ** 2)
         return np.asarray(mean), np.sqrt(variance)
 
-    def flight_evidence(self, state: DiveState) -> float:
-        """Return the log evidence of an error of the flight model over none [nats]; the settings have both."""
+    def flight_evidence(self, state: DiveState) -> Array:
+        """Return the log evidence of an error of the flight model over none [nats], shape (...); the settings have both."""
         has = self.settings.has_flight_bias
 
-        def log_odds(log_weights: Array) -> float:
-            return float(logsumexp(log_weights[has]) - logsumexp(log_weights[~has]))
+        def log_odds(log_weights: Array) -> Array:
+            with_error, without = (logsumexp(log_weights[..., of], axis=-1) for of in (has, ~has))
+            return np.asarray(with_error - without)
 
         return log_odds(state.log_weights) - log_odds(self.settings.log_prior)
 
@@ -198,10 +199,10 @@ class DiveModel:
         return np.vstack([np.zeros(2), np.nan_to_num(dive.backgrounds)])[self.settings.background]
 
     def _changed(self, cov: Array) -> Array:
-        """Return covariances, shape (h, 8, 8), after a change beyond the usual."""
+        """Return covariances, shape (..., h, 8, 8), after a change beyond the usual."""
         changed = cov.copy()
         parts = np.arange(UNKNOWNS)[_JUMPING]
-        changed[:, parts, parts] += (_JUMP_FACTOR - 1.0) * self.settings.variance[:, _JUMPING]
+        changed[..., parts, parts] += (_JUMP_FACTOR - 1.0) * self.settings.variance[:, _JUMPING]
         return changed
 
     def _cases(self, state: DiveState, dive: DiveMean) -> list[_Case]:
@@ -212,7 +213,7 @@ class DiveModel:
         if self.wrong:
             cases.append((self.wrong, state.cov, own + _WRONG_STD**2 * np.eye(2)))
         return [
-            (float(np.log(share)), cov, dive.design @ cov @ dive.design.T + error)
+            (float(np.log(share)), cov, dive.design @ np.dot(cov, dive.design.T) + error)
             for share, cov, error in cases
         ]
 
@@ -231,40 +232,33 @@ class DiveModel:
 
 
 def _after(state: DiveState, design: Array, errors: Array, cases: list[_Case]) -> DiveState:
-    """Return the state after errors of a prediction, shape (h, 2), which some cases expect to be of different size."""
-    after = [
-        (log_share, *_updated(state.mean, cov, design, errors, spread))
-        for log_share, cov, spread in cases
+    """Return the state after errors of a prediction, shape (..., h, 2), which some cases expect to be of different size.
+
+    The cases are joined to one Gaussian, combination by combination: what each takes from the covariance, and what its mean adds, are
+    products of columns, which are added up in one product.
+    """
+    crosses = [np.dot(cov, design.T) for _, cov, _ in cases]
+    gains = [
+        cross @ np.linalg.inv(spread) for cross, (_, _, spread) in zip(crosses, cases, strict=True)
     ]
-    log_likelihood = np.stack([log_share + density for log_share, density, _, _ in after])
+    log_likelihood = np.stack(
+        [log_share + log_densities(errors, spread) for log_share, _, spread in cases]
+    )
     total = logsumexp(log_likelihood, axis=0)
-    mean, cov = _joined(
-        np.exp(log_likelihood - total), [part[2] for part in after], [part[3] for part in after]
-    )
-    log_weights = state.log_weights + total
-    return replace(state, mean=mean, cov=cov, log_weights=log_weights - logsumexp(log_weights))
-
-
-def _updated(
-    mean: Array, cov: Array, design: Array, errors: Array, spread: Array
-) -> tuple[Array, Array, Array]:
-    """Return the log-density of errors, shape (h, 2), with their covariances, and the unknowns' mean and covariance after them."""
-    cross = cov @ design.T
-    gain = cross @ np.linalg.inv(spread)
-    after = cov - gain @ cross.transpose(0, 2, 1)
+    shares = np.exp(log_likelihood - total)[..., None]
+    means = [state.mean + (gain @ errors[..., None])[..., 0] for gain in gains]
+    mean = sum((share * part for share, part in zip(shares, means, strict=True)), 0.0 * means[0])
+    abouts = [(part - mean)[..., None] for part in means]
+    weighted = [share[..., None] * cov for share, (_, cov, _) in zip(shares, cases, strict=True)]
+    left, right = [], []
+    for share, gain, cross, about in zip(shares, gains, crosses, abouts, strict=True):
+        left += [-share[..., None] * gain, share[..., None] * about]
+        right += [cross, about]
+    cov = np.concatenate(left, -1) @ np.swapaxes(np.concatenate(right, -1), -1, -2)
+    for part in weighted:
+        cov += part
     # the rounding error of the two halves would grow from dive to dive
-    after = 0.5 * (after + after.transpose(0, 2, 1))
-    return log_densities(errors, spread), mean + np.einsum("hij,hj->hi", gain, errors), after
-
-
-def _joined(shares: Array, means: list[Array], covs: list[Array]) -> tuple[Array, Array]:
-    """Return mean and covariance of Gaussians joined to one, combination by combination; ``shares`` of shape (cases, h)."""
-    mean = sum(
-        (share[:, None] * part for share, part in zip(shares, means, strict=True)),
-        np.zeros_like(means[0]),
-    )
-    cov = np.zeros_like(covs[0])
-    for share, part, of_part in zip(shares, means, covs, strict=True):
-        about = part - mean
-        cov += share[:, None, None] * (of_part + about[:, :, None] * about[:, None, :])
-    return mean, cov
+    cov = 0.5 * (cov + np.swapaxes(cov, -1, -2))
+    log_weights = state.log_weights + total
+    log_weights -= logsumexp(log_weights, axis=-1, keepdims=True)
+    return replace(state, mean=mean, cov=cov, log_weights=log_weights)

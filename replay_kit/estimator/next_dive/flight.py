@@ -11,6 +11,7 @@ settings has no current beside the estimate: only what the estimate fails to exp
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from replay_kit.estimator.next_dive.settings import FLIGHT_WHITES, local_combina
 #: nats; least log evidence of an error over none.
 LEAST_EVIDENCE = 2.0
 # Dives that are left out at most: where there are more, those without which the evidence is least.
-_MOST_LEFT_OUT = 32
+_MOST_LEFT_OUT = 8
 _FLIGHT_MODEL = DiveModel.of_flight()
 # m/s; ways that differ by less may be one, each with the error of its mean current
 _TURNED = 2.5 * max(FLIGHT_WHITES)
@@ -33,13 +34,11 @@ class FlightBias:
     """What is known of the flight model's error after some dives.
 
     Attributes:
-        known: Of all of them; None before the first, as it is large.
-        without: Of all but one, a state for each dive that is left out.
+        known: shape (k, h), states of which the first is after all of them, the others after all but one; None before the first dive.
         way: shape (2,) [m/s], of the first dive since the last turn; None before the first dive.
     """
 
     known: DiveState | None = None
-    without: tuple[DiveState, ...] = ()
     way: Array | None = None
 
     @property
@@ -50,8 +49,7 @@ class FlightBias:
     @property
     def evidence(self) -> float:
         """Log evidence of an error over none, without the dive on which it rests most [nats]."""
-        states = self.without if self.known is None else (self.known, *self.without)
-        return min(map(_FLIGHT_MODEL.flight_evidence, states), default=0.0)
+        return 0.0 if self.known is None else float(_FLIGHT_MODEL.flight_evidence(self.known).min())
 
     @property
     def is_believed(self) -> bool:
@@ -61,23 +59,37 @@ class FlightBias:
     @property
     def share(self) -> tuple[Array, Array]:
         """Mean and standard deviation of the error along and across the way, as shares of it; shape (2,) each."""
-        return _FLIGHT_MODEL.flight_bias(
-            _FLIGHT_MODEL.initial() if self.known is None else self.known
-        )
+        of_all = _FLIGHT_MODEL.initial() if self.known is None else _states(self.known, 0)
+        return _FLIGHT_MODEL.flight_bias(of_all)
 
     def after(self, dive: DiveMean) -> "FlightBias":
         """Return what is known after one more dive."""
         turned = self.way is None or np.hypot(*(dive.way - self.way)) > _TURNED
         way = dive.way if turned else self.way
         assert way is not None
-        dive = replace(dive, way=way)
-        before = _FLIGHT_MODEL.initial() if self.known is None else self.known
-        without = [*(_FLIGHT_MODEL.step(state, dive) for state in self.without), before]
-        return FlightBias(
-            _FLIGHT_MODEL.step(before, dive),
-            tuple(sorted(without, key=_FLIGHT_MODEL.flight_evidence)[:_MOST_LEFT_OUT]),
-            way,
-        )
+        before = _states(_FLIGHT_MODEL.initial(), None) if self.known is None else self.known
+        after = _FLIGHT_MODEL.step(before, replace(dive, way=way))
+        left_out = _FLIGHT_MODEL.predict(_states(before, slice(1)), dive.time_ns)
+        without = _joined(_states(after, slice(1, None)), left_out)
+        least = np.argsort(_FLIGHT_MODEL.flight_evidence(without), kind="stable")[:_MOST_LEFT_OUT]
+        return FlightBias(_joined(_states(after, slice(1)), _states(without, least)), way)
+
+
+def _states(states: DiveState, chosen: Any) -> DiveState:
+    """Return some of several states, by an index of their first axis."""
+    mean, cov, log_weights = (
+        part[chosen] for part in (states.mean, states.cov, states.log_weights)
+    )
+    return DiveState(mean, cov, log_weights, states.time_ns, states.dives)
+
+
+def _joined(first: DiveState, second: DiveState) -> DiveState:
+    """Return states as one, with the number of dives of the first."""
+    mean, cov, log_weights = (
+        np.concatenate([getattr(one, name) for one in (first, second)])
+        for name in ("mean", "cov", "log_weights")
+    )
+    return DiveState(mean, cov, log_weights, first.time_ns, first.dives)
 
 
 _LOCAL_MODEL = DiveModel(local_combinations())

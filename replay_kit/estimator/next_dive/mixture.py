@@ -96,12 +96,11 @@ def weighted_quantiles(values: Array, weights: Array, shares: Sequence[float]) -
 
 
 def log_densities(errors: Array, covs: Array) -> Array:
-    """Return the logarithm of the density of errors, shape (n, 2), under Gaussians of some covariances, shape (n, 2, 2)."""
-    determinant = covs[:, 0, 0] * covs[:, 1, 1] - covs[:, 0, 1] ** 2
-    first, second = errors.T
-    square = (
-        covs[:, 1, 1] * first**2 - 2.0 * covs[:, 0, 1] * first * second + covs[:, 0, 0] * second**2
-    ) / determinant
+    """Return the logarithm of the density of errors, shape (..., 2), under Gaussians of some covariances, shape (..., 2, 2)."""
+    (east, both), (_, north) = np.moveaxis(covs, (-2, -1), (0, 1))
+    first, second = np.moveaxis(errors, -1, 0)
+    determinant = east * north - both**2
+    square = (north * first**2 - 2.0 * both * first * second + east * second**2) / determinant
     return np.asarray(-0.5 * square - 0.5 * np.log(determinant) - np.log(2.0 * np.pi))
 
 

@@ -337,4 +337,4 @@ def _updated(
 
 def _densities(errors: Array, spread: Array) -> Array:
     """Return the logarithm of the density of errors, shape (h, b, 2), under Gaussians of some covariances, shape (h, 2, 2)."""
-    return np.stack([log_densities(each, spread) for each in errors.transpose(1, 0, 2)], axis=1)
+    return log_densities(errors, spread[:, None])
