@@ -27,6 +27,10 @@ class MissionEntry(Section):
         description="Name of the result. Default: that of the first log, without its ending.",
     )
     logs: _Files | None = Field(default=None, description="Logs of one mission.")
+    vehicles: Annotated[Mapping[str, _Files], Field(min_length=2)] | None = Field(
+        default=None,
+        description="Logs of several vehicles that share an estimate, by their names.",
+    )
     each: _Files | None = Field(
         default=None, description="Patterns of logs, each of which is a mission of its own."
     )
@@ -56,14 +60,14 @@ class FleetTable(Section):
     @model_validator(mode="after")
     def _of_logs(self) -> Self:
         for number, entry in enumerate(self.mission, start=1):
-            if (entry.logs is None) == (entry.each is None):
-                raise ValueError(f"mission {number}: expected one of logs and each")
+            if sum(given is not None for given in (entry.logs, entry.vehicles, entry.each)) != 1:
+                raise ValueError(f"mission {number}: expected one of logs, vehicles and each")
             if entry.each is not None and entry.name is not None:
                 raise ValueError(
                     f"mission {number}: each log of 'each' has its own name; leave name {entry.name} out"
                 )
-        if self.all.name or self.all.logs or self.all.each:
-            raise ValueError("[all] has no name, logs or each; these are a mission's own")
+        if self.all.name or self.all.logs or self.all.vehicles or self.all.each:
+            raise ValueError("[all] has no name, logs, vehicles or each; these are a mission's own")
         return self
 
 

@@ -13,7 +13,7 @@ from replay_kit.core.paths import Address, check_paths, path_of, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import logs_in
-from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import with_bathymetry
 
 #: Folder of the built estimators in that of the results.
@@ -83,8 +83,8 @@ def missions_of(
     for entry in (_completed(entry, table.all) for entry in table.mission):
         try:
             settings = _config(entry, folder, config)
-            for name, logs in _logs(entry, folder):
-                mission = Mission(name, _job(entry, name, logs, folder, out), settings)
+            for name, vehicles in _vehicles(entry, folder):
+                mission = Mission(name, _job(entry, name, vehicles, folder, out), settings)
                 missions.append(mission)
                 # file systems that ignore case would have one file for both
                 if (other := names.setdefault(name.casefold(), mission)) is not mission:
@@ -158,17 +158,21 @@ def _config(entry: MissionEntry, folder: Path, config: Path | None) -> RunConfig
     return settings if bathymetry is None else with_bathymetry(settings, bathymetry.absolute())
 
 
-def _logs(entry: MissionEntry, folder: Path) -> Iterator[tuple[str, tuple[Path, ...]]]:
-    """Yield the name and the logs of each mission of an entry."""
-    if entry.logs is not None:
-        logs = tuple((folder / log).absolute() for log in entry.logs)
-        yield entry.name or logs[0].stem, logs
+def _vehicles(entry: MissionEntry, folder: Path) -> Iterator[tuple[str, tuple[Vehicle, ...]]]:
+    """Yield the name and the vehicles with their logs of each mission of an entry; the only vehicle of one has no name."""
+    given = entry.vehicles or ({} if entry.logs is None else {"": entry.logs})
+    vehicles = tuple(
+        Vehicle(name, tuple((folder / log).absolute() for log in logs))
+        for name, logs in given.items()
+    )
+    if vehicles:
+        yield entry.name or "-".join(given) or vehicles[0].logs[0].stem, vehicles
     found = {
         pattern: sorted(glob.glob(str((folder / pattern).absolute())))
         for pattern in entry.each or ()
     }
     for path in map(Path, chain.from_iterable(found.values())):
-        yield path.stem, (path,)
+        yield path.stem, (Vehicle("", (path,)),)
     if without := [pattern for pattern, paths in found.items() if not paths]:
         raise LogError(
             f"{', '.join(without)}: no log has such a name in {folder.absolute()}; correct the pattern"
@@ -182,7 +186,7 @@ def _source(folder: Path, text: str) -> Path:
 
 
 def _job(
-    entry: MissionEntry, name: str, logs: tuple[Path, ...], folder: Path, out: Path
+    entry: MissionEntry, name: str, vehicles: tuple[Vehicle, ...], folder: Path, out: Path
 ) -> ReplayJob:
     if entry.ensemble is None:
         raise ConfigError(
@@ -193,10 +197,11 @@ def _job(
         path, mark, member = entry.truth.partition("#")
         truth = f"{(folder / path).absolute()}{mark}{member}"
     return ReplayJob(
-        logs,
+        tuple(log for vehicle in vehicles for log in vehicle.logs),
         tuple(_source(folder, text) for text in entry.ensemble),
         out / f"{name}.mcap",
         goal=None if entry.goal is None else Place(*entry.goal),
         truth=truth,
         basis_store=out / STORE,
+        vehicles=vehicles if len(vehicles) > 1 else (),
     )

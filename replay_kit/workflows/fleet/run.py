@@ -132,6 +132,7 @@ def _identity(mission: Mission) -> str:
     files = [(path.name, file_hash(path)) for path in mission.files]
     text = [
         files,
+        [(one.name, len(one.logs)) for one in job.vehicles],
         str(job.goal),
         str(job.truth).rpartition("/")[2],
         run_settings_toml(mission.config),

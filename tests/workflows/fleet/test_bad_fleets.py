@@ -17,8 +17,9 @@ ONE = '[[mission]]\nlogs = "twin00.mcap"\n'
     ("text", "code", "said"),
     [
         (GOOD, 2, "'mission': Field required"),
-        (GOOD + "[[mission]]\n", 2, "mission 1: expected one of logs and each"),
-        (GOOD + ONE + 'each = "*.mcap"\n', 2, "mission 1: expected one of logs and each"),
+        (GOOD + "[[mission]]\n", 2, "mission 1: expected one of logs, vehicles and each"),
+        (GOOD + '[[mission]]\nvehicles.a = "twin00.mcap"\n', 2, "at least 2 items"),
+        (GOOD + ONE + 'each = "*.mcap"\n', 2, "mission 1: expected one of logs, vehicles"),
         (GOOD + '[[mission]]\neach = "*.mcap"\nname = "a"\n', 2, "leave name a out"),
         (GOOD + ONE + ONE, 2, "twin00: two missions have this name"),
         (
@@ -57,7 +58,7 @@ ONE = '[[mission]]\nlogs = "twin00.mcap"\n'
             2,
             "unknown key 'mission.0.speed'; known here: config, each, ensemble, goal, logs",
         ),
-        ('[all]\nname = "a"\n' + ONE, 2, "[all] has no name, logs or each"),
+        ('[all]\nname = "a"\n' + ONE, 2, "[all] has no name, logs, vehicles or each"),
     ],
 )
 def test_a_table_that_cannot_be_run_is_refused(table, tmp_path, text, code, said):

@@ -13,6 +13,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.workflows.fleet.page import exit_code, fleet_page, print_fleet, row_of
 from replay_kit.workflows.fleet.run import Outcome, failure, run_fleet, run_mission
 from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.inputs.job import Vehicle
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.store import basis as basis_store
 from tests.command import invoke
@@ -61,6 +62,28 @@ def test_a_fleet_gives_the_bytes_of_its_missions_one_by_one_and_makes_their_basi
         "twin01.mcap",
     ]
     assert [path.suffix for path in sorted((tmp_path / "basis").iterdir())] == [".basis", ".lock"]
+
+
+def test_the_vehicles_of_a_sea_share_an_estimate_as_in_a_replay_of_them(table, tmp_path):
+    sea = table.parent / "sea.toml"
+    vehicles = {"a": "twin00.mcap", "b": "twin01.mcap"}
+    entry = "".join(f'vehicles.{name} = "{log}"\n' for name, log in vehicles.items())
+    sea.write_text(table.read_text().replace('each = "twin*.mcap"\n', entry))
+    (mission,) = missions_in(sea, tmp_path)
+    assert mission.name == "a-b"
+    (tmp_path / "basis").mkdir()
+    outcome = run_mission(mission)
+    assert not outcome.failed, outcome.failed
+    assert set(outcome.answer["vehicles"]) == set(vehicles)
+    named = tuple(Vehicle(name, (table.parent / log,)) for name, log in vehicles.items())
+    job = replace(mission.job, out=tmp_path / "own.mcap", vehicles=named, basis_store=None)
+    replay(job, mission.config, planner_of)
+    assert job.out.read_bytes() == mission.result.read_bytes()
+    assert run_mission(mission).kept
+    renamed = replace(
+        mission, job=replace(mission.job, vehicles=(replace(named[0], name="c"), named[1]))
+    )
+    assert not run_mission(renamed).kept
 
 
 def test_what_is_done_is_not_done_again_unless_its_inputs_or_its_result_are_other_ones(
