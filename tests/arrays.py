@@ -44,6 +44,7 @@ def write_array(
     dac_only: bool = False,
     faults: dict[int, Faults] | None = None,
     late_s: int = 0,
+    seed: int = 0,
 ) -> dict[str, Path]:
     """Write the logs of some gliders, and return them by the vehicles' names, ``sg1`` first.
 
@@ -55,15 +56,16 @@ def write_array(
         dac_only: Whether they have mean currents alone.
         faults: Of the instrument of some, by number from 0.
         late_s: How much later each begins than the one before [s].
+        seed: Of the errors of all.
     """
     field, logs = build_field(truth), {}
     start_ns = EPOCH_NS if truth.time_ns is None else truth.time_ns
     for number in range(count):
-        rng = np.random.default_rng(number)
+        rng = np.random.default_rng([seed, number])
         schedule = Schedule(to_the_end=True, course=course(number, count))
         begin_ns = start_ns + 10**9 * (late_s * number)
         flown = with_errors(mission(field, pings, begin_ns, rng, schedule), rng)
-        flown = measured_on(flown, field, 0.09, rng, number)
+        flown = measured_on(flown, field, 0.09, rng, count * seed + number)
         path = logs[f"sg{number + 1}"] = folder / f"sg{number + 1}.mcap"
         found = (faults or {}).get(number, SOUND)
         write_mcap_log(path, flown.messages(found, pings=not dac_only))

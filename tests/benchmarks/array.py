@@ -1,12 +1,12 @@
 """Several gliders with one estimate beside each alone: members are left out in turn, and twins fly distinct courses through them.
 
-``python -m tests.benchmarks array`` writes a row for each sea, kind of measurement and number of gliders; the last is 50 gliders of 30
-days, in a process of its own.
+``python -m tests.benchmarks array`` writes a row for each sea, kind of measurement and number of gliders; two on what the checks say of
+sound arrays and of one compass that is turned; and 50 gliders of 30 days, in a process of its own.
 """
 
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble
 from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.truths import leave_out
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
@@ -32,11 +33,18 @@ SEAS = {
     "quasi-geostrophic": DATA / "qg" / "forecast.nc",
     "North Atlantic": DATA / "natl_nemo" / "ensemble.nc",
 }
-_COUNTS, _TRUTHS, _MODES = (2, 3, 4, 6), 6, 40
+_TRUTHS = 10
+# Which of six gliders fly together, by their number.
+_TOGETHER = {2: (0, 3), 3: (0, 2, 4), 4: (0, 1, 3, 4), 6: (0, 1, 2, 3, 4, 5)}
 # Pings of each glider, one in ten minutes: without and with an ADCP.
 _PINGS = {True: 200, False: 100}
 _HALF = 1.6449
+# Arrays whose findings are counted, their pings and modes; a compass is turned by so much [degrees].
+_ARRAYS, _CHECKED_PINGS, _CHECKED_MODES, _TURNED = 100, 150, 20, 40.0
 _VEHICLES, _DAYS = 50, 30
+_DEFAULT = RunConfig()
+# What replays a job of some logs.
+_Outcome = tuple[ReplaySummary, FlowEstimate]
 
 
 def rows(tiny: bool) -> list[Row]:
@@ -44,63 +52,72 @@ def rows(tiny: bool) -> list[Row]:
     seas = {name: path for name, path in SEAS.items() if path.exists()}
     if tiny:
         small = synthetic.ensemble(n_members=6, shape=(8, 9))
-        return [_row("synthetic", small, True, 2, 1, 6, 40)]
+        config = RunConfig(estimator=EstimatorConfig(modes=6))
+        return list(beside_singles("synthetic", small, {2: (0, 3)}, range(1), 40, config))
     found = [
-        _row(name, ensemble, dac_only, count, _TRUTHS, _MODES, _PINGS[dac_only])
+        each
         for name, path in seas.items()
-        for ensemble in (read_ensemble(path, ForecastConfig()),)
         for dac_only in (True, False)
-        for count in _COUNTS
+        for each in beside_singles(
+            name, _read(path), _TOGETHER, range(_TRUTHS), _PINGS[dac_only], dac_only=dac_only
+        )
     ]
-    return [*found, _many()]
+    return [*found, *(findings_of(turned, range(_ARRAYS)) for turned in (False, True)), many()]
 
 
-def _row(
-    sea: str, ensemble: Ensemble, dac_only: bool, count: int, truths: int, modes: int, pings: int
-) -> Row:
-    config, cases = RunConfig(estimator=EstimatorConfig(modes=modes)), []
-    spent = 0.0
-    for member in range(truths):
+def beside_singles(
+    sea: str,
+    ensemble: Ensemble,
+    together: Mapping[int, tuple[int, ...]],
+    truths: Iterable[int],
+    pings: int,
+    config: RunConfig = _DEFAULT,
+    dac_only: bool = True,
+) -> Iterator[Row]:
+    """Yield a row for each number of gliders: their one estimate beside those of each alone."""
+    cases: dict[int, list[dict[str, float]]] = {count: [] for count in together}
+    begin = time.process_time()
+    for member in truths:
         case = leave_out(ensemble, member)
-        estimator = build_estimator(case.ensemble, config.estimator)
-        forecasts = Forecasts((case.ensemble,), case.ensemble, False)
         with tempfile.TemporaryDirectory() as folder:
-            logs = write_array(Path(folder), case.truth, count, pings, dac_only)
-
-            def run(
-                given: Mapping[str, Path], estimator: Any = estimator, forecasts: Any = forecasts
-            ) -> tuple[ReplaySummary, FlowEstimate]:
-                vehicles = tuple(Vehicle(name, (path,)) for name, path in given.items())
-                paths = tuple(given.values())
-                own = vehicles if len(vehicles) > 1 else ()
-                job = ReplayJob(paths, paths[0], vehicles=own, estimator=lambda *_: estimator)
-                return replay(job, config, forecasts=forecasts)
-
-            begin = time.process_time()
-            pooled = run(logs)
-            spent += time.process_time() - begin
-            singles = [run({name: path}) for name, path in logs.items()]
-        cases.append(_case(case.truth, pooled, singles))
-    table = {name: np.array([one[name] for one in cases]) for name in cases[0]}
-    mean = {name: float(np.mean(values)) for name, values in table.items()}
+            logs = list(write_array(Path(folder), case.truth, 6, pings, dac_only).values())
+            run = _replays(case.ensemble, config)
+            singles = {
+                k: run([logs[k]]) for k in sorted({k for each in together.values() for k in each})
+            }
+            for count, numbers in together.items():
+                pooled = run([logs[k] for k in numbers])
+                cases[count].append(_case(case.truth, pooled, [singles[k] for k in numbers]))
     what = "mean currents" if dac_only else "with an ADCP"
-    return row(
-        f"{sea}, {what}, {count} gliders, {truths} truths: below the mean of singles .95, below the chosen one .8, nis .9-1.1",
-        spent / truths,
-        "each alone",
-        error=mean
-        | {
-            "below_mean": float(np.mean(table["pooled"] < table["singles"])),
-            "below_chosen": float(np.mean(table["pooled"] < table["chosen"])),
-        },
-    )
+    for count, found in cases.items():
+        table = {name: np.array([one[name] for one in found]) for name in found[0]}
+        yield row(
+            f"{sea}, {what}, {count} gliders, {len(found)} truths: below the mean of singles .95, below the chosen one .8, "
+            "nis .9-1.1, covered .85-.95",
+            (time.process_time() - begin) / len(found),
+            "each alone",
+            error={name: float(np.mean(values)) for name, values in table.items()}
+            | {
+                "below_mean": float(np.mean(table["pooled"] < table["singles"])),
+                "below_chosen": float(np.mean(table["pooled"] < table["chosen"])),
+            },
+        )
 
 
-def _case(
-    truth: Ensemble,
-    pooled: tuple[ReplaySummary, FlowEstimate],
-    singles: list[tuple[ReplaySummary, FlowEstimate]],
-) -> dict[str, float]:
+def _replays(ensemble: Ensemble, config: RunConfig) -> Any:
+    """Return what replays logs, each of a vehicle of its own, with an estimator that is built once."""
+    estimator = build_estimator(ensemble, config.estimator, config.gating)
+    forecasts = Forecasts((ensemble,), ensemble, False)
+
+    def run(paths: list[Path]) -> _Outcome:
+        own = tuple(Vehicle(path.stem, (path,)) for path in paths) if len(paths) > 1 else ()
+        job = ReplayJob(tuple(paths), paths[0], vehicles=own, estimator=lambda *_: estimator)
+        return replay(job, config, forecasts=forecasts)
+
+    return run
+
+
+def _case(truth: Ensemble, pooled: _Outcome, singles: list[_Outcome]) -> dict[str, float]:
     summary, flow = pooled
     errors = [_scores(one, truth)[0] for _, one in singles]
     evidence = [
@@ -114,7 +131,6 @@ def _case(
         "chosen": errors[int(np.argmax(evidence))],
         "nis": summary.nis_per_dof,
         "covered": covered,
-        "findings": float(sum(len(one.findings) for one in summary.vehicles.values())),
     }
 
 
@@ -130,19 +146,50 @@ def _scores(flow: FlowEstimate, truth: Ensemble) -> tuple[float, float]:
     return float(np.sqrt(np.mean(np.concatenate(squares)))), float(np.mean(np.concatenate(inside)))
 
 
-def _many() -> Row:
+def findings_of(turned: bool, arrays: Iterable[int]) -> Row:
+    """Return of how many arrays of three gliders with ADCPs a sound one was blamed, and the turned one of three was named.
+
+    Args:
+        turned: Whether the compass of one is, by 40 degrees.
+        arrays: Their numbers: of the member that is the truth, and of the glider.
+    """
+    ensemble, config = (
+        _read(_SEAS["sample"]),
+        RunConfig(estimator=EstimatorConfig(modes=_CHECKED_MODES)),
+    )
+    blamed, named, begin, of = 0, 0, time.process_time(), list(arrays)
+    for number in of:
+        case, bad = leave_out(ensemble, number % ensemble.n_members), number % 3
+        faults = {bad: Faults("platform", 0.02, heading_bias_deg=_TURNED)} if turned else None
+        with tempfile.TemporaryDirectory() as folder:
+            logs = write_array(
+                Path(folder), case.truth, 3, _CHECKED_PINGS, faults=faults, seed=number
+            )
+            summary, _ = _replays(case.ensemble, config)(list(logs.values()))
+        found = {name for name, one in summary.vehicles.items() if one.findings}
+        named += f"sg{bad + 1}" in found
+        blamed += bool(found - ({f"sg{bad + 1}"} if turned else set()))
+    what = "one of three compasses turned: named .95" if turned else "three sound gliders: blamed 0"
+    error = {"blamed": blamed / len(of)} | ({"named": named / len(of)} if turned else {})
+    return row(f"{len(of)} arrays, {what}", (time.process_time() - begin) / len(of), error=error)
+
+
+def many(vehicles: int = _VEHICLES, days: int = _DAYS) -> Row:
     """Return time and memory of many gliders of a month, without what makes their logs."""
-    ensemble = read_ensemble(SAMPLES / "ensemble.nc", ForecastConfig())
+    ensemble = _read(_SEAS["sample"])
     with tempfile.TemporaryDirectory() as folder:
-        logs = write_array(
-            Path(folder), leave_out(ensemble, 0).truth, _VEHICLES, _DAYS * 144, dac_only=True
-        )
-        return alone(lambda: _replay_many(list(logs.values())))
+        truth = leave_out(ensemble, 0).truth
+        logs = write_array(Path(folder), truth, vehicles, days * 144, dac_only=True)
+
+        def work() -> Row:
+            own = tuple(Vehicle(path.stem, (path,)) for path in logs.values())
+            begin = time.process_time()
+            replay(ReplayJob(tuple(logs.values()), _SEAS["sample"], vehicles=own), _DEFAULT)
+            name = f"{vehicles} gliders, {days} days of mean currents: 300 s, 1000 MB asked"
+            return row(name, time.process_time() - begin)
+
+        return alone(work)
 
 
-def _replay_many(paths: list[Path]) -> Row:
-    vehicles = tuple(Vehicle(path.stem, (path,)) for path in paths)
-    begin = time.process_time()
-    replay(ReplayJob(tuple(paths), SAMPLES / "ensemble.nc", vehicles=vehicles), RunConfig())
-    name = f"{_VEHICLES} gliders, {_DAYS} days of mean currents: 300 s, 1000 MB asked"
-    return row(name, time.process_time() - begin)
+def _read(path: Path) -> Ensemble:
+    return read_ensemble(path, ForecastConfig())

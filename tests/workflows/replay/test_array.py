@@ -16,6 +16,7 @@ from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import events_of
+from replay_kit.measurements.consistency import findings
 from replay_kit.results.slices import depth_slice
 from replay_kit.studies.twins.adcp import Faults
 from replay_kit.workflows.follow.follow import follow
@@ -169,14 +170,14 @@ def test_the_value_of_a_vehicle_is_the_difference_to_a_replay_without_it(result,
 
 def test_a_turned_compass_is_the_fault_of_its_own_vehicle(tmp_path, truth):
     faults = {1: Faults("platform", 0.02, heading_bias_deg=40.0)}
-    logs = write_array(tmp_path, truth, 3, pings=150, faults=faults)
+    logs = write_array(tmp_path, truth, 3, pings=150, faults=faults, seed=1)
     with pytest.warns(UserWarning, match="sg2: compass or instrument turned"):
         found = rk.replay(logs, ENSEMBLE, settings=SETTINGS)
     each = {name: values["consistency"] for name, values in found.outcome.vehicles.items()}
     assert "compass or instrument turned" in {found["name"] for found in each["sg2"]}
     # a forecast that is not of this sea may be doubted, a sound vehicle is not
     others = {found["name"] for found in each["sg1"] + each["sg3"]}
-    assert others <= {"components or unit of the forecast"}
+    assert others <= {findings.FORECAST, findings.ENSEMBLE}
     assert 6 in found.outcome.exit_codes
 
 

@@ -157,16 +157,6 @@ def test_two_gliders_in_one_replay_are_two_vehicles_and_refused_where_one_is_exp
     assert replay(ReplayJob(job.logs, job.ensemble), asked)[0].profiles_used > 0
 
 
-def test_positions_and_pings_of_one_glider_in_two_logs_are_joined(ocean, tmp_path):
-    messages = list(open_log(ocean / "glider.mcap").messages())
-    for name, chosen in (("nav.mcap", "/adcp"), ("pings.mcap", "/vehicle/fix")):
-        write_mcap_log(
-            tmp_path / name, [message for message in messages if message.topic != chosen]
-        )
-    logs = tmp_path / "nav.mcap", tmp_path / "pings.mcap"
-    assert replay(ReplayJob(logs, ocean / "ensemble.nc"), CONFIG)[0].findings == ()
-
-
 def test_a_follower_sets_the_log_of_another_vehicle_aside(ocean, tmp_path):
     sea = Sea(ocean, tmp_path, goal=None)
     sea.put("first.mcap", (ocean / "first.mcap").read_bytes())()
