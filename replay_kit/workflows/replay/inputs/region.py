@@ -17,7 +17,7 @@ from replay_kit.core.sealed import Kind, read_head
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.geometry import moved_into
 from replay_kit.forecast.describe import Extent, open_extent
-from replay_kit.workflows.replay.inputs.scan import places_of
+from replay_kit.workflows.replay.inputs.scan import reach_of
 
 #: Name of the metadata record of a result that holds it.
 REGION_RECORD = "replay_kit.found_region"
@@ -123,7 +123,7 @@ def find_region(
     with open_extent(ensemble, settings, near_ns) as extent:
         if extent is None or np.prod(extent.shape) <= _SMALL:
             return None
-        places = inside_extent(extent, places_of(logs, config))
+        places = inside_extent(extent, reach_of(logs, config).places)
         if not len(places):
             return None
         length = _length_near(extent, places)

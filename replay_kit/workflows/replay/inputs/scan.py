@@ -78,19 +78,6 @@ def positions_of(
     return positions or placed, first_ns
 
 
-def places_of(logs: Sequence[Path], config: RunConfig) -> Array:
-    """Return where a replay places the vehicle and its measurements, to a hundredth of a degree, in the order of first visits.
-
-    Returns:
-        shape (n, 2), longitude and latitude [degrees], each place once.
-    """
-    found = dict[tuple[int, int], None]()
-    for _, events in _placed(logs, config):
-        for event in events:
-            found[round(event.longitude * _PER_DEGREE), round(event.latitude * _PER_DEGREE)] = None
-    return np.array(list(found), dtype=np.float64).reshape(-1, 2) / _PER_DEGREE
-
-
 def positions_in(logs: Sequence[Path], config: RunConfig) -> list[VehicleState]:
     """Return the positions that a replay would use, in order."""
     return [

@@ -52,26 +52,24 @@ class Sums:
 
     def with_profile(self, innovation: Innovation, dive_innovation: Array) -> "Sums":
         """Return the sums with one more measurement, or with the profiles of a group."""
-        if (totals := innovation.totals) is not None:
-            return Sums(
-                self.profiles + innovation.profiles,
-                self.bins + totals.bins,
-                self.nis + innovation.nis,
-                self.dof + innovation.dof,
-                self.before + totals.before,
-                self.after + totals.after,
-                self.prior + totals.prior,
-                self.predicted + float(np.nansum(dive_innovation**2)),
+        totals = innovation.totals
+        bins = innovation.dof // 2 if totals is None else totals.bins
+        before, after, prior = (
+            (totals.before, totals.after, totals.prior)
+            if totals is not None
+            else map(
+                _squares, (innovation.innovation, innovation.residual, innovation.prior_innovation)
             )
+        )
         return Sums(
-            self.profiles + 1,
-            self.bins + innovation.dof // 2,
+            self.profiles + innovation.profiles,
+            self.bins + bins,
             self.nis + innovation.nis,
             self.dof + innovation.dof,
-            self.before + float(np.nansum(innovation.innovation**2)),
-            self.after + float(np.nansum(innovation.residual**2)),
-            self.prior + float(np.nansum(innovation.prior_innovation**2)),
-            self.predicted + float(np.nansum(dive_innovation**2)),
+            self.before + before,
+            self.after + after,
+            self.prior + prior,
+            self.predicted + _squares(dive_innovation),
         )
 
     def rms(self, squares: float) -> float:
@@ -82,6 +80,10 @@ class Sums:
     def nis_per_dof(self) -> float:
         """Mean normalised innovation squared per degree of freedom; NaN without data."""
         return self.nis / self.dof if self.dof else float("nan")
+
+
+def _squares(values: Array) -> float:
+    return float(np.nansum(values**2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,10 +251,7 @@ def _with_sources(
 
 def increment(counts: Mapping[Key, int], keys: Iterable[Key]) -> dict[Key, int]:
     """Return counts with one more for each key."""
-    out = dict(counts)
-    for key in keys:
-        out[key] = out.get(key, 0) + 1
-    return out
+    return _added(counts, ((key, 1) for key in keys))
 
 
 def _with_evidence(
@@ -269,7 +268,7 @@ def _with_evidence(
     return out
 
 
-def _added(counts: Mapping[str, int], more: Iterable[tuple[str, int]]) -> dict[str, int]:
+def _added(counts: Mapping[Key, int], more: Iterable[tuple[Key, int]]) -> dict[Key, int]:
     """Return counts with more of each key."""
     out = dict(counts)
     for key, count in more:
