@@ -154,7 +154,7 @@ def findings_of(turned: bool, arrays: Iterable[int]) -> Row:
         arrays: Their numbers: of the member that is the truth, and of the glider.
     """
     ensemble, config = (
-        _read(_SEAS["sample"]),
+        _read(SEAS["sample"]),
         RunConfig(estimator=EstimatorConfig(modes=_CHECKED_MODES)),
     )
     blamed, named, begin, of = 0, 0, time.process_time(), list(arrays)
@@ -176,7 +176,7 @@ def findings_of(turned: bool, arrays: Iterable[int]) -> Row:
 
 def many(vehicles: int = _VEHICLES, days: int = _DAYS) -> Row:
     """Return time and memory of many gliders of a month, without what makes their logs."""
-    ensemble = _read(_SEAS["sample"])
+    ensemble = _read(SEAS["sample"])
     with tempfile.TemporaryDirectory() as folder:
         truth = leave_out(ensemble, 0).truth
         logs = write_array(Path(folder), truth, vehicles, days * 144, dac_only=True)
@@ -184,7 +184,7 @@ def many(vehicles: int = _VEHICLES, days: int = _DAYS) -> Row:
         def work() -> Row:
             own = tuple(Vehicle(path.stem, (path,)) for path in logs.values())
             begin = time.process_time()
-            replay(ReplayJob(tuple(logs.values()), _SEAS["sample"], vehicles=own), _DEFAULT)
+            replay(ReplayJob(tuple(logs.values()), SEAS["sample"], vehicles=own), _DEFAULT)
             name = f"{vehicles} gliders, {days} days of mean currents: 300 s, 1000 MB asked"
             return row(name, time.process_time() - begin)
 
