@@ -3,24 +3,35 @@
 The logs are twins in the sample ocean and in the shared ensembles, a vessel's and a glider's with and without a stated motion, and a
 Seaglider's real dives. A fault is made in the messages, as a logger or an instrument would make it, or by the twin where it needs the
 vehicle's motion. A row holds the runs of one fault, by what came of them: the fault is named, and after how many pings; the contradiction
-is named with the odds of its causes; a note says that it cannot be known here; nothing is said; another cause is named. Sound logs are
-checked against the ensembles of all seas, and, of each seed, with another noise: a run that names anything is a false alarm.
+is named with the odds of its causes; a note says that it cannot be known here; nothing is said; another cause is named. Of those that are
+not named, ``unknowable`` are those in which one who knew the errors could not be sure either (``knowable.py``). Forecasts of right and of
+wrong files are judged by the mean currents of the gliders' logs. Sound logs are checked against the ensembles of all seas, and, of each
+seed, with another noise: a run that names anything is a false alarm.
 """
 
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cache, lru_cache, partial
 from statistics import median
+from typing import Any
 
 import numpy as np
 
-from replay_kit.config.run import ForecastConfig, LogConfig, MeasurementConfig, RunConfig
+from replay_kit.config.run import (
+    EstimatorConfig,
+    ForecastConfig,
+    LogConfig,
+    MeasurementConfig,
+    RunConfig,
+)
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.observation import PathMean
+from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import finish, initial_state, interpret
@@ -35,7 +46,9 @@ from replay_kit.studies.twins.messages import Flight, measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, survey
 from replay_kit.workflows.replay.stages.consistency import MonitoringState, conclusions
 from replay_kit.workflows.replay.stages.counts import ProfileCounts
+from replay_kit.workflows.replay.stages.forecast_file import check_file
 from tests.benchmarks.fault_kinds import FAULTS, Fault, in_beams
+from tests.benchmarks.knowable import probability
 from tests.benchmarks.measure import Row, row
 from tests.places import DATA, SAMPLES
 
@@ -43,6 +56,17 @@ _SEEDS, _PINGS, _TINY_PINGS = 5, 250, 60
 #: What may come of a log with a fault: it is named, or the contradiction with the odds of its causes; a note says that it cannot be known;
 #: nothing; another cause.
 ENDS = ("named", "odds", "said", "silent", "wrong")
+#: How a run ended, the pings until the fault was named, and whether one who knew the errors would be sure of it.
+Run = tuple[str, int, bool]
+_SURE = 0.98
+# What is done to the currents of a forecast, and words of what is then found.
+_FILES: Mapping[str, tuple[Callable[[Array], Array], tuple[str, ...]]] = {
+    "as it is": (lambda u: u, ()),
+    "with u and v exchanged": (lambda u: u[:, ::-1], ("exchanged",)),
+    "negated": (lambda u: -u, ("both signs",)),
+    "in knots": (lambda u: 1.943844 * u, ("knots", "times too fast")),
+    "x 10": (lambda u: 10.0 * u, ("times too fast",)),
+}
 # The word of such a note, by the finding that is expected.
 _NOTES = {
     findings.COMPASS: "directions",
@@ -81,22 +105,27 @@ def rows(tiny: bool) -> list[Row]:
     """Return a row for each fault, and one for the sound runs."""
     began = time.process_time()
     seas = _seas(tiny)
-    runs: dict[str, list[tuple[str, int]]] = {}
+    runs: dict[str, list[Run]] = {}
+    of_files: dict[str, list[Run]] = {}
     alarms: list[str] = []
     counts = {"sound": 0, "unfit": 0, "mute": 0}
     for seed in range(1 if tiny else _SEEDS):
         for log in sound_logs(seas, seed, tiny):
-            events = list(_events(log))
-            for sea, (speeds, _) in seas.items():
+            events, own = list(_events(log)), ConsistencyState()
+            for sea, (speeds, _, estimators) in seas.items():
                 state, found, _ = _after(events, speeds, log.config)
                 counts["sound" if log.ensemble is speeds else "unfit"] += 1
                 alarms += [f"{log.name} with {sea}: {finding}" for finding in found]
+                if log.ensemble is speeds:
+                    own = state
+                    if log.vehicle == "glider" and "motion" not in log.name:
+                        _judge_files(of_files, estimators(), events)
             counts["mute"] += not state.can_tell_directions
             for fault in FAULTS:
                 if log.vehicle in fault.vehicles and (
                     not fault.heading or fault.heading in log.headings
                 ):
-                    runs.setdefault(fault.name, []).append(named(log, fault))
+                    runs.setdefault(fault.name, []).append(named(log, fault, own))
     found = [_row(fault, runs[fault.name]) for fault in FAULTS if fault.name in runs]
     total = {
         "runs": counts["sound"] + counts["unfit"],
@@ -104,33 +133,63 @@ def rows(tiny: bool) -> list[Row]:
         "false_alarms": len(alarms),
         "alarms": alarms,
     }
+    found += [_row(Fault(name, iter, (), (), 0), of_files[name]) for name in of_files]
     return [*found, row("sound logs", time.process_time() - began, **total)]
 
 
-def _row(fault: Fault, runs: list[tuple[str, int]]) -> Row:
-    hits = [pings for ended, pings in runs if ended == "named"]
+def _row(fault: Fault, runs: list[Run]) -> Row:
+    hits = [pings for ended, pings, _ in runs if ended == "named"]
     return row(
         fault.name,
         0.0,
         runs=len(runs),
-        **{ended: sum(one == ended for one, _ in runs) for ended in ENDS},
+        **{ended: sum(one == ended for one, *_ in runs) for ended in ENDS},
+        unknowable=sum(not sure for ended, _, sure in runs if ended != "named"),
         median_pings=median(hits) if hits else None,
         asked_pings=2 * fault.asked,
     )
 
 
-def named(log: Log, fault: Fault) -> tuple[str, int]:
-    """Return what came of a log with a fault, one of ``ENDS``, and the pings until it was named; 0 when it was not."""
+def _judge_files(
+    found: dict[str, list[Run]], estimators: Mapping[str, Any], events: Iterable[Event]
+) -> None:
+    """Add what the mean currents of a log say of the files of right and wrong forecasts."""
+    means = [event for event in events if isinstance(event, PathMean)]
+    for name, estimator in estimators.items():
+        finding, note = check_file(estimator, means)
+        if finding is None:
+            ended = "said" if note or not _FILES[name][1] else "silent"
+        else:
+            right = any(words in finding.evidence for words in _FILES[name][1])
+            ended = "named" if right else "wrong"
+        found.setdefault(f"forecast {name}", []).append((ended, 0, ended == "silent"))
+
+
+def named(log: Log, fault: Fault, sound: ConsistencyState) -> Run:
+    """Return what came of a log with a fault, one of ``ENDS``, and the pings until it was named; 0 when it was not.
+
+    Args:
+        log: The sound log.
+        fault: Is made in it.
+        sound: What is known after the log without the fault.
+    """
     state, found, notes = _after(_events(log, fault), log.ensemble, log.config, fault.expected)
     names = {finding.name for finding in found if finding.severity != "warning"}
     if set(fault.expected) & {finding.name for finding in found}:
-        return "named", max(1, state.pings)
+        return "named", max(1, state.pings), True
+    before, after = (list(each.instruments.values()) for each in (sound, state))
+    sure = any(
+        # of what no pairs tell nothing is known
+        not probability(one.sources, other.sources, fault.expected) < _SURE
+        for one, other in zip(before, after, strict=False)
+    )
     if findings.UNDECIDED in names:
-        return "odds", 0
+        return "odds", 0, sure
     if names:
-        return "wrong", 0
+        return "wrong", 0, sure
     words = [word for name, word in _NOTES.items() if name in fault.expected]
-    return "said" if any(word in note for word in words for note in notes) else "silent", 0
+    said = any(word in note for word in words for note in notes)
+    return "said" if said else "silent", 0, sure
 
 
 def _events(log: Log, fault: Fault | None = None) -> Iterator[Event]:
@@ -173,11 +232,11 @@ def _after(
     return state, *conclusions(whole, ProfileCounts(), RunConfig(measurements=config), skipped)
 
 
-Seas = Mapping[str, tuple[EnsembleSpeeds, str]]
+Seas = Mapping[str, tuple[EnsembleSpeeds, str, Callable[[], Mapping[str, Any]]]]
 
 
 def _seas(tiny: bool) -> Seas:
-    """Return the speeds of the ensembles, each with where its truths are."""
+    """Return the speeds of the ensembles, each with where its truths are and the estimators of its right and wrong files."""
     paths = {"sample": (SAMPLES / "ensemble.nc", str(SAMPLES / "truth.nc"))}
     if not tiny and DATA.exists():
         paths |= {
@@ -185,9 +244,20 @@ def _seas(tiny: bool) -> Seas:
             "qg": (DATA / "qg" / "climatology.nc", f"{DATA / 'qg' / 'climatology.nc'}#"),
             "qg-forecast": (DATA / "qg" / "forecast.nc", f"{DATA / 'qg' / 'forecast.nc'}#"),
         }
+    found = {}
+    for name, (path, spec) in paths.items():
+        ensemble = read_ensemble(path, ForecastConfig())
+        found[name] = _speeds(ensemble), spec, cache(partial(_estimators, ensemble))
+    return found
+
+
+def _estimators(ensemble: Ensemble) -> dict[str, Any]:
     return {
-        name: (_speeds(read_ensemble(path, ForecastConfig())), spec)
-        for name, (path, spec) in paths.items()
+        name: build_estimator(
+            replace(ensemble, velocity=np.ascontiguousarray(change(ensemble.velocity))),
+            EstimatorConfig(),
+        )
+        for name, (change, _) in _FILES.items()
     }
 
 
@@ -197,7 +267,7 @@ def _speeds(ensemble: Ensemble) -> EnsembleSpeeds:
 
 def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
     """Yield the sound logs of a seed; the real one comes once."""
-    for name, (speeds, spec) in seas.items():
+    for name, (speeds, spec, _) in seas.items():
         truth = read_truth(
             f"{spec}{7 + 4 * seed}" if spec.endswith("#") else spec, ForecastConfig()
         )

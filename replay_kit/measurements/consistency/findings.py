@@ -224,12 +224,12 @@ def ensemble_contradicts(evidence: str, time_ns: int = 0) -> Finding:
     )
 
 
-def forecast_fault(explanation: Explanation) -> Finding:
-    """Return the warning that a forecast looks as if its file were wrong; a forecast without skill may look so by chance."""
+def forecast_fault(faults: Sequence[str], gain: float, dives: int) -> Finding:
+    """Return the warning that a forecast looks as if its file were wrong, in one of some ways."""
     return Finding(
         FORECAST,
         0,
-        f"the forecast's means along the paths of dives, against the mean currents: {_names(explanation)} ({_strength(explanation)})",
+        f"by {dives} mean currents of dives the forecast's currents look {', or '.join(faults)} (likelihood ratio e^{gain:.0f})",
         "exchanged components, a sign or a unit in the forecast's file; or an eddy that is elsewhere than forecast",
         "check the names, signs and units of the forecast's velocities",
         "warning",

@@ -26,6 +26,7 @@ from replay_kit.workflows.replay.referee import name_of, rival_inputs
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stages.consistency import conclusions
+from replay_kit.workflows.replay.stages.forecast_file import check_file
 from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.replay.statistics import pooled
 from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
@@ -154,6 +155,7 @@ def _summary(
         session.statistics.profiles,
         session.config,
         session.statistics.messages.skipped,
+        check_file(session.built, session.monitoring.means),
     )
     summary: ReplaySummary = session.statistics.summary(reports)
     told = session.config.planner.depth

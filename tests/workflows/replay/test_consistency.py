@@ -26,7 +26,6 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.findings import CONTRADICTION, PLACES
 from replay_kit.measurements.consistency.monitor import ConsistencyState, Instrument
-from replay_kit.measurements.consistency.pairs import Pair, PairStatistics
 from replay_kit.measurements.vehicle.mean_current import TOO_FAST
 from replay_kit.results.outcome.from_run import failed, outcome_of
 from replay_kit.results.views.contents import Contents
@@ -469,26 +468,6 @@ def test_mean_currents_that_are_all_too_fast_are_named():
     found, _ = conclusions(MonitoringState(), ProfileCounts(), RunConfig(), skipped)
     assert [one.name for one in found] == [findings.SCALE]
     assert found[0].evidence.startswith("12 of 12 mean currents were skipped")
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda u: -u, "both signs wrong"),
-        (lambda u: u[:, ::-1], "east and north are exchanged"),
-        (lambda u: 10.0 * u, "several times too fast"),
-        (lambda u: u, None),
-    ],
-)
-def test_a_forecast_whose_file_is_wrong_is_a_warning_after_ten_dives(change, words):
-    rng = np.random.default_rng(0)
-    measured = 0.3 * rng.standard_normal((20, 2))
-    pairs = PairStatistics(2.0 * 0.1**2)
-    for a, b in zip(change(measured + 0.05 * rng.standard_normal((20, 2))), measured, strict=True):
-        pairs = pairs.with_pair(Pair(*a.tolist(), *b.tolist(), 0.5))
-    found, _ = conclusions(MonitoringState(forecast=pairs), ProfileCounts(), RunConfig())
-    assert [(one.name, one.severity) for one in found] == [(findings.FORECAST, "warning")] * bool(words)  # fmt: skip
-    assert words is None or words in found[0].evidence
 
 
 def test_what_would_tell_whether_directions_are_right_is_not_what_was_used():

@@ -4,8 +4,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
 from typing import Any
 
-import numpy as np
-
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError
 from replay_kit.core.frozen import replace
@@ -18,7 +16,6 @@ from replay_kit.measurements.consistency.monitor import (
     check,
     unknowable,
 )
-from replay_kit.measurements.consistency.pairs import Pair, PairStatistics
 from replay_kit.measurements.consistency.summary import (
     EnsembleSpeeds,
     PingSummary,
@@ -29,12 +26,11 @@ from replay_kit.measurements.consistency.tracks import LogTracks
 from replay_kit.measurements.vehicle.mean_current import TOO_FAST
 from replay_kit.workflows.replay.stages.counts import ProfileCounts
 from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, assimilate
+from replay_kit.workflows.replay.stages.forecast_file import FileCheck
 
 _UNDETERMINED = "nothing here can tell whether directions are right"
 # Observations before which nothing is said of the forecast.
 _LEAST_OBSERVATIONS = 3
-# m/s; of a forecast. Dives and hypotheses by which its file is judged.
-_FORECAST_STD, _LEAST_DIVES, _OF_FILE = 0.1, 8, ("turn", "mirror", "unit", "scale")
 # Rejected measurements of one source before which nothing is said.
 _LEAST_REJECTED = 5
 # Values of another source, and their normalised innovation squared, before they are said not to fit.
@@ -54,7 +50,6 @@ class MonitoringState:
         gated: Latest measurements that the gate rejected, before two sources were known to contradict each other.
         tracks: Positions, by the log that they are of.
         decisions: By kind of measurement, how many the gate was asked for, and how many it rejected.
-        forecast: Pairs of the prior forecast's mean along the path of a dive and its mean current.
     """
 
     checks: ConsistencyState = field(default_factory=ConsistencyState)
@@ -62,7 +57,6 @@ class MonitoringState:
     gated: tuple[Measurement, ...] = ()
     tracks: LogTracks = field(default_factory=LogTracks)
     decisions: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-    forecast: PairStatistics = field(default_factory=lambda: PairStatistics(2.0 * _FORECAST_STD**2))
 
     @property
     def explains_no_profile(self) -> bool:
@@ -129,7 +123,7 @@ def require_one_vehicle(state: MonitoringState, names: Sequence[str]) -> None:
 
 
 def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState:
-    """Return the state that remembers what the gate did in some steps, and the forecast's mean currents beside those measured."""
+    """Return the state that remembers what the gate did in some steps."""
     done = [
         (step.event, step.assimilation.innovation)
         for step in steps
@@ -139,22 +133,17 @@ def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState
         event for event, found in done if found.gate_statistic > found.gate and not found.accepted
     ]
     more = tuple(event for event in gated if isinstance(event, Measurement))
-    decisions, forecast = dict(state.decisions), state.forecast
+    decisions = dict(state.decisions)
     for event, found in done:
         if found.decision == "unusable":
             continue
         kind = kind_of(event) if isinstance(event, Measurement) else "profiles"
         asked, rejected = decisions.get(kind, (0, 0))
         decisions[kind] = asked + found.profiles, rejected + found.profiles * (not found.accepted)
-        if kind == "dac" and found.mean_current is not None and found.prior_innovation.size:
-            measured, predicted = found.mean_current, found.mean_current - found.prior_innovation[0]
-            if np.isfinite(predicted).all():
-                (east, north), (u, v) = predicted.tolist(), measured.tolist()
-                forecast = forecast.with_pair(Pair(east, north, u, v, 0.5, event.time_ns))
     if not done:
         return state
     gated_now = (state.gated + more)[-_MOST_GATED:] if more else state.gated
-    return replace(state, gated=gated_now, decisions=decisions, forecast=forecast)
+    return replace(state, gated=gated_now, decisions=decisions)
 
 
 def readmitted(
@@ -238,6 +227,7 @@ def conclusions(
     counts: ProfileCounts,
     config: RunConfig,
     skipped: Mapping[tuple[str, str], int] | None = None,
+    of_file: FileCheck = FileCheck(),  # noqa: B008 - a frozen value
 ) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
     """Return all findings of a run, and what its measurements cannot tell.
 
@@ -246,6 +236,7 @@ def conclusions(
         counts: Of its measurements.
         config: Its settings.
         skipped: Number of messages that were not used, by topic and reason.
+        of_file: What the mean currents say of the forecast's file.
     """
     if config.consistency.on_failure == "ignore":
         return (), ("no consistency check was made (consistency.on_failure)",)
@@ -256,10 +247,9 @@ def conclusions(
         found += (findings.too_fast(TOO_FAST, fast, fast + used),)
     if not found and (of_gate := _preferred(state)) is not None:
         found += (of_gate,)
-    of_file = None if found else state.forecast.explanation(_OF_FILE, _LEAST_DIVES)
-    # the mean of members that differ is slower than any of them
-    if of_file is not None and of_file.fault.scale >= 1.0:
-        found += (findings.forecast_fault(of_file),)
+    if not found:
+        found += () if of_file.finding is None else (of_file.finding,)
+        blind += [of_file.note] if of_file.note else []
     if not found:
         found += tuple(
             findings.source_misfit(kind, each.sums.nis_per_dof, each.sums.dof)

@@ -1,0 +1,96 @@
+"""Is a forecast's file wrong? The mean currents of dives under the prior, all together, as it is and with each fault of a file undone.
+
+The prior states the means p of the currents along the paths of dives and their joint covariance C, the dives their errors R. A file whose
+currents are M f in place of f gives a prior of means M p and covariance M C M', so that the densities N(M p, M C M' + R) of what was
+measured compare the faults. Dives in one eddy count once, as C says; a forecast without skill is explained by no fault, nor excluded.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import Finding
+from replay_kit.core.observation import PathMean
+from replay_kit.estimator.static.filter import ReducedBasisEstimator
+from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency.pairs import LEAST_GAIN
+from replay_kit.measurements.consistency.usual_faults import hypotheses
+
+# Dives before which nothing is said, and those that are compared at most, evenly spread.
+_LEAST_DIVES, _MOST_DIVES = 8, 40
+# Logarithm of the likelihood ratio of a fault below which it is excluded; faults whose gains differ by less are named together.
+_EXCLUDED, _ALIKE = -3.0, 3.0
+
+
+class FileCheck(NamedTuple):
+    """What the mean currents say of a forecast's file: a warning, or which faults they neither show nor exclude, as a sentence."""
+
+    finding: Finding | None = None
+    note: str = ""
+
+
+def check_file(estimator: Any, means: Iterable[PathMean]) -> FileCheck:
+    """Return what mean currents say of the file of a forecast.
+
+    Args:
+        estimator: Has the prior; nothing is said with one whose prior is not one Gaussian of weights.
+        means: Of dives, and others, which say nothing.
+    """
+    dives = [mean for mean in means if mean.kind == "dac"]
+    if not isinstance(estimator, ReducedBasisEstimator) or len(dives) < _LEAST_DIVES:
+        return FileCheck()
+    measured, predicted, covariance, variance = _under_prior(
+        estimator, dives[:: math.ceil(len(dives) / _MOST_DIVES)]
+    )
+    faults = {(each.kind, each.angle, each.scale): each for each in hypotheses() if _of_file(each)}
+    as_is, _ = _density(measured, predicted, covariance, variance)
+    gains = dict[str, float]()
+    for each in faults.values():
+        turn = np.kron(np.eye(len(measured) // 2), each.matrix)
+        density, misfit = _density(measured, turn @ predicted, turn @ covariance @ turn.T, variance)
+        # of a forecast that is too sure of itself all gains count for less
+        gain = (density - as_is) / max(1.0, misfit)
+        gains[each.name] = max(gain, gains.get(each.name, -math.inf))
+    best = max(gains.values())
+    likely = [name for name, gain in gains.items() if gain > best - _ALIKE]
+    if best >= LEAST_GAIN:
+        return FileCheck(findings.forecast_fault(likely, best, len(measured) // 2))
+    left = sorted(name for name, gain in gains.items() if gain > _EXCLUDED)
+    listed = ", ".join(f"{name} e^{gains[name]:.0f}" for name in left)
+    about = f"(likelihood ratios to none by {len(measured) // 2} mean currents: {listed})"
+    return FileCheck(
+        note=f"cannot be known here: some faults of the forecast's file {about}" if left else ""
+    )
+
+
+def _of_file(fault: Any) -> bool:
+    """Return whether a file may have a fault: exchanged components, a sign, or a unit that makes its currents too fast."""
+    return fault.is_slip or (fault.kind in ("unit", "scale") and fault.scale > 1.0)
+
+
+def _under_prior(
+    estimator: ReducedBasisEstimator, dives: Sequence[PathMean]
+) -> tuple[Array, Array, Array, Array]:
+    """Return measured and predicted currents, shape (2 k,) [m/s], the covariance of the latter, and the variances of the former."""
+    rows = [estimator.rows(mean, np.zeros(1, np.intp)) for mean in dives]
+    error = np.repeat([float(one.noise.std[0]) for one in rows], 2)
+    design = np.concatenate([one.design() for one in rows]) * error[:, None]
+    weights = estimator.prior_weights
+    by_level = design.reshape(len(design), *weights.shape)
+    covariance = design @ estimator.prior.matvec(by_level).reshape(design.shape).T
+    innovation = np.concatenate([one.values.ravel() for one in rows]) - design @ weights.ravel()
+    measured = np.concatenate([mean.used for mean in dives])
+    return measured, measured - innovation, covariance, error**2
+
+
+def _density(
+    measured: Array, predicted: Array, covariance: Array, variance: Array
+) -> tuple[float, float]:
+    """Return the logarithm of a density, without the constant of 2 pi, and the normalised innovation squared per value."""
+    lower = np.linalg.cholesky(covariance + np.diag(variance))
+    nis = float(np.sum(solve_triangular(lower, measured - predicted, lower=True) ** 2))
+    return -0.5 * nis - float(np.log(np.diag(lower)).sum()), nis / len(measured)

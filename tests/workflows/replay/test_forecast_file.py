@@ -1,0 +1,71 @@
+"""Faults of a forecast's file, by the mean currents of dives under the prior."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.observation import PathMean, Source
+from replay_kit.estimator import build_estimator
+from replay_kit.workflows.replay.stages.forecast_file import _density, _under_prior, check_file
+from tests import synthetic
+
+SEA = synthetic.ensemble(n_members=8, shape=(6, 7))
+NO_SKILL = replace(SEA, velocity=SEA.velocity[1:])
+# members that agree with the first one, as those of a forecast with skill
+SKILLED = replace(NO_SKILL, velocity=SEA.velocity[:1] + 0.2 * NO_SKILL.velocity)
+CONFIG = EstimatorConfig(modes=12)
+
+
+def dives(count=12):
+    """Mean currents that the first member would give."""
+    grid, rng, found = SEA.grid, np.random.default_rng(1), []
+    for number in range(count):
+        j, i = (int(rng.integers(1, size - 2)) for size in grid.east.shape)
+        places = grid.east[j, i : i + 2], grid.north[j, i : i + 2]
+        longitude, latitude = to_geographic(grid.projection, *places)
+        velocity = SEA.velocity[0, :, 1, j, i : i + 2].mean(axis=1)
+        times, depth = np.array([0, 1]), np.full(2, grid.levels[1])
+        path = times, longitude, latitude, depth, np.full(2, 0.5)
+        source = Source(0, "/dac", number, number)
+        found.append(PathMean(number, *path, tuple(velocity.tolist()), 0.02, "dac", number, source))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda u: -u, "both signs wrong"),
+        (lambda u: 10.0 * u, "several times too fast"),
+        (lambda u: u, None),
+    ],
+)
+def test_a_file_with_skill_is_warned_of_when_it_is_wrong(change, words):
+    wrong = replace(SKILLED, velocity=np.ascontiguousarray(change(SKILLED.velocity)))
+    found = check_file(build_estimator(wrong, CONFIG), dives())
+    assert (found.finding is not None) == bool(words)
+    assert words is None or words in found.finding.evidence
+    assert words is None or found.finding.severity == "warning"
+
+
+def test_what_a_file_without_skill_may_be_is_said_and_not_warned_of():
+    found = check_file(build_estimator(NO_SKILL, CONFIG), dives())
+    assert found.finding is None
+    assert found.note.startswith("cannot be known here: some faults of the forecast's file")
+    assert "12 mean currents" in found.note
+
+
+def test_few_dives_and_other_priors_say_nothing():
+    assert check_file(build_estimator(SKILLED, CONFIG), dives(7)) == (None, "")
+    assert check_file(object(), dives()) == (None, "")
+
+
+def test_the_density_is_that_of_the_filter_one_by_one():
+    estimator, means = build_estimator(SKILLED, CONFIG), dives()
+    state, log = estimator.initial(), 0.0
+    for mean in means:
+        state, innovation = estimator.step(state, mean)
+        log += innovation.log_likelihood
+    assert _density(*_under_prior(estimator, means))[0] == pytest.approx(log, rel=1e-6)
