@@ -125,6 +125,7 @@ class RawValues:
         along_beams: Whether the velocities were along beams.
         depth: Of the transducer, by the ping's own pressure [m]; NaN where it states none.
         error_velocity: Mean over the profile of what no velocity explains in the beams [m/s]; NaN where it is not known.
+        heading: Of the instrument, clockwise from true or magnetic north [degrees]; NaN where it is not stated.
     """
 
     kind: Literal["varied", "constant", "zero"] = "varied"
@@ -133,6 +134,7 @@ class RawValues:
     along_beams: bool = False
     depth: float = math.nan
     error_velocity: float = math.nan
+    heading: float = math.nan
 
 
 #: Of a ping that has too few of them.

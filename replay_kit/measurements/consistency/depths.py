@@ -22,16 +22,16 @@ from replay_kit.core.errors import Finding
 from replay_kit.measurements.consistency import findings
 
 # s between depths that are remembered, and their number: of the vehicle for a day, of the instrument for four hours at least
-_SPACING, _MOST_OF_VEHICLE, _MOST_OF_PINGS = 60.0, 1500, 256
+SPACING, _MOST_OF_VEHICLE, _MOST_OF_PINGS = 60.0, 1500, 256
 # Pings before which nothing is said, and after how many more of the first ones it is asked again.
-_LEAST_PINGS, _EVERY = 12, 8
+LEAST_PINGS, _EVERY = 12, 8
 # m; changes of one depth that show that the vehicle dives, and those of a sensor that is stuck; error of two sound sensors
 _DIVES, _STUCK, _ERROR = 20.0, 1.0, 0.5
 # s; positions farther apart say nothing of the depth between them
-_LONGEST = 1800.0
+LONGEST = 1800.0
 # Log-likelihood ratio from which a fault is named, factor by which it reduces the squares, pings that count at most, and by how many
 # standard errors and seconds a lag must differ from none.
-_LEAST_GAIN, _LEAST_RATIO, _MOST_COUNTED, _SIGMAS, _LEAST_LAG = 9.0, 4.0, 32.0, 4.0, 10.0
+LEAST_GAIN, _LEAST_RATIO, MOST_COUNTED, _SIGMAS, _LEAST_LAG = 9.0, 4.0, 32.0, 4.0, 10.0
 # s; lags that are tried
 _STEP = 60.0
 _LAGS = np.arange(-46_800.0, 46_801.0, _STEP)
@@ -71,7 +71,7 @@ class DepthRecord:
         last = self.depths[-1] if self.depths else None
         if not math.isfinite(depth.depth) or (
             last is not None
-            and depth.time_ns - last.time_ns < _SPACING * 1e9
+            and depth.time_ns - last.time_ns < SPACING * 1e9
             and (depth.time_ns <= last.time_ns or depth.under_water == last.under_water)
         ):
             return self
@@ -85,7 +85,7 @@ class DepthRecord:
     def is_due(self) -> bool:
         """Whether the depths of an instrument are to be compared now: not after every ping."""
         each = _EVERY if self.number <= 8 * _EVERY else 4 * _EVERY
-        return self.number >= _LEAST_PINGS and self.number % each == 0
+        return self.number >= LEAST_PINGS and self.number % each == 0
 
     @property
     def arrays(self) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -96,7 +96,7 @@ class DepthRecord:
 
 def can_compare(own: DepthRecord, vehicle: DepthRecord) -> bool:
     """Return whether a log has both depths, and one of them changes by as much as a dive."""
-    if len(vehicle.depths) < _LEAST_PINGS or len(own.depths) < _LEAST_PINGS:
+    if len(vehicle.depths) < LEAST_PINGS or len(own.depths) < LEAST_PINGS:
         return False
     return max(float(np.ptp(each.arrays[1])) for each in (own, vehicle)) >= _DIVES
 
@@ -130,12 +130,12 @@ def _stuck(own: DepthRecord, vehicle: DepthRecord, topic: str) -> Finding | None
         (f"the depth of the pings of {topic}", t, p, times[known], depths[known]),
         ("the depth of the vehicle", times[known], depths[known], t, p),
     ):
-        if len(values) < _LEAST_PINGS:
+        if len(values) < LEAST_PINGS:
             continue
         moved = np.flatnonzero(np.abs(values - values[-1]) > _STUCK)
         begin = int(moved[-1]) + 1 if moved.size else 0
         during = others[(others_at >= at[begin]) & (others_at <= at[-1])]
-        if len(values) - begin >= _LEAST_PINGS and during.size > 1 and np.ptp(during) > _DIVES:
+        if len(values) - begin >= LEAST_PINGS and during.size > 1 and np.ptp(during) > _DIVES:
             return Finding(
                 findings.DEPTHS,
                 int(at[begin] * 1e9),
@@ -161,19 +161,39 @@ def _wrong(own: DepthRecord, vehicle: DepthRecord, topic: str) -> Finding | None
             best = gain, unit[0], f"{words} ({none[1]:.0f} pings, likelihood ratio e^{gain:.0f})", cause  # fmt: skip
     lag, late = _best_lag(t, p, times, depths)
     if late is not None and (gain := _gain(none, late)) > best[0]:
-        words = f"{topic}: the depths of the pings are those of the vehicle {_duration(abs(lag))} {'earlier' if lag > 0.0 else 'later'}"
-        more = "; dives that are alike leave other lags possible, by whole dives"
-        best = gain, late[0], f"{words} ({late[1]:.0f} pings, likelihood ratio e^{gain:.0f}{more})", ""  # fmt: skip
+        best = gain, late[0], "", ""
     gain, left, evidence, cause = best
-    if gain < _LEAST_GAIN or none[0] < _LEAST_RATIO * left:
+    if gain < LEAST_GAIN or none[0] < _LEAST_RATIO * left:
         return None
     if cause:
         advice = "correct the pressure of the pings, or the depth of the vehicle; profiles are placed by the pings' pressure"
         return Finding(findings.DEPTHS, int(t[-1] * 1e9), evidence, cause, advice)
-    which = "late" if lag < 0.0 else "ahead"
-    cause = f"the clock of the instrument is {_duration(abs(lag))} {which}, or that of the vehicle the other way"
-    advice = "correct the clock of one log; --clock chooses among the times that a log states"
-    return Finding(findings.CLOCK, int(t[-1] * 1e9), evidence, cause, advice)
+    assert late is not None, "nothing else has no cause"
+    return late_clock(f"{topic}: the depths of the pings", int(t[-1] * 1e9), lag, late[1], gain)
+
+
+def late_clock(what: str, time_ns: int, lag: float, pings: float, gain: float) -> Finding:
+    """Return the finding of an instrument whose depths or headings are those of the vehicle some time before.
+
+    Args:
+        what: Of the pings.
+        time_ns: Of the last one.
+        lag: By how much the clock is ahead [s].
+        pings: Their number.
+        gain: Log-likelihood ratio.
+    """
+    apart, more = (
+        _duration(abs(lag)),
+        "; a vehicle that does alike again leaves other lags possible",
+    )
+    return Finding(
+        findings.CLOCK,
+        time_ns,
+        f"{what} are those of the vehicle {apart} {'earlier' if lag > 0.0 else 'later'} "
+        f"({pings:.0f} pings, likelihood ratio e^{gain:.0f}{more})",
+        f"the clock of the instrument is {apart} {'late' if lag < 0.0 else 'ahead'}, or that of the vehicle the other way",
+        "correct the clock of one log; --clock chooses among the times that a log states",
+    )
 
 
 def _duration(seconds: float) -> str:
@@ -186,7 +206,7 @@ def _depth_at(t: Array, times: Array, depths: Array) -> Array:
     rate = np.diff(depths) / np.maximum(np.diff(times), 1e-3)
     leg, others = rate[after - 1], (rate[np.maximum(after - 2, 0)], rate[np.minimum(after, len(rate) - 1)])  # fmt: skip
     turns = np.maximum(*(np.abs(leg - other) for other in others)) > 0.3 * np.abs(leg) + 0.01
-    far = times[after] - times[after - 1] > _LONGEST
+    far = times[after] - times[after - 1] > LONGEST
     outside = (t < times[0]) | (t > times[-1])
     return np.where(turns | far | outside, np.nan, np.interp(t, times, depths))
 
@@ -194,14 +214,14 @@ def _depth_at(t: Array, times: Array, depths: Array) -> Array:
 def _misfit(p: Array, d: Array) -> tuple[float, float] | None:
     """Return the sum of squares of p - d less its mean offset, and the number of depths compared; None with too few."""
     left = (p - d)[np.isfinite(d)]
-    if left.size < _LEAST_PINGS or np.ptp(d[np.isfinite(d)]) < 1.0:
+    if left.size < LEAST_PINGS or np.ptp(d[np.isfinite(d)]) < 1.0:
         return None
     return float(np.sum((left - np.median(left)) ** 2)), float(left.size)
 
 
 def _gain(none: tuple[float, float], other: tuple[float, float], log_scale: float = 0.0) -> float:
     """Return the log-likelihood ratio of misfits; the numbers of depths may differ."""
-    n = min(none[1], other[1], 2.0 * _MOST_COUNTED) / 2.0
+    n = min(none[1], other[1], 2.0 * MOST_COUNTED) / 2.0
     ratio = (none[0] / none[1] + _ERROR**2) / (other[0] / other[1] + _ERROR**2)
     return 0.5 * n * math.log(ratio) - n * log_scale
 
@@ -237,7 +257,7 @@ def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, f
     d, later = _depth_at(t, times, depths), _depth_at(t + 1.0, times, depths)
     known = np.isfinite(d) & np.isfinite(later)
     slope, left = (later - d)[known], (p - d)[known]
-    if known.sum() < _LEAST_PINGS:
+    if known.sum() < LEAST_PINGS:
         return 0.0, math.inf
     slope, left = slope - slope.mean(), left - left.mean()
     if (squares := float(slope @ slope)) == 0.0:

@@ -13,7 +13,7 @@ import numpy as np
 from replay_kit.core.errors import Finding
 from replay_kit.core.frozen import replace
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
-from replay_kit.measurements.consistency import checks, findings
+from replay_kit.measurements.consistency import checks, findings, headings
 from replay_kit.measurements.consistency.causes import (
     LEAST_DIVES,
     LEAST_MEANS,
@@ -25,8 +25,14 @@ from replay_kit.measurements.consistency.causes import (
 from replay_kit.measurements.consistency.depths import (
     Depth,
     DepthRecord,
+    can_compare,
     found_of_depths,
     least_lag,
+)
+from replay_kit.measurements.consistency.headings import (
+    Positions,
+    found_of_headings,
+    with_position,
 )
 from replay_kit.measurements.consistency.instrument import Beams
 from replay_kit.measurements.consistency.raw import RawHistory
@@ -52,6 +58,7 @@ class Instrument:
         sources: Of its profiles and other measurements of the current.
         pings: What each check of pings remembers.
         depths: By its pressure.
+        headings: Headings [degrees] in place of depths.
         is_believed: Whether its profiles are used.
         named: Names of what was found.
     """
@@ -62,6 +69,7 @@ class Instrument:
         default_factory=lambda: (*checks.PING_CHECKS, *checks.added_checks(of_positions=False))
     )
     depths: DepthRecord = field(default_factory=DepthRecord)
+    headings: DepthRecord = field(default_factory=DepthRecord)
     is_believed: bool = True
     named: frozenset[str] = frozenset()
 
@@ -74,6 +82,7 @@ class ConsistencyState:
         instruments: By topic.
         positions: What each check of positions remembers.
         depths: Of the vehicle, at its positions.
+        places: Its latest positions.
         named: Names of what was found of the positions.
         equal_means: The last mean current of a dive, and since when and how often it has come without another between.
         pings: Pings judged.
@@ -86,6 +95,7 @@ class ConsistencyState:
         default_factory=lambda: (*checks.POSITION_CHECKS, *checks.added_checks(of_positions=True))
     )
     depths: DepthRecord = field(default_factory=DepthRecord)
+    places: Positions = ()
     named: frozenset[str] = frozenset()
     equal_means: tuple[tuple[float, float], int, int] = ((math.nan, math.nan), 0, 0)
     pings: int = 0
@@ -137,10 +147,17 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
                 f"some faults of the profiles (likelihood ratios to none by {max(len(each.pairs) for each in compared)} mean currents or "
                 f"drifts: {listed}; more of them, or other currents, would tell)"
             )
-    lag = min(least_lag(instrument.depths, state.depths) for instrument in instruments)
+    lag = min(
+        min(
+            least_lag(instrument.depths, state.depths),
+            headings.least_lag(instrument.headings, state.places),
+        )
+        for instrument in instruments
+    )
     if lag == math.inf:
         found.append(
-            "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell)"
+            "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell; "
+            "headings beside a way with turns, the clock)"
         )
     elif lag > _LEAST_LAG:
         found.append(f"a lag of the instrument's clock below {lag:.0f} s")
@@ -218,12 +235,14 @@ def _after_position(state: ConsistencyState, vehicle: VehicleState) -> Consisten
     positions = tuple(each.after(vehicle) for each in state.positions)
     found = _new((each.found(vehicle, state.named) for each in positions), state.named)
     depths = state.depths.after(Depth(vehicle.time_ns, vehicle.depth, vehicle.dead_reckoned))
+    places = with_position(state.places, vehicle)
     if not found:
-        return replace(state, positions=positions, depths=depths)
+        return replace(state, positions=positions, depths=depths, places=places)
     return replace(
         state,
         positions=positions,
         depths=depths,
+        places=places,
         named=state.named | {each.name for each in found},
         findings=state.findings + found,
     )
@@ -250,10 +269,9 @@ def _after_ping(
     else:
         before, instrument = instrument, _measured(instrument, raw, ping, summary)
         found += _of_ping(instrument, before.sources, ping)
-        is_due = instrument.depths is not before.depths and instrument.depths.is_due
-        if is_due and not instrument.named & _OF_DEPTHS:
-            of_depths = found_of_depths(instrument.depths, state.depths, topic)
-            found += [] if of_depths is None else [of_depths]
+        if not instrument.named & _OF_DEPTHS:
+            late = _of_sensors(instrument, before, state, topic)
+            found += [] if late is None else [late]
     if found:
         named = frozenset(finding.name for finding in found)
         distrusted = any(finding.distrusts for finding in found)
@@ -276,6 +294,22 @@ def _after_ping(
     return state, unused(ping, reason) if reason else ping
 
 
+def _of_sensors(
+    instrument: Instrument, before: Instrument, state: ConsistencyState, topic: str
+) -> Finding | None:
+    """Return what a ping's depth established, or of a vehicle that does not dive its heading, beside the vehicle's own."""
+    if instrument.depths is not before.depths and instrument.depths.is_due:
+        found = found_of_depths(instrument.depths, state.depths, topic)
+        if found is not None:
+            return found
+    headings = instrument.headings
+    if headings is before.headings or not headings.is_due:
+        return None
+    if can_compare(instrument.depths, state.depths):
+        return None
+    return found_of_headings(headings, state.places, topic)
+
+
 def _measured(
     instrument: Instrument, raw: RawHistory, ping: Observation, summary: PingSummary
 ) -> Instrument:
@@ -285,7 +319,10 @@ def _measured(
     )
     after = tuple(each.after(ping, summary) for each in instrument.pings)
     depths = instrument.depths.after_ping(ping.time_ns, ping.raw.depth)
-    return Instrument(raw, sources, after, depths, instrument.is_believed, instrument.named)
+    headings = instrument.headings.after_ping(ping.time_ns, ping.raw.heading)
+    return replace(
+        instrument, raw=raw, sources=sources, pings=after, depths=depths, headings=headings
+    )
 
 
 def _of_ping(instrument: Instrument, before: SourceStatistics, ping: Observation) -> list[Finding]:

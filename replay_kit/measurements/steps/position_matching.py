@@ -260,16 +260,18 @@ def observed(
 
 
 def _with_sensors(raw: RawValues, ping: AdcpPing, top: float) -> RawValues:
-    """Return what is remembered of a ping with its own depth, where it has a pressure, and its mean error velocity, of solved beams."""
-    error = ping.quality.error_velocity
-    solved = ping.measured_system == "beam" and not isinstance(error, str)
-    if not solved and not math.isfinite(ping.pressure):
+    """Return what is remembered of a ping with its heading, its depth by its pressure, and its mean error velocity, of solved beams."""
+    error, known = ping.quality.error_velocity, np.empty(0)
+    if ping.measured_system == "beam" and not isinstance(error, str):
+        known = error[np.isfinite(error)]
+    depth = top if math.isfinite(ping.pressure) else math.nan
+    if not (known.size or math.isfinite(depth) or math.isfinite(ping.attitude.heading)):
         return raw
-    known = error[np.isfinite(error)] if solved and not isinstance(error, str) else np.empty(0)
     return replace(
         raw,
-        depth=top if math.isfinite(ping.pressure) else math.nan,
+        depth=depth,
         error_velocity=float(known.mean()) if known.size else math.nan,
+        heading=ping.attitude.heading,
     )
 
 
