@@ -162,14 +162,6 @@ class QualityConfig(Section):
         default="suspect",
         description="Treatment of pings above measurements.surface_depth from a vehicle that dives.",
     )
-    leg: float = Field(
-        default=10.0,
-        gt=0.0,
-        description="Change of depth that makes a turn, and least length of a leg [m].",
-    )
-    gap: float = Field(
-        default=3600.0, gt=0.0, description="Longest time without a depth within a leg [s]."
-    )
 
     @model_validator(mode="after")
     def _suspect_comes_first(self) -> Self:

@@ -10,7 +10,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.measurements.section.hydrography import Profile
-from replay_kit.measurements.vehicle.dives import segments
+from replay_kit.measurements.vehicle.dives import legs_of
 
 # m; layers over which samples are averaged, and a shorter leg is no profile
 _LAYER, _LEG = 4.0, 40.0
@@ -91,7 +91,7 @@ class Cast:
             )
         salinity = np.where(np.isfinite(salinity), salinity, computed)
         time_ns = self.first_ns + (time * 1e9).astype(np.int64)
-        of_legs = segments(time_ns, depth, surface_depth, _LEG, _GAP).profile
+        of_legs = legs_of(time_ns, depth, surface_depth, _LEG, _GAP)
         table = (longitude, latitude, depth, temperature, salinity)
         return [
             Profile(time_ns[at], *(values[at] for values in table))

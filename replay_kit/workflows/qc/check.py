@@ -1,4 +1,4 @@
-"""Quality control of a mission's logs: the results of each test, the pings that lose every bin, and the dives."""
+"""Quality control of a mission's logs: the results of each test, and the pings that lose every bin."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -10,29 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import LogReport
 from replay_kit.core.observation import Flag, Observation, Reason, usable
 from replay_kit.logs import merge
 from replay_kit.measurements import (
     NOT_A_KIND,
-    MeasurementState,
     Skipped,
     Used,
     finish,
     initial_state,
     interpret,
 )
-from replay_kit.measurements.messages.fields import number
-from replay_kit.measurements.messages.profiles import PING_SCHEMA
 from replay_kit.measurements.quality.tests import Check
-from replay_kit.measurements.vehicle.dives import Segments, depth_of_pressure, segments
 from replay_kit.workflows.info.inspect import by_topic
 from replay_kit.workflows.replay.inputs.scan import open_readers
 
-# a depth that stays the same is sampled again after a minute
-_REPEATED_NS = 60 * 10**9
 _NO_NUMBER = "no number in the bin"
 
 
@@ -120,9 +113,6 @@ class QualityReport:
         settings: The thresholds.
         topics: By name.
         not_used: Topic to reason to count, of messages that give no profile.
-        track: The dives, yos and profiles of the vehicle's depths.
-        time_ns: shape (n,) [ns, UTC], of the depths.
-        depth: shape (n,) [m], the vehicle's.
         late: Number of messages left out because they came later than the reorder window allows.
     """
 
@@ -130,9 +120,6 @@ class QualityReport:
     settings: MeasurementConfig
     topics: Mapping[str, TopicQuality]
     not_used: Mapping[str, Mapping[str, int]]
-    track: Segments
-    time_ns: NDArray[np.int64]
-    depth: Array
     late: int
 
     @property
@@ -160,7 +147,6 @@ def check_quality(
     topics: dict[str, TopicQuality] = {}
     lost: dict[str, list[LostPing]] = defaultdict(list)
     not_used: Counter[tuple[str, str]] = Counter()
-    samples: list[tuple[int, float]] = []
     state = initial_state(config.logs.system)
 
     def count(events: Sequence[object]) -> None:
@@ -174,14 +160,6 @@ def check_quality(
 
     for message in merged:
         state, events = interpret(state, message, settings)
-        depth = _depth(message, state)
-        # many messages come between two depths
-        if np.isfinite(depth) and (
-            not samples
-            or depth != samples[-1][1]
-            or message.time_ns - samples[-1][0] >= _REPEATED_NS
-        ):
-            samples.append((message.time_ns, depth))
         count(events)
         if on_message is not None:
             on_message(message.time_ns)
@@ -190,13 +168,6 @@ def check_quality(
         raise MeasurementError(
             _nothing(logs, [reader.report() for reader in readers], by_topic(not_used))
         )
-    time_ns, depths = (
-        np.array([time for time, _ in samples], np.int64),
-        np.array([depth for _, depth in samples]),
-    )
-    track = segments(
-        time_ns, depths, settings.surface_depth, settings.quality.leg, settings.quality.gap
-    )
     quality = {topic: replace(topics[topic], lost=tuple(lost[topic])) for topic in sorted(topics)}
     reports = tuple(reader.report() for reader in readers)
     return QualityReport(
@@ -204,18 +175,8 @@ def check_quality(
         settings,
         quality,
         by_topic(not_used),
-        track,
-        time_ns,
-        depths,
         sum(merged.late.values()),
     )
-
-
-def _depth(message: Message, state: MeasurementState) -> float:
-    """Return the depth after a message [m]: the vehicle's, or that of the ping's own pressure where a log states nothing else."""
-    if np.isfinite(state.depth) or message.schema != PING_SCHEMA:
-        return state.depth
-    return depth_of_pressure(number(message.payload.get("pressure")), state.latitude)
 
 
 def _tested(events: Sequence[object]) -> Iterator[tuple[Sequence[Check], Observation]]:

@@ -3,24 +3,16 @@
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.measurements.vehicle.dives import SegmentClass
 from replay_kit.results.losses import coded, loss_json, loss_lines
 from replay_kit.show.text import iso, not_used_lines, print_lines, print_table
 from replay_kit.workflows.qc.check import QualityReport, TestCount, TopicQuality
 
 # of a topic, printed; JSON has all
 _LOST_SHOWN = 5
-_WHAT = {
-    SegmentClass.SURFACE: "at the surface",
-    SegmentClass.NO_DEPTH: "without a depth",
-    SegmentClass.TIME_BACK: "not later than the one before",
-    SegmentClass.UNDETERMINED: "in an undetermined leg",
-}
 
 
 def limits_of(test: str, settings: MeasurementConfig) -> tuple[str, str]:
@@ -56,7 +48,6 @@ def quality_json(report: QualityReport) -> dict[str, Any]:
             _topic_json(name, topic, report.settings) for name, topic in report.topics.items()
         ],
         "not_used": {topic: coded(reasons) for topic, reasons in report.not_used.items()},
-        "track": _track_json(report),
         "late": report.late,
         "losses": [
             {"file": log.path, **loss_json(loss)} for log in report.logs for loss in log.losses
@@ -97,56 +88,10 @@ def _test_json(test: str, count: TestCount, settings: MeasurementConfig) -> dict
     }
 
 
-def _track_json(report: QualityReport) -> dict[str, Any]:
-    track, legs = report.track, []
-    # the samples of a leg are consecutive
-    numbers, first = np.unique(track.profile, return_index=True)
-    for number, begin in zip(numbers.tolist(), first.tolist(), strict=True):
-        if number:
-            end = int(np.flatnonzero(track.profile == number)[-1])
-            legs.append(
-                {
-                    "profile": number,
-                    "dive": int(track.dive[begin]),
-                    "yo": int(track.yo[begin]),
-                    "profile_direction": int(track.direction[begin]),
-                    "start": iso(int(report.time_ns[begin])),
-                    "end": iso(int(report.time_ns[end])),
-                    "depths": [float(report.depth[begin]), float(report.depth[end])],
-                }
-            )
-    return {
-        "depths": len(report.depth),
-        **_numbers(report),
-        "profiles": legs,
-        "apogees": [
-            {"time": iso(int(report.time_ns[k])), "depth": float(report.depth[k])}
-            for k in track.apogees
-        ],
-        "surfacings": [iso(int(report.time_ns[k])) for k in track.surfacings],
-        "in_no_profile": {what.name.lower(): track.count(what) for what in _WHAT},
-    }
-
-
-def _numbers(report: QualityReport) -> dict[str, int]:
-    track = report.track
-    return {
-        "dives": int(track.dive.max(initial=0)),
-        "yos": int(track.yo.max(initial=0)),
-        "legs": int(track.profile.max(initial=0)),
-    }
-
-
 def print_quality(report: QualityReport, console: Console) -> None:
-    """Print a table for each topic, then the track, messages not used and losses."""
+    """Print a table for each topic, then messages not used and losses."""
     for name, topic in report.topics.items():
         _print_topic(name, topic, report.settings, console)
-    track, numbers = report.track, _numbers(report)
-    console.print(
-        f"Track: {numbers['dives']} dives, {numbers['yos']} yos, {numbers['legs']} profiles, {len(track.surfacings)} surfacings "
-        f"in {len(report.depth)} depths; in no profile: {_counts({words: track.count(what) for what, words in _WHAT.items()})}",
-        soft_wrap=True,
-    )
     print_lines(console, not_used_lines(report.not_used))
     for log in report.logs:
         print_lines(console, loss_lines(log))

@@ -2,7 +2,6 @@
 
 import json
 
-import gsw
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -97,41 +96,6 @@ def test_the_configuration_moves_the_limits(log, tmp_path):
     (topic,) = json.loads(said.stdout)["topics"]
     assert topic["bins"]["fail"] == 0
     assert topic["pings_lost"] == []
-
-
-def test_a_dive_is_told(tmp_path):
-    depths = [0.0, 20.0, 60.0, 100.0, 60.0, 20.0, 0.0, 0.0]
-    messages = [
-        m
-        for k, depth in enumerate(depths)
-        for m in (fix(60 * k, depth=depth), ping(60 * k, **{**CELLS, "pressure": None}))
-    ]
-    (tmp_path / "glider.mcap").write_bytes(
-        json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages])
-    )
-    _, said = run_qc(tmp_path / "glider.mcap", "--json", "-")
-    track = json.loads(said.stdout)["track"]
-    assert (track["dives"], track["yos"], track["legs"]) == (1, 1, 2)
-    assert [leg["profile_direction"] for leg in track["profiles"]] == [1, -1]
-    assert track["profiles"][0]["depths"] == [20.0, 100.0]
-    assert track["apogees"] == [{"time": "1970-01-01T00:03:00Z", "depth": 100.0}]
-    assert track["surfacings"] == ["1970-01-01T00:06:00Z"]
-    assert "Track: 1 dives, 1 yos, 2 profiles, 1 surfacings" in said.stderr
-
-
-def test_a_pressure_is_shown_as_a_depth(tmp_path):
-    messages = [
-        fix(0),
-        *(
-            ping(60 * k, **{**CELLS, "pressure": p})
-            for k, p in enumerate([0.0, 500.0, 1000.0, 500.0, 0.0])
-        ),
-    ]
-    (tmp_path / "glider.mcap").write_bytes(
-        json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages])
-    )
-    deepest = float(check_quality([tmp_path / "glider.mcap"], RunConfig()).depth.max())
-    assert deepest == pytest.approx(-gsw.z_from_p(1000.0, -40.0), rel=1e-12)
 
 
 def test_a_log_without_pings_is_unusable_and_says_what_it_has(tmp_path):
