@@ -1,4 +1,4 @@
-"""``python -m tests.fuzz``: every sample and conformance log damaged in many ways.
+"""``python -m tests.fuzz``: every sample and conformance log damaged in many ways; with ``--count`` small files of every format.
 
 ``... atheris NAME``: guided; ``... kill [KIND]``: signals; ``... hostile [WORDS]``: inputs made to take time or memory;
 ``... own [KINDS]``: the files of this program.
@@ -25,7 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "name", nargs="?", help="the parser, for atheris; words in the names of hostile inputs"
     )
-    parser.add_argument("--places", type=int, default=64, help="cuts, and flips, of each log")
+    parser.add_argument("--places", type=int, default=128, help="damages of each log")
     parser.add_argument("--seconds", type=int, default=600, help="how long atheris runs")
     parser.add_argument(
         "--count",
@@ -52,21 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
         from tests.fuzz.own import run_all as run_own
 
         return run_own(options.count or 2000, options.seed, tuple((options.name or "").split()))
-    if options.count:
-        return _sweep(options.count, options.seed)
-    from tests.fuzz import damage, damage_vehicle
-
-    begin, bad, count = time.perf_counter(), 0, 0
-    for kind in (damage, damage_vehicle):
-        for file in kind.logs():
-            wrong = kind.damage(file, options.places)
-            bad, count = bad + bool(wrong), count + 1
-            print("".join(f"{file}: {words}\n" for words in wrong), end="")
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    print(
-        f"{count} logs, {options.places} cuts and flips each, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad} bad"
-    )
-    return bad + (peak > _MOST_MB)
+    return _sweep(options.count, options.seed, options.places)
 
 
 def _kill(count: int, seed: int, name: str | None) -> int:
@@ -88,22 +74,30 @@ def _kill(count: int, seed: int, name: str | None) -> int:
     return wrong
 
 
-def _sweep(count: int, seed: int) -> int:
-    """Damage logs of all formats at random, print what is wrong, and return the number of damages with something wrong."""
-    from tests.fuzz.subjects import sweep
+def _sweep(count: int, seed: int, of_each: int) -> int:
+    """Damage small logs of all formats, or without a count each log of this machine; return the number of damages with something wrong."""
+    from tests.fuzz import damage
+    from tests.fuzz.subjects import damaged, of_file, sweep
 
     begin, done, bad = time.perf_counter(), Counter[str](), Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
-        for name, wrong in sweep(count, seed, Path(folder)):
+        place = Path(folder)
+        files = (
+            (str(file), damaged(subject, number, seed, place))
+            for file in damage.logs()
+            for subject in (of_file(file),)
+            for number in range(of_each)
+        )
+        for name, wrong in sweep(count, seed, place) if count else files:
             done[name] += 1
             bad[name] += bool(wrong)
             print("".join(f"{words}\n" for words in wrong), end="", flush=True)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    print(", ".join(f"{name} {bad[name]} of {number}" for name, number in done.items()))
+    print(", ".join(f"{name} {bad[name]} of {number}" for name, number in done.items() if count))
     print(
         f"{done.total()} damages, seed {seed}, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad.total()} bad"
     )
-    return bad.total()
+    return bad.total() + (peak > _MOST_MB)
 
 
 if __name__ == "__main__":

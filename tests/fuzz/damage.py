@@ -1,31 +1,33 @@
-"""Logs cut and with single bits flipped: what must come of them, checked against the sound file.
+"""Oracles of logs: what a sound file holds by the rules of its format alone, and what our readers make of any file.
 
-The oracle reads the sound file with the stock ``mcap`` library and with the lengths of its records alone, so that it shares
-nothing with the reader under test.
+Those of MCAP use the stock ``mcap`` library and the lengths of records, those of a telemetry log pymavlink's own parser, frame by frame,
+those of a DataFlash log the lengths that its FMT records state: none shares anything with the readers under test.
 """
 
 import struct
-import tempfile
-import zlib
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
-import numpy as np
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, McapRecord, Message
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Channel, Chunk, McapRecord, Message
+from mcap.stream_reader import breakup_chunk
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.core.errors import LogError
 from replay_kit.core.message import LogReport
+from replay_kit.logs.dataflash.reader import DataflashReader
+from replay_kit.logs.dataflash.records import read_records
+from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
+from replay_kit.logs.shared.statistics import ReadStatistics
 from tests.places import ROOT
 
 #: Topic, log time, publish time, sequence, payload.
 Said = tuple[str, int, int, int, bytes]
+#: Start, end, and the frame without its stamp, or the record.
+Piece = tuple[int, int, bytes]
 
 
 @dataclass(frozen=True)
@@ -48,21 +50,13 @@ class Sound:
 
 
 def logs() -> list[Path]:
-    """Return the MCAP logs of this machine: the samples, and the shared ones where they are."""
-    return sorted(
-        [
-            *(ROOT / "sample_logs").glob("*.mcap"),
-            *(ROOT.parent / "shared" / "data" / "logs").rglob("*.mcap"),
-        ]
-    )
-
-
-def damage(file: Path, count: int) -> list[str]:
-    """Return what is wrong with reading a log that is cut, and has a bit flipped, at that many places each."""
-    data = file.read_bytes()
-    rng = np.random.default_rng(zlib.crc32(file.name.encode()))
-    flips = [(place, int(rng.integers(8))) for place in places(len(data), count, seed=2)]
-    return check_cuts(data, places(len(data), count, seed=1)) + check_flips(data, flips)
+    """Return the logs of this machine: the samples, and the shared ones where they are."""
+    shared = ROOT.parent / "shared" / "data" / "logs"
+    found = [
+        *(ROOT / "sample_logs").iterdir(),
+        *(path for kind in ("mcap", "tlog", "BIN") for path in shared.rglob(f"*.{kind}")),
+    ]
+    return sorted(path for path in found if path.suffix in (".mcap", ".tlog", ".BIN"))
 
 
 def sound_messages(data: bytes) -> list[Sound]:
@@ -106,8 +100,6 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def _written(record: McapRecord) -> bytes:
-    from mcap.data_stream import RecordBuilder
-
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()[9:]
@@ -123,16 +115,6 @@ def _said(message: Message, topics: dict[int, str]) -> Said:
     )
 
 
-def data_crc(data: bytes) -> bool:
-    """Return whether a checksum covers all of the data section, or the summary says nothing that a flip could spoil."""
-    for record in StreamReader(BytesIO(data), emit_chunks=True).records:
-        if type(record).__name__ == "DataEnd":
-            return bool(record.data_section_crc)
-        if isinstance(record, Footer):
-            return False
-    return False
-
-
 def read_raw(path: Path) -> tuple[list[Said], LogReport]:
     """Return what our reader gives of a file, undecoded."""
     reader = McapReader(path)
@@ -144,87 +126,88 @@ def read_raw(path: Path) -> tuple[list[Said], LogReport]:
     return said, reader.report()
 
 
-def places(size: int, count: int, seed: int) -> list[int]:
-    """Return that many places of a file [bytes]: its ends, and others by chance."""
-    rng = np.random.default_rng(seed)
-    some = {0, 7, 8, size - 1, size - 9, size // 2} | set(rng.integers(0, size, 2 * count).tolist())
-    return sorted(
-        rng.permutation(sorted(place for place in some if 0 <= place < size))[:count].tolist()
+def frames(data: bytes) -> list[Piece]:
+    """Return the entries of a telemetry log that pymavlink's parser takes, found by trying at every byte."""
+    parser, found, at = dialect.MAVLink(None), [], 0
+    while at + 8 < len(data):
+        piece = _frame(parser, data, at)
+        if piece is None:
+            at += 1
+        else:
+            found.append((at, at + 8 + len(piece), piece))
+            at += 8 + len(piece)
+    return found
+
+
+def _frame(parser: dialect.MAVLink, data: bytes, at: int) -> bytes | None:
+    # stamps of this century
+    if (
+        data[at] != 0
+        or data[at + 1] > 0x20
+        or data[at + 8] not in (dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2)
+    ):
+        return None
+    second = data[at + 8] == dialect.PROTOCOL_MARKER_V2
+    if len(data) < at + 8 + (12 if second else 8):
+        return None
+    signed = second and data[at + 10] & dialect.MAVLINK_IFLAG_SIGNED
+    piece = data[at + 8 : at + 8 + data[at + 9] + (12 if second else 8) + (13 if signed else 0)]
+    try:
+        message = parser.decode(bytearray(piece))
+    except dialect.MAVError:
+        return None
+    # of a message that the parser does not know it cannot check the checksum
+    return None if isinstance(message, dialect.MAVLink_unknown) else piece
+
+
+def records(data: bytes) -> list[Piece]:
+    """Return the records of a sound DataFlash log."""
+    lengths, found, at = {128: 89}, [], 0
+    while at + 3 <= len(data) and data[at : at + 2] == b"\xa3\x95":
+        kind = data[at + 2]
+        end = at + lengths.get(kind, len(data) + 1)
+        if end > len(data):
+            break
+        if kind == 128:
+            lengths[data[at + 3]] = data[at + 4]
+        found.append((at, end, data[at:end]))
+        at = end
+    return found
+
+
+def read_frames(path: Path) -> tuple[list[bytes], LogReport]:
+    """Return the frames that our reader finds and understands; decoding them must end well too.
+
+    A frame of an unknown message, as a flipped id makes one, has no checksum that can be verified: it is counted as undecodable.
+    """
+    reader = TlogReader(path)
+    decoded = sum(1 for _ in reader.messages())
+    report = reader.report()
+    said = [frame.data for frame in reader.frames()]
+    known = [frame for frame in said if _message_id(frame) in dialect.mavlink_map]
+    assert decoded == len(known)
+    assert sum(count for count, _ in report.undecodable.values()) == len(said) - len(known)
+    return known, report
+
+
+def _message_id(frame: bytes) -> int:
+    return (
+        frame[7] | frame[8] << 8 | frame[9] << 16
+        if frame[0] == dialect.PROTOCOL_MARKER_V2
+        else frame[5]
     )
 
 
-def check_cuts(data: bytes, where: list[int]) -> list[str]:
-    """Return what is wrong with what our reader makes of a file cut at some places; nothing, if all is well."""
-    sound = sound_messages(data)
-    wrong = []
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "log"
-        for cut in where:
-            path.write_bytes(data[:cut])
-            try:
-                said, report = read_raw(path)
-            except LogError:
-                if cut >= 8:
-                    wrong.append(f"cut at {cut}: refused although the magic bytes are there")
-                continue
-            whole = [message.said for message in sound if message.end <= cut]
-            if said[: len(whole)] != whole:
-                wrong.append(
-                    f"cut at {cut}: {len(whole)} messages are whole before it, {len(said)} came"
-                )
-            if said != [message.said for message in sound[: len(said)]]:
-                wrong.append(f"cut at {cut}: something came that the file does not say")
-            if not report.losses:
-                wrong.append(f"cut at {cut}: no loss said")
-    return wrong
-
-
-def check_flips(data: bytes, where: list[tuple[int, int]]) -> list[str]:
-    """Return what is wrong with what our reader makes of a file with one bit flipped; nothing, if all is well.
-
-    Args:
-        data: The sound file.
-        where: Byte and bit of each flip.
-    """
-    sound = sound_messages(data)
-    all_said = Counter(message.said for message in sound)
-    covered = data_crc(data)
-    wrong = []
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "log"
-        for byte, bit in where:
-            damaged = bytearray(data)
-            damaged[byte] ^= 1 << bit
-            path.write_bytes(damaged)
-            name = f"bit {bit} of byte {byte}"
-            try:
-                said, report = read_raw(path)
-            except LogError:
-                if byte >= 8:
-                    wrong.append(f"{name}: refused although the magic bytes are there")
-                continue
-            told = bool(report.losses or report.undecodable)
-            before = Counter(
-                message.said
-                for message in sound
-                if (message.unit_end if message.checked else message.end) <= byte
-            )
-            if before - Counter(said):
-                wrong.append(
-                    f"{name}: {(before - Counter(said)).total()} messages before it did not come"
-                )
-            new = Counter(said) - all_said
-            inside_checked = any(
-                message.checked and message.start <= byte < message.unit_end for message in sound
-            )
-            if new and inside_checked:
-                wrong.append(
-                    f"{name}: {new.total()} messages came wrong under a checksum: {next(iter(new))}"
-                )
-            if (new or all_said - Counter(said)) and not told and (covered or inside_checked):
-                wrong.append(f"{name}: messages changed or went without a word")
-            if all_said - Counter(said) and not new and not told:
-                wrong.append(
-                    f"{name}: {(all_said - Counter(said)).total()} messages went without a word"
-                )
-    return wrong
+def read_dataflash(path: Path) -> tuple[list[bytes], LogReport]:
+    """Return the records that our reader finds, as bytes of the file; decoding them must end well too."""
+    reader = DataflashReader(path)
+    list(reader.messages())
+    said = []
+    with path.open("rb") as file:
+        for part in read_records(file, ReadStatistics()):
+            lengths = [part.formats[kind].length for kind in part.type.tolist()]
+            said += [
+                bytes(part.data[at : at + length])
+                for at, length in zip(part.start.tolist(), lengths, strict=True)
+            ]
+    return said, reader.report()
