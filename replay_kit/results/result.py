@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 _LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error"}
 _RMS = ("innovation", "residual", "prior_innovation")
+# The first contract version that is read: results before it do not say which measurements are mean currents.
+_OLDEST = 4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -283,10 +285,14 @@ def result_path(path: str | Path) -> Path:
     path = as_path(path, "result")
     with complete(path), path.open("rb") as file:
         reader: McapReader = make_reader(file)
-        names = {record.name for record in reader.iter_metadata()}
-    if "contract" not in names:
+        records = {record.name: record.metadata for record in reader.iter_metadata()}
+    if "contract" not in records:
         raise LogError(
             f"{path}: an MCAP file, but no result of replay-kit (no metadata record 'contract'); open a log with open_log"
+        )
+    if (version := int(records["contract"]["version"])) < _OLDEST:
+        raise LogError(
+            f"{path}: expected a result of version 0.2.0 or later, got one of contract version {version}; replay the log again"
         )
     return path
 

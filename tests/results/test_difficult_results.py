@@ -31,7 +31,7 @@ Case = Callable[[Path, FlowEstimate, Innovation, Plan], None]
 
 def of_another_version(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("replay_kit.results.mcap_writer.CONTRACT_VERSION", 3)
+        patch.setattr("replay_kit.results.mcap_writer.CONTRACT_VERSION", 4)
         write(path, flow, [innovation] * 3, plan)
 
 
@@ -82,7 +82,7 @@ def of_nothing(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Pla
 CASES: list[tuple[Case, str, set[str]]] = [
     (
         of_another_version,
-        "The result has version 3 of the contract, this program version 5",
+        "The result has version 4 of the contract, this program version 5",
         {"plans", "section", "track"},
     ),
     (without_estimate, "carries no estimate.nc", {"plans", "section", "track"}),

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from replay_kit.core.errors import ConfigError, ForecastError, ReplayKitError
+from replay_kit.core.errors import ConfigError, ForecastError, LogError, ReplayKitError
 from replay_kit.core.flow.load import load_bytes
+from replay_kit.core.grid import Projection
 from replay_kit.results import CONTRACT_VERSION, ResultWriter, mcap_file, read_estimate
 from replay_kit.results.readback import check_written
+from replay_kit.results.result import result_path
 from tests.results.result_samples import CONFIG, METADATA, decoded
 
 
@@ -203,3 +205,11 @@ def test_all_is_on_the_disk_before_a_result_gets_its_name(tmp_path, monkeypatch)
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.log(1, "info", "said")
     assert (tmp_path / "out.mcap").stat().st_size in synced
+
+
+def test_a_result_of_the_first_version_is_refused_by_name(tmp_path, monkeypatch):
+    monkeypatch.setattr("replay_kit.results.mcap_writer.CONTRACT_VERSION", 3)
+    with ResultWriter(tmp_path / "old.mcap") as writer:
+        writer.start(Projection(5.0, 62.0), 10**18, {}, "")
+    with pytest.raises(LogError, match=r"old\.mcap: expected .* got one of contract version 3"):
+        result_path(tmp_path / "old.mcap")

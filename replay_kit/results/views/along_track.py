@@ -53,8 +53,7 @@ class MeanCurrents:
         dive: Number of the dive.
         measured: shape (n, 2) [m/s], local east and north, as the log states it; NaN where the result does not hold it.
         corrected: shape (n, 2) [m/s], without the flight model's error; NaN where there is no correction.
-        estimated: shape (n, 2) [m/s], local east and north: mean of the estimate along the dive, just after the update. Results before
-            version 4 do not hold what was measured; of them, it is the mean over the positions shown, NaN without an estimate.
+        estimated: shape (n, 2) [m/s], local east and north: mean of the estimate along the dive, just after the update.
         residual: shape (n, 2) [m/s], corrected minus estimated, or measured minus estimated where there is no correction.
         standard_error: shape (n, 2) [m/s], standard deviation of the innovation before the update.
         errors: shape (n, 3) [m/s], standard error of each component of the measured, corrected and estimated current; NaN where unknown.
@@ -68,35 +67,6 @@ class MeanCurrents:
     residual: Array
     standard_error: Array
     errors: Array
-
-
-def mean_current_topics(observations: pd.DataFrame, bins: pd.DataFrame) -> list[str]:
-    """Return the topics whose measurements are mean currents: before version 4 those of one value a dive, which a profile is not.
-
-    Args:
-        observations: ``ResultFile.observations``.
-        bins: ``ResultFile.innovations``.
-    """
-    # what the measurement itself says, in results of version 4 on
-    if (stated := observations["mean_current_kind"].isin(("dac", "drift")).to_numpy()).any():
-        return list(dict.fromkeys(observations["source_topic"].to_numpy()[stated]))
-    sizes = (
-        bins.groupby("observation")
-        .size()
-        .reindex(range(len(observations)), fill_value=0)
-        .to_numpy()
-    )
-    topics = []
-    for topic in dict.fromkeys(observations["source_topic"]):
-        here = (observations["source_topic"] == topic).to_numpy()
-        dives = observations["dive"].to_numpy()[here]
-        if (
-            (sizes[here] == 1).all()
-            and (dives > 0).all()
-            and len(set(dives.tolist())) == len(dives)
-        ):
-            topics.append(topic)
-    return topics
 
 
 def bins_along_track(
@@ -116,8 +86,8 @@ def bins_along_track(
         most: Largest number of profiles.
     """
     observations, bins = result.observations, result.innovations
-    means = set(mean_current_topics(observations, bins))
-    wanted = np.flatnonzero((observations["dof"] > 0) & ~observations["source_topic"].isin(means))
+    of_profiles = ~observations["mean_current_kind"].isin(("dac", "drift"))
+    wanted = np.flatnonzero((observations["dof"] > 0) & of_profiles)
     kept = wanted[thinned(wanted.size, most)]
     used = bins[
         bins["observation"].isin(kept) & np.isfinite(bins["residual_east"].to_numpy(np.float64))
@@ -202,12 +172,10 @@ def estimate_along_track(
     return BinsAlongTrack(time_ns, distance, depth, estimated, none, none, error, times.size, 0)
 
 
-def mean_currents(result: ResultFile, track: Track, history: EstimateHistory) -> MeanCurrents:
-    """Return the mean currents of the dives of a result beside the mean through time of its estimate over the positions of each dive."""
+def mean_currents(result: ResultFile) -> MeanCurrents:
+    """Return the mean currents of the dives of a result beside those of its estimate."""
     observations, bins = result.observations, result.innovations
-    of_dive = observations["source_topic"].isin(mean_current_topics(observations, bins)) & (
-        observations["mean_current_kind"] != "drift"
-    )
+    of_dive = observations["mean_current_kind"] == "dac"
     rows = np.flatnonzero(of_dive & (observations["dof"] > 0))
     values = bins.set_index("observation").loc[rows]
     dive = observations["dive"].to_numpy(np.int64)[rows]
@@ -224,37 +192,12 @@ def mean_currents(result: ResultFile, track: Track, history: EstimateHistory) ->
         observations, *(f"{name}_standard_error" for name in ("measured", "corrected", "estimated"))
     )[rows]
     used = np.where(np.isfinite(corrected), corrected, measured)
-    if np.isfinite(used).all():
-        return MeanCurrents(
-            end, dive, measured, corrected, used - residual, residual, error, errors
-        )
-    begin = np.concatenate([track.time_ns[:1], end[:-1]]) if track.time_ns.size else end
-    estimated = np.full((rows.size, 2), np.nan)
-    for row, (first, last) in enumerate(zip(begin.tolist(), end.tolist(), strict=False)):
-        here = (track.time_ns >= first) & (track.time_ns <= last) & np.isfinite(track.depth)
-        flow = history.after(last)
-        if flow is not None and here.any():
-            # by the time about each position, as the measurement is a mean through time
-            weight = _time_about(track.time_ns[here])
-            estimated[row] = weight @ flow.velocity(
-                track.east[here], track.north[here], track.depth[here]
-            )
-    return MeanCurrents(
-        end, dive, estimated + residual, corrected, estimated, residual, error, errors
-    )
+    return MeanCurrents(end, dive, measured, corrected, used - residual, residual, error, errors)
 
 
 def _means(observations: pd.DataFrame, *names: str) -> Array:
     """Return columns of the mean currents of observations, shape (n, k)."""
     return np.asarray(observations[[f"mean_current_{name}" for name in names]].to_numpy(np.float64))
-
-
-def _time_about(time_ns: NDArray[np.int64]) -> Array:
-    """Return the share of the time that lies about each of some increasing times, by the trapezoidal rule."""
-    if time_ns[0] == time_ns[-1]:
-        return np.full(time_ns.size, 1.0 / time_ns.size)
-    ends = np.concatenate([time_ns[:1], 0.5 * (time_ns[:-1] + time_ns[1:]), time_ns[-1:]])
-    return np.asarray(np.diff(ends) / (time_ns[-1] - time_ns[0]))
 
 
 def _by_time(time_ns: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.intp]]]:

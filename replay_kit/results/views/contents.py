@@ -143,7 +143,7 @@ class Contents:
     @cached_property
     def mean_currents(self) -> MeanCurrents:
         """Mean currents of the dives."""
-        return mean_currents(self.result, self.track, self.history)
+        return mean_currents(self.result)
 
     @cached_property
     def last_plan(self) -> LastPlan | None:

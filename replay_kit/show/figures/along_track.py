@@ -140,10 +140,7 @@ def _limit(values: Array) -> float:
 
 
 def mean_current_chart(means: MeanCurrents) -> Chart:
-    """Return the mean currents of dives through time, measured, corrected and estimated, a panel for each component.
-
-    Without an estimate that is measured minus estimated, all that results before version 4 hold.
-    """
+    """Return the mean currents of dives through time, measured, corrected and estimated, a panel for each component."""
     parts = _parts(means)
     table: dict[str, Any] = {"dive": means.dive, "end": means.time_ns.astype("datetime64[ns]")}
     for k, component in enumerate(COMPONENTS):
@@ -180,8 +177,6 @@ def mean_current_chart(means: MeanCurrents) -> Chart:
 
 def _parts(means: MeanCurrents) -> dict[str, Array]:
     """Return what the result holds of the mean currents [m/s], each shape (n, 2), by name."""
-    if not np.isfinite(means.estimated).any():
-        return {"measured minus estimated": means.residual}
     corrected = {"corrected": means.corrected} if np.isfinite(means.corrected).any() else {}
     return {"measured": means.measured, **corrected, "estimated": means.estimated}
 

@@ -12,7 +12,6 @@ from replay_kit.core.surfacing import Ellipse
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.along_track import (
     bins_along_track,
-    mean_current_topics,
     mean_currents,
 )
 from replay_kit.results.views.history import EstimateHistory
@@ -123,13 +122,13 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
             writer.estimate(TIME_NS + k * SECOND, scale * weights, flow.levels)
         for dive in (2, 3):
             source = replace(innovation.source, topic="/dac")
+            stated = {"mean_current": np.array([0.1, 0.2]), "mean_kind": "dac", "dive": dive}
             time_ns = TIME_NS + (dive + 1) * SECOND
-            writer.innovation(one_bin(innovation, dive=dive, time_ns=time_ns, source=source))
+            writer.innovation(one_bin(innovation, time_ns=time_ns, source=source, **stated))
         writer.finish(flow)
     result = open_result(tmp_path / "out.mcap")
     track = track_of(result.fixes, flow.grid.projection)
     history = EstimateHistory(result.path, result.estimate)
-    assert mean_current_topics(result.observations, result.innovations) == ["/dac"]
     bins = bins_along_track(result, track, history, result.estimate, 10)
     assert (bins.profiles, bins.left_out, bins.depth.tolist()) == (2, 0, [10.0, 20.0, 40.0] * 2)
     east, north = to_local(flow.grid.projection, 5.01, 62.02)
@@ -149,11 +148,8 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
     assert (thin.profiles, thin.left_out) == (1, 1)
     assert np.isnan(thin.estimated).all()
     assert np.isnan(thin.standard_error).all()
-    means = mean_currents(result, track, history)
+    means = mean_currents(result)
     assert means.dive.tolist() == [2, 3]
-    np.testing.assert_allclose(
-        means.estimated, flow.velocity(east, north, np.full(2, state.depth)), rtol=1e-9
-    )
     np.testing.assert_array_equal(means.residual, innovation.residual[[0, 0]])
     np.testing.assert_array_equal(means.standard_error, innovation.innovation_std[[0, 0]])
     assert information_by_dive(result.observations).to_dict() == {2: 3 * 3.25, 3: 3.25}
@@ -178,9 +174,7 @@ def test_mean_currents_are_those_that_the_log_states(flow, state, innovation, tm
     assert table["mean_current_measured_north"].tolist()[1:] == [0.23, 1.23, 2.23]
     assert table["mean_current_predicted_east"].iloc[1] == 0.015 - innovation.innovation[0, 0]
     assert table["mean_current_predicted_north"].iloc[3] == 2.23 - innovation.innovation[0, 1]
-    track = track_of(result.fixes, flow.grid.projection)
-    assert mean_current_topics(table, result.innovations) == ["/dac", "/fix"]
-    means = mean_currents(result, track, EstimateHistory(result.path, None))
+    means = mean_currents(result)
     assert means.dive.tolist() == [1, 3]
     np.testing.assert_allclose(
         means.estimated + means.residual, [measured, measured + 2.0], rtol=1e-12
