@@ -55,7 +55,9 @@ def test_an_option_means_what_the_key_in_a_file_means(path, text, value, tmp_pat
 
 
 def test_options_win_over_the_file_and_leave_its_other_keys(tmp_path):
-    (tmp_path / "run.toml").write_text("[measurements.quality]\ntilt_fail = 20.0\ntilt_suspect = 15.0\n")
+    (tmp_path / "run.toml").write_text(
+        "[measurements.quality]\ntilt_fail = 20.0\ntilt_suspect = 15.0\n"
+    )
 
     @takes_settings("measurements.quality.tilt_fail")
     def command(settings: Settings) -> int:
