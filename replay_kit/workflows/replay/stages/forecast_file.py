@@ -76,13 +76,15 @@ def _under_prior(
     estimator: ReducedBasisEstimator, dives: Sequence[PathMean]
 ) -> tuple[Array, Array, Array, Array]:
     """Return measured and predicted currents, shape (2 k,) [m/s], the covariance of the latter, and the variances of the former."""
-    rows = [estimator.rows(mean, np.zeros(1, np.intp)) for mean in dives]
-    error = np.repeat([float(one.noise.std[0]) for one in rows], 2)
-    design = np.concatenate([one.design() for one in rows]) * error[:, None]
+    one = np.zeros(1, np.intp)
+    rows = [estimator.rows(mean, one) for mean in dives]
+    # rows are in units of the errors
+    error = np.repeat([1.0 / estimator.noise(mean.linear, one).whiten[0, 0] for mean in dives], 2)
+    design = np.concatenate([each.design() for each in rows]) * error[:, None]
     weights = estimator.prior_weights
     by_level = design.reshape(len(design), *weights.shape)
     covariance = design @ estimator.prior.matvec(by_level).reshape(design.shape).T
-    innovation = np.concatenate([one.values.ravel() for one in rows]) - design @ weights.ravel()
+    innovation = error * np.concatenate([each.y for each in rows]) - design @ weights.ravel()
     measured = np.concatenate([mean.used for mean in dives])
     return measured, measured - innovation, covariance, error**2
 
