@@ -135,6 +135,12 @@ def _is_slocum(head: bytes) -> bool:
     return _SLOCUM.match(head) is not None
 
 
+def _is_drifters(head: bytes) -> bool:
+    from replay_kit.logs.surface.drifters import is_table
+
+    return b"drogue" in head and is_table(head)
+
+
 def _reader(module: str, name: str) -> Callable[[], Open]:
     """Return what imports a reader, with the first log of its format: its libraries may take longer to load than a log to read."""
 
@@ -153,6 +159,7 @@ FORMATS = (
     LogFormat("pd0", _begins(PD0_MAGIC), _reader("adcp.reader", "RawAdcpReader")),
     LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _reader("adcp.reader", "RawAdcpReader")),
     LogFormat("radials", _begins(_RADIALS), _reader("surface.lluv", "RadialsReader")),
+    LogFormat("drifters", _is_drifters, _reader("surface.drifters", "DrifterReader")),
     LogFormat("tlog", _is_tlog, _reader("mavlink.reader", "TlogReader")),
     LogFormat("dataflash", _is_dataflash, _reader("dataflash.reader", "DataflashReader")),
 )
@@ -211,7 +218,7 @@ def open_log(
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
         f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider file (NetCDF, "
-        "SeaExplorer, Slocum), currents by HF radar (NetCDF, LLUV), or a raw ADCP file (PD0, AD2CP); "
+        "SeaExplorer, Slocum), currents by HF radar (NetCDF, LLUV), drifters (NetCDF, CSV), or a raw ADCP file (PD0, AD2CP); "
         + (
             f"this is {foreign}"
             if foreign

@@ -1,5 +1,9 @@
-"""Tracks of drifters in NetCDF as of the Global Drifter Program: one file or several drifters as a ragged array, each fix a message."""
+"""Tracks of drifters as of the Global Drifter Program, each fix a message.
 
+In NetCDF, of one drifter or of several as a ragged array, or as a table of ERDDAP (``.csv``): names, units, then a row a fix.
+"""
+
+import csv
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -31,6 +35,11 @@ _NAMES = {
 }
 # m: depth of the middle of the programme's drogue; and of a degree of latitude
 _DROGUE, _DEGREE = 15.0, 111_200.0
+
+
+def is_table(head: bytes) -> bool:
+    """Return whether a file that begins so is such a table."""
+    return is_drifters(head.split(b"\n", 1)[0].decode("latin-1").strip().split(","))
 
 
 def is_drifters(names: Collection[str]) -> bool:
@@ -93,7 +102,7 @@ def _fixes(columns: dict[str, NDArray[Any]]) -> Iterator[tuple[int, dict[str, An
 
 
 def _columns(path: Path, notes: list[str]) -> dict[str, NDArray[Any]]:
-    file = open_netcdf(path, lambda names, attributes: list(_chosen(names).values()))
+    file = _opened(path)
     chosen = _chosen(file.names)
     time_ns, known = units.time_ns("time", file.variables[chosen["time"]], file, notes)
     n = time_ns.size
@@ -123,6 +132,28 @@ def _columns(path: Path, notes: list[str]) -> dict[str, NDArray[Any]]:
     }
 
 
+def _opened(path: Path) -> NetcdfFile:
+    """Return the columns of a file that are used.
+
+    Raises:
+        LogError: It cannot be read, or a table's rows are of unlike lengths.
+    """
+    try:
+        with open(path, newline="", encoding="latin-1") as file:
+            if not is_table(file.readline().encode("latin-1")):
+                return open_netcdf(path, lambda names, attributes: list(_chosen(names).values()))
+            file.seek(0)
+            names, stated, *rows = csv.reader(file)
+        columns = np.char.encode(np.array(rows).T, "utf-8")
+        columns = dict(zip(names, zip(columns, stated, strict=True), strict=True))
+    except (OSError, ValueError) as error:
+        raise LogError(
+            f"{path}: expected a table of ERDDAP: names, units, rows as long; got: {error}; fetch it again as .csv"
+        ) from error
+    variables = {name: Stored(column, {"units": unit}) for name, (column, unit) in columns.items()}
+    return NetcdfFile(path, {}, variables, tuple(names))
+
+
 def _drogued(
     file: NetcdfFile,
     chosen: dict[str, str],
@@ -134,8 +165,17 @@ def _drogued(
     if "drogued" in chosen:
         name = chosen["drogued"]
         return np.asarray(_spread(file.path, name, file.array(name).ravel(), n, sizes) == 1.0)
-    lost, known = units.time_ns(chosen["lost"], file.variables[chosen["lost"]], file, [])
-    # a drifter whose drogue was not lost has no date
+    stored = file.variables[chosen["lost"]]
+    # a drifter whose drogue was not lost has no date, or that of the epoch
+    texts, epoch = stored.texts(), "1970-01-01" in stored.units
+    dated = (
+        [text for text in texts if "1970-01-02" < text < "9"]
+        if texts
+        else stored.unpacked() > (0.0 if epoch else -np.inf)
+    )
+    if not np.any(dated):
+        return np.ones(n, dtype=bool)
+    lost, known = units.time_ns(chosen["lost"], stored, file, [])
     dates = np.where(known.ravel(), lost.ravel(), np.iinfo(np.int64).max).astype(np.float64)
     return np.asarray(time_ns < _spread(file.path, chosen["lost"], dates, n, sizes))
 

@@ -83,21 +83,53 @@ def test_a_file_that_lacks_a_key_or_a_variance_is_refused(tmp_path):
         read([tmp_path / "totals.nc"])
 
 
-def test_drifters_give_the_current_at_their_drogues_until_they_lose_them(tmp_path):
-    path = tmp_path / "drifters.nc"
-    made.drifters(lost_after=5).to_netcdf(path, engine="h5netcdf")
+def _table(ds, path):
+    """Write drifters as ERDDAP does: names, units, a row a fix; a drogue that is not lost has the calendar's first date."""
+    count = ds["rowsize"].values
+    lost = np.repeat(ds["drogue_lost_date"].values, count).astype("datetime64[s]").astype(str)
+    rows = zip(
+        np.repeat(ds["ID"].values, count),
+        ds["time"].values.astype("datetime64[s]").astype(str),
+        ds["latitude"].values,
+        ds["longitude"].values,
+        ["1970-01-01T00:00:00Z" if each > "2019-01-20" else f"{each}Z" for each in lost],
+        strict=True,
+    )
+    lines = ["ID,time,latitude,longitude,drogue_lost_date", ",UTC,degrees_north,degrees_east,UTC"]
+    lines += [f"{a},{b}Z,{c},{d},{e}" for a, b, c, d, e in rows]
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("suffix", ["nc", "csv"])
+@pytest.mark.parametrize(("lost_after", "means"), [(5, 4), (99, 8)])
+def test_drifters_give_the_current_at_their_drogues_until_they_lose_them(
+    tmp_path, suffix, lost_after, means
+):
+    path, ds = tmp_path / f"drifters.{suffix}", made.drifters(lost_after=lost_after)
+    if suffix == "csv":
+        _table(ds, path)
+    else:
+        ds.to_netcdf(path, engine="h5netcdf")
     (log,), found, events, notes = read([path])
     assert log.format == "drifters"
-    # a mean between each fix and the next of five, of one drifter
-    assert len(found) == 4
+    # a mean between each fix and the next, of the one drifter with its drogue
+    assert len(found) == means
     for each in found:
         np.testing.assert_allclose(each.value, [[0.2, 0.0]], atol=0.003)
         assert each.value_depth == pytest.approx(15.0)
         assert each.error_std[0] == pytest.approx(np.hypot(0.01, 28.3 / 21600.0), rel=0.01)
     lost = [event for event in events if isinstance(event, Skipped)]
     assert {event.reason for event in lost} == {"drifter without its drogue: the wind moves it"}
-    assert len(lost) == 9 + 4
+    assert len(lost) == 18 - means - 1
     assert "depth of the drogues is not stated: 15 m taken" in notes
+
+
+def test_a_table_whose_rows_are_cut_is_refused(tmp_path):
+    path = tmp_path / "drifters.csv"
+    _table(made.drifters(), path)
+    path.write_text(path.read_text()[:-30])
+    with pytest.raises(LogError, match="expected a table of ERDDAP: names, units, rows as long"):
+        read([path])
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="real currents by radar are not there")
