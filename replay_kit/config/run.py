@@ -181,7 +181,7 @@ class MeasurementConfig(Section):
     surface_spacing: float | None = Field(
         default=None,
         gt=0.0,
-        description="Width of the boxes in which radar currents are averaged [m]. Default: the ensemble's cells.",
+        description="Width of the boxes in which radar currents are averaged [m]. Default: two of the ensemble's cells.",
     )
     surface_box: tuple[float, float, float, float] | None = Field(
         default=None,

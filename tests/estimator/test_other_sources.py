@@ -1,6 +1,7 @@
 """Shear, radar and drifters in the estimators: each is the dense Kalman update with its rows and the full covariance of its errors."""
 
 import heapq
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -167,5 +168,23 @@ def test_boxes_outside_the_region_are_left_out_one_by_one():
     _, said = (estimator := build_estimator(OCEAN, CONFIG)).step(estimator.initial(), given)
     inside = np.isfinite(said.innovation[:, 0])
     assert 0 < inside.sum() < inside.size
-    assert np.array_equal(inside, given.longitude >= 152.0)
+    beyond = (given.weights > 0.0) & (given.longitude < 152.0)
+    assert np.array_equal(inside, ~beyond.any(axis=1))
     assert said.dof == 2 * inside.sum()
+
+
+def test_hour_after_hour_takes_no_more_memory_than_one_matrix():
+    exact = CONFIG.model_copy(update={"representation_error_std": 0.0})
+    estimator = build_estimator(OCEAN, exact, None)
+    (hour,) = radar(np.random.default_rng(2), False)
+    state, weights, times = estimator.initial(), estimator.prior.mean.size, 8
+    for k in range(times):
+        state, _ = estimator.step(state, replace(hour, time_ns=hour.time_ns + k * HOUR_NS))
+    assert 2 * times * len(hour.value) > weights
+    assert len(getattr(state.posterior.prior, "gain", ())) <= 0.25 * weights + 2 * len(hour.value)
+    # as often measured as the hour measured once is surer
+    surer = replace(
+        hour, error_std=hour.error_std / times**0.5, common_std=hour.common_std / times**0.5
+    )
+    once, _ = estimator.step(estimator.initial(), surer)
+    np.testing.assert_allclose(state.mean, once.mean, atol=1e-9 * np.abs(once.mean).max())

@@ -170,11 +170,11 @@ def rows_taken(posterior: Posterior) -> RowsTaken:
         posterior.prior, FullCovariancePrior
     ):
         prior = as_conditioned(posterior.prior, posterior.n_levels)
-        bias_sensitivity = posterior.prior_bias_sensitivity
-        if not posterior.n:
-            none = np.empty((0, posterior.n_weights))
-            return RowsTaken(prior, prior.mean, bias_sensitivity, none, none)
         if len(prior.gain) + posterior.n_rows <= _FEW_ROWS * posterior.n_weights:
+            bias_sensitivity = posterior.prior_bias_sensitivity
+            if not posterior.n:
+                none = np.empty((0, posterior.n_weights))
+                return RowsTaken(prior, prior.mean, bias_sensitivity, none, none)
             whitened, gain = posterior.rows_in(posterior.profile_basis), posterior.whitened_cross()
             change = posterior.forward.T @ gain
             after = bias_sensitivity + change[1:].reshape(bias_sensitivity.shape)

@@ -49,7 +49,7 @@ def for_region(config: RunConfig, ensemble: Ensemble) -> RunConfig:
     found = {
         "regional_speed": speed or None,
         "surface_spacing": max(
-            (float(np.median(step)) for step in steps if step.size), default=None
+            (2.0 * float(np.median(step)) for step in steps if step.size), default=None
         ),
         "surface_box": (
             float(longitude.min()),

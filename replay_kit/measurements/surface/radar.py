@@ -1,4 +1,4 @@
-"""Currents by HF radar averaged to boxes as wide as the ensemble's cells: 500 vectors an hour are not 500 measurements.
+"""Currents by HF radar averaged to boxes of two of the ensemble's cells: 500 vectors an hour are not 500 measurements.
 
 The error of a box has that of its vectors, correlated over a length; tides and inertial motion, which daily fields do not hold, are an
 error that all boxes of a time share. Radials are averaged along bearings: each sector of a station measures one component.
@@ -71,9 +71,13 @@ def _averaged(
         spacing *= 1.2
         number, count = _boxes(x, y, spacing)
     size = np.bincount(number, minlength=count)
+    # a box is the mean of its quarters, not the current in its middle
+    quarter, points = _boxes(x, y, 0.5 * spacing)
+    weights = np.zeros((count, points))
+    np.add.at(weights, (number, quarter), 1.0 / size[number])
 
-    def mean(values: Array) -> Array:
-        return np.asarray(np.bincount(number, values, minlength=count) / size)
+    def mean(values: Array, of: NDArray[np.intp] = number, n: int = count) -> Array:
+        return np.asarray(np.bincount(of, values, minlength=n) / np.bincount(of, minlength=n))
 
     length = currents.error_length or _ERROR_LENGTH
     std = np.empty(count)
@@ -91,10 +95,10 @@ def _averaged(
     return LinearMeasurement(
         label.source.time_ns,
         None,
-        mean(west - 180.0),
-        mean(currents.latitude),
-        np.full(count, currents.depth),
-        np.eye(count),
+        mean(west - 180.0, quarter, points),
+        mean(currents.latitude, quarter, points),
+        np.full(points, currents.depth),
+        weights,
         np.column_stack([mean(each) for each in currents.value.T]),
         std,
         np.full(count, Flag.GOOD, np.int8),
