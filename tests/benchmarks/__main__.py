@@ -18,7 +18,6 @@ from tests.benchmarks import (
     forecasts,
     front,
     kinds,
-    learn,
     local,
     logs,
     longlogs,
@@ -40,7 +39,6 @@ BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "forecasts": forecasts.rows,
     "front": front.rows,
     "kinds": kinds.rows,
-    "learn": learn.rows,
     "local": local.rows,
     "logs": logs.rows,
     "long": longlogs.rows,
@@ -81,24 +79,13 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
             "rows": [],
         } | environment()
         for name in names:
-            result["rows"] += [
-                _shared(row, result["limits"]) for row in benchmarks[name](options.tiny)
-            ]
+            result["rows"] += benchmarks[name](options.tiny)
     _print(result)
     if options.json is not None:
         options.json.write_text(json.dumps(result, indent=1))
         if "size" in names and not options.tiny:
             size.draw(result["rows"], options.json)
     return result
-
-
-def _shared(row: dict[str, Any], of_machine: dict[str, float]) -> dict[str, Any]:
-    """Return a row with what it reached of the machine's limits."""
-    if "read_gb_s" in row:
-        row["bandwidth_fraction"] = row["read_gb_s"] / of_machine["read_gb_s"]
-    if "peer_gemm_gflops" in row:
-        row["peer_gemm_fraction"] = row["peer_gemm_gflops"] / of_machine["gemm_gflops"]
-    return row
 
 
 def _print(result: dict[str, Any]) -> None:

@@ -1,8 +1,7 @@
 """A mission as it comes in, one file at a time: processor time and memory of each answer, whatever the files and the process go through.
 
 Thirty dives of a twin come in 31 instalments, three of them after the next one, one wrong at first; the process that follows them is
-killed ten times. Where the data are there, so do the dives of two Seagliders, with and without an ADCP. Each time the estimate is
-compared with that of one replay of the final files.
+killed ten times. Each time the estimate is compared with that of one replay of the final files.
 """
 
 import json
@@ -21,7 +20,7 @@ from mcap.reader import make_reader
 
 from tests.benchmarks.measure import Row, row
 from tests.instalments import Instalment, delivered, dives_of
-from tests.places import DATA, ROOT
+from tests.places import ROOT
 
 # Seconds asked of each answer, on two cores, and megabytes.
 _ASKED, _ASKED_MB = 60.0, 1000.0
@@ -31,15 +30,9 @@ _KILLS, _DIVES = 10, 30
 
 
 def rows(tiny: bool) -> list[Row]:
-    """Return a row for each mission; when tiny one of three dives."""
+    """Return the row of a mission; when tiny of three dives."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        made = [_twin(folder, tiny)]
-        for pattern in () if tiny else ("p17101*.nc", "p24900*.nc"):
-            files = sorted((DATA / "seaglider").glob(pattern))
-            if files:
-                made.append(_seaglider(folder, files))
-        return made
+        return [_twin(Path(name), tiny)]
 
 
 @dataclass
@@ -159,22 +152,6 @@ def _twin(folder: Path, tiny: bool) -> Row:
         order,
         [*region, *extra],
         1 if tiny else _KILLS,
-    )
-
-
-def _seaglider(folder: Path, files: Sequence[Path]) -> Row:
-    """Return the row of a Seaglider's dives over a synthetic ensemble that is put at the place of the first of them."""
-    from tests.benchmarks.atsea_ocean import ocean_about
-
-    name = files[0].name[:6]
-    ensemble, goal = ocean_about(files, folder / f"{name}.nc")
-    order = [Instalment(file.name, file.read_bytes()) for file in files]
-    return _followed(
-        f"Seaglider {name}, {len(order)} files",
-        folder / name,
-        order,
-        ["--ensemble", str(ensemble), f"--goal={goal}"],
-        1,
     )
 
 

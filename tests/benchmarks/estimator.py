@@ -32,12 +32,9 @@ class Work:
         return scene.ensemble(self.size)
 
     @cached_property
-    def estimators(self) -> dict[str, ReducedBasisEstimator]:
-        settings = {
-            "hybrid": EstimatorConfig(modes=None, length_horizontal=10_000.0, mean_variance=0.1),
-            "paper": EstimatorConfig(modes=None, preset="paper"),
-        }
-        return {name: build_estimator(self.world[0], config) for name, config in settings.items()}
+    def estimator(self) -> ReducedBasisEstimator:
+        settings = EstimatorConfig(modes=None, length_horizontal=10_000.0, mean_variance=0.1)
+        return build_estimator(self.world[0], settings)
 
     @cached_property
     def track(self) -> list[Observation]:
@@ -113,9 +110,9 @@ def basis_row(work: Work) -> Row:
     )
 
 
-def update_row(work: Work, which: str, where: str, asked: float) -> Row:
+def update_row(work: Work, where: str, asked: float) -> Row:
     """All pings, the mean after each; textbook over a few pings, multiplied; a batch solution for the error at the end."""
-    estimator, observations = work.estimators[which], getattr(work, where)
+    estimator, observations = work.estimator, getattr(work, where)
     before = peak_mb(anew=True)
     state, said, times = online(estimator, observations)
     grown = peak_mb() - before
@@ -143,7 +140,7 @@ def update_row(work: Work, which: str, where: str, asked: float) -> Row:
     n, rows = mean.size, 2 * work.size.bins
     peer_s = float(np.median(peer_times)) * len(observations)
     return row(
-        f"{len(observations)} pings {where}, {which} prior, mean after each",
+        f"{len(observations)} pings {where}, hybrid prior, mean after each",
         sum(times),
         f"textbook update of the full covariance, {rows} rows a ping, {few} pings timed and multiplied",
         peer_s,
@@ -154,7 +151,6 @@ def update_row(work: Work, which: str, where: str, asked: float) -> Row:
         directions=getattr(state.posterior, "size", None),
         ms_a_ping=1e3 * sum(times) / len(times),
         ms_a_ping_alone=alone_ms(estimator, state, observations[:10]),
-        peer_gemm_gflops=4.0 * n**2 * rows / float(np.median(peer_times)) / 1e9,
         read_gb_s=_bytes_read(estimator, state, len(observations)) / sum(times) / 1e9,
         peak_mb=grown,
     )
@@ -182,34 +178,8 @@ def _probed(state, probes):
     return probes @ state.posterior.covariance() @ probes.T
 
 
-def end_row(work: Work) -> Row:
-    estimator = work.estimators["paper"]
-    ours_s, state = seconds(lambda: online(estimator, work.track, mean=False)[0])
-    took, mean = seconds(lambda: state.mean)
-    n = estimator.prior.mean.size
-    normal, right, times = np.diag(1.0 / np.diag(estimator.prior.covariance())), np.zeros(n), []
-    right += normal @ estimator.prior.mean
-    timed = work.track if work.tiny else work.track[:4]
-    for observation in timed:
-        design, value, error = slow.rows(estimator, observation)
-        whitened = design / error[:, None]
-
-        def add(whitened=whitened, value=value, error=error):
-            np.add(normal, whitened.T @ whitened, out=normal)
-            np.add(right, whitened.T @ (value / error), out=right)
-
-        times.append(seconds(add)[0])
-    solve_s, solution = seconds(lambda: np.linalg.solve(normal, right))
-    errors = {"mean_at_end": relative(mean, solution)} if work.tiny else {}
-    peer = "batch least squares by normal equations; 4 pings' equations timed and multiplied, solved once"
-    name = f"{len(work.track)} pings, paper prior, estimate at the end"
-    return row(
-        name, ours_s + took, peer, float(np.median(times)) * len(work.track) + solve_s, 5.0, errors
-    )
-
-
 def grid_row(work: Work) -> Row:
-    estimator, grid = work.estimators["hybrid"], work.world[0].grid
+    estimator, grid = work.estimator, work.world[0].grid
     state, _, _ = online(estimator, work.track, mean=False)
     flow = estimator.flow(state)
     covariance_s, _ = seconds(lambda: flow.weight_cov)
@@ -244,15 +214,9 @@ def grid_row(work: Work) -> Row:
 def rows(tiny: bool) -> list[Row]:
     """All rows, each in a process of its own; tiny ones in this one."""
     work = Work(scene.TINY, 40, True) if tiny else Work(scene.Size(), 450, False)
-    _ = work.estimators, work.track, work.scattered
+    _ = work.estimator, work.track, work.scattered
     run = runner(tiny)
     done = [run(lambda: basis_row(work))]
-    asked = {
-        ("hybrid", "track"): 25.0,
-        ("paper", "track"): 35.0,
-        ("hybrid", "scattered"): 10.0,
-        ("paper", "scattered"): 12.0,
-    }
-    for (which, where), times in asked.items():
-        done.append(run(lambda a=which, b=where, c=times: update_row(work, a, b, c)))
-    return done + [run(lambda job=job: job(work)) for job in (end_row, grid_row)]
+    for where, times in {"track": 25.0, "scattered": 10.0}.items():
+        done.append(run(lambda a=where, b=times: update_row(work, a, b)))
+    return [*done, run(lambda: grid_row(work))]

@@ -1,12 +1,9 @@
-"""A fleet of twins on two workers against one, and with workers that are killed: wall time of all missions, and their bytes."""
+"""A fleet of twins on two workers against one: wall time of all missions, and their bytes."""
 
-import os
 import shutil
-import signal
 import tempfile
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from replay_kit.config.fleet import FleetTable
@@ -20,12 +17,12 @@ from tests import synthetic
 from tests.benchmarks.measure import Row, row, seconds
 from tests.places import SAMPLES
 
-# Missions and pings of each; between two kills [s].
-_MISSIONS, _PINGS, _MODES, _KILL_S = 40, 300, 60, 30.0
+# Missions, pings and modes of each.
+_MISSIONS, _PINGS, _MODES = 40, 300, 60
 
 
 def rows(tiny: bool) -> list[Row]:
-    """Return the wall time of a fleet's missions on two workers beside one, and on two of which one is killed again and again."""
+    """Return the wall time of a fleet's missions on two workers beside one."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         count = _make(folder, tiny)
@@ -33,25 +30,9 @@ def rows(tiny: bool) -> list[Row]:
             alone_s, _ = seconds(lambda: _run(_missions(folder, "one"), one))
         with _workers(2, False) as two:
             both_s, _ = seconds(lambda: _run(_missions(folder, "two"), two))
-            killed_s, kills = (
-                seconds(lambda: _run_killed(_missions(folder, "killed"), two, _KILL_S))
-                if not tiny
-                else (both_s, 0)
-            )
-        differing = (
-            _differing(folder, "one", "two"),
-            0 if tiny else _differing(folder, "one", "killed"),
-        )
-
-    def compared(what: str, took: float, asked: float, differs: int, **more: int) -> Row:
-        name, error = f"fleet of {count} twins, {what}", {"differing": differs}
-        return row(name, took, "one worker", alone_s, asked, error, **more, missions=count)
-
-    killed = f"a worker killed every {_KILL_S:g} s"
-    return [
-        compared("two workers", both_s, 1.85, differing[0]),
-        compared(killed, killed_s, 1.0, differing[1], kills=kills),
-    ]
+        differing = _differing(folder, "one", "two")
+    name, error = f"fleet of {count} twins, two workers", {"differing": differing}
+    return [row(name, both_s, "one worker", alone_s, 1.85, error, missions=count)]
 
 
 def _make(folder: Path, tiny: bool) -> int:
@@ -102,29 +83,6 @@ def _run(missions: tuple[Mission, ...], cluster: Cluster | None) -> None:
     )
     failed = [outcome.failed for outcome in outcomes if outcome.failed]
     assert not failed, failed
-
-
-def _run_killed(missions: tuple[Mission, ...], cluster: Cluster, every_s: float) -> int:
-    """Run a fleet of which one worker is killed now and then, and return how often."""
-    done, kills = threading.Event(), 0
-
-    def kill() -> None:
-        nonlocal kills
-        while not done.wait(every_s):
-            # a worker that begins anew does not answer yet
-            with suppress(Exception):
-                pids = [pid for pid in cluster.on_each(os.getpid).values() if isinstance(pid, int)]
-                os.kill(pids[kills % len(pids)], signal.SIGKILL)
-                kills += 1
-
-    killer = threading.Thread(target=kill)
-    killer.start()
-    try:
-        _run(missions, cluster)
-    finally:
-        done.set()
-        killer.join()
-    return kills
 
 
 def _differing(folder: Path, one: str, other: str) -> int:

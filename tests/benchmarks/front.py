@@ -28,8 +28,8 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.estimator.basis.modes import embed_member
 from replay_kit.forecast import read_ensemble
+from tests.benchmarks.islands import asked, bounds, islands, random_area
 from tests.benchmarks.measure import Row, cpu, row
-from tests.benchmarks.planners_masked import asked, bounds, islands, random_area
 from tests.places import DATA
 from tests.planners.flow_samples import eddying_flow
 from tests.reference.fine_search import search_time

@@ -1,236 +1,45 @@
 """More water in the estimate: what geostrophic shear adds, and whether its stated errors hold.
 
-Lines of a glider go through members of a quasi-geostrophic forecast that are left out and change while it flies.
-Density is the stream function's vertical derivative, with internal waves of Garrett and Munk; what of the truth is not geostrophic stays in
-it. The profile error is that of the current across the line about its depth mean, at the profiles' places and the end's time, with
-mean currents and with shear beside them.
+Lines of a glider go through members of a quasi-geostrophic forecast that are left out and change while it flies, and through a sea of the
+primitive equations. Density is the stream function's vertical derivative, with internal waves of Garrett and Munk; what of the truth is not
+geostrophic stays in it. The profile error is that of the current across the line about its depth mean where and when the glider was, and
+at the end, with mean currents and with shear beside them.
 """
 
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from pathlib import Path
 
-import gsw
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.sparse import coo_matrix
-from scipy.sparse.linalg import lsqr
 
 from replay_kit.config.gating import GatingConfig
-from replay_kit.config.run import EstimatorConfig, ForecastConfig
+from replay_kit.config.run import EstimatorConfig, ForecastConfig, load_config
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.core.observation import Label, Observation, PathMean, Source
-from replay_kit.estimator import ReducedBasisEstimator, build_estimator
+from replay_kit.core.observation import Label, Source
+from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.measurements.section.hydrography import Section
 from replay_kit.measurements.section.lines import COMPLETE, LEAST, measurement
-from replay_kit.measurements.section.noise import garrett_munk
 from replay_kit.measurements.section.thermal_wind import (
     GeostrophicShear,
-    depth_weights,
     fitted_line,
-    geopotential_matrix,
     regime_of,
     window_shear,
 )
-from replay_kit.studies.twins.field import Field, build_field
+from replay_kit.studies.twins import write_ensemble
+from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.replay import replay
 from tests.benchmarks import kinds_surface
-from tests.benchmarks.measure import Row, row
+from tests.benchmarks.kinds_line import Line, Sea, flown, means, quasi_geostrophic, section
+from tests.benchmarks.measure import Row, alone, cpu, row
+from tests.logs.surface import made
 from tests.places import DATA
 
-_NS, _DAY = 1e9, 86_400.0
-_SPACING, _SPEED = 2200.0, 0.28  # m between profiles, m/s over the ground
-_MEAN_STD = 0.02
+_NS = 1e9
+# m
 _LENGTHS = (10e3, 20e3, 36e3, 50e3, 100e3)
-_OVER_GM = 2.5  # of the prior's size
-_FIRST_LEAD, _PRIOR_LEAD, _LEADS = 6.0, 8.0, (6.0, 8.0, 10.0, 12.0)
-# members that are copies of each other
-_COPIES = {3: 4, 4: 3, 38: 45, 45: 38}
-
-
-@dataclass(frozen=True, eq=False)
-class Sea:
-    """A truth and its forecast.
-
-    Attributes:
-        ensemble: Without the truth.
-        estimator: Of the ensemble, as a replay builds it.
-        truth: shape (T, 2, Z, J, I) [m/s], local axes, at the times.
-        days: shape (T,).
-    """
-
-    ensemble: Ensemble
-    estimator: ReducedBasisEstimator
-    truth: Array
-    days: Array
-
-    @property
-    def grid(self) -> Grid:
-        """Of the forecast."""
-        return self.ensemble.grid
-
-    @cached_property
-    def fields(self) -> tuple[list[Field], list[Field]]:
-        """The truth at its times, and its stream function [m2/s], twice."""
-        psi = [np.stack([stream_function(self.grid, each)] * 2) for each in self.truth]
-        one = replace(self.ensemble, time_ns=None)
-        of_truth, of_psi = (
-            [build_field(replace(one, velocity=each[None])) for each in values]
-            for values in (self.truth, psi)
-        )
-        return of_truth, of_psi
-
-    @property
-    def coriolis(self) -> float:
-        """Coriolis parameter [1/s]."""
-        return float(gsw.f(self.grid.projection.latitude))
-
-    @property
-    def speed(self) -> float:
-        """Rms speed of the ensemble [m/s]."""
-        return float(np.sqrt(np.nanmean(np.sum(self.ensemble.velocity[:4] ** 2, axis=1))))
-
-
-def quasi_geostrophic(members: Sequence[int], climatology: bool) -> list[Sea]:
-    """Return members of the forecast as truths, each with the climatology, or the others of one lead, as ensemble."""
-    path = DATA / "qg" / "forecast.nc"
-    read = {lead: read_ensemble(path, ForecastConfig(lead=lead)) for lead in _LEADS}
-    prior = read[_PRIOR_LEAD]
-    left = [k for k in range(prior.n_members) if not {k, _COPIES.get(k)} & set(members)]
-    others = Ensemble(prior.grid, prior.velocity[left], prior.time_ns, prior.source)
-    if climatology:
-        others = read_ensemble(DATA / "qg" / "climatology.nc", ForecastConfig())
-    estimator = build_estimator(others, EstimatorConfig(), GatingConfig())
-    truths = (np.stack([read[lead].velocity[k] for lead in _LEADS]) for k in members)
-    return [Sea(others, estimator, truth, np.array(_LEADS)) for truth in truths]
-
-
-def stream_function(grid: Grid, velocity: Array) -> Array:
-    """Return the stream function whose differences along the grid's edges are nearest to velocities, shape (Z, J, I) [m2/s].
-
-    Args:
-        grid: Of J x I columns.
-        velocity: shape (2, Z, J, I) [m/s], taken as a cubic spline along each row and column.
-    """
-    number = np.arange(grid.east.size).reshape(grid.east.shape)
-    pairs, found = [], []
-    for axis in (0, 1):
-        at = np.arange(number.shape[axis])
-        integral = CubicSpline(at, velocity, axis=axis + 2).antiderivative()(at)
-        u, v = np.diff(integral, axis=axis + 2)
-        dx, dy = (np.diff(each, axis=axis) for each in (grid.east, grid.north))
-        found.append((v * dx - u * dy).reshape(len(u), -1))
-        pairs.append(
-            np.column_stack([np.take(number, ends, axis).ravel() for ends in (at[:-1], at[1:])])
-        )
-    edges, right = np.concatenate(pairs), np.concatenate(found, axis=1)
-    row_of = np.repeat(np.arange(len(edges)), 2)
-    signs = np.tile([-1.0, 1.0], len(edges))
-    matrix = coo_matrix((signs, (row_of, edges.ravel())), (len(edges), number.size)).tocsr()
-    psi = [lsqr(matrix, each, atol=1e-10, btol=1e-10)[0] for each in right]
-    return np.reshape(psi, (-1, *number.shape))
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """A glider's line through a sea, of n profiles on Z levels.
-
-    Attributes:
-        along: shape (n,) [m], from the first profile.
-        seconds: shape (n,), from the first.
-        places: shape (n, 2) [m], local east and north.
-        direction: Counter-clockwise from east [rad].
-        levels: shape (Z,) [m].
-        geopotential: shape (n, Z) [m2/s2], of the truth at the time of each profile, with waves.
-        truth: shape (T, n, Z, 2) [m/s], at the profiles' places.
-        truth_seconds: shape (T,), of it.
-    """
-
-    along: Array
-    seconds: Array
-    places: Array
-    direction: float
-    levels: Array
-    geopotential: Array
-    truth: Array
-    truth_seconds: Array
-
-    def current(self, seconds: Array) -> Array:
-        """Return the current at the profiles' places at a time of each, shape (n, Z, 2) [m/s]."""
-        return _in_time(self.truth, self.truth_seconds, np.broadcast_to(seconds, self.along.shape))
-
-    def about_mean(self, current: Array) -> Array:
-        """Return currents, shape (..., Z, 2), without their depth mean."""
-        mean = np.einsum("z,...zc->...c", depth_weights(self.levels), current)
-        return current - mean[..., None, :]
-
-
-def _in_time(fields: Array, times: Array, seconds: Array) -> Array:
-    """Return fields, shape (T, n, ...), at a time of each of n places, linearly between their times."""
-    shares = np.stack([np.interp(seconds, times, one) for one in np.eye(times.size)])
-    return np.einsum("tn,tn...->n...", shares, fields)
-
-
-def flown(sea: Sea, length: float, rng: np.random.Generator) -> Line:
-    """Return a line at a place and in a direction at random."""
-    grid, n = sea.grid, round(length / _SPACING) + 1
-    along = np.linspace(0.0, length, n)
-    corners = np.quantile([grid.east.ravel(), grid.north.ravel()], (0.1, 0.9), axis=1)
-    inside = False
-    while not inside:
-        direction = rng.uniform(0.0, 2.0 * np.pi)
-        unit = np.array([np.cos(direction), np.sin(direction)])
-        places = rng.uniform(*corners) + along[:, None] * unit
-        inside = bool(np.all((places[-1] > corners[0]) & (places[-1] < corners[1])))
-    first = np.ceil(max(grid.levels[0], 10.0) / 10.0) * 10.0
-    levels = np.arange(first, grid.levels[-1], 20.0)
-    east, north = places.T[..., None]
-    truth, psi = (
-        np.stack([each.velocity(east, north, levels) for each in fields]) for fields in sea.fields
-    )
-    seconds, times = along / _SPEED, (sea.days - sea.days[0]) * _DAY
-    waves = _waves(levels, seconds, sea.coriolis, rng)
-    geopotential = sea.coriolis * _in_time(psi[..., 0], times, seconds)
-    geopotential = geopotential - (geopotential @ depth_weights(levels))[:, None] + waves
-    return Line(along, seconds, places, direction, levels, geopotential, truth, times)
-
-
-def _stratification(levels: Array) -> Array:
-    return (5.24e-3) ** 2 * np.exp(-2.0 * levels / 1300.0)
-
-
-def _waves(levels: Array, seconds: Array, coriolis: float, rng: np.random.Generator) -> Array:
-    """Return the geopotential of internal waves in each profile, shape (n, Z) [m2/s2], forgotten within 0.4/f."""
-    matrix = geopotential_matrix(levels)
-    covariance = garrett_munk(levels, _stratification(levels), matrix) / _OVER_GM
-    root = np.linalg.cholesky(covariance + 1e-8 * np.eye(levels.size))
-    found = rng.standard_normal((seconds.size, levels.size)) @ root.T
-    for k, kept in enumerate(np.exp(-abs(coriolis) / 0.4 * np.diff(seconds)), 1):
-        found[k] = kept * found[k - 1] + np.sqrt(1.0 - kept**2) * found[k]
-    return found
-
-
-def section(sea: Sea, line: Line, part: slice) -> Section:
-    """Return profiles of a line as a section, whose specific volume has the line's geopotential."""
-    along, seconds = line.along[part], line.seconds[part]
-    longitude, latitude = to_geographic(sea.grid.projection, *line.places[part].mean(axis=0))
-    inverse = np.linalg.pinv(geopotential_matrix(line.levels), rcond=1e-12)
-    anomaly = line.geopotential[part] @ inverse.T
-    return Section(
-        line.levels,
-        along - along.mean(),
-        seconds - seconds.mean(),
-        anomaly - anomaly.mean(axis=0),
-        _stratification(line.levels),
-        float(latitude),
-        float(longitude),
-        int(seconds.mean() * _NS),
-        line.direction,
-    )
 
 
 def shears(sea: Sea, line: Line) -> Iterator[tuple[Section, GeostrophicShear, slice]]:
@@ -247,18 +56,6 @@ def shears(sea: Sea, line: Line) -> Iterator[tuple[Section, GeostrophicShear, sl
         numbers = np.arange(begun - before, end - before)
         yield whole, window_shear(fitted_line(whole, sea.speed), numbers, at_end=True)[0], part
         before, begun = begun, end
-
-
-def means(sea: Sea, line: Line, rng: np.random.Generator) -> list[PathMean]:
-    """Return the mean current of each dive, of two profiles."""
-    longitude, latitude = to_geographic(sea.grid.projection, *line.places.T)
-    by_profile = np.einsum("z,nzc->nc", depth_weights(line.levels), line.current(line.seconds))
-    found = []
-    for k in range(0, line.along.size - 1, 2):
-        u, v = by_profile[k : k + 2].mean(axis=0) + _MEAN_STD * rng.standard_normal(2)
-        ends = [(int(line.seconds[j] * _NS), longitude[j], latitude[j]) for j in (k, k + 1)]
-        found.append(Observation.mean(*ends, float(line.levels[-1]), u, v, _MEAN_STD))
-    return found
 
 
 def judged(line: Line, whole: Section, shear: GeostrophicShear, part: slice) -> dict[str, float]:
@@ -279,18 +76,20 @@ def judged(line: Line, whole: Section, shear: GeostrophicShear, part: slice) -> 
 
 
 def profile_errors(flow: FlowEstimate, line: Line) -> Array:
-    """Return the mean squared errors [m2/s2] of a flow's profiles about their depth means at its end's time, across the line and along."""
-    found = flow.velocity(*line.places[::3].T[..., None], line.levels)
-    error = line.about_mean(found) - line.about_mean(line.current(line.seconds[-1])[::3])
-    along = np.array([np.cos(line.direction), np.sin(line.direction)])
-    across = np.array([-along[1], along[0]])
-    return np.array([np.mean((error @ unit) ** 2) for unit in (across, along)])
+    """Return the mean squared errors [m2/s2] of a flow's profiles about their depth means, across the line, at its profiles.
+
+    Shape (2,): at the time at which the glider was at each, and at the end of the line.
+    """
+    across = np.array([-np.sin(line.direction), np.cos(line.direction)])
+    found = line.about_mean(flow.velocity(*line.places[::3].T[..., None], line.levels))
+    truths = (line.current(seconds)[::3] for seconds in (line.seconds, line.seconds[-1]))
+    return np.array([np.mean(((found - line.about_mean(one)) @ across) ** 2) for one in truths])
 
 
 def shear_row(name: str, seas: Sequence[Sea], lines: int, length: float) -> Row:
     """Return the row of lines of a length, as many in each sea."""
     rng, began = np.random.default_rng(round(length)), time.process_time()
-    errors, found, used, radius = [], [], 0, 1.0
+    errors, found, radius = [], [], 1.0
     for sea in seas:
         for _ in range(lines):
             line, state = flown(sea, length, rng), sea.estimator.initial()
@@ -304,23 +103,49 @@ def shear_row(name: str, seas: Sequence[Sea], lines: int, length: float) -> Row:
                     source = Source(0, "/ctd", 0, int(line.seconds[-1] * _NS))
                     given = measurement(shear, whole, Label(0, source, kind="shear"))
                     state, _ = sea.estimator.step(state, given)
-                    used += 1
             errors.append((alone, profile_errors(sea.estimator.flow(state), line)))
-    squares = np.mean(errors, axis=0)
-    alone, beside = np.sqrt(squares[:, 0])
+    alone, beside = np.sqrt(np.mean(errors, axis=0))
     mean = {key: float(np.mean([each[key] for each in found])) for key in found[0]}
     figures = {
-        "profile error across [m/s], mean currents": float(alone),
-        "and shear": float(beside),
-        "ratio": float(beside / alone),
-        "ratio of both components": float(np.sqrt(squares[1].sum() / squares[0].sum())),
+        "profile error along the way [m/s], mean currents": float(alone[0]),
+        "and shear": float(beside[0]),
+        "ratio": float(beside[0] / alone[0]),
+        "ratio at the end of the line": float(beside[1] / alone[1]),
         "within 90 %": mean["held"],
         "NIS": mean["nis"],
         "stated over actual": float(np.sqrt(mean["stated"] / mean["actual"])),
-        "windows used": float(used),
     }
     words = f"{length / 1e3:.0f} km ({length / radius:.1f} Rossby radii), {len(errors)} lines"
     return row(f"shear, {name}: {words}", time.process_time() - began, error=figures)
+
+
+def month_row(days: int, n: int) -> Row:
+    """A replay of hourly totals: processor time and memory."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        paths = folder / "ensemble.nc", folder / "truth.nc"
+        write_ensemble(*paths)
+        hours = np.arange(24 * days)
+        turning = np.stack([f(2.0 * np.pi * hours / 12.42) for f in (np.cos, np.sin)])
+        current = 0.1 * turning[..., None, None, None]
+        made.totals(current, len(hours), (n, n), 151.8, -40.4, 0.014).to_netcdf(
+            folder / "totals.nc", engine="h5netcdf"
+        )
+        job = ReplayJob((folder / "totals.nc",), paths[0], folder / "out.mcap", overwrite=True)
+
+        def work() -> Row:
+            took, (summary, _) = cpu(lambda: replay(job, load_config(None)))
+            used = next(iter(summary.sources)).used
+            title = f"replay of {days} days of hourly totals, {n} x {n}"
+            return row(
+                title,
+                took,
+                asked_s=300.0,
+                asked_mb=800.0,
+                error={"unused": float(len(hours) - used)},
+            )
+
+        return alone(work)
 
 
 def primitive(lines: int) -> list[Row]:
@@ -337,7 +162,7 @@ def primitive(lines: int) -> list[Row]:
 
 def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
-    surface = kinds_surface.rows(tiny)
+    surface = [*kinds_surface.rows(tiny), month_row(*((1, 12) if tiny else (30, 100)))]
     if not (DATA / "qg").exists():
         return surface
     if tiny:

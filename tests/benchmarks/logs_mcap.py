@@ -71,31 +71,29 @@ def _write(
     return path
 
 
-def _ours(path: Path, in_order: bool) -> list[Any]:
+def _ours(path: Path) -> list[Any]:
     """The number of messages, and the last payload."""
     count, payload = 0, None
-    for message in merge([open_log(path)], 1.0) if in_order else open_log(path).messages():
+    for message in merge([open_log(path)], 1.0):
         count += 1
         payload = message.payload
     return [count, payload]
 
 
-def _peer_json(path: Path, in_order: bool) -> list[Any]:
+def _peer_json(path: Path) -> list[Any]:
     count, payload = 0, None
     with path.open("rb") as file:
-        for _, _, message in make_reader(file, validate_crcs=True).iter_messages(
-            log_time_order=in_order
-        ):
+        for _, _, message in make_reader(file, validate_crcs=True).iter_messages():
             count += 1
             payload = orjson.loads(message.data)
     return [count, payload]
 
 
-def _peer_protobuf(path: Path, in_order: bool) -> list[Any]:
+def _peer_protobuf(path: Path) -> list[Any]:
     count, value = 0, None
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
-        for _, _, _, value in reader.iter_decoded_messages(log_time_order=in_order):  # noqa: B007 - the last is compared
+        for _, _, _, value in reader.iter_decoded_messages():  # noqa: B007 - the last is compared
             count += 1
     return [
         count,
@@ -104,14 +102,11 @@ def _peer_protobuf(path: Path, in_order: bool) -> list[Any]:
 
 
 def _reading(
-    name: str, path: Path, peer: Callable[[Path, bool], list[Any]], words: str, repeats: int
+    name: str, path: Path, peer: Callable[[Path], list[Any]], words: str, repeats: int
 ) -> Row:
-    """In order of time, as a replay reads and as the stock reader does unless told otherwise; the ratio in file order beside it."""
-    ours_s, (count, payload) = seconds(lambda: _ours(path, True), repeats)
-    peer_s, (peer_count, some) = seconds(lambda: peer(path, True), repeats)
-    unordered_s, peer_unordered_s = (
-        seconds(lambda read=read: read(path, False), repeats)[0] for read in (_ours, peer)
-    )
+    """In order of time, as a replay reads and as the stock reader does unless told otherwise."""
+    ours_s, (count, payload) = seconds(lambda: _ours(path), repeats)
+    peer_s, (peer_count, some) = seconds(lambda: peer(path), repeats)
     differs = count != peer_count or any(payload[key] != value for key, value in some.items())
     return row(
         name,
@@ -122,7 +117,6 @@ def _reading(
         {"messages_differ": float(differs)},
         messages=count,
         megabytes=path.stat().st_size / 1e6,
-        ratio_in_file_order=peer_unordered_s / unordered_s,
     )
 
 

@@ -1,4 +1,4 @@
-"""The planners: missions of ten dives against peers, among islands, with a range of depths and for the odds.
+"""The planners: missions of ten dives against peers, with a range of depths and for the odds.
 
 The flow of the peers' missions is a member of the quasi-geostrophic set where the shared data are there, else random eddies.
 """
@@ -10,7 +10,6 @@ from replay_kit.forecast import read_ensemble
 from tests.benchmarks import planners_mission, planners_odds
 from tests.benchmarks.measure import Row
 from tests.benchmarks.planners_depth import depth_row
-from tests.benchmarks.planners_masked import masked_row
 from tests.places import DATA
 from tests.planners.flow_samples import eddying_flow
 
@@ -21,7 +20,6 @@ _MEMBER = 5
 def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
     return [
-        masked_row(1 if tiny else 200),
         depth_row(1, 112) if tiny else depth_row(40),
         *planners_mission.rows(_flow(tiny), 1 if tiny else 6, tiny),
         *planners_odds.rows(tiny),

@@ -80,9 +80,8 @@ def rows(flow: FlowEstimate, count: int, tiny: bool) -> list[Row]:
     """Return our times against each peer's, the same missions for all: medians of building and solving."""
     cases = [draw_case(flow, np.random.default_rng(seed)) for seed in range(count)]
     peers = {
-        ("rockit, its own RK4 over the flow", "rockit", 4.0): rockit_own,
-        ("do-mpc, the same map of a leg", "do_mpc", 1.2): do_mpc_same,
-        ("do-mpc, its own collocation", "do_mpc", 3.0): do_mpc_own,
+        ("rockit, its own RK4 over the flow", "rockit", 4.0): by_rockit,
+        ("do-mpc, the same map of a leg", "do_mpc", 1.2): by_do_mpc,
     }
     here = [
         (find_spec(module) is not None, name, asked, solve)
@@ -201,7 +200,7 @@ def solve_here(case: Case) -> Solved:
     )
 
 
-def rockit_own(case: Case) -> Solved:
+def by_rockit(case: Case) -> Solved:
     """Return what rockit finds by its multiple shooting with RK4, as many flow evaluations as ours, given the flow with its derivatives."""
     import rockit
 
@@ -228,60 +227,21 @@ def rockit_own(case: Case) -> Solved:
     return Solved(float(found.sample(hours, grid="control")[1][-1]), headings, ocp.solve)
 
 
-def do_mpc_same(case: Case) -> Solved:
+def by_do_mpc(case: Case) -> Solved:
     """Return what do-mpc finds, given the same map of a leg as its discrete model."""
     import do_mpc
 
     model = do_mpc.model.Model("discrete", "MX")
-    place, hours, heading, angle = _variables(model)
+    place, hours = model.set_variable("_x", "place", (2, 1)), model.set_variable("_x", "hours")
+    heading, angle = (model.set_variable("_u", name) for name in ("heading", "angle"))
     places, duration = case.leg(place * KM, 0.0, heading, angle, case.depths, 0.0, case.latent)
     model.set_rhs("place", places[:, -1] / KM)
     model.set_rhs("hours", hours + duration / HOUR)
     model.setup()
-    return _by_do_mpc(case, do_mpc.controller.MPC(model), np.append(case.start / KM, 0.0), {})
-
-
-def do_mpc_own(case: Case) -> Solved:
-    """Return what do-mpc finds by its orthogonal collocation, given the flow with its exact derivatives."""
-    import do_mpc
-
-    model = do_mpc.model.Model("continuous", "MX")
-    place, _, heading, angle = _variables(model)
-    legs = model.set_variable("_x", "legs")
-    depth = case.deepest * (1 - ca.fabs(1 - 2 * (legs - ca.floor(legs))))
-    rate = _rate(case, place, depth, heading, angle)
-    model.set_rhs("place", rate[:2])
-    model.set_rhs("hours", rate[2])
-    model.set_rhs("legs", ca.DM(1.0))
-    model.setup()
-    settings = {"collocation_ni": case.depths.size - 1, "collocation_deg": 2}
-    return _by_do_mpc(
-        case, do_mpc.controller.MPC(model), np.append(case.start / KM, [0.0, 0.0]), settings
-    )
-
-
-def _variables(model: Any) -> tuple[Any, Any, Any, Any]:
-    place, hours = model.set_variable("_x", "place", (2, 1)), model.set_variable("_x", "hours")
-    return place, hours, model.set_variable("_u", "heading"), model.set_variable("_u", "angle")
-
-
-def _rate(case: Case, place: Any, depth: Any, heading: Any, angle: Any) -> Any:
-    """Return what changes in a leg of unit length: place [km], time [h]."""
-    flow = case.flow
-    field = field_function(flow)
-    along, down = _VEHICLE.speeds(ca, angle)
-    lasts = 2.0 * case.deepest / down
-    ground = along * ca.vertcat(ca.sin(heading), ca.cos(heading)) + field(
-        ca.vertcat(place * KM, depth), flow.latent
-    )
-    return ca.vertcat(lasts / KM * ground, lasts / HOUR)
-
-
-def _by_do_mpc(case: Case, mpc: Any, first: Array, settings: dict[str, int]) -> Solved:
+    mpc = do_mpc.controller.MPC(model)
+    first = np.append(case.start / KM, 0.0)
     mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.store_full_solution = N, 1.0, True
     mpc.settings.nlpsol_opts = {"print_time": False, "ipopt": _IPOPT}
-    for name, value in settings.items():
-        setattr(mpc.settings, name, value)
     mpc.set_objective(mterm=mpc.model.x["hours"], lterm=ca.DM(0))
     mpc.set_rterm(heading=0, angle=0)
     for side, angle in zip(("lower", "upper"), _VEHICLE.angles, strict=True):
@@ -294,18 +254,21 @@ def _by_do_mpc(case: Case, mpc: Any, first: Array, settings: dict[str, int]) -> 
         mpc.set_initial_guess()
         way = np.vstack([case.start, case.places]) / KM
         for k in range(N + 1):
-            points = mpc.opt_x_num["_x", k, 0]
-            for q in range(len(points)):
-                # the last of a stage's points is its beginning, the others lie along the stage before it
-                at = float(k) if q == len(points) - 1 else max(k - 1, 0) + (q + 1) / len(points)
-                guess = [
-                    *(np.interp(at, np.arange(N + 1), way[:, i]) for i in (0, 1)),
-                    at * case.first_hours,
-                    at,
-                ]
-                mpc.opt_x_num["_x", k, 0, q] = np.array(guess[: first.size])
+            mpc.opt_x_num["_x", k, 0, -1] = np.append(way[k], k * case.first_hours)
         mpc.make_step(first)
 
     solve()
     headings = np.rad2deg([float(mpc.opt_x_num["_u", k, 0][0]) for k in range(N)])
     return Solved(float(mpc.opt_x_num["_x", N, 0, -1][2]), headings, solve)
+
+
+def _rate(case: Case, place: Any, depth: Any, heading: Any, angle: Any) -> Any:
+    """Return what changes in a leg of unit length: place [km], time [h]."""
+    flow = case.flow
+    field = field_function(flow)
+    along, down = _VEHICLE.speeds(ca, angle)
+    lasts = 2.0 * case.deepest / down
+    ground = along * ca.vertcat(ca.sin(heading), ca.cos(heading)) + field(
+        ca.vertcat(place * KM, depth), flow.latent
+    )
+    return ca.vertcat(lasts / KM * ground, lasts / HOUR)

@@ -32,8 +32,6 @@ def rows(tiny: bool) -> list[Row]:
         (f"replay-kit info {name}", _MAIN, ["info", str(ROOT / "sample_logs" / name)], _INFO)
         for name in ("glider.mcap", "glider.tlog")
     ]
-    logs = (["info", f"sample_logs/{name}"] for name in ("glider.mcap", "glider.tlog"))
-    cases += [(" ".join(("replay-kit", *words)), _MAIN, words, _INFO) for words in logs]
     cases += [
         ("import replay_kit", "import replay_kit", [], _IMPORT),
         ("first log opened", _OPEN.format(log=log), [], _LOG),
