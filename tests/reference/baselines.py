@@ -69,22 +69,6 @@ def gaspari_cohn(distance, radius):
     return 0.0
 
 
-def letkf_column(members_here, observed_members, values, precision):
-    """Hunt et al. (2007), steps 3 to 8, for one column: analysis mean and anomalies over sqrt(E - 1).
-
-    members_here (E, n), observed_members (E, m), values (m,), precision (m,) already tapered.
-    """
-    n_members = len(members_here)
-    mean, observed_mean = members_here.mean(axis=0), observed_members.mean(axis=0)
-    anomalies, observed = members_here - mean, observed_members - observed_mean
-    inverse = np.linalg.inv(
-        (n_members - 1) * np.eye(n_members) + observed @ np.diag(precision) @ observed.T
-    )
-    root = np.real(scipy.linalg.sqrtm((n_members - 1) * inverse))
-    weights = inverse @ observed @ (precision * (values - observed_mean))
-    return mean + weights @ anomalies, (root @ anomalies) / math.sqrt(n_members - 1)
-
-
 def gp_at_nodes(nodes, levels, length, depth_cov, places, depths, values, error_std):
     """Posterior mean and covariance of the current at all nodes and levels (level by level, all east then all north).
 

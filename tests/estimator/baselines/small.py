@@ -51,16 +51,3 @@ def from_nodes(place):
 
 def members_at(place):
     return slow.design_of_members(MEMBERS, GRID.levels, from_nodes(place), DEPTHS)
-
-
-def local_twin(places, values, radius, column):
-    """The slow local analysis at one node: mean (Z, 2) and anomalies (E, Z, 2)."""
-    n_nodes = len(GRID.nodes)
-    here = MEMBERS[:, :, [column, column + n_nodes]].reshape(5, -1)
-    observed = np.concatenate([members_at(place).reshape(5, -1) for place in places], axis=1)
-    taper = [slow.gaspari_cohn(np.hypot(*(GRID.nodes[column] - place)), radius) for place in places]
-    precision = np.repeat(np.array(taper) / STD**2, 2 * DEPTHS.size)
-    mean, anomalies = slow.letkf_column(
-        here, observed, np.concatenate([v.ravel() for v in values]), precision
-    )
-    return mean.reshape(-1, 2), anomalies.reshape(5, -1, 2)

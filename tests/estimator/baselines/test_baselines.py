@@ -29,14 +29,12 @@ from tests.estimator.baselines.small import (
     STD,
     at_nodes,
     from_nodes,
-    local_twin,
     members_at,
     profiles,
     std_at_nodes,
 )
 from tests.estimator.runs import run
 from tests.reference import baselines as slow
-from tests.reference.estimator import kalman_update
 
 
 def test_nearest_is_the_member_of_least_squares():
@@ -116,12 +114,6 @@ def test_etkf_equals_the_kalman_filter_with_the_sample_covariance():
     )
 
 
-def test_etkf_keeps_the_anomalies_centred():
-    estimator = build_baseline("etkf", SMALL, CONFIG)
-    state, _ = run(estimator, profiles(4)[0])
-    np.testing.assert_allclose(state.transform @ np.ones(5), np.ones(5), atol=1e-12)
-
-
 def test_the_ensemble_s_mean_does_not_learn():
     estimator = build_baseline("ensemble_mean", SMALL, CONFIG)
     observations, _, _ = profiles(3)
@@ -133,23 +125,6 @@ def test_the_ensemble_s_mean_does_not_learn():
     )
     np.testing.assert_array_equal(said[2].innovation, said[2].prior_innovation)
     np.testing.assert_array_equal(said[2].innovation, said[2].residual)
-
-
-def test_letkf_equals_hunt_s_analysis_column_by_column():
-    observations, places, values = profiles(6)
-    radius = 2.5e4
-    estimator = build_letkf(SMALL, CONFIG, radius)
-    state, _ = run(estimator, observations)
-    flow = estimator.flow(state)
-    n_nodes = len(GRID.nodes)
-    found, spread = at_nodes(flow), std_at_nodes(flow)
-    for column in (0, 7, n_nodes - 1):
-        mean, anomalies = local_twin(places, values, radius, column)
-        both = [column, column + n_nodes]
-        np.testing.assert_allclose(found[:, both], mean, atol=3e-3)
-        np.testing.assert_allclose(
-            spread[:, both], np.sqrt(np.sum(anomalies**2, axis=0)), atol=2e-3
-        )
 
 
 def test_letkf_without_a_taper_is_the_etkf():
@@ -349,20 +324,3 @@ def test_local_values_are_rotated_like_the_estimator_s():
         members_at(np.array(place))[estimator.chosen(estimator.initial())],
         atol=1e-9,
     )
-
-
-def test_kalman_twin_agrees_with_the_naive_filter_s_covariance():
-    observations, _, values = profiles(1)
-    estimator = build_baseline("naive3d", SMALL, CONFIG)
-    state, said = estimator.step(estimator.initial(), observations[0])
-    place = np.array(to_local(GRID.projection, observations[0].longitude, observations[0].latitude))
-    seen = slow.design_of_members(estimator.velocity, GRID.levels, from_nodes(place), DEPTHS)
-    design = seen.reshape(len(seen), -1).T
-    prior = estimator.initial()
-    mean, cov, nis, s = kalman_update(
-        prior.mean, prior.cov, design, values[0].ravel(), STD**2 * np.eye(design.shape[0])
-    )
-    np.testing.assert_allclose(state.mean, mean, atol=1e-9)
-    np.testing.assert_allclose(state.cov, cov, atol=1e-9)
-    assert said.nis == pytest.approx(nis, rel=1e-8)
-    np.testing.assert_allclose(said.innovation_std.ravel(), np.sqrt(np.diag(s)), rtol=1e-8)
