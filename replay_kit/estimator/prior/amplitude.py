@@ -25,12 +25,15 @@ variance stands for that mixture, so an estimate remains one Gaussian.
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from numpy.typing import NDArray
+from scipy.optimize import minimize, minimize_scalar
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.covariance import HybridCovariance, Reduction, symmetric
+from replay_kit.core.gaussian import normalised_square
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior, PriorSettings
 
 #: The variances that are averaged over, and their weights before the log.
@@ -162,6 +165,8 @@ class AmplitudePrior(HybridPrior):
 #: Least and largest amplitude that a fit gives.
 AMPLITUDES = (0.05, 20.0)
 _STEPS = 61
+# Shares of the variance at which bands of modes end, and how exactly their amplitudes are searched.
+_BAND_ENDS, _TOLERANCE, _EVALUATIONS = (0.5, 0.85), 0.05, 80
 # Of the logarithm of an amplitude, about the one expected.
 _EXPECTED_STD = np.log(2.0)
 
@@ -190,17 +195,68 @@ def fit_amplitude(innovation: Array, prior_cov: Array, expected: float | None = 
     return float(np.exp(found.x))
 
 
+def fit_by_scale(
+    innovation: Array, prior_covs: Array, expected: float
+) -> tuple[float, tuple[float, ...]]:
+    """Return the amplitude that is most probable, and how many times as large it is in each band of modes, their geometric mean 1.
+
+    The logarithms of the bands' amplitudes are normal about their mean with a standard deviation of log 2, as that mean is about the one
+    expected: few innovations leave the bands alike.
+
+    Args:
+        innovation: shape (m,), as of ``fit_amplitude``.
+        prior_covs: shape (b, b, m, m), the prior's part of its covariance that two bands cause together.
+        expected: The amplitude expected before.
+    """
+    n_bands = len(prior_covs)
+
+    def deviance(logs: Array) -> float:
+        root = np.exp(0.5 * logs)
+        total = np.einsum("b,c,bcmn->mn", root, root, prior_covs, optimize=True)
+        total[np.diag_indices_from(total)] += 1.0
+        square, half_log_determinant = normalised_square(innovation, total)
+        about = np.append(logs - logs.mean(), logs.mean() - np.log(expected)) / _EXPECTED_STD
+        return 2.0 * half_log_determinant + square + float(about @ about)
+
+    begin = np.full(n_bands, np.log(expected))
+    options: dict[str, Any] = {"xatol": _TOLERANCE, "fatol": _TOLERANCE, "maxfev": _EVALUATIONS}
+    options["initial_simplex"] = np.vstack([begin, begin + _EXPECTED_STD * np.eye(n_bands)])
+    logs = minimize(deviance, begin, method="Nelder-Mead", options=options).x
+    low, high = np.log(AMPLITUDES)
+    mean = float(np.clip(logs.mean(), low, high))
+    return float(np.exp(mean)), tuple(np.exp(logs - logs.mean()).tolist())
+
+
+def bands_of(prior: Prior) -> NDArray[np.intp]:
+    """Return the band of each mode, shape (r,): the leading ones that carry half of the variance, to 85 %, and the others.
+
+    Modes are in the order of their variance, and currents of large scales have the most.
+    """
+    variance = prior.mode_std() ** 2
+    before = np.cumsum(variance) - variance
+    return np.digitize(before, np.array(_BAND_ENDS) * variance.sum())
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ScaledPrior:
-    """A prior whose covariance is multiplied by an amplitude.
+    """A prior whose covariance is multiplied by an amplitude, and by another one in each band of modes.
 
     Attributes:
         unscaled: The prior.
         amplitude: Factor on its covariance.
+        tilt: Further factor on the variance of each band's modes; empty for none.
+        root: shape (r,), or (1,) without a tilt, of the factor on each mode's variance.
     """
 
     unscaled: Prior
     amplitude: float
+    tilt: tuple[float, ...] = ()
+    root: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Give each mode the factor of its band."""
+        tilt = np.array(self.tilt)[bands_of(self.unscaled)] if self.tilt else np.ones(1)
+        object.__setattr__(self, "root", np.sqrt(self.amplitude * tilt))
 
     @property
     def settings(self) -> PriorSettings | None:
@@ -214,28 +270,33 @@ class ScaledPrior:
 
     def matvec(self, weights: Array) -> Array:
         """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
-        return self.amplitude * self.unscaled.matvec(weights)
+        return self.root * self.unscaled.matvec(self.root * weights)
 
     def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
-        return self.amplitude * self.unscaled.matvec_modes(basis, levels)
+        return self.root * self.unscaled.matvec_modes(self.root * basis, levels)
 
     def mode_std(self) -> Array:
         """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
-        return np.asarray(np.sqrt(self.amplitude) * self.unscaled.mode_std())
+        return np.asarray(self.root * self.unscaled.mode_std())
 
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
-        return self.amplitude * self.unscaled.covariance(levels)
+        return self.scaled(self.unscaled.covariance(levels))
 
     def of_sum(self, levels: tuple[int, ...]) -> Array:
         """Return the covariance of the sum of some levels' weights, shape (r, r)."""
-        return self.amplitude * self.unscaled.of_sum(levels)
+        return self.scaled(self.unscaled.of_sum(levels))
 
     def reduction(self, directions: Array, matrix: Array) -> Reduction:
         """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
-        unscaled = self.unscaled.reduction(directions, matrix)
-        return lambda levels: self.amplitude**2 * unscaled(levels)
+        unscaled = self.unscaled.reduction(self.root * directions, matrix)
+        return lambda levels: self.scaled(unscaled(levels))
+
+    def scaled(self, matrix: Array) -> Array:
+        """Return covariances of the unscaled weights, shape (..., n r, n r), as those of these."""
+        root = np.tile(self.root, matrix.shape[-1] // self.root.size)
+        return np.asarray(root[:, None] * matrix * root)
 
 
 def scaled_prior(prior: Prior, spread: str | float | None) -> Prior:
@@ -250,9 +311,9 @@ def hybrid_parts(prior: Prior) -> HybridCovariance | None:
         if parts is None:
             return None
         return HybridCovariance(
-            np.sqrt(prior.amplitude) * parts.factor,
+            prior.root * parts.factor,
             parts.vertical,
-            prior.amplitude * parts.horizontal,
+            prior.scaled(parts.horizontal),
         )
     if not isinstance(prior, HybridPrior):
         return None

@@ -231,6 +231,7 @@ class ReducedBasisEstimator(StaticEstimator):
             return {}
         return {
             "amplitude": repr(state.spread.amplitude),
+            "by_scale": " ".join(map(repr, state.spread.tilt)),
             "measurements": str(state.spread.fitted_to),
         }
 

@@ -12,7 +12,7 @@ from replay_kit.core.grid import Grid
 from replay_kit.core.observation import LinearMeasurement, Measurement, usable
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import Stepped
-from replay_kit.estimator.prior.amplitude import MeanAmplitude, ScaledPrior
+from replay_kit.estimator.prior.amplitude import MeanAmplitude
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.static.state import FilterState, SpreadFit
 from replay_kit.estimator.update.biases import NAMES
@@ -94,7 +94,7 @@ class StaticEstimator(GroupedEstimator[FilterState]):
     def initial_with(self, spread: SpreadFit | None) -> FilterState:
         """Return the prior of an amplitude as a state."""
         no_bias = np.zeros((len(NAMES), *self.prior_weights.shape))
-        prior = self.prior if spread is None else ScaledPrior(self.prior, spread.amplitude)
+        prior = self.prior if spread is None else spread.scale(self.prior)
         return FilterState(initial(prior, no_bias), spread, self.mean_amplitude)
 
 

@@ -6,8 +6,7 @@ and all measurements so far are assimilated again under it. An estimate is thus 
 part in. Measurements within half a cell, in which no grid has structure, repeat one innovation of the prior, so they count once.
 
 One factor cannot be right at all scales: fields of other times differ by more at large scales than a forecast errs there, and by less at
-small ones. Few measurements tell of the large scales, which they also determine; the more there are, the finer is what is still uncertain,
-and the later fits are to that.
+small ones. So three bands of modes have amplitudes of their own, which the first fits find; later ones keep their shares.
 
 **Ensemble mean** (``prior/amplitude.py``). The posterior in observation space has the rows H and the Cholesky factor L of their covariance.
 Another Gaussian of the amplitude changes that covariance by one outer product, and the innovations by a multiple of H m: nothing is
@@ -26,7 +25,10 @@ from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.amplitude import (
     AmplitudePrior,
     MeanAmplitude,
+    ScaledPrior,
+    bands_of,
     fit_amplitude,
+    fit_by_scale,
 )
 from replay_kit.estimator.prior.centre import member_shares
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior
@@ -40,6 +42,8 @@ from replay_kit.estimator.update.rows import Rows
 _COUNTS = (8, 16, 32, 48, 64, 96, 128)
 # Measurements that are kept for the next fit at most: a vehicle may stay at one place.
 _MOST_KEPT = 1024
+# Innovations that bands of modes are fitted to at most: later the bands keep their shares.
+_MOST_BY_SCALE = 512
 # Innovations that are fitted at most: the cost goes with the cube of their number, some seconds for so many.
 _MOST_INNOVATIONS = 4096
 
@@ -55,6 +59,7 @@ class SpreadFit:
         spacing: Least distance between measurements that count [m].
         apart: Those that count so far, with their places; of a group of profiles those accepted. None after the last fit.
         past: All measurements so far; None after the last fit.
+        tilt: How many times as large the amplitude is in each band of modes, from large scales to small; empty before the first fit.
     """
 
     amplitude: float
@@ -63,6 +68,7 @@ class SpreadFit:
     spacing: float
     apart: tuple[tuple[Measurement | ProfileGroup, Array], ...] = ()
     past: tuple[Measurement | ProfileGroup, ...] | None = ()
+    tilt: tuple[float, ...] = ()
 
     @property
     def is_due(self) -> bool:
@@ -107,11 +113,21 @@ class SpreadFit:
         innovation = np.concatenate([each.y - each.matvec(mean) for each in rows])
         if innovation.size > _MOST_INNOVATIONS:
             return self._ended()
-        design = np.concatenate([each.design() for each in rows])
-        covariance = design @ prior.matvec(design.reshape(-1, *mean.shape)).reshape(design.shape).T
-        amplitude = fit_amplitude(innovation, 0.5 * (covariance + covariance.T), self.expected)
-        done = replace(self, amplitude=amplitude, fitted_to=len(self.apart))
+        design = np.concatenate([each.design() for each in rows]).reshape(-1, *mean.shape)
+        if innovation.size <= _MOST_BY_SCALE:
+            covariances = _by_band(prior, design)
+            amplitude, tilt = fit_by_scale(innovation, covariances, self.expected)
+        else:
+            tilt, scaled = self.tilt, ScaledPrior(prior, 1.0, self.tilt)
+            rows_of = design.reshape(len(design), -1)
+            covariance = rows_of @ scaled.matvec(design).reshape(rows_of.shape).T
+            amplitude = fit_amplitude(innovation, 0.5 * (covariance + covariance.T), self.expected)
+        done = replace(self, amplitude=amplitude, tilt=tilt, fitted_to=len(self.apart))
         return done._ended() if done.fitted_to == _COUNTS[-1] else done
+
+    def scale(self, prior: Prior) -> Prior:
+        """Return a prior with the amplitudes."""
+        return ScaledPrior(prior, self.amplitude, self.tilt)
 
     def _ended(self) -> "SpreadFit":
         return replace(self, apart=(), past=None)
@@ -123,7 +139,20 @@ class SpreadFit:
             if self.fitted_to
             else "members left out, no measurement of the log"
         )
-        return f"variance of the prior multiplied by {self.amplitude:.2f}, fitted to {rests_on}"
+        bands = ", ".join(f"{self.amplitude * each:.2f}" for each in self.tilt)
+        by_scale = f" ({bands} from large scales to small)" if bands else ""
+        return f"variance of the prior multiplied by {self.amplitude:.2f}{by_scale}, fitted to {rests_on}"
+
+
+def _by_band(prior: Prior, design: Array) -> Array:
+    """Return the covariance of rows, shape (m, Z, r), that the modes of two bands cause together, shape (b, b, m, m)."""
+    band, n_rows = bands_of(prior), len(design)
+    parts = [np.where(band == each, design, 0.0) for each in range(band.max() + 1)]
+    crosses = [prior.matvec(part).reshape(n_rows, -1) for part in parts]
+    covariances = np.array(
+        [[part.reshape(n_rows, -1) @ cross.T for cross in crosses] for part in parts]
+    )
+    return np.asarray(0.5 * (covariances + covariances.transpose(1, 0, 3, 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,7 +24,7 @@ direction of noise.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import takewhile
 
@@ -199,7 +199,7 @@ def _scaled(prior: Prior, factor: float) -> Prior:
     if isinstance(prior, ConditionedPrior):
         return prior.scaled(_scaled(prior.before, factor), factor)
     if isinstance(prior, ScaledPrior):
-        return ScaledPrior(prior.unscaled, factor * prior.amplitude)
+        return replace(prior, amplitude=factor * prior.amplitude)
     return ScaledPrior(prior, factor)
 
 

@@ -14,7 +14,6 @@ from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.core.region import Region, inside
 from replay_kit.estimator.interface import Estimator, Stepped
-from replay_kit.estimator.prior.amplitude import ScaledPrior
 from replay_kit.estimator.prior.conditioned import conditioned
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
 from replay_kit.estimator.static.state import FilterState
@@ -248,7 +247,7 @@ def hand_over(
     old, new = before.prior, after.prior
     spread = None if state.spread is None else replace(state.spread, apart=(), past=None)
     if spread is not None:
-        old, new = ScaledPrior(old, spread.amplitude), ScaledPrior(new, spread.amplitude)
+        old, new = spread.scale(old), spread.scale(new)
     amplitude = None if state.mean_amplitude is None else state.mean_amplitude.ended()
     if amplitude is not None:
         old, new = before.prior_with(amplitude), after.prior_with(amplitude)

@@ -147,10 +147,14 @@ def test_a_fitted_spread_is_in_the_metadata_and_the_notes(ocean, tmp_path):
     with (tmp_path / "out.mcap").open("rb") as stream:
         records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
     found = records["replay_kit.spread"]
-    assert set(found) == {"amplitude", "measurements"}
+    assert set(found) == {"amplitude", "by_scale", "measurements"}
     assert int(found["measurements"]) in (8, 16, 32)
     amplitude = float(found["amplitude"])
-    sentence = f"variance of the prior multiplied by {amplitude:.2f}, fitted to {found['measurements']} measurements of the log"
+    bands = ", ".join(f"{amplitude * float(each):.2f}" for each in found["by_scale"].split())
+    sentence = (
+        f"variance of the prior multiplied by {amplitude:.2f} ({bands} from large scales to small), "
+        f"fitted to {found['measurements']} measurements of the log"
+    )
     assert sentence in summary.notes
     run(ocean, "survey.mcap", out=tmp_path / "again.mcap", config=config)
     assert (tmp_path / "again.mcap").read_bytes() == (tmp_path / "out.mcap").read_bytes()
