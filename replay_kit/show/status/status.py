@@ -11,6 +11,7 @@ from replay_kit.core.plan import ORIGIN, plan_legs
 from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.core.text import place_text, time_text
 from replay_kit.results.outcome.verdict import plan_alarm
+from replay_kit.show.numbers import hours_text
 from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import Alarm, alarms_of
 from replay_kit.show.status.change import change_of, command_text
@@ -151,7 +152,7 @@ def _rate(held: Held, now_ns: int) -> _Answer:
     text = [f"{left:.1f} km to the goal {place_text(goal[0], goal[1])}, {goal[2]:g} m"]
     # over a long time the fixes' errors are far below the digit that is shown
     text += [
-        f"{rate.km_a_day:+.1f} ± {max(rate.error, 0.01):.1g} km a day over {_days(rate.days)}"
+        f"{rate.km_a_day:+.1f} ± {max(rate.error, 0.01):.1g} km a day over {hours_text(86_400.0 * rate.days)}"
         for rate in rates
     ]
     values = {
@@ -249,13 +250,13 @@ def _next_surfacing(
     """Return the next surfacing in words and as figures."""
     leg, late = following.leg, following.late_s(now_ns)
     when = (
-        f"OVERDUE by {_hours(late)}"
+        f"OVERDUE by {hours_text(late)}"
         if late
-        else f"in {_hours(max(0.0, (following.time_ns - now_ns) / _SECOND))}"
+        else f"in {hours_text(max(0.0, (following.time_ns - now_ns) / _SECOND))}"
     )
     text = [
         f"next, by the plan being flown, which outranks the last dive: {time_text(following.time_ns)} "
-        f"({when}; overdue after {_hours(following.margin_s)} more)"
+        f"({when}; overdue after {hours_text(following.margin_s)} more)"
     ]
     place = place_text(leg["longitude"], leg["latitude"])
     ellipse = {name: leg.get(f"ellipse_{name}") for name in ("major_m", "minor_m", "bearing_deg")}
@@ -282,7 +283,7 @@ def _next_as_last_dive(
     if following is None:
         return [why] if held.plans else [], {}
     seconds = (following["time_ns"] - now_ns) / _SECOND
-    when = f"in {_hours(seconds)}" if seconds >= 0.0 else f"{_hours(-seconds)} ago"
+    when = f"in {hours_text(seconds)}" if seconds >= 0.0 else f"{hours_text(-seconds)} ago"
     text = f"next, from the last dive, as {why}: {time_text(following['time_ns'])} ({when}), {place_of_next(following)}"
     (longitude, latitude), ellipse = following["expected"], following["ellipse_90"]
     values = {
@@ -379,7 +380,7 @@ def _forecast(held: Held, now_ns: int) -> _Answer:
     if not evolves:
         return [f"of {time_text(first)}, held constant"], values, first
     ahead = (last - now_ns) / _SECOND
-    ends = f"ends in {_hours(ahead)}" if ahead >= 0.0 else f"ENDED {_hours(-ahead)} ago"
+    ends = f"ends in {hours_text(ahead)}" if ahead >= 0.0 else f"ENDED {hours_text(-ahead)} ago"
     return [f"{time_text(first)} to {time_text(last)}; {ends}"], values, first
 
 
@@ -426,16 +427,7 @@ def _current_text(current: figures.Current) -> str:
 
 
 def _late(seconds: float) -> str:
-    return f"{_hours(abs(seconds))} {'late' if seconds >= 0.0 else 'early'}"
-
-
-def _hours(seconds: float) -> str:
-    minutes = round(seconds / 60.0)
-    return f"{minutes} min" if minutes < 120 else f"{minutes / 60.0:.1f} h"
-
-
-def _days(days: float) -> str:
-    return f"{24.0 * days:.0f} h" if days < 2.0 else f"{days:.1f} days"
+    return f"{hours_text(abs(seconds))} {'late' if seconds >= 0.0 else 'early'}"
 
 
 def _finite(value: float | None) -> float | None:

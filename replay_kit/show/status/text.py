@@ -3,6 +3,7 @@
 import textwrap
 
 from replay_kit.core.text import printable, time_text
+from replay_kit.show.numbers import hours_text
 from replay_kit.show.status.status import Line, Status
 
 _LABEL, _AGE = 11, 8
@@ -11,16 +12,9 @@ _SECOND = 1_000_000_000
 
 def age_text(seconds: float) -> str:
     """Return how old something is, such as ``now``, ``35 min``, ``4.2 h``, ``3.1 d``; of what lies ahead with ``in``."""
-    far = abs(seconds)
-    if far < 60.0:
+    if abs(seconds) < 60.0:
         return "now"
-    text = (
-        f"{far / 60.0:.0f} min"
-        if far < 7200.0
-        else f"{far / 3600.0:.1f} h"
-        if far < 172_800.0
-        else f"{far / 86_400.0:.1f} d"
-    )
+    text = hours_text(seconds).replace(" days", " d")
     return text if seconds > 0.0 else f"in {text}"
 
 
