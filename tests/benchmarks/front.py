@@ -1,4 +1,4 @@
-"""The earliest arrival: against Zermelo's rays, against a fine search among obstacles, and missions above its bound."""
+"""The earliest arrival: against Zermelo's rays, and missions above its bound."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,9 +19,6 @@ from planners.front.current import CurrentLattice, current_lattice, shares_of_le
 from planners.front.front import sea_of, spread
 from planners.front.obstacles import as_complex
 from planners.front.relax import relax
-from planners.mission.search.bound import bound_of
-from planners.mission.search.passage import longest_time
-from planners.mission.task import LEAST_DIVE, MissionTask, mission_task
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -32,7 +29,6 @@ from tests.benchmarks.islands import asked, bounds, islands, random_area
 from tests.benchmarks.measure import Row, cpu, row
 from tests.places import DATA
 from tests.planners.flow_samples import eddying_flow
-from tests.reference.fine_search import search_time
 from tests.reference.rays import fan, in_front
 
 QG = DATA / "qg" / "climatology.nc"
@@ -48,7 +44,6 @@ def rows(tiny: bool) -> list[Row]:
     if not tiny:
         # as slow as the current: told, not held to the same
         made += [ray_row(flows, 0.29, 4.0, 20)]
-    made += [reach_row(*((1, 0, 2e3) if tiny else (100, 20, 600.0)))]
     made += [departures_row(flows, 1 if tiny else 12)]
     made += [bound_row("free", free_case, 1 if tiny else 40, tiny)]
     if not tiny:
@@ -212,73 +207,6 @@ def _error_row(name: str, errors: Array, took: float, peer: str) -> Row:
         error={f"off_{k}": v for k, v in error.items()},
         **more,
     )
-
-
-def reach_row(count: int, out_of_reach: int, spacing: float) -> Row:
-    """Random goals among obstacles: none that a fine search reaches may be called out of reach; those far out of reach are, at once."""
-    wrong, said, seen, took, found, judged, k = 0, 0, 0, [0.0], list[float](), list[float](), 0
-    goals = 0
-    while goals < count or seen < out_of_reach:
-        flow, request = reach_case(k)
-        k += 1
-        try:
-            task = mission_task(flow, request)
-        except PlanError:
-            continue
-        spent, truth = cpu(lambda: _judge(task, spacing))  # noqa: B023
-        judged.append(spent)
-        most = longest_time(task)
-        if goals < count:
-            goals += 1
-            spent, (_, bound) = cpu(lambda: bound_of(task))  # noqa: B023
-            found.append(spent)
-            wrong += truth <= most and not np.isfinite(bound.time)
-        if truth > 1.1 * most and seen < out_of_reach:
-            plan_mission(
-                flow, request
-            )  # what is made once for all missions of these nodes is not counted
-            spent, plan = cpu(lambda: plan_mission(flow, request))  # noqa: B023
-            took.append(spent)
-            seen += 1
-            said += plan.status == "unreachable" and "out of reach" in plan.message
-    name = f"{goals} goals among obstacles: none called out of reach that a fine search reaches; {seen} out of reach, each told in 0.5 s"
-    more = {"said": said, "slowest_s": max(took), "asked_s": 0.5}
-    peer, theirs = f"search of a grid of {spacing:g} m", float(np.median(judged))
-    return row(name, float(np.median(found)), peer, theirs, 1.0, {"differing": wrong}, **more)
-
-
-def reach_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
-    """Return a mission among islands and areas, its current about as fast as the vehicle."""
-    rng = np.random.default_rng(700 + seed)
-    flow = islands(eddying_flow(seed, speed=float(rng.uniform(0.1, 0.4))), rng)
-    limits = 0.85 * np.array([flow.grid.east.max(), flow.grid.north.max()])
-    begin, end = rng.uniform(-limits, limits, (2, 2))
-    areas = _areas(flow, limits, rng, int(rng.integers(0, 4)))
-    settings = MissionSettings(depth=200.0, surface_time=300.0, max_legs=int(rng.integers(10, 60)))
-    return flow, asked(flow, begin, end, settings, *areas)
-
-
-def _judge(task: MissionTask, spacing: float) -> float:
-    """Return the earliest arrival that a fine search finds, without margins [s]."""
-    angle, flow = task.vehicle.angles[0], task.flow
-    drift_share = task.settings.surface_time / task.leg_time(angle)
-    shares = shares_of_levels(flow, task.settings.depth, drift_share)
-    walls = [
-        ring.area
-        for ring in (*task.rings, *task.bottom.rings(LEAST_DIVE))
-        if not ring.surface_only and not ring.outside
-    ]
-
-    def velocity(at: Array) -> Array:
-        return np.asarray(
-            flow.horizontal.velocity(at, (task.currents.latent[0] @ shares)[:, None])[..., 0]
-        )
-
-    low, high = bounds(flow)
-    # the outline of the region is curved by less than this
-    box = np.array([low, high]) * 0.99
-    speed = (1.0 - drift_share) * float(task.vehicle.speeds(np, angle)[0])
-    return search_time(velocity, speed, task.start[:2], task.goals[0, :2], box, (spacing, 4), walls)
 
 
 def bound_row(

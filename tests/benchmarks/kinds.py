@@ -128,10 +128,11 @@ def month_row(days: int, n: int) -> Row:
         hours = np.arange(24 * days)
         turning = np.stack([f(2.0 * np.pi * hours / 12.42) for f in (np.cos, np.sin)])
         current = 0.1 * turning[..., None, None, None]
-        made.totals(current, len(hours), (n, n), 151.8, -40.4, 0.014).to_netcdf(
-            folder / "totals.nc", engine="h5netcdf"
-        )
-        job = ReplayJob((folder / "totals.nc",), paths[0], folder / "out.mcap", overwrite=True)
+        whole = made.totals(current, len(hours), (n, n), 151.8, -40.4, 0.014)
+        logs = tuple(folder / f"{hour:03d}.nc" for hour in hours.tolist())
+        for hour, log in enumerate(logs):
+            whole.isel(time=[hour]).to_netcdf(log, engine="h5netcdf")
+        job = ReplayJob(logs, paths[0], folder / "out.mcap", overwrite=True)
 
         def work() -> Row:
             took, (summary, _) = cpu(lambda: replay(job, load_config(None)))
