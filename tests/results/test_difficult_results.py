@@ -88,15 +88,15 @@ CASES: list[tuple[Case, str, set[str]]] = [
     (without_estimate, "carries no estimate.nc", {"plans", "section", "track"}),
     (cut_short, "The result is damaged or cut short: ", {"section", "track"}),
     (without_plan, "The result holds no plan", {"section", "track"}),
-    (of_one_ping, "gave 1 measurement of the current that was used", {"section", "track"}),
+    (of_one_ping, "1 measurement of the current used", {"section", "track"}),
     (
         of_a_vessel,
-        "without dives: a vessel at the surface, or a log without depths",
+        "without dives",
         {"plans", "section", "track"},
     ),
-    (across_the_antimeridian, "The vehicle travelled", {"plans", "section", "track"}),
-    (at_80_north, "The vehicle travelled", {"plans", "section", "track"}),
-    (without_positions, "gave 1 measurement of the current that was used", {"section"}),
+    (across_the_antimeridian, "km travelled", {"plans", "section", "track"}),
+    (at_80_north, "km travelled", {"plans", "section", "track"}),
+    (without_positions, "1 measurement of the current used", {"section"}),
     (of_nothing, "The result holds neither a position nor a measurement.", set()),
 ]
 
