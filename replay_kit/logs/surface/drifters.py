@@ -144,8 +144,8 @@ def _opened(path: Path) -> NetcdfFile:
                 return open_netcdf(path, lambda names, attributes: list(_chosen(names).values()))
             file.seek(0)
             names, stated, *rows = csv.reader(file)
-        columns = np.char.encode(np.array(rows).T, "utf-8")
-        columns = dict(zip(names, zip(columns, stated, strict=True), strict=True))
+        cells = np.char.encode(np.array(rows).T, "utf-8")
+        columns = dict(zip(names, zip(cells, stated, strict=True), strict=True))
     except (OSError, ValueError) as error:
         raise LogError(
             f"{path}: expected a table of ERDDAP: names, units, rows as long; got: {error}; fetch it again as .csv"
