@@ -56,7 +56,7 @@ def test_a_replay_makes_the_page_with_the_score_against_a_truth(tmp_path):
         attrs["data-key"]: json.loads(attrs["value"] or "") for attrs, _ in elements(made, "data")
     }
     assert carried["truth.rmse"] == summary["truth"]["rmse"]
-    assert "without dives: a vessel at the surface" in text_of(made, "answer")
+    assert "10 measurements of the current used; misfit" in text_of(made, "answer")
     refused = invoke(
         [
             "replay",
