@@ -39,12 +39,21 @@ def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
     if tiny:
         small = synthetic.ensemble(n_members=6, shape=(9, 11))
-        return [_surveys("synthetic", small, 1, 12, 2), _pairs("synthetic", small, 1, 12)]
+        return [
+            _surveys("synthetic", small, (1, 12, 2, 20)),
+            _pairs("synthetic", small, (1, 12, 4)),
+        ]
     seas = {
         name: read_ensemble(path, ForecastConfig()) for name, path in SEAS.items() if path.exists()
     }
-    found = [_surveys(name, sea, _TWINS, 60, _PROFILES) for name, sea in seas.items()]
-    return [*found, *(_pairs(name, sea, _PAIRS // len(seas), 60) for name, sea in seas.items())]
+    found = [_surveys(name, sea, (_TWINS, 60, _PROFILES, _DRAWN)) for name, sea in seas.items()]
+    return [
+        *found,
+        *(
+            _pairs(name, sea, (_PAIRS // len(seas), 60, _SAMPLES, _NEAR))
+            for name, sea in seas.items()
+        ),
+    ]
 
 
 def _twin(sea: Ensemble, number: int, modes: int) -> tuple[FlowEstimate, FlowEstimate]:
@@ -67,10 +76,17 @@ def _drawn(flow: FlowEstimate, rng: np.random.Generator, count: int, share: floa
     )
 
 
-def _surveys(name: str, sea: Ensemble, count: int, modes: int, profiles: int) -> Row:
-    """Return the errors of joint surveys over those of each glider for itself: expected, in samples, in the truth."""
+def _surveys(name: str, sea: Ensemble, size: tuple[int, int, int, int]) -> Row:
+    """Return the errors of joint surveys over those of each glider for itself: expected, in samples, in the truth.
+
+    Args:
+        name: Of the sea.
+        sea: Its members.
+        size: Number of twins, of modes, of profiles of each glider, of samples.
+    """
+    count, modes, profiles, drawn = size
     rng, found, spent = np.random.default_rng(0), [], 0.0
-    settings = LearnSettings(depth=_DEPTH, dives=3, samples=_DRAWN)
+    settings = LearnSettings(depth=_DEPTH, dives=3, samples=drawn)
     number = 0
     while len(found) < count:
         flow, truth = _twin(sea, number, modes)
@@ -134,8 +150,15 @@ def _errors(joint: JointSurvey, truth: FlowEstimate) -> Array:
     )
 
 
-def _pairs(name: str, sea: Ensemble, count: int, modes: int) -> Row:
-    """Return the share of samples in which two missions come near, as stated and in fresh samples."""
+def _pairs(name: str, sea: Ensemble, size: tuple[int, int, int, float]) -> Row:
+    """Return the share of samples in which two missions come near, as stated and in fresh samples.
+
+    Args:
+        name: Of the sea.
+        sea: Its members.
+        size: Number of pairs, of modes, of samples, and the separation [m].
+    """
+    count, modes, drawn, near = size
     rng, stated, fresh, moved, spent = np.random.default_rng(1), [], [], 0, 0.0
     number = 0
     while len(stated) < count:
@@ -153,19 +176,19 @@ def _pairs(name: str, sea: Ensemble, count: int, modes: int) -> Row:
             )
             for way in half
         ]
-        samples = [flow.sample(_SAMPLES, seed) for seed in (0, 1)]
+        samples = [flow.sample(drawn, seed) for seed in (0, 1)]
         begin = time.process_time()
         try:
-            joint = plan_missions(flow, samples[0], asked, _NEAR)
+            joint = plan_missions(flow, samples[0], asked, near)
         except PlanError:
             continue
         spent += time.process_time() - begin
         stated.append(joint.nearness[0].share)
-        fresh.append(share_of_nearer(flow, samples[1], joint, (0, 1), _NEAR))
+        fresh.append(share_of_nearer(flow, samples[1], joint, (0, 1), near))
         moved += any(len(one.no_go) for one in joint.requests)
     off = np.array(stated) - np.array(fresh)
     return row(
-        f"{name}: {count} pairs of missions kept {_NEAR / 1e3:g} km apart",
+        f"{name}: {count} pairs of missions kept {near / 1e3:g} km apart",
         spent / count,
         "fresh samples",
         error={
