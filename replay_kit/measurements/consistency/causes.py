@@ -57,6 +57,11 @@ def cause_of_pairs(
         alike = current.causes(SCALES, LEAST_MEANS, of_one_current=True)
         rivals = odds({one: max(gain, alike.get(one, gain)) for one, gain in causes.items()})
         share = dict(rivals)[cause]
+    if cause == SCALE_CAUSE:
+        # what excludes an offset must be how it fits, not that its size is not known before
+        alike = current.added_by_fit(LEAST_MEANS)
+        rivals = odds({one: max(gain, alike.get(one, gain)) for one, gain in causes.items()})
+        share = dict(rivals)[cause]
     if cause.endswith(_OF_VEHICLE):
         best = sources.vehicle.explanation(TURNED, LEAST_DIVES, _TURN_GAIN)
         # what excludes an instrument must be certain

@@ -102,12 +102,14 @@ class _Fits(NamedTuple):
         ratio: Factor by which the sum of squared differences since the beginning is reduced.
         favoured: Share of the pairs since then that favour it.
         amount: shape (K, h, 2), of what is added.
+        of_fit: The gain, but for what it costs that the size of an offset or a drift is not known before.
     """
 
     gain: Array
     ratio: Array
     favoured: Array
     amount: Array
+    of_fit: Array
 
 
 @cache
@@ -186,6 +188,7 @@ class PairStatistics:
         of_equal = float(np.sum(of_differences[0] ** 2))
         equal = float(as_logged[0, 0] - of_equal / precision)
         penalty, amount = 2.0 * count * np.log(_stretch(kinds)), np.zeros((*left.shape, 2))
+        unknown = np.zeros_like(left)
         common, none = squares_of_sums / precision**2, of_equal / precision**2
         for name, std, power in (("offset", _OFFSET_STD, 0), ("drift", _DRIFT_STD, 1)):
             if name not in kinds:
@@ -205,7 +208,8 @@ class PairStatistics:
             since[:, at] = np.triu(mine).sum(axis=1)
             favoured[:, at] = np.triu(weight * (mine < weight * logged)).sum(axis=1)
             far = np.sum(c**2, axis=1) / (2.0 * std**2)
-            penalty[:, at] = np.log(bias * v * det / (1.0 + bias * of_pairs)) + far
+            unknown[:, at] = np.log(bias * v * det / (1.0 + bias * of_pairs))
+            penalty[:, at] = unknown[:, at] + far
             common[:, at] = np.sum(b**2, axis=1)
         misfit = np.maximum(misfit, 0.0) + self.floor
         gain = (of_pairs + 1.0) * np.log((equal + self.floor) / misfit) - penalty
@@ -214,13 +218,22 @@ class PairStatistics:
         # of all beginnings within the log each is as likely before
         gain[1:] -= math.log(len(gain))
         ratio = (as_logged + self.floor) / (np.maximum(since, 0.0) + self.floor)
-        return _Fits(gain, ratio, favoured / count, amount)
+        return _Fits(gain, ratio, favoured / count, amount, gain + unknown)
 
     def _in_one_current(self, kinds: tuple[str, ...]) -> Array:
         """Return the gains where all vectors are of one current: that it is several times as fast is then no surprise at each anew."""
         weight = np.array([pair.weight for pair in self.pairs])
         known = np.maximum(_since(weight) - 1.0, 0.0)[:, None]
         return self.fits(kinds).gain + 2.0 * known * np.log(np.maximum(_stretch(kinds), 1.0))
+
+    def added_by_fit(self, least_pairs: int) -> dict[str, float]:
+        """Return ``causes`` of an offset and a drift by ``of_fit``: elsewhere a scale that fits as well is likelier."""
+        found, kinds = dict[str, float](), ("offset", "drift")
+        gains = self.fits(kinds).of_fit if self.pairs else np.zeros((0, 0))
+        of_each = np.logaddexp.reduce(gains[: max(1, len(gains) - least_pairs + 1)], axis=0)
+        for each, gain in zip(_table(kinds)[0], of_each.tolist(), strict=True):
+            found[each.cause] = gain + math.log(each.prior)
+        return found
 
     def causes(
         self, kinds: tuple[str, ...], least_pairs: int, of_one_current: bool = False
