@@ -41,7 +41,7 @@ def rows(tiny: bool) -> list[Row]:
         small = synthetic.ensemble(n_members=6, shape=(9, 11))
         return [
             _surveys("synthetic", small, (1, 12, 2, 20)),
-            _pairs("synthetic", small, (1, 12, 4)),
+            _pairs("synthetic", small, (1, 12, 4, 300.0)),
         ]
     seas = {
         name: read_ensemble(path, ForecastConfig()) for name, path in SEAS.items() if path.exists()
