@@ -1,23 +1,20 @@
 """Velocities along a track as a trajectory after OG1.0, the format of OceanGliders."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 import xarray as xr
 
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.cf import CONVENTIONS, described, encoded
 from replay_kit.core.flow.netcdf import ATTRIBUTES
 from replay_kit.core.version import __version__
 
-if TYPE_CHECKING:
-    from replay_kit.core.flow.points import Velocities
-
 _VOCABULARY = "http://vocab.nerc.ac.uk/collection/OG1/current"
 # Terms of the coordinates; none is known for an estimated current.
 _TERMS = {"time": "TIME", "longitude": "LON", "latitude": "LAT", "depth": "DEPTH"}
 _TERMS_OF_FIXES = {"time": "TIME", "longitude": "LON_GPS", "latitude": "LAT_GPS"}
-_OTHERS = ("estimate_time", "u", "v", "u_standard_error", "v_standard_error")
 _FIXED = {
     "platform": "sub-surface gliders",
     "platform_vocabulary": "https://vocab.nerc.ac.uk/collection/L06/current/27/",
@@ -28,20 +25,27 @@ _FIXED = {
 }
 
 
-def trajectory(velocities: "Velocities", platform: str, stated: dict[str, str]) -> xr.Dataset:
+def trajectory(
+    columns: Mapping[str, Array], platform: str, stated: Mapping[str, str], about: Mapping[str, str]
+) -> xr.Dataset:
     """Return velocities along a track as an OG1.0 dataset; see ``Velocities.to_og1``.
+
+    Args:
+        columns: Values of the points by the names of ``Velocities``, each shape (n,).
+        platform: Serial number of the glider with its prefix.
+        stated: What a person knows of the glider and the mission.
+        about: Global attributes of the flow.
 
     Raises:
         EstimatorError: There is no point, or the time of one is not known.
     """
-    if not velocities.time.size or np.isnat(velocities.time).any():
+    if not columns["time"].size or np.isnat(columns["time"]).any():
         raise EstimatorError(
             "to_og1: expected points that all have a time, as along() gives with a column time"
         )
     points = "N_MEASUREMENTS"
     values = {
-        name.upper(): (points, np.ravel(getattr(velocities, name)), dict(ATTRIBUTES[name]))
-        for name in (*_TERMS, *_OTHERS)
+        name.upper(): (points, column, dict(ATTRIBUTES[name])) for name, column in columns.items()
     }
     for name, term in _TERMS.items():
         values[name.upper()][2]["vocabulary"] = f"{_VOCABULARY}/{term}/"
@@ -75,12 +79,12 @@ def trajectory(velocities: "Velocities", platform: str, stated: dict[str, str]) 
         },
     }
     dataset = xr.Dataset(values | {name: ((), *each) for name, each in single.items()})
-    about = {name: value for name, value in stated.items() if not name.isupper()}
+    people = {name: value for name, value in stated.items() if not name.isupper()}
     result = described(
         dataset.set_coords([name.upper() for name in _TERMS]),
         "Ocean current estimate along the track of a glider",
         f"replay-kit {__version__}: Velocities.to_og1",
-        {**_FIXED, "id": f"{platform}_{start}", "start_date": start, **velocities.about, **about},
+        {**_FIXED, "id": f"{platform}_{start}", "start_date": start, **about, **people},
     )
     for end in ("time_coverage_start", "time_coverage_end"):
         result.attrs[end] = result.attrs[end].translate(str.maketrans("", "", "-:Z"))

@@ -1,6 +1,6 @@
 """Velocities of a flow, or of the estimates of several windows, at places in degrees and along tracks."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,19 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-from collections.abc import Sequence
+
+# Columns of a table of velocities; the first five are coordinates.
+_COLUMNS = (
+    "time",
+    "longitude",
+    "latitude",
+    "depth",
+    "estimate_time",
+    "u",
+    "v",
+    "u_standard_error",
+    "v_standard_error",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -81,26 +93,18 @@ class Velocities:
             else "no time"
         )
 
+    def _columns(self) -> dict[str, Array]:
+        return {name: np.ravel(getattr(self, name)) for name in _COLUMNS}
+
     def to_xarray(self) -> "xr.Dataset":
         """Return a CF dataset on the dimension ``point``."""
         import xarray as xr
 
-        names = (
-            "time",
-            "longitude",
-            "latitude",
-            "depth",
-            "estimate_time",
-            "u",
-            "v",
-            "u_standard_error",
-            "v_standard_error",
-        )
         values = {
-            name: ("point", np.ravel(getattr(self, name)), ATTRIBUTES[name]) for name in names
+            name: ("point", column, ATTRIBUTES[name]) for name, column in self._columns().items()
         }
         dataset = described(
-            xr.Dataset(values).set_coords(names[:5]),
+            xr.Dataset(values).set_coords(_COLUMNS[:5]),
             "Ocean current estimate at points",
             f"replay-kit {__version__}: Velocities.to_xarray",
             {"featureType": "point", **self.about},
@@ -119,7 +123,7 @@ class Velocities:
         """
         from replay_kit.core.flow.og1 import trajectory
 
-        return trajectory(self, platform, stated)
+        return trajectory(self._columns(), platform, stated, self.about)
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a table with a row a point."""
