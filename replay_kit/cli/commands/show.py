@@ -329,7 +329,7 @@ def layout(
     """Return 0."""
     check_paths([result], [out], replacing.overwrite)
 
-    from replay_kit.workflows.layout import write_layout
+    from replay_kit.results.layout.layout import write_layout
 
     count = write_layout(result, out)
     console_beside().print(

@@ -7,10 +7,13 @@ Both read one form: ``configById`` holds each panel's settings under its type an
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from replay_kit.core.atomic import atomic_file
 from replay_kit.core.colors import DARK, SYMBOLS, scale
 from replay_kit.core.errors import LogError
+from replay_kit.results.topics import topics_of
 
 _DEPTH = re.compile(r"/flow/grid/(.+)m")
 # Of lines, the track and the plan, as on a dark page: viewers are dark.
@@ -24,6 +27,21 @@ _TITLES = {
     "u_standard_error": "Standard error, along local east",
     "v_standard_error": "Standard error, along local north",
 }
+
+
+def write_layout(result: Path, out: Path) -> int:
+    """Write the layout for a result, also for one of an earlier version, and return the number of its panels.
+
+    Raises:
+        LogError: The file is missing, or is no complete result.
+        ConfigError: The layout cannot be written.
+    """
+    topics = topics_of(result)
+    require_topics(topics, str(result))
+    layout = layout_of(topics)
+    with atomic_file(out) as file:
+        file.write(layout_text(layout).encode())
+    return len(layout["configById"])
 
 
 def layout_of(topics: Iterable[str]) -> dict[str, Any]:
