@@ -197,7 +197,7 @@ def _cell(axis: Array, value: float) -> tuple[int, float]:
     """Return the cell of an axis that a value lies in, and where in it, 0 to 1."""
     if axis.size == 1:
         return 0, 0.0
-    # numbers of Python: a flight looks up some thousand cells one after another, where numpy's functions of one number take ten times as long
+    # numbers of Python: a flight looks up thousands of cells, and numpy's functions of one number take ten times as long
     k = min(max(int(axis.searchsorted(value, side="right")) - 1, 0), axis.size - 2)
     begin, end = float(axis[k]), float(axis[k + 1])
     return k, min(max((value - begin) / (end - begin), 0.0), 1.0)
