@@ -8,7 +8,7 @@ from planners.mission.solve.attempt import Attempt, above_bound, lacking_energy,
 from planners.mission.task import MissionTask
 from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
-from replay_kit.core.gaussian import share_interval
+from replay_kit.core.plan import share_interval
 from replay_kit.core.text import place_text, time_text
 
 # A mission this close to the longest one considered is limited by it.

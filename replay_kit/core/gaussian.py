@@ -6,9 +6,6 @@ from scipy.special import ndtr, ndtri
 
 from replay_kit.core.arrays import Array
 
-# Standard deviations between which 90 % of a normal distribution lie.
-_NINETY = float(ndtri(0.95))
-
 
 def normalised_square(innovation: Array, cov: Array) -> tuple[float, float]:
     """Return e' S^-1 e and half the log-determinant of S, from one Cholesky factor.
@@ -39,14 +36,3 @@ def crps_gaussian(error: Array, std: Array) -> Array:
     density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
     spread = std * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density - 1.0 / np.sqrt(np.pi))
     return np.where(std > 0.0, spread, np.abs(error))
-
-
-def share_interval(share: float, count: int) -> tuple[float, float]:
-    """Return the interval of 90 % of a probability that was estimated by the share of some independent trials, one at least.
-
-    References:
-        Wilson (1927), Probable inference, the law of succession, and statistical inference.
-    """
-    middle, wide = share + 0.5 * _NINETY**2 / count, 1.0 + _NINETY**2 / count
-    half = _NINETY * ((share * (1.0 - share) + 0.25 * _NINETY**2 / count) / count) ** 0.5
-    return max((middle - half) / wide, 0.0), min((middle + half) / wide, 1.0)

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import NormalDist
 from typing import Any, Literal
 
 from replay_kit.core.arrays import Array
@@ -47,6 +48,21 @@ class Area:
     corners: tuple[tuple[float, float], ...]
     holes: tuple[tuple[tuple[float, float], ...], ...] = ()
     fence: bool = False
+
+
+# Standard deviations between which 90 % of a normal distribution lie.
+_NINETY = NormalDist().inv_cdf(0.95)
+
+
+def share_interval(share: float, count: int) -> tuple[float, float]:
+    """Return the interval of 90 % of a probability that was estimated by the share of some independent trials, one at least.
+
+    References:
+        Wilson (1927), Probable inference, the law of succession, and statistical inference.
+    """
+    middle, wide = share + 0.5 * _NINETY**2 / count, 1.0 + _NINETY**2 / count
+    half = _NINETY * ((share * (1.0 - share) + 0.25 * _NINETY**2 / count) / count) ** 0.5
+    return max((middle - half) / wide, 0.0), min((middle + half) / wide, 1.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,7 @@ def sentence(template: str, fields: Mapping[str, Any], at: str = "") -> Sentence
 
     Args:
         template: With paths of fields in braces, each with its form: ``cm`` for a speed [m/s] in cm/s, ``share`` in per cent, ``min`` for
-            seconds in minutes with their sign, or one of Python's.
+            seconds in minutes with their sign, ``kJ`` and ``MJ`` for an energy [J], or one of Python's.
         fields: Values, mappings of them and sequences; None for what is unknown.
         at: Path of the fields within an outcome, with a dot at its end.
     """
@@ -69,6 +69,8 @@ def _part(key: str, value: Any, form: str) -> str | Shown:
         "cm": lambda: f"{100.0 * value:.2f} cm/s",
         "share": lambda: f"{100.0 * value:.0f} %",
         "min": lambda: f"{value / 60.0:+.0f} min",
+        "kJ": lambda: f"{value / 1e3:,.0f} kJ",
+        "MJ": lambda: f"{value / 1e6:g} MJ",
     }
     return Shown(key, value, own[form]() if form in own else f"{value:{form or ','}}")
 

@@ -80,6 +80,30 @@ def plan_sentence(plan: Mapping[str, Any]) -> Sentence:
     )
 
 
+def odds_sentence(odds: Mapping[str, Any]) -> Sentence:
+    """Return the shares of samples in which a plan arrives as a sentence.
+
+    Args:
+        odds: ``n_samples``, ``reached`` and ``reached_held``.
+    """
+    return sentence(
+        "{reached:share} of {n_samples} samples of the estimate arrive with headings corrected at each surfacing, "
+        "{reached_held:share} with headings held",
+        odds,
+        "plan.odds.",
+    )
+
+
+def energy_sentence(energy: float, battery: float | None) -> Sentence:
+    """Return an energy [J] as a sentence, with the share that it takes of a battery [J] where one is stated."""
+    fields = {"energy_j": energy, "battery_j": battery}
+    if battery is None:
+        return sentence("{energy_j:kJ}", fields, "plan.")
+    more = ": more than the battery holds" if energy > battery else ""
+    share = f"{100.0 * energy / battery:.1f}"
+    return sentence(f"{{energy_j:kJ}}, {share} % of {{battery_j:MJ}}{more}", fields, "plan.")
+
+
 def outcomes_sentence(found: Mapping[str, Any]) -> Sentence:
     """Return the errors of the surfacings that plans predicted, one at least, as a sentence."""
     share = (

@@ -300,7 +300,7 @@ def test_a_plan_is_judged_by_forty_samples_and_its_message_leads_with_the_odds(f
     hours = said["goals"][0]["met_s"] / 3600.0
     assert f"after {hours:.1f} h (2001-09-09 " in said["message"]
     assert (
-        f"{said['energy_j'] / 1e3:.0f} kJ, {said['energy_j'] / 1e5:.1f} % of 10 MJ" in done.stderr
+        f"{said['energy_j'] / 1e3:,.0f} kJ, {said['energy_j'] / 1e5:.1f} % of 10 MJ" in done.stderr
     )
     doubtful = json.loads(run(f"{flow} {ASK} --json - --angles 15,16 --arrive 1").stdout)
     assert (doubtful["status"], doubtful["samples"]["reached"] < 1.0) == ("uncertain", True)

@@ -20,7 +20,7 @@ from replay_kit.show.text import (
     print_table,
     short_times,
 )
-from replay_kit.show.words import outcomes_sentence, plan_sentence
+from replay_kit.show.words import energy_sentence, outcomes_sentence, plan_sentence
 
 DAY = 86_400 * 10**9
 # 2018-11-16
@@ -233,4 +233,13 @@ def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside
         4,
         pytest.approx(2.0 / 3.0),
         None,
+    )
+
+
+def test_energy_is_told_with_its_share_of_the_battery():
+    assert str(energy_sentence(250_000.0, None)) == "250 kJ"
+    assert str(energy_sentence(250_000.0, 1e6)) == "250 kJ, 25.0 % of 1 MJ"
+    assert str(energy_sentence(2e6, 2e6)) == "2,000 kJ, 100.0 % of 2 MJ"
+    assert (
+        str(energy_sentence(2.1e6, 2e6)) == "2,100 kJ, 105.0 % of 2 MJ: more than the battery holds"
     )

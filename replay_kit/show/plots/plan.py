@@ -25,6 +25,7 @@ from replay_kit.show.plots.current_map import (
     without_current,
 )
 from replay_kit.show.plots.panel import Chosen, Panel, Panels, missing
+from replay_kit.show.words import energy_sentence, odds_sentence
 
 
 def plan_panels(contents: Contents, chosen: Chosen) -> Panels:
@@ -72,22 +73,11 @@ def plan_panels(contents: Contents, chosen: Chosen) -> Panels:
 
 def _figures_in_words(plan: LastPlan) -> list[str]:
     """Return how the vehicle dives where that was not stated, energy and odds of a plan, as far as the result holds them."""
-    out, odds = (
-        [f"Dives {plan.statistics[ORIGIN]}."] if ORIGIN in plan.statistics else [],
-        plan.odds,
-    )
+    out = [f"Dives {plan.statistics[ORIGIN]}."] if ORIGIN in plan.statistics else []
     if plan.energy is not None:
-        share = (
-            ""
-            if plan.battery is None
-            else f", {100.0 * plan.energy / plan.battery:.1f} % of {plan.battery / 1e6:g} MJ"
-        )
-        out.append(f"Energy {plan.energy / 1e3:,.0f} kJ{share}.")
-    if odds is not None:
-        out.append(
-            f"{100.0 * odds['reached']:.0f} % of {odds['n_samples']:.0f} samples of the estimate arrive with headings corrected at each "
-            f"surfacing, {100.0 * odds['reached_held']:.0f} % with headings held."
-        )
+        out.append(f"Energy {energy_sentence(plan.energy, plan.battery)}.")
+    if plan.odds is not None:
+        out.append(f"{odds_sentence(plan.odds)}.")
     return out
 
 

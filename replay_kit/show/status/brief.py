@@ -117,12 +117,14 @@ def _odds(values: Mapping[str, Any]) -> Iterator[Brief]:
     if "reached" not in values:
         yield Brief("Odds", (f"plan {values['status']}: {values['message']}",))
         return
-    share, error = values["reached"], values["error"]
+    share, (low, high) = values["reached"], values["reached_interval"]
     parts: list[str | Shown] = [
-        Shown("odds.reached", share, f"{100.0 * share:.0f}"),
-        " ± ",
-        Shown("odds.error", error, f"{100.0 * error:.0f}"),
-        " % of ",
+        Shown("odds.reached", share, f"{100.0 * share:.0f} %"),
+        " (",
+        Shown("odds.reached_interval.0", low, f"{100.0 * low:.0f}"),
+        " to ",
+        Shown("odds.reached_interval.1", high, f"{100.0 * high:.0f}"),
+        ") of ",
         Shown("odds.samples", values["samples"], str(values["samples"])),
         " samples arrive",
     ]

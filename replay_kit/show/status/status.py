@@ -7,7 +7,7 @@ from typing import Any
 
 from replay_kit.core.errors import severity_word
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.plan import ORIGIN, plan_legs
+from replay_kit.core.plan import ORIGIN, plan_legs, share_interval
 from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.core.text import place_text, time_text
 from replay_kit.results.outcome.verdict import plan_alarm
@@ -327,17 +327,16 @@ def _odds(held: Held, now_ns: int) -> _Answer:
     text = [_outcome(plan, said)]
     if plan.HasField("odds") and plan.odds.n_samples:
         odds = plan.odds
-        error = math.sqrt(
-            max(odds.reached * (1.0 - odds.reached), 0.25 / odds.n_samples) / odds.n_samples
-        )
+        low, high = share_interval(odds.reached, odds.n_samples)
         text.append(
-            f"{100.0 * odds.reached:.0f} ± {100.0 * error:.0f} % of {odds.n_samples} samples arrive, {100.0 * odds.safe:.0f} % safe"
+            f"{100.0 * odds.reached:.0f} % ({100.0 * low:.0f} to {100.0 * high:.0f}) of {odds.n_samples} samples arrive, "
+            f"{100.0 * odds.safe:.0f} % safe"
         )
         values |= {
             "duration_s": _finite(plan.duration),
             "closest_approach_m": _finite(plan.closest_approach),
             "reached": odds.reached,
-            "error": error,
+            "reached_interval": [low, high],
             "safe": odds.safe,
             "samples": odds.n_samples,
         }

@@ -35,7 +35,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.gaussian import share_interval
+from replay_kit.core.plan import share_interval
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
 from replay_kit.workflows.planning.adapters import (

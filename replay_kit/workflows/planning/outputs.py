@@ -18,6 +18,7 @@ from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
 from replay_kit.core.text import time_text
 from replay_kit.show.text import print_table
+from replay_kit.show.words import energy_sentence
 from replay_kit.workflows.planning.mission import PlannedMission, mission_planner
 
 
@@ -37,9 +38,8 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
         console.print(f"note: {note}", soft_wrap=True)
     if len(made.headings_deg) == 0:
         return
-    console.print(
-        f"{made.duration / 3600.0:.2f} h, {energy_text(made.energy, battery)}, {len(made.headings_deg)} legs"
-    )
+    energy = energy_sentence(made.energy, None if battery is None else battery * 1e6)
+    console.print(f"{made.duration / 3600.0:.2f} h, {energy}, {len(made.headings_deg)} legs")
     if planned.waypoints is not None:
         console.print(planned.waypoints.message, soft_wrap=True)
     if planned.policy is not None:
@@ -142,17 +142,6 @@ def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
         f"{row['surfacing_s'] / 3600.0:.2f}",
         when,
         where,
-    )
-
-
-def energy_text(energy: float, battery: float | None) -> str:
-    """Return an energy [J] in words, with the share of a battery [MJ] that it takes where one is stated."""
-    text = f"{energy / 1e3:.0f} kJ"
-    if battery is None:
-        return text
-    share = energy / (battery * 1e6)
-    return f"{text}, {100.0 * share:.1f} % of {battery:g} MJ" + (
-        ": more than the battery holds" if share > 1.0 else ""
     )
 
 

@@ -16,7 +16,7 @@ from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.gaussian import share_interval
+from replay_kit.core.plan import share_interval
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
 from replay_kit.show.text import print_table

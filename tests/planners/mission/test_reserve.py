@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners import MissionSettings, Pilot, fly_scenarios, plan_for_odds, plan_mission
-from replay_kit.core.gaussian import share_interval
+from replay_kit.core.plan import share_interval
 from tests.planners.flow_samples import eddying_flow, request_between
 from tests.planners.mission.test_policy import uncertain
 

@@ -320,7 +320,7 @@ def test_the_screen_is_80_columns_wide_and_says_how_old_each_answer_is():
             )
             or label == "Forecast"
         ), label
-    assert "90 ± 9 % of 10 samples arrive" in text
+    assert "90 % (65 to 98) of 10 samples arrive" in text
     assert "250 kJ of 1000 kJ" in text
     assert "± 20 m" in text
     assert [age_text(seconds) for seconds in (0.0, 120.0, 7200.0, -7200.0, 864_000.0)] == [
@@ -409,10 +409,12 @@ def test_nothing_heavy_is_loaded_and_a_file_that_is_no_result_is_refused():
     assert "no result of replay-kit replay" in done.stderr
 
 
-@pytest.mark.parametrize(("reached", "error"), [(0.9, 0.009**0.5), (1.0, 0.05), (0.0, 0.05)])
-def test_odds_of_all_or_none_are_not_told_as_certain(reached, error):
-    """Of ten samples: the error of half a sample at least."""
+@pytest.mark.parametrize(
+    ("reached", "interval"), [(0.9, (0.652, 0.977)), (1.0, (0.787, 1.0)), (0.0, (0.0, 0.213))]
+)
+def test_odds_of_all_or_none_are_not_told_as_certain(reached, interval):
+    """Of ten samples, by the formula of Wilson."""
     made = plan(END_NS)
     made.odds.reached = reached
     found = status_of(held(plans=[made])).figures["odds"]
-    assert found["error"] == pytest.approx(error)
+    assert found["reached_interval"] == pytest.approx(interval, abs=5e-4)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from replay_kit.config.plan import PlanRequest
-from replay_kit.workflows.planning.outputs import energy_text, unsafe_reason
+from replay_kit.workflows.planning.outputs import unsafe_reason
 
 SAFE, CROSSING = (
     SimpleNamespace(violation=violation, risk=None) for violation in (None, "crosses land")
@@ -52,10 +52,3 @@ def test_a_mission_is_handed_over_where_it_is_safe_or_no_one_asked(
     planned.waypoints, planned.policy = None, RISKY
     risky = unsafe_reason(planned, PlanRequest())
     assert risky == "the policy is not safe in 20 % of the samples"
-
-
-def test_energy_is_told_with_its_share_of_the_battery():
-    assert energy_text(250_000.0, None) == "250 kJ"
-    assert energy_text(250_000.0, 1.0) == "250 kJ, 25.0 % of 1 MJ"
-    assert energy_text(2e6, 2.0) == "2000 kJ, 100.0 % of 2 MJ"
-    assert energy_text(2.1e6, 2.0) == "2100 kJ, 105.0 % of 2 MJ: more than the battery holds"

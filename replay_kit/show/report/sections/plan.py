@@ -1,6 +1,7 @@
 """The plans: where to steer, the depth profile over the bottom, and how predicted surfacings turned out."""
 
 import json
+from collections.abc import Mapping
 from html import escape
 
 import numpy as np
@@ -10,10 +11,10 @@ from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.track import thinned
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.plan import profile_chart, surfacing_chart
-from replay_kit.show.numbers import number
+from replay_kit.show.numbers import sentence
 from replay_kit.show.page.section import Section, table_html
 from replay_kit.show.report.sections.learning import learning_html, value_chart
-from replay_kit.show.words import outcomes_sentence
+from replay_kit.show.words import energy_sentence, odds_sentence, outcomes_sentence
 
 _STATUS = {
     "reached": "the predicted path passes the goal within the tolerance",
@@ -32,8 +33,11 @@ def last_plan_html(contents: Contents, plan: LastPlan) -> str:
         ["status", f"<strong>{escape(row['status'])}</strong>: {_STATUS.get(row['status'], '')}"],
         ["message", escape(row["message"])],
     ]
-    rows += [["energy", _energy(plan.energy, plan.battery)]] if plan.energy is not None else []
-    rows += [["odds of arriving", odds]] if (odds := _odds(plan)) else []
+    if plan.energy is not None:
+        stated = "" if plan.battery else "; the energy of the battery was not stated"
+        rows.append(["energy", energy_sentence(plan.energy, plan.battery).html + stated])
+    if plan.odds is not None:
+        rows.append(["odds of arriving", _odds(plan.odds)])
     if plan.areas:
         rows.append(
             [
@@ -55,32 +59,13 @@ def last_plan_html(contents: Contents, plan: LastPlan) -> str:
     return table_html(["what", "of the last plan"], rows, "The last plan")
 
 
-def _energy(energy: float, battery: float | None) -> str:
-    text = number("plan.energy_j", energy, f"{energy / 1e3:,.0f} kJ")
-    if battery is None:
-        return f"{text}; the energy of the battery was not stated"
-    stated = number("plan.battery_j", battery, f"{battery / 1e6:g} MJ")
-    return f"{text}, {100.0 * energy / battery:.1f} % of {stated}" + (
-        ": more than the battery holds" if energy > battery else ""
+def _odds(odds: Mapping[str, float]) -> str:
+    more = sentence(
+        "; {safe:share} violate no constraint; median miss {miss_median:,.0f} m, 90 % within {miss_90_percent:,.0f} m",
+        odds,
+        "plan.odds.",
     )
-
-
-def _odds(plan: LastPlan) -> str:
-    odds = plan.odds
-    if odds is None:
-        return ""
-    said = {
-        name: number(f"plan.odds.{name}", odds[name], f"{100.0 * odds[name]:.0f} %")
-        for name in ("reached_held", "safe")
-    }
-    median, most = (
-        number(f"plan.odds.{name}", odds[name], f"{odds[name]:,.0f} m")
-        for name in ("miss_median", "miss_90_percent")
-    )
-    return (
-        f"those beside the map, with headings corrected at each surfacing; {said['reached_held']} with headings held; "
-        f"{said['safe']} violate no constraint; median miss {median}, 90 % within {most}"
-    )
+    return odds_sentence(odds).html + more.html
 
 
 def what_is_missing(plan: LastPlan) -> list[str]:
