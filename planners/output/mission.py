@@ -144,7 +144,7 @@ def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
     )
 
 
-def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None = None) -> Plan:
+def as_plan(plan: MissionPlan, projection: Projection, odds: MissionOdds | None = None) -> Plan:
     """Return the mission as the plan of its first leg with the whole predicted track: what the result's messages hold of a plan.
 
     Its legs name the controls of each, with the ellipse of its surfacing where there are samples. A mission without legs has

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from replay_kit.core.observation import Measurement, VehicleState
-from replay_kit.measurements.quality.tests import Check, Checks
+from replay_kit.measurements.quality.qartod import Check, Checks
 
 # What code that trusts a payload's types raises when they are not what they should be.
 MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)

@@ -1,4 +1,4 @@
-"""The quality tests of pings: their fields and the limits of the configuration, put to the functions in ``tests.py``.
+"""The quality tests of pings: their fields and the limits of the configuration, put to the functions in ``qartod.py``.
 
 A test whose input the ping does not have is not evaluated, and says why.
 """
@@ -15,8 +15,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.profile import Profiles
-from replay_kit.measurements.quality import tests as quality
-from replay_kit.measurements.quality.tests import Checks, Flags, Limits, Values
+from replay_kit.measurements.quality import qartod as quality
+from replay_kit.measurements.quality.qartod import Checks, Flags, Limits, Values
 
 _FAIL, _MALFORMED, _MISSING = (
     np.int8(Flag.FAIL),

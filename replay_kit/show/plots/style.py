@@ -1,4 +1,4 @@
-"""How figures look in print: widths of a journal's columns, fonts, colours that colour-blind people tell apart."""
+"""How figures look in print: widths of a journal's columns, fonts, files. The colours are those of ``replay_kit/core/colors.py``."""
 
 import io
 from collections.abc import Callable

@@ -11,7 +11,7 @@ import planners
 from planners.mission.flight.currents import Sample
 from planners.mission.flights import fly_mission, surfacing_ellipses
 from planners.mission.timing import first_legs
-from planners.output.mission import as_glide
+from planners.output.mission import as_plan
 from planners.route.region import locate, region_of
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
 from replay_kit.config.planner import PlannerConfig
@@ -261,7 +261,7 @@ class MissionPlanner:
         if self.judges and count == 0:
             judged = without_odds(mission, flow)
         made = over_bottom(
-            as_glide(judged, flow.grid.projection, odds), self.bathymetry, flow.grid.projection
+            as_plan(judged, flow.grid.projection, odds), self.bathymetry, flow.grid.projection
         )
         return PlanResult(made, _next_surfacing(flow.grid.projection, mission, drawn), mission)
 

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from planners.mission.policy import Policy
 from planners.mission.waypoints import Waypoints
-from planners.output.mission import as_glide, legs_table, to_csv, to_geojson, to_json
+from planners.output.mission import as_plan, legs_table, to_csv, to_geojson, to_json
 from planners.output.policy import policy_json, policy_text
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.plan import PlanRequest
@@ -238,7 +238,7 @@ def write_mission(
             row["departure"]: json.dumps(row) for row in departures_table(planned)
         }
     made = replace(
-        as_glide(mission, planned.on.region.projection, planned.odds),
+        as_plan(mission, planned.on.region.projection, planned.odds),
         battery=nan if battery is None else battery * 1e6,
     )
     write_plan(path, overwrite, made, planned.on, records, _effective_config(config, planned))

@@ -22,7 +22,7 @@ from replay_kit.measurements import (
     initial_state,
     interpret,
 )
-from replay_kit.measurements.quality.tests import Check
+from replay_kit.measurements.quality.qartod import Check
 from replay_kit.workflows.info.inspect import by_topic
 from replay_kit.workflows.replay.inputs.scan import open_readers
 

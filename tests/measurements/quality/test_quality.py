@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.measurements.quality import tests as quality
+from replay_kit.measurements.quality import qartod as quality
 from replay_kit.measurements.quality.ping import sidelobe, tilt
-from replay_kit.measurements.quality.tests import Check
+from replay_kit.measurements.quality.qartod import Check
 from tests.reference import quality as slow
 
 NUMBERS = st.one_of(st.floats(-100.0, 100.0), st.just(np.nan))

@@ -19,7 +19,7 @@ from planners.front.front import sea_of
 from planners.front.relax import relax
 from planners.front.route import Route
 from planners.mission.timing import cut_at_horizon
-from planners.output.mission import as_glide
+from planners.output.mission import as_plan
 from replay_kit.core.arrays import Array
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 from tests.planners.mission.test_bottom import bathymetry, least_height, request, turns
@@ -102,7 +102,7 @@ def test_a_mission_without_legs_is_judged_compared_cut_and_published():
     assert best_departure(plans) == 0
     projection = FLOW.grid.projection
     assert cut_at_horizon(plan, 3600.0, projection) is plan
-    glide = as_glide(plan, projection)
+    glide = as_plan(plan, projection)
     # there is no command
     assert np.isnan([glide.heading_deg, glide.glide_angle_deg]).all()
     assert (glide.status, glide.duration, glide.velocity_through_water.tolist()) == (

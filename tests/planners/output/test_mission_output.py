@@ -12,7 +12,7 @@ import pytest
 from planners import MissionRequest, MissionSettings, plan_mission
 from planners.mission.flights import MissionFlights, ellipse_factor, fly_mission, surfacing_ellipses
 from planners.output.mission import (
-    as_glide,
+    as_plan,
     ellipse_outline,
     legs_table,
     to_csv,
@@ -164,14 +164,14 @@ def test_what_is_counted_is_written_as_an_integer():
         *told,
         *answer["legs"],
         *answer["goals"],
-        as_glide(planned(), FLOW.grid.projection).legs[0],
+        as_plan(planned(), FLOW.grid.projection).legs[0],
     ]
     assert {type(row[name]) for row in rows for name in ("leg", "dives") if name in row} == {int}
     assert to_csv(planned(), None).splitlines()[1].startswith("1,")
 
 
 def test_a_mission_is_also_a_plan_for_the_result_s_messages():
-    glide = as_glide(planned(), FLOW.grid.projection)
+    glide = as_plan(planned(), FLOW.grid.projection)
     assert (glide.status, glide.heading_deg, glide.duration) == (
         "reached",
         planned().headings_deg[0],
@@ -179,7 +179,7 @@ def test_a_mission_is_also_a_plan_for_the_result_s_messages():
     )
     assert np.linalg.norm(glide.velocity_through_water) == pytest.approx(0.3)
     assert glide.legs[0]["heading_deg"] == planned().headings_deg[0]
-    none = as_glide(failed(), FLOW.grid.projection)
+    none = as_plan(failed(), FLOW.grid.projection)
     assert (none.status, none.duration) == ("failed", 0.0)
     assert to_csv(failed(), None) == "leg\n"
     assert json.loads(json.dumps(to_json(failed(), None), allow_nan=False))["legs"] == []

@@ -11,7 +11,7 @@ from replay_kit.config.run import RunConfig, load_config
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.measurements.quality.tests import Check
+from replay_kit.measurements.quality.qartod import Check
 from replay_kit.workflows.qc.check import TestCount as Count
 from replay_kit.workflows.qc.check import check_quality
 from replay_kit.workflows.replay.inputs.job import ReplayJob
