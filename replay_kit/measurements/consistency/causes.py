@@ -57,23 +57,24 @@ def cause_of_pairs(
         alike = current.causes(SCALES, LEAST_MEANS, of_one_current=True)
         rivals = odds({one: max(gain, alike.get(one, gain)) for one, gain in causes.items()})
         share = dict(rivals)[cause]
+    best = None
     if cause == SCALE_CAUSE:
-        # what excludes an offset must be how it fits, not that its size is not known before
-        alike = current.added_by_fit(LEAST_MEANS)
-        rivals = odds({one: max(gain, alike.get(one, gain)) for one, gain in causes.items()})
-        share = dict(rivals)[cause]
-    if cause.endswith(_OF_VEHICLE):
-        best = sources.vehicle.explanation(TURNED, LEAST_DIVES, _TURN_GAIN)
-        # what excludes an instrument must be certain
-        if best is not None and share >= _LIKELY:
-            return findings.turned(best, findings.OF_VEHICLE, mean.time_ns, topic)
-    elif cause == SCALE_CAUSE:
         scales = (
             current.explanation(_UNIT, _LEAST_UNITS),
             current.explanation(SCALES, LEAST_MEANS),
             sources.vehicle.explanation(_UNIT, LEAST_MEANS),
         )
         best = max((each for each in scales if each), key=lambda each: each.gain, default=None)
+        if best is None or best.fault.kind not in _UNIT or not best.fault.unit:
+            # what excludes an offset must be how it fits, not that its size is not known before; no offset is a unit again and again
+            alike = current.added_by_fit(LEAST_MEANS)
+            rivals = odds({one: max(gain, alike.get(one, gain)) for one, gain in causes.items()})
+            share = dict(rivals)[cause]
+    elif cause.endswith(_OF_VEHICLE):
+        best = sources.vehicle.explanation(TURNED, LEAST_DIVES, _TURN_GAIN)
+        # what excludes an instrument must be certain
+        if best is not None and share >= _LIKELY:
+            return findings.turned(best, findings.OF_VEHICLE, mean.time_ns, topic)
     else:
         best = current.explanation(kinds_of(cause, _ANY), LEAST_MEANS)
     if best is None or (share < _LIKELY and best.pairs < _ENOUGH):
