@@ -357,7 +357,8 @@ FAULTS = (
     Fault("depth of pings stuck", _pings(_stuck_pressure), (findings.DEPTHS,), _GLIDER, 20),
     Fault("depth of the vehicle stuck", _stuck_vehicle, (findings.DEPTHS,), _GLIDER, 20),
     *(
-        Fault(f"clock {name} ahead", _late(seconds), (findings.CLOCK,), _GLIDER, 50)
+        Fault(f"clock of a {own} {name} ahead", _late(seconds), (findings.CLOCK,), (own,), 50)
+        for own in ("glider", "vessel")
         for name, seconds in (("18 s", 18.0), ("2 min", 120.0), ("1 h", 3600.0), ("12 h", 43_200.0))
     ),
     Fault("heading off by 60 degrees from hour 20", _same, _DIRECTION, _TWINS, 154, 60, 20.0),
