@@ -1,5 +1,6 @@
 """Where answers and progress go: terminal, pipe, file."""
 
+import errno
 import io
 import json
 import os
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from replay_kit.cli import reporting
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.atomic import atomic_file, stored
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.paths import is_stream
 from replay_kit.core.progress import Progress, shown_by, silent
@@ -26,6 +27,8 @@ FORMAT_VERSION = 2
 
 # Seconds between two looks of a progress line.
 _LOOK = 0.1
+# Seconds that the reader of a pipe is waited for.
+_PATIENCE = 5.0
 # How colours are set on a terminal.
 _STYLE = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -174,13 +177,37 @@ def keep_json(path: Path | None, answer: Mapping[str, Any]) -> None:
 
 
 def write_text(path: Path | None, text: str) -> None:
-    """Write an answer: a file appears whole or not at all, a pipe or device is written as it is, ``-`` is standard output."""
+    """Write an answer: a file appears whole or not at all, a pipe or device is written as it is, ``-`` is standard output.
+
+    Raises:
+        ReplayKitError: It cannot be written, or nobody reads the pipe.
+    """
     if path is None:
         return
     if str(path) == "-":
         sys.stdout.write(text)
     elif is_stream(path):
-        path.write_text(text, encoding="utf-8")
+        with stored(path), _opened_stream(path) as stream:
+            stream.write(text)
     else:
         with atomic_file(path) as file:
             file.write(text.encode())
+
+
+def _opened_stream(path: Path) -> TextIO:
+    """Return a pipe or device opened to be written."""
+    until = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            stream = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+            break
+        except OSError as error:
+            if error.errno != errno.ENXIO:
+                raise
+            if time.monotonic() > until:
+                raise ReplayKitError(
+                    f"{path}: nobody reads this pipe; begin to read it first, or give the name of a file"
+                ) from error
+        time.sleep(_LOOK)
+    os.set_blocking(stream, True)
+    return os.fdopen(stream, "w", encoding="utf-8")

@@ -11,6 +11,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.inputs import open_input
 
 # A configuration has some kB; tomllib takes a hundred times the memory of its file.
 _LARGEST = 1 << 18
@@ -23,7 +24,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         ConfigError: The file is missing, too large, or no TOML.
     """
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             data = file.read(_LARGEST + 1)
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error

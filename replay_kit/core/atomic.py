@@ -11,10 +11,15 @@ from typing import BinaryIO
 
 from replay_kit.core.errors import ConfigError, ReplayKitError
 
+# Of a disk, of a user's share of it, of the largest file.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
 
 @contextmanager
 def atomic_file(path: Path, check: Callable[[Path], None] | None = None) -> Iterator[BinaryIO]:
-    """Yield a binary file named ``PATH.part`` that is renamed to PATH when the block ends; an error or interrupt leaves the part.
+    """Yield a binary file named ``PATH.part`` that is renamed to PATH when the block ends.
+
+    An error or interrupt leaves the part; on a full disk it is removed, which makes room.
 
     Args:
         path: The final name; a file of that name is replaced.
@@ -26,9 +31,14 @@ def atomic_file(path: Path, check: Callable[[Path], None] | None = None) -> Iter
     """
     part = part_of(path)
     with stored(part), open_part(path) as file:
-        yield file
-        file.flush()
-        os.fsync(file.fileno())
+        try:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        except OSError as error:
+            if error.errno in _FULL:
+                part.unlink(missing_ok=True)
+            raise
         if check is not None:
             check(part)
         # before the file is closed, which lets another writer have the part
@@ -52,8 +62,13 @@ def stored(path: Path) -> Iterator[None]:
     except OSError as error:
         if error.filename not in (None, str(path)):
             raise
+        advice = (
+            "is the disk full? Make room, and run again"
+            if error.errno in _FULL
+            else "choose another place"
+        )
         raise ReplayKitError(
-            f"{path}: cannot be written: {error.strerror or error}; is the disk full? Make room, and run again"
+            f"{path}: cannot be written: {error.strerror or error}; {advice}"
         ) from error
 
 

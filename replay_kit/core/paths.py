@@ -1,14 +1,15 @@
-"""Checks of files: outputs before any work begins; inputs for changes while they are read, and for the array sizes they declare."""
+"""Paths and addresses as users give them, and checks of all of a command's files before any work begins."""
 
 import os
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path, PosixPath
 from typing import Any
 
 from replay_kit.core.atomic import part_of
-from replay_kit.core.errors import ConfigError, LogError, PlanError
+from replay_kit.core.errors import ConfigError, PlanError
+from replay_kit.core.inputs import why_no_input
 
 #: One path, or several, of which those in a sequence of their own belong together.
 Paths = str | Path | Sequence[str | Path | Sequence[str | Path]]
@@ -88,7 +89,7 @@ def check_paths(
     overwrite: bool,
     may_exist: Iterable[Path | None] = (),
 ) -> None:
-    """Raise ConfigError when an output cannot or may not be written; the contents of no file are read.
+    """Raise ConfigError when an input can be none, or an output cannot or may not be written; the contents of no file are read.
 
     Args:
         inputs: Files and stores (folders) to read; None and names that do not exist are ignored.
@@ -98,6 +99,9 @@ def check_paths(
     """
     kept = [path for path in may_exist if path is not None]
     read = [path for path in inputs if path is not None]
+    for path in (*read, *kept):
+        if why := why_no_input(path):
+            raise ConfigError(f"{path}: cannot be read: {why}")
     wanted = [path for path in outputs if path is not None and str(path) != "-"] + kept
     for position, path in enumerate(wanted):
         names = (path, part_of(path)) if path.name else (path,)
@@ -201,7 +205,8 @@ def truth_path(spec: str | None) -> Path | None:
 
 def _same(path: Path, other: Path) -> bool:
     """Return whether two names are one file, also by links or by a file system that ignores case."""
-    return path.resolve() == other.resolve() or (
+    # unlike ``Path.resolve`` of a link that leads back to itself
+    return os.path.realpath(path) == os.path.realpath(other) or (
         path.exists() and other.exists() and path.samefile(other)
     )
 
@@ -211,74 +216,3 @@ def _touches(path: Path, source: Path) -> bool:
     return _same(path, source) or (
         source.is_dir() and path.resolve().is_relative_to(source.resolve())
     )
-
-
-#: Size that any file may declare [bytes], and per byte of the file; forecasts in use have five to twelve.
-_FREE, _RATIO = 1 << 25, 100
-
-
-def exceeds_claim(path: Path, size: int) -> str:
-    """Return why arrays of that many bytes cannot be what a file is meant to hold; empty where they can.
-
-    Args:
-        path: The file, or the folder of a store.
-        size: What its arrays take in memory [bytes].
-    """
-    needed = (size - _FREE) / _RATIO
-    # what is on a server has limits of its own
-    if needed <= 0.0 or not path.exists() or (held := _bytes(path, needed)) >= needed:
-        return ""
-    return f"it claims {size / 1e6:.0f} MB of values in a file of {held / 1e6:.3f} MB, more than {_RATIO} times its bytes"
-
-
-def _bytes(path: str | os.PathLike[str], enough: float) -> int:
-    """Return the bytes of a file, or of the files below a folder, of which no more are counted than are enough."""
-    if not os.path.isdir(path):
-        return os.path.getsize(path)
-    total = 0
-    with os.scandir(path) as entries:
-        for entry in entries:
-            total += _bytes(entry.path, enough - total)
-            if total >= enough:
-                break
-    return total
-
-
-#: Device, number on it, size [bytes], time of the last change [ns].
-Stamp = tuple[int, int, int, int]
-
-
-def stamps_of(paths: Iterable[Path]) -> dict[Path, Stamp]:
-    """Return what tells each file from a changed one; folders, and names that are no file, are left out."""
-    return {path: _stamp(path.stat()) for path in paths if path.is_file()}
-
-
-def check_unchanged(before: Mapping[Path, Stamp], may_grow: bool = False) -> None:
-    """Raise LogError when a file is no longer what it was.
-
-    Args:
-        before: What ``stamps_of`` returned before the files were read.
-        may_grow: Whether a file may have become longer, as a log that is being recorded.
-    """
-    for path, stamp in before.items():
-        if not path.is_file():
-            raise LogError(
-                f"{path}: expected to stay as it was while it is read, but it is gone; keep it until the run ends, and run again"
-            )
-        now = _stamp(path.stat())
-        if now == stamp or (may_grow and now[:2] == stamp[:2] and now[2] > stamp[2]):
-            continue
-        if now[:2] != stamp[:2]:
-            what = "was replaced by another file"
-        elif now[2] != stamp[2]:
-            what = f"{'grew' if now[2] > stamp[2] else 'shrank'} from {stamp[2]} to {now[2]} bytes"
-        else:
-            what = "was written to"
-        raise LogError(
-            f"{path}: expected to stay as it was while it is read, but it {what}; "
-            "if it is still being recorded, give a copy of it, and run again"
-        )
-
-
-def _stamp(status: os.stat_result) -> Stamp:
-    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns

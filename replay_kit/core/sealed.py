@@ -16,6 +16,7 @@ from typing import Any
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import LogError
+from replay_kit.core.inputs import open_input
 
 _SEAL = b"\nreplay-kit sha256 "
 _SEAL_BYTES = len(_SEAL) + 65
@@ -98,7 +99,7 @@ def write_store(
 
 def read_head(path: Path, kind: Kind) -> dict[str, Any] | None:
     """Return the head of a store file, whose checksum is not looked at; None where it cannot be read or is of another kind or version."""
-    with suppress(OSError, ValueError, RecursionError), path.open("rb") as file:
+    with suppress(OSError, ValueError, RecursionError), open_input(path) as file:
         if file.read(len(kind.line)) == kind.line:
             head = json.loads(file.readline(_LONGEST))
             return head if isinstance(head, dict) else None
@@ -112,7 +113,7 @@ def read_store(path: Path, kind: Kind) -> tuple[dict[str, Any], tuple[memoryview
         LogError: The file cannot be read, is damaged, none of this program's, or of another kind or version.
     """
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             mapped = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     except OSError as error:
         raise LogError(

@@ -16,7 +16,8 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import Address, Paths, as_groups, exceeds_claim
+from replay_kit.core.inputs import exceeds_claim, open_input
+from replay_kit.core.paths import Address, Paths, as_groups
 from replay_kit.core.text import count_text
 
 _ENDINGS = (".nc", ".nc4", ".nc3", ".cdf", ".netcdf", ".zarr")
@@ -159,8 +160,11 @@ def open_file(path: Path) -> xr.Dataset:
     if path.is_dir():
         engine = "zarr"
     else:
-        with path.open("rb") as stream:
-            head = stream.read(8)
+        try:
+            with open_input(path) as stream:
+                head = stream.read(8)
+        except OSError as error:
+            raise ForecastError(f"{path}: cannot be read: {error.strerror}; {_HINT}") from error
         engine = (
             "scipy"
             if head[:3] == b"CDF"

@@ -14,6 +14,7 @@ from mcap.records import Attachment, Metadata
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
+from replay_kit.core.inputs import open_input
 from replay_kit.core.message import LogReader, LogReport, Message, RawMessage
 from replay_kit.core.progress import Progress
 from replay_kit.logs.decode.to_json import JsonChannels
@@ -180,7 +181,7 @@ class LogFile(AbstractContextManager["LogFile"]):
     def _opened(self) -> Iterator[BinaryIO]:
         """Give the file for one pass."""
         try:
-            with open(self.path, "rb") as file:
+            with open_input(self.path) as file:
                 self._files.append(file)
                 try:
                     yield file

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.extensions import additions
+from replay_kit.core.inputs import open_input
 from replay_kit.core.paths import as_path
 from replay_kit.logs.adcp.records import AD2CP_MAGICS, PD0_MAGIC
 from replay_kit.logs.reader import LogFile, unreadable
@@ -317,7 +318,7 @@ def _opened(
 
 def _first_bytes(path: Path) -> bytes:
     try:
-        with open(path, "rb") as file:
+        with open_input(path) as file:
             head = file.read(_HEAD)
     except FileNotFoundError as error:
         raise LogError(f"{path}: file not found") from error

@@ -291,7 +291,7 @@ class ResultFile:
             yield
         except OSError as error:
             raise ReplayKitError(
-                f"{self.part}: cannot {what}: {error}; is the disk full?"
+                f"{self.part}: cannot {what}: {error}; is the disk full? What was written so far stays there"
             ) from error
 
     def _check_target(self) -> None:

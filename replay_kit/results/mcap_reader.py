@@ -8,6 +8,7 @@ from mcap.reader import make_reader
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load_bytes
+from replay_kit.core.inputs import open_input
 from replay_kit.core.paths import as_path
 from replay_kit.results.topics import ESTIMATE_NAME, WINDOW_NAME, WINDOWS_RECORD
 
@@ -51,7 +52,7 @@ def read_estimate(path: str | Path) -> FlowEstimate:
     """
     path = as_path(path, "result")
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             attachments = [
                 record.data
                 for record in make_reader(file).iter_attachments()

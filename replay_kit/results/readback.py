@@ -17,6 +17,7 @@ from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from replay_kit.core.errors import ReplayKitError
+from replay_kit.core.inputs import open_input
 
 # opcode, length, and the channel when it is a message
 _START = struct.Struct("<BQH")
@@ -79,7 +80,7 @@ def checksums_fit(path: Path) -> bool | None:
     None for a file that cannot be opened or does not begin as an MCAP file: its readers say so.
     """
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             if file.read(len(_MAGIC)) != _MAGIC:
                 return None
             size = os.fstat(file.fileno()).st_size

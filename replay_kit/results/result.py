@@ -18,6 +18,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import Velocities, best_velocity_at
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
+from replay_kit.core.inputs import open_input
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
 from replay_kit.results.columns import ListValues, SingleValues, shared, single_columns
@@ -283,7 +284,7 @@ def result_path(path: str | Path) -> Path:
         ConfigError: The path is neither text nor a ``Path``.
     """
     path = as_path(path, "result")
-    with complete(path), path.open("rb") as file:
+    with complete(path), open_input(path) as file:
         reader: McapReader = make_reader(file)
         records = {record.name: record.metadata for record in reader.iter_metadata()}
     if "contract" not in records:

@@ -17,6 +17,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import get_chunk_data_stream
 
 from replay_kit.core.errors import LogError
+from replay_kit.core.inputs import open_input
 
 #: Names of attachments and metadata records.
 ESTIMATE_NAME = "estimate.nc"
@@ -91,7 +92,7 @@ def topics_of(path: Path) -> tuple[str, ...]:
     Raises:
         LogError: The file is missing, or is no complete MCAP file.
     """
-    with complete(path), path.open("rb") as file:
+    with complete(path), open_input(path) as file:
         summary = make_reader(file).get_summary()
     return () if summary is None else tuple(channel.topic for channel in summary.channels.values())
 

@@ -15,8 +15,9 @@ from rich.console import Console
 from replay_kit.config.run import LogConfig
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.inputs import check_unchanged, stamps_of
 from replay_kit.core.message import LogReport, Loss, RawMessage
-from replay_kit.core.paths import check_paths, check_unchanged, stamps_of
+from replay_kit.core.paths import check_paths
 from replay_kit.core.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.mavlink.writer import TlogFrames

@@ -14,13 +14,9 @@ from google.protobuf.descriptor_pb2 import (
 from mcap.writer import CompressionType, Writer
 
 from tests.forecast.forms import unwritten_stores
+from tests.fuzz.bombs import BOMBS, Attack, info_of, replay_of
 from tests.logs.adcp.raw_adcp_samples import nortek_sum
-from tests.places import ROOT
 
-_ENSEMBLE = str(ROOT / "sample_logs" / "ensemble.nc")
-_SURVEY = str(ROOT / "sample_logs" / "survey.mcap")
-#: Makes the input in a folder and returns the arguments of the command.
-Attack = Callable[[Path], list[str]]
 #: Makes the bytes: each only for its own attack, as many are tens of megabytes.
 Text = Callable[[], bytes]
 
@@ -150,17 +146,7 @@ def _chunk(folder: Path) -> list[str]:
 def _toml(text: Text) -> Attack:
     def attack(folder: Path) -> list[str]:
         (folder / "run.toml").write_bytes(text())
-        return [
-            "replay",
-            _SURVEY,
-            "--ensemble",
-            _ENSEMBLE,
-            "--config",
-            str(folder / "run.toml"),
-            "--dry-run",
-            "-o",
-            str(folder / "out.mcap"),
-        ]
+        return replay_of(folder, "--config", str(folder / "run.toml"), "--dry-run")
 
     return attack
 
@@ -214,64 +200,30 @@ def _glider_grid(file: h5py.File) -> None:
         file.create_dataset(name, shape=(2_000_000_000,), dtype="f8", chunks=(100_000,))
 
 
-def _dataflash(folder: Path) -> list[str]:
-    declare = struct.pack(
-        "<2sBBB4s16s64s",
-        b"\xa3\x95",
-        128,
-        128,
-        89,
-        b"FMT",
-        b"BBnNZ",
-        b"Type,Length,Name,Format,Columns",
+def _dataflash() -> bytes:
+    declaration = struct.Struct("<2sBBB4s16s64s")
+
+    def declared(number: int, size: int, name: bytes, form: bytes, columns: bytes) -> bytes:
+        return declaration.pack(b"\xa3\x95", 128, number, size, name, form, columns)
+
+    return declared(128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns") + b"".join(
+        declared(10 + k % 2, 12, b"AB%02d" % (k % 97), b"Qb", b"TimeUS,V") for k in range(100_000)
     )
-    kinds = (
-        struct.pack(
-            "<2sBBB4s16s64s",
-            b"\xa3\x95",
-            128,
-            10 + k % 2,
-            12,
-            b"AB" + b"%02d" % (k % 97),
-            b"Qb",
-            b"TimeUS,V",
-        )
-        for k in range(100_000)
-    )
-    (folder / "log.BIN").write_bytes(declare + b"".join(kinds))
-    return ["info", str(folder / "log.BIN")]
 
 
-def _tlog(folder: Path) -> list[str]:
-    (folder / "log.tlog").write_bytes(
-        (struct.pack(">Q", 1_700_000_000_000_000) + b"\xfd\xff\x01" + bytes(9)) * 500_000
-    )
-    return ["info", str(folder / "log.tlog")]
+def _tlog() -> bytes:
+    time = struct.pack(">Q", 1_700_000_000_000_000)
+    return (time + b"\xfd\xff\x01" + bytes(9)) * 500_000
 
 
-def _pd0(folder: Path) -> list[str]:
+def _pd0() -> bytes:
     one = b"\x7f\x7f" + struct.pack("<HBBH", 65_000, 0, 1, 8) + b"\0\0"
-    (folder / "log.pd0").write_bytes(one * 400_000 + bytes(65_000))
-    return ["info", str(folder / "log.pd0")]
+    return one * 400_000 + bytes(65_000)
 
 
-def _ad2cp(folder: Path) -> list[str]:
+def _ad2cp() -> bytes:
     head = b"\xa5\x0a\x16\x10\xff\xff\x00\x00"
-    (folder / "log.ad2cp").write_bytes((head + struct.pack("<H", nortek_sum(head))) * 1_000_000)
-    return ["info", str(folder / "log.ad2cp")]
-
-
-def _threads(folder: Path) -> list[str]:
-    return [
-        "replay",
-        _SURVEY,
-        "--ensemble",
-        _ENSEMBLE,
-        "--output.threads",
-        "1000000",
-        "-o",
-        str(folder / "out.mcap"),
-    ]
+    return (head + struct.pack("<H", nortek_sum(head))) * 1_000_000
 
 
 ATTACKS: dict[str, Attack] = {
@@ -326,9 +278,10 @@ ATTACKS: dict[str, Attack] = {
     "NetCDF ensemble: velocities are texts": _netcdf(_objects, "--ensemble"),
     "Zarr ensemble: 17 GB that were never written": _zarr,
     "NetCDF glider: 2 billion samples": _netcdf(_glider_grid),
-    "DataFlash: 100,000 declarations": _dataflash,
-    "MAVLink: 500,000 frames cut short": _tlog,
-    "PD0: 400,000 headers of 65 kB": _pd0,
-    "AD2CP: a million headers of 65 kB": _ad2cp,
-    "threads = 1000000": _threads,
+    "DataFlash: 100,000 declarations": info_of("log.BIN", _dataflash),
+    "MAVLink: 500,000 frames cut short": info_of("log.tlog", _tlog),
+    "PD0: 400,000 headers of 65 kB": info_of("log.pd0", _pd0),
+    "AD2CP: a million headers of 65 kB": info_of("log.ad2cp", _ad2cp),
+    "threads = 1000000": lambda folder: replay_of(folder, "--output.threads", "1000000"),
+    **BOMBS,
 }

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.fuzz.attacks import ATTACKS
+from tests.places import ROOT
 
 #: What a command may take: memory at its peak [MB] and time [s].
 MOST_MB, MOST_S = 300.0, 10.0
@@ -45,7 +46,7 @@ def measured(
             stdout=said,
             stderr=said,
             cwd=folder,
-            env={**os.environ, "COLUMNS": "160"},
+            env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "160"},
         )
         while (ended := os.wait4(process.pid, os.WNOHANG))[0] == 0:
             peak = _peak(f"/proc/{process.pid}/status") or peak

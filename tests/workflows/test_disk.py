@@ -11,7 +11,7 @@ import pytest
 from replay_kit.config.run import LogConfig, OutputConfig, RunConfig
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
 from replay_kit.core.flow.netcdf import write_grid
-from replay_kit.core.paths import check_unchanged, stamps_of
+from replay_kit.core.inputs import check_unchanged, stamps_of
 from replay_kit.logs import reader
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.convert import convert

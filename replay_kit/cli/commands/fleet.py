@@ -92,7 +92,9 @@ def fleet(
     """Return the gravest exit code of the missions."""
     out = outputs.out
     check_folder(out)
-    check_paths([*missions, inputs.config], [outputs.json_file], outputs.overwrite)
+    check_paths(
+        [*missions, *inputs.ensemble, inputs.config], [outputs.json_file], outputs.overwrite
+    )
 
     from replay_kit.workflows.fleet.cluster import open_cluster
     from replay_kit.workflows.fleet.missions import (

@@ -163,7 +163,14 @@ def replay(
     if radius is not None and not 0.0 < radius < float("inf"):
         raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
     read, made = (
-        (*logs, *inputs.ensemble, *inputs.against, truth_path(inputs.truth), settings.file),
+        (
+            *logs,
+            *inputs.ensemble,
+            *inputs.against,
+            truth_path(inputs.truth),
+            settings.file,
+            following.goal_file,
+        ),
         (outputs.out, outputs.netcdf, outputs.save_estimate),
     )
     replaced = outputs.overwrite or following.goes_on(outputs.out)
@@ -181,7 +188,8 @@ def replay(
     job = _job(logs, inputs, outputs)
     console = console_beside(outputs.json_file)
     if not following.follow:
-        check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
+        also_read = [settings.file, config.planner.bathymetry_path]
+        check_outputs(job, also_read, also_written=[outputs.json_file])
     (job,) = local_forecasts([(job, config)])
     if following.follow:
         return following.run(job, config, console, outputs.page, outputs.json_file)

@@ -37,7 +37,7 @@ def verify(
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
     """Return 0, 4 when part of the result was lost, or 5 when it could not be made again."""
-    check_paths([result], [answer.json_file], answer.overwrite)
+    check_paths([result, *(inputs or ())], [answer.json_file], answer.overwrite)
 
     from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.planning.again import plan_again

@@ -30,6 +30,7 @@ from replay_kit.core.flow.lossless import (
     SEALED_VERSION,
 )
 from replay_kit.core.grid import Grid, Projection
+from replay_kit.core.inputs import claim_text, exceeds_claim, open_input
 from replay_kit.core.paths import as_path
 from replay_kit.core.sealed import unsealed
 
@@ -53,7 +54,10 @@ def load_noted(path: Path) -> tuple[FlowEstimate, str]:
         ForecastError: As for ``load``.
     """
     try:
-        data = path.read_bytes()
+        if why := exceeds_claim(path, path.stat().st_size):
+            raise ForecastError(f"{path}: cannot read the flow: {why}; was it written whole?")
+        with open_input(path) as file:
+            data = file.read()
     except OSError as error:
         raise ForecastError(f"{path}: cannot read the flow: {error.strerror}") from error
     flow, checked = _load(data, str(path))
@@ -93,6 +97,9 @@ def _load(data: bytes, name: str) -> tuple[FlowEstimate, bool]:
                     raise ValueError(
                         "its checksum is missing: it was cut, or written by another program"
                     )
+                size = sum(variable.nbytes for variable in dataset.variables.values())
+                if why := claim_text(size, len(data)):
+                    raise ValueError(why)
                 return from_lossless(dataset.load()), content is not None
     # what the HDF5 library and the values of a damaged file without a checksum lead to has no end
     except Exception as error:

@@ -1,9 +1,12 @@
 """Glider files opened, and those of one mission put together."""
 
 import gzip
+import io
+import itertools
 import re
 import zlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
+from replay_kit.core.inputs import exceeds_claim, open_input
 from replay_kit.logs.glider.dialects import Dialect, dialect_of
 from replay_kit.logs.glider.missions import (
     FIRST_COLUMNS,
@@ -105,7 +109,8 @@ def surface_kind(path: Path) -> str:
 
 
 _DATE = re.compile(r"(\d{2})/(\d{2})/(\d{4}) (\d{2}:\d{2}:\d{2}(?:\.\d{1,6})?)")
-_MOST = 1 << 30
+# Characters that are read at once, and of a line.
+_BLOCK = 1 << 18
 _EPOCH = {"units": "seconds since 1970-01-01"}
 
 
@@ -117,29 +122,57 @@ def open_seaexplorer(path: Path, choose: Choose) -> NetcdfFile:
     Raises:
         LogError: The file cannot be read.
     """
+    variables: dict[str, Stored] = {}
+    names: list[str] = []
+    chosen: dict[str, int] = {}
+    read: dict[str, list[NDArray[np.float64]]] = {}
+    left_out = 0
     try:
-        with open(path, "rb") as raw:
-            compressed = raw.read(2) == GZIP_MAGIC
-        with gzip.open(path, "rb") if compressed else open(path, "rb") as file:
-            lines = file.read(_MOST).decode("utf-8-sig", "replace").splitlines()
+        for lines in _blocks_of_lines(path):
+            if not names:
+                names = [name.strip() for name in lines.pop(0).split(";")]
+                wanted = choose(names, {})
+                chosen = {name: k for k, name in enumerate(names) if name and name in wanted}
+                read = {name: [] for name in chosen}
+            filled = [*filter(str.strip, lines)]
+            rows = [fields for line in filled if len(fields := line.split(";")) == len(names)]
+            left_out += len(filled) - len(rows)
+            for name, k in chosen.items():
+                parsed = _times if name.lower() in FIRST_COLUMNS else _numbers
+                read[name].append(parsed([row[k] for row in rows]))
     except (OSError, EOFError, zlib.error) as error:
         raise LogError(
             f"{path}: cannot be read as a SeaExplorer's file: {error}; is the file whole?"
         ) from error
-    names = [name.strip() for name in lines[0].split(";")]
-    rows = [fields for line in lines[1:] if len(fields := line.split(";")) == len(names)]
-    attributes = {"lines_left_out": sum(bool(line.strip()) for line in lines[1:]) - len(rows)}
-    wanted = choose(names, attributes)
-    columns = {
-        name: [row[k] for row in rows] for k, name in enumerate(names) if name and name in wanted
-    }
-    variables = {
-        name: Stored(_times(fields), _EPOCH, ("line",))
-        if name.lower() in FIRST_COLUMNS
-        else Stored(_numbers(fields), {}, ("line",))
-        for name, fields in columns.items()
-    }
-    return NetcdfFile(path, attributes, variables, tuple(filter(None, names)))
+    for name, blocks in read.items():
+        about = _EPOCH if name.lower() in FIRST_COLUMNS else {}
+        variables[name] = Stored(np.concatenate(blocks), about, ("line",))
+    return NetcdfFile(path, {"lines_left_out": left_out}, variables, tuple(filter(None, names)))
+
+
+def _blocks_of_lines(path: Path) -> Iterator[list[str]]:
+    """Yield the lines of a file, unpacked where it is compressed, some hundred thousand bytes at a time.
+
+    Raises:
+        OSError, EOFError, zlib.error: It cannot be read or unpacked, or has a line without end.
+    """
+    with open_input(path) as raw, ExitStack() as stack:
+        compressed = raw.read(2) == GZIP_MAGIC
+        raw.seek(0)
+        packed = stack.enter_context(gzip.open(raw)) if compressed else raw
+        text, rest = io.TextIOWrapper(packed, "utf-8-sig", "replace"), ""
+        for number in itertools.count():
+            # numbers in memory take up to four times the room of their text
+            if why := exceeds_claim(path, 4 * number * _BLOCK):
+                raise EOFError(why)
+            if not (piece := text.read(_BLOCK)):
+                break
+            *lines, rest = (rest + piece).split("\n")
+            if len(rest) > _BLOCK:
+                raise EOFError("it has a line without end")
+            if lines:
+                yield lines
+        yield [rest]
 
 
 def _times(fields: list[str]) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from scipy.io import netcdf_file
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
-from replay_kit.core.paths import exceeds_claim
+from replay_kit.core.inputs import exceeds_claim, open_input
 
 _ATTRIBUTES = (
     *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),
@@ -163,7 +163,7 @@ def open_netcdf(path: Path, choose: Choose) -> NetcdfFile:
         LogError: The file cannot be read as NetCDF.
     """
     try:
-        with open(path, "rb") as file:
+        with open_input(path) as file:
             classic = file.read(3) == b"CDF"
         return _read_classic(path, choose) if classic else _read_hdf5(path, choose)
     except _UNREADABLE as error:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import lz4.block  # type: ignore[import-untyped]
 
 from replay_kit.core.errors import LogError
+from replay_kit.core.inputs import open_input
 
 #: Endings of the files, in lower case: flight computer, then science computer; all sensors before subsets, raw before compressed.
 FLIGHT = (".dbd", ".mbd", ".sbd", ".dcd", ".mcd", ".scd")
@@ -160,7 +161,7 @@ def first_header(path: Path) -> Header:
     Raises:
         LogError: As of ``read_header``; or the file cannot be read.
     """
-    with open(path, "rb") as file:
+    with open_input(path) as file:
         head = file.read(_BLOCK + 2)
     return read_header(path, unpacked(head, 1).data[:_LARGEST_HEADER])
 
@@ -246,7 +247,7 @@ class SensorLists:
     def _text(self, path: Path) -> bytes:
         if path not in self._texts:
             try:
-                with open(path, "rb") as file:
+                with open_input(path) as file:
                     self._texts[path] = unpacked(file.read(_LARGEST_LIST), _LARGEST_LIST).data
             except OSError as error:
                 raise LogError(

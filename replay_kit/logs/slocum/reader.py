@@ -8,6 +8,7 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
+from replay_kit.core.inputs import open_input
 from replay_kit.core.message import Loss
 from replay_kit.logs.glider.dialects import SLOCUM_BINARY
 from replay_kit.logs.glider.files import GliderFile
@@ -62,7 +63,8 @@ def read_segment(path: Path, lists: SensorLists) -> Segment:
         LogError: The file, or its list of sensors, cannot be read.
     """
     try:
-        stored = path.read_bytes()
+        with open_input(path) as file:
+            stored = file.read()
     except OSError as error:
         raise unreadable(path, error) from error
     data, lost_at = unpacked(stored)

@@ -5,6 +5,7 @@ In NetCDF, of one drifter or of several as a ragged array, or as a table of ERDD
 
 import csv
 from collections.abc import Collection, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,8 @@ _NAMES = {
 }
 # m: depth of the middle of the programme's drogue; and of a degree of latitude
 _DROGUE, _DEGREE = 15.0, 111_200.0
+# Rows of a table that are read at once, and letters of a value.
+_ROWS, _LONGEST = 50_000, 128
 
 
 def is_table(head: bytes) -> bool:
@@ -143,8 +146,9 @@ def _opened(path: Path) -> NetcdfFile:
             if not is_table(file.readline().encode("latin-1")):
                 return open_netcdf(path, lambda names, attributes: list(_chosen(names).values()))
             file.seek(0)
-            names, stated, *rows = csv.reader(file)
-        cells = np.char.encode(np.array(rows).T, "utf-8")
+            table = csv.reader(file)
+            names, stated = next(table), next(table)
+            cells = np.hstack([_block(rows) for rows in iter(lambda: [*islice(table, _ROWS)], [])])
         columns = dict(zip(names, zip(cells, stated, strict=True), strict=True))
     except (OSError, ValueError) as error:
         raise LogError(
@@ -152,6 +156,17 @@ def _opened(path: Path) -> NetcdfFile:
         ) from error
     variables = {name: Stored(column, {"units": unit}) for name, (column, unit) in columns.items()}
     return NetcdfFile(path, {}, variables, tuple(names))
+
+
+def _block(rows: list[list[str]]) -> NDArray[np.bytes_]:
+    """Return the columns of some rows of a table.
+
+    Raises:
+        ValueError: They are of unlike lengths, or hold what is no value.
+    """
+    if max(len(cell) for row in rows for cell in row) > _LONGEST:
+        raise ValueError(f"a value of more than {_LONGEST} letters")
+    return np.char.encode(np.array(rows).T, "utf-8")
 
 
 def _drogued(

@@ -1,6 +1,8 @@
 """Radials of an HF radar station as LLUV text (CODAR, ``*.ruv``): the current along the bearing, each file a message in SI units."""
 
+import io
 import re
+from array import array
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -11,6 +13,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
+from replay_kit.core.inputs import open_input
 from replay_kit.core.message import Message
 from replay_kit.logs.reader import VALUES, LogFile, unreadable
 from replay_kit.logs.shared.payloads import numbers, stamp
@@ -26,7 +29,7 @@ _NO_ERROR, _LEAST_ERROR, _OVER_LAND = 900.0, 3.0, 128
 _OTHER_UNITS = re.compile(r"\((?:knots?|kn|kts?|m/s)\)", re.IGNORECASE)
 # km by which places may depart from range and bearing
 _NEAR = 3.0
-_MOST = 1 << 26
+_MOST = 1 << 24
 
 
 class RadialsReader(LogFile):
@@ -100,12 +103,17 @@ def station(head: Mapping[str, str]) -> str:
     return (head.get("Site", "").split() or ["unnamed"])[0]
 
 
-def _lines(path: Path) -> list[str]:
+def _lines(path: Path) -> Iterator[str]:
     try:
-        with open(path, "rb") as file:
-            return file.read(_MOST).decode("latin-1").splitlines()
+        with open_input(path) as file:
+            data = file.read(_MOST + 1)
     except OSError as error:
         raise unreadable(path, error) from error
+    if len(data) > _MOST:
+        raise LogError(
+            f"{path}: expected radials of a station of at most {_MOST >> 20} MB; is it the right file?"
+        )
+    return (line.decode("latin-1") for line in io.BytesIO(data))
 
 
 def _time_ns(path: Path, head: Mapping[str, str]) -> int:
@@ -123,12 +131,16 @@ def _time_ns(path: Path, head: Mapping[str, str]) -> int:
 def _radials(path: Path, head: Mapping[str, str]) -> tuple[dict[str, Array], Counter[str]]:
     """Return the columns of the radials that can be used, and what was left out."""
     names = head["TableColumnTypes"].split()
-    rows = [row.split() for row in _lines(path) if row.strip() and not row.startswith("%")]
-    try:
-        table = np.array([row for row in rows if len(row) == len(names)], np.float64)
-    except ValueError as error:
-        raise LogError(f"{path}: radials: expected numbers, got {error}") from error
-    table = table.reshape(-1, len(names))
+    values, left_out = array("d"), 0
+    for line in _lines(path):
+        row = [] if line.startswith("%") else line.split()
+        left_out += 0 < len(row) != len(names)
+        if len(row) == len(names):
+            try:
+                values.extend(map(float, row))
+            except ValueError as error:
+                raise LogError(f"{path}: radials: expected numbers, got {error}") from error
+    table = np.array(values).reshape(-1, len(names))
     east, north, speed, heading, spatial, temporal, flag, distance, bearing = (
         table[:, names.index(name)] for name in _COLUMNS
     )
@@ -143,7 +155,7 @@ def _radials(path: Path, head: Mapping[str, str]) -> tuple[dict[str, Array], Cou
             "over land": int(over_land.sum()),
             "flagged otherwise": int(((flag != 0) & ~over_land).sum()),
             "without an error": int((~known & (flag == 0)).sum()),
-            "in lines that are not whole": len(rows) - len(table),
+            "in lines that are not whole": left_out,
         }
     )
     columns = {"longitude": east, "latitude": north, "direction": heading}

@@ -17,7 +17,7 @@ from replay_kit.core.errors import (
     PlanError,
     ReplayKitError,
 )
-from replay_kit.core.paths import Stamp, stamps_of
+from replay_kit.core.inputs import Stamp, stamps_of
 from replay_kit.core.plan import Place
 from replay_kit.core.text import count_text, place_text
 from replay_kit.estimator import Estimator

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError
-from replay_kit.core.paths import Stamp, stamps_of
+from replay_kit.core.inputs import Stamp, open_input, stamps_of
 from replay_kit.core.plan import Place
 from replay_kit.core.text import time_text
 from replay_kit.logs import open_log
@@ -211,7 +211,7 @@ def _missions(sources: Mapping[Path, Source], aside: bool) -> dict[str, list[Pat
 def _sha256(path: Path, size: int) -> str:
     """Return the SHA-256 of the first bytes of a file."""
     digest, left = hashlib.sha256(), size
-    with path.open("rb") as file:
+    with open_input(path) as file:
         while left and (block := file.read(min(_BLOCK, left))):
             digest.update(block)
             left -= len(block)
@@ -232,7 +232,8 @@ def read_goal(path: Path) -> Place:
         ConfigError: The file cannot be read, or holds no such line.
     """
     try:
-        lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
+        with open_input(path) as file:
+            lines = [line.strip() for line in file.read(_BLOCK).decode().splitlines()]
     except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: the goal cannot be read: {error}") from error
     text = next((line for line in lines if line and not line.startswith("#")), "")

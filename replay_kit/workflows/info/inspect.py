@@ -11,6 +11,7 @@ import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
+from replay_kit.core.inputs import check_unchanged, stamps_of
 from replay_kit.core.message import LogReport
 from replay_kit.core.observation import (
     LinearMeasurement,
@@ -19,7 +20,6 @@ from replay_kit.core.observation import (
     VehicleState,
     usable,
 )
-from replay_kit.core.paths import check_unchanged, stamps_of
 from replay_kit.core.progress import Progress, silent
 from replay_kit.logs import open_logs
 from replay_kit.logs.reader import LogFile

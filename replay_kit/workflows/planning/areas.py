@@ -3,6 +3,7 @@
 KML and GeoPackage are made features of GeoJSON. References: RFC 7946; OGC 12-007r2, KML 2.3; OGC 12-128r18, GeoPackage 1.3, 2.1.3.
 """
 
+import itertools
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,6 +20,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Grid
+from replay_kit.core.inputs import open_input
 from replay_kit.core.time import parse_time
 
 _LEAST_CORNERS = 3
@@ -36,6 +38,10 @@ _WORDS: dict[Any, Any] = {
     "0": False,
 }
 _SQLITE = b"SQLite format 3"
+# What a file of areas may take in memory [bytes], and each of its marks: a list, a tag, a value. Of a GeoPackage: the longest value, rows,
+# and millions of steps until a view has given them.
+_MOST_BYTES, _OF_MARKS = 80_000_000, {b"[": 64, b"{": 256, b"<": 128, b",": 40}
+_MOST_VALUE, _MOST_ROWS, _MOST_STEPS = 1 << 24, 20_000, 200
 # Codes of geographic coordinates in a GeoPackage: unknown ones, WGS 84, CRS 84.
 _GEOGRAPHIC = (0, 4326, 84)
 
@@ -137,7 +143,8 @@ def _outlines(path: Path) -> list[_Outline]:
         PlanError: As for ``read_areas``.
     """
     try:
-        content = path.read_bytes()
+        with open_input(path) as file:
+            content = file.read(_MOST_BYTES // 2 + 1)
     except OSError as error:
         raise PlanError(f"{path}: cannot read the no-go areas: {error.strerror}") from error
     try:
@@ -162,6 +169,11 @@ def _features_of(path: Path, content: bytes) -> Sequence[Mapping[str, Any]]:
     head = content[:2000].lower()
     if content.startswith(_SQLITE):
         kind, found = "a GeoPackage", list(_of_geopackage(path))
+    elif (
+        2 * len(content) + sum(size * content.count(mark) for mark, size in _OF_MARKS.items())
+        > _MOST_BYTES
+    ):
+        raise _NoAreaError("more than some 400,000 corners, which are to be simplified")
     elif head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") and b"<kml" in head:
         kind, found = "KML", list(_of_kml(content))
     else:
@@ -212,6 +224,10 @@ def _of_geopackage(path: Path) -> Iterator[Mapping[str, Any]]:
     try:
         with sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True) as opened:
             opened.row_factory = sqlite3.Row
+            # a view may have no end, and a value any length
+            steps = itertools.count()
+            opened.set_progress_handler(lambda: next(steps) > _MOST_STEPS, 1_000_000)
+            opened.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_VALUE)
             tables = opened.execute(
                 "SELECT table_name, column_name, srs_id FROM gpkg_geometry_columns"
             ).fetchall()
@@ -219,7 +235,9 @@ def _of_geopackage(path: Path) -> Iterator[Mapping[str, Any]]:
                 if system not in _GEOGRAPHIC:
                     raise _NoAreaError(f"a GeoPackage in coordinate system {system}, not WGS 84")
                 quoted = str(table).replace('"', '""')
-                for row in opened.execute(f'SELECT * FROM "{quoted}"'):
+                for number, row in enumerate(opened.execute(f'SELECT * FROM "{quoted}"')):
+                    if number >= _MOST_ROWS:
+                        raise _NoAreaError(f"a GeoPackage of more than {_MOST_ROWS:,} rows")
                     about = {name: row[name] for name in row.keys() if name != column}  # noqa: SIM118
                     yield {
                         "type": "Feature",

@@ -16,6 +16,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import inside_grid, to_local, unwrap_longitude
 from replay_kit.core.grid import Grid, Projection, Seabed
+from replay_kit.core.inputs import exceeds_claim, open_input
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -89,6 +90,7 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
     import xarray as xr
 
     try:
+        open_input(path).close()
         # of a root that is damaged h5netcdf leaves a file half open, which is complained of later
         with h5py.File(path, "r") as file:
             len(file.attrs)
@@ -111,6 +113,8 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     # the cut is what is read
     dataset = dataset.isel(cut)
     variable = variable.isel(cut)
+    if why := exceeds_claim(path, 8 * variable.size):
+        raise ForecastError(f"{path}: cannot read {variable.name}: {why}; mend the file")
     axes = [axis.isel(cut, missing_dims="ignore") for axis in axes]
     values = np.asarray(variable, dtype=np.float64) * _scale(path, variable) * (-1.0 if up else 1.0)
     low = _lowest_water(path, dataset, variable)
@@ -139,6 +143,8 @@ def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array
         for name, level in dataset.data_vars.items():
             called = wanted in (str(level.attrs.get("standard_name", "")), str(name).lower())
             if called and set(depth.dims) <= set(level.dims):
+                if why := exceeds_claim(path, 8 * level.size):
+                    raise ForecastError(f"{path}: cannot read {name}: {why}; mend the file")
                 times = level.transpose(..., *depth.dims).to_numpy().reshape(-1, *depth.shape)
                 low = np.fmin.reduce(times.astype(np.float64), axis=0) * _scale(path, level)
                 return low if np.isfinite(low).any() else None

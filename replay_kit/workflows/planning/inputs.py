@@ -11,6 +11,7 @@ from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load_noted
 from replay_kit.core.grid import Grid
+from replay_kit.core.inputs import open_input
 from replay_kit.core.progress import announce
 from replay_kit.results import read_estimate
 from replay_kit.show.status.held import Held, read_held
@@ -127,6 +128,6 @@ def read_flow(path: Path) -> FlowFile:
 
 
 def _is_result(path: Path) -> bool:
-    with suppress(OSError), path.open("rb") as file:
+    with suppress(OSError), open_input(path) as file:
         return file.read(5) == b"\x89MCAP"
     return False

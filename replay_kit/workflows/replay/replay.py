@@ -23,8 +23,8 @@ from replay_kit.core.errors import (
     ReplayKitError,
 )
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.inputs import check_unchanged
 from replay_kit.core.message import Message
-from replay_kit.core.paths import check_unchanged
 from replay_kit.core.progress import Progress, silent
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge

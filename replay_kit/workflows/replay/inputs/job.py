@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.paths import Stamp, check_paths, stamps_of, truth_path
+from replay_kit.core.inputs import Stamp, stamps_of
+from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files

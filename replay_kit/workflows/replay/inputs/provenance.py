@@ -11,6 +11,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.inputs import open_input
 from replay_kit.core.plan import Place
 from replay_kit.core.version import __version__
 from replay_kit.forecast.remote.kept import attributes_of, record_of
@@ -37,7 +38,7 @@ def file_hash(path: Path) -> str:
     digest = hashlib.sha256()
     files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
     for part in files:
-        with part.open("rb") as stream:
+        with open_input(part) as stream:
             while block := stream.read(_BLOCK):
                 digest.update(block)
     return digest.hexdigest()

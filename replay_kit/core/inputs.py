@@ -1,0 +1,125 @@
+"""Inputs: what may be one, whether it stays as it was while it is read, and how large it claims to be."""
+
+import errno
+import os
+import stat
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import BinaryIO
+
+from replay_kit.core.errors import LogError
+
+_KINDS = (
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISBLK, "a disk"),
+    (stat.S_ISCHR, "a device"),
+)
+
+
+def why_no_input(path: Path) -> str:
+    """Return why a path can be no input; empty for a file or folder, that a link leads to too, and where there is nothing.
+
+    Inputs are read several times and from any place on. Nobody may ever write to a pipe, and a device need not end.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except OSError as error:
+        if error.errno not in (errno.ELOOP, errno.ENAMETOOLONG):
+            return ""
+        return f"{error.strerror}; give the name of a file"
+    kind = next((name for holds, name in _KINDS if holds(mode)), "")
+    return (
+        f"it is {kind}, not a file; write what comes from it to a file, and give that"
+        if kind
+        else ""
+    )
+
+
+def open_input(path: str | Path) -> BinaryIO:
+    """Return a file opened to be read; what is no file is not waited for.
+
+    Raises:
+        OSError: It cannot be opened, or can be no input.
+    """
+    if why := why_no_input(Path(path)):
+        raise OSError(errno.EINVAL, why, str(path))
+    return open(path, "rb")
+
+
+#: Size that any file may declare [bytes], and per byte of the file; forecasts in use have five to twelve.
+_FREE, _RATIO = 1 << 25, 100
+
+
+def exceeds_claim(path: Path, size: int) -> str:
+    """Return why arrays of that many bytes cannot be what a file is meant to hold; empty where they can.
+
+    Args:
+        path: The file, or the folder of a store.
+        size: What its arrays take in memory [bytes].
+    """
+    needed = (size - _FREE) / _RATIO
+    # what is on a server has limits of its own
+    return "" if needed <= 0.0 or not path.exists() else claim_text(size, _bytes(path, needed))
+
+
+def claim_text(size: int, held: int) -> str:
+    """Return why arrays of that many bytes cannot be held by so many of a file; empty where they can."""
+    if size <= _FREE + _RATIO * held:
+        return ""
+    return f"it claims {size / 1e6:.0f} MB of values in a file of {held / 1e6:.3f} MB, more than {_RATIO} times its bytes"
+
+
+def _bytes(path: str | os.PathLike[str], enough: float) -> int:
+    """Return the bytes of a file, or of the files below a folder, of which no more are counted than are enough."""
+    if not os.path.isdir(path):
+        status = os.stat(path)
+        # of a file whose bytes were never written all; a file system that says nothing of it says zero
+        return min(status.st_size, 512 * status.st_blocks or status.st_size)
+    total = 0
+    with os.scandir(path) as entries:
+        for entry in entries:
+            total += _bytes(entry.path, enough - total)
+            if total >= enough:
+                break
+    return total
+
+
+#: Device, number on it, size [bytes], time of the last change [ns].
+Stamp = tuple[int, int, int, int]
+
+
+def stamps_of(paths: Iterable[Path]) -> dict[Path, Stamp]:
+    """Return what tells each file from a changed one; folders, and names that are no file, are left out."""
+    return {path: _stamp(path.stat()) for path in paths if path.is_file()}
+
+
+def check_unchanged(before: Mapping[Path, Stamp], may_grow: bool = False) -> None:
+    """Raise LogError when a file is no longer what it was.
+
+    Args:
+        before: What ``stamps_of`` returned before the files were read.
+        may_grow: Whether a file may have become longer, as a log that is being recorded.
+    """
+    for path, stamp in before.items():
+        if not path.is_file():
+            raise LogError(
+                f"{path}: expected to stay as it was while it is read, but it is gone; keep it until the run ends, and run again"
+            )
+        now = _stamp(path.stat())
+        if now == stamp or (may_grow and now[:2] == stamp[:2] and now[2] > stamp[2]):
+            continue
+        if now[:2] != stamp[:2]:
+            what = "was replaced by another file"
+        elif now[2] != stamp[2]:
+            what = f"{'grew' if now[2] > stamp[2] else 'shrank'} from {stamp[2]} to {now[2]} bytes"
+        else:
+            what = "was written to"
+        raise LogError(
+            f"{path}: expected to stay as it was while it is read, but it {what}; "
+            "if it is still being recorded, give a copy of it, and run again"
+        )
+
+
+def _stamp(status: os.stat_result) -> Stamp:
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns

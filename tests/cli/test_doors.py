@@ -1,0 +1,145 @@
+"""Whatever is given where a command reads or writes: no pipe is waited for, no device is read without end, and a sentence says so."""
+
+import json
+import os
+import signal
+import socket
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from replay_kit import open_estimate, open_result
+from replay_kit.cli import console
+from replay_kit.cli.options import Ending
+from replay_kit.config.file import read_toml
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ConfigError, ForecastError, LogError, PlanError
+from replay_kit.core.sealed import Kind, read_store
+from replay_kit.forecast import read_ensemble, read_truth
+from replay_kit.logs import open_log
+from replay_kit.workflows.follow.sources import read_goal
+from replay_kit.workflows.planning.areas import read_areas
+from replay_kit.workflows.planning.bathymetry import read_bathymetry
+from tests.cli.test_cli_options import OPTIONS, refusal
+from tests.command import invoke
+from tests.places import SAMPLES
+
+_REPLAY, _PLAN = "replay log.mcap --ensemble e.nc -o out.mcap", "plan flow.nc --start 1,2,0"
+#: Commands with an X for what is read.
+DOORS = (
+    *("info X", "info --ensemble X", "info log.mcap --config X"),
+    *("qc X", "qc log.mcap --config X", "convert X -o out.mcap"),
+    *("replay X --ensemble e.nc -o out.mcap", "replay log.mcap --ensemble X -o out.mcap"),
+    *(f"{_REPLAY} {name} X" for name in ("--against", "--truth", "--checkpoint", "--config")),
+    *(f"{_REPLAY} --planner.bathymetry X", f"{_REPLAY} --follow --goal-file X"),
+    "replay --as a=X --ensemble e.nc -o out.mcap",
+    *("smooth X --ensemble e.nc -o out.mcap", "smooth log.mcap --ensemble X -o out.mcap"),
+    "smooth log.mcap --ensemble e.nc --config X -o out.mcap",
+    *("report X -o out.html", "status X", "layout X -o out.json", "plot X map -o out.png"),
+    *("export X -o out.nc", "verify X", "verify log.mcap --inputs X"),
+    *("plan X --start 1,2,0", *(f"{_PLAN} --{name} X" for name in ("no-go", "bathymetry"))),
+    *(f"{_PLAN} --others X", f"{_PLAN} --config X"),
+    *("twin --truth X -o out.mcap", "fit X -o out.toml"),
+    *("fleet X -o out", "fleet log.mcap --ensemble X -o out", "fleet log.mcap --config X -o out"),
+    *(f"fetch {words} --ensemble https://a.b/c" for words in ("X", "--config X")),
+    *("bench X", "bench --ensemble X", "bench --ensemble e.nc --truth X", "bench --config X log.mcap"),
+    *("experiment paper --ensemble X --truth t.nc -o out", "experiment paper --ensemble e.nc --truth X -o out"),
+)  # fmt: skip
+_NO_FILE = ", not a file; write what comes from it to a file, and give that"
+KINDS = {
+    "link": f"it is a pipe{_NO_FILE}",
+    "socket": f"it is a socket{_NO_FILE}",
+    "/dev/zero": f"it is a device{_NO_FILE}",
+    "loop": "Too many levels of symbolic links; give the name of a file",
+}
+
+
+@pytest.fixture
+def hostile(tmp_path, monkeypatch):
+    """A folder with a file of each kind that is none; what waits is ended."""
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    Path("link").symlink_to("pipe")
+    Path("loop").symlink_to("loop")
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind("socket")
+        signal.alarm(20)
+        yield tmp_path
+        signal.alarm(0)
+
+
+@pytest.mark.parametrize("line", DOORS)
+def test_a_pipe_is_refused_at_every_door(hostile, line):
+    before = set(hostile.iterdir())
+    said = refusal(line.replace("X", "pipe"))
+    assert said.startswith("pipe: cannot ")
+    assert said.endswith(f": it is a pipe{_NO_FILE}")
+    assert set(hostile.iterdir()) == before
+
+
+@pytest.mark.parametrize("line", DOORS[:40:10])
+def test_each_kind_that_is_no_file_is_refused(hostile, line):
+    for name, kind in KINDS.items():
+        assert refusal(line.replace("X", name)) == f"{name}: cannot be read: {kind}"
+
+
+def test_every_option_that_is_read_is_one_of_these_doors():
+    lines = [line.split() for line in DOORS]
+    given = {(line[0], before) for line in lines for before, word in pairwise(line) if word == "X"}
+    for words, name, option in OPTIONS:
+        marks = get_args(option.field_info.annotation)[1:]
+        written = any(isinstance(mark, Ending) for mark in marks)
+        if "Path" in str(option.hint) and not written and words != "fetch":
+            assert (words.split()[0], name) in given, option
+
+
+def test_a_pipe_that_nobody_reads_a_device_that_is_full_and_a_folder_are_told(hostile, monkeypatch):
+    monkeypatch.setattr(console, "_PATIENCE", 0.1)
+    Path("folder.json").mkdir()
+    said = {}
+    for name in ("pipe", "/dev/full", "folder.json"):
+        done = invoke(f"info {SAMPLES / 'survey.mcap'} --json {name}")
+        said[name] = done.exit_code, done.stderr.splitlines()[-1]
+    assert said == {
+        "pipe": (
+            1,
+            "replay-kit: pipe: nobody reads this pipe; begin to read it first, or give the name of a file",
+        ),
+        "/dev/full": (
+            1,
+            "replay-kit: /dev/full: cannot be written: No space left on device; is the disk full? Make room, and run again",
+        ),
+        "folder.json": (2, "replay-kit: folder.json: is a folder; give the name of a file"),
+    }
+
+
+def test_a_pipe_that_is_read_has_the_answer(hostile):
+    with ThreadPoolExecutor() as pool:
+        read = pool.submit(Path("pipe").read_text)
+        assert invoke(f"info {SAMPLES / 'survey.mcap'} --json pipe").exit_code == 0
+    assert json.loads(read.result())["logs"]
+
+
+@pytest.mark.parametrize(
+    ("read", "error"),
+    [
+        (open_log, LogError),
+        (open_result, LogError),
+        (open_estimate, ForecastError),
+        (read_toml, ConfigError),
+        (lambda path: read_ensemble(path, ForecastConfig()), ForecastError),
+        (lambda path: read_truth(f"{path}", ForecastConfig()), ForecastError),
+        (lambda path: read_bathymetry(path, None), ForecastError),
+        (read_areas, PlanError),
+        (read_goal, ConfigError),
+        (lambda path: read_store(path, Kind("checkpoint", 1, "delete it")), LogError),
+    ],
+)
+@pytest.mark.parametrize("name", ["pipe", "/dev/zero", "folder"])
+def test_a_script_is_told_too(hostile, read, error, name):
+    Path("folder").mkdir()
+    with pytest.raises(error, match=name):
+        read(Path(name))
