@@ -1,0 +1,48 @@
+"""Observations of the current, vehicle states, and the innovations of the estimator."""
+
+from replay_kit.core.observation.innovation import Decision, GroupTotals, Innovation
+from replay_kit.core.observation.linear import (
+    BOTH_COMPONENTS,
+    Fix,
+    Kind,
+    Label,
+    LinearMeasurement,
+    PathMean,
+    Source,
+    VehicleState,
+)
+from replay_kit.core.observation.profile import (
+    NO_RAW_VALUES,
+    STATED,
+    Measurement,
+    Observation,
+    RawValues,
+    Reference,
+    kind_of,
+)
+from replay_kit.core.observation.quality import Flag, Reason, reasons_of, usable
+
+__all__ = [
+    "BOTH_COMPONENTS",
+    "NO_RAW_VALUES",
+    "STATED",
+    "Decision",
+    "Fix",
+    "Flag",
+    "GroupTotals",
+    "Innovation",
+    "Kind",
+    "Label",
+    "LinearMeasurement",
+    "Measurement",
+    "Observation",
+    "PathMean",
+    "RawValues",
+    "Reason",
+    "Reference",
+    "Source",
+    "VehicleState",
+    "kind_of",
+    "reasons_of",
+    "usable",
+]

@@ -1,0 +1,275 @@
+"""A profile of the current, and the measurements that a person states."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.observation.linear import Fix, Label, LinearMeasurement, PathMean, Source
+from replay_kit.core.observation.quality import Flag, Reason
+from replay_kit.core.text import place_text, span_text, time_text
+from replay_kit.core.time import to_time_ns
+
+Reference = Literal["earth", "platform"]
+
+
+@dataclass(frozen=True, slots=True)
+class RawValues:
+    """What is remembered of a ping as the instrument gave it, before any rotation.
+
+    Attributes:
+        kind: ``zero`` when all velocities are zero, ``constant`` when all cells are equal, else ``varied``.
+        digest: Equal for equal velocities; empty with too few of them.
+        texture: shape (n - 2, k), second differences along the profile of each component or beam [m/s]; None with too few cells.
+        along_beams: Whether the velocities were along beams.
+        depth: Of the transducer, by the ping's own pressure [m]; NaN where it states none.
+        error_velocity: Mean over the profile of what no velocity explains in the beams [m/s]; NaN where it is not known.
+        heading: Of the instrument, clockwise from true or magnetic north [degrees]; NaN where it is not stated.
+    """
+
+    kind: Literal["varied", "constant", "zero"] = "varied"
+    digest: bytes = b""
+    texture: Array | None = field(default=None, compare=False)
+    along_beams: bool = False
+    depth: float = math.nan
+    error_velocity: float = math.nan
+    heading: float = math.nan
+
+
+#: Of a ping that has too few of them.
+NO_RAW_VALUES = RawValues()
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Observation:
+    """One profile of the horizontal current: n bins under one position.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        longitude: [degrees east].
+        latitude: [degrees north].
+        depth: shape (n,) [m], positive down.
+        velocity: shape (n, 2) [m/s], true east and true north; NaN where missing.
+        error_std: shape (n,) [m/s], the instrument's own error of each component.
+        reference: What the velocity is relative to.
+        flags: shape (n,), QARTOD flags.
+        reasons: shape (n,), bit mask of ``Reason``.
+        dive: Number of the dive the profile belongs to, counted from 1; 0 before the first dive or for a surface vessel.
+        source: The message it came from.
+        common_std: Error of each component that all bins share [m/s], the platform's velocity; inf when that is not known, and
+            ``velocity`` is then relative to the platform.
+        correlation_depth: Distance along the profile over which the correlation of the bins' own errors falls by e [m]; 0 for
+            independent ones.
+        platform_velocity: True east and north [m/s], what was added to the velocity measured relative to the platform; None when
+            it is not known, or when the instrument's log does not say.
+        raw: Of the velocities as the instrument gave them.
+        position_std: Standard error of its place [m], interpolated between positions far apart in time; 0 for a place that is near one.
+    """
+
+    time_ns: int
+    longitude: float
+    latitude: float
+    depth: Array
+    velocity: Array
+    error_std: Array
+    reference: Reference
+    flags: NDArray[np.int8]
+    reasons: NDArray[np.int32]
+    dive: int
+    source: Source
+    common_std: float = 0.0
+    correlation_depth: float = 0.0
+    platform_velocity: tuple[float, float] | None = None
+    raw: RawValues = NO_RAW_VALUES
+    position_std: float = 0.0
+
+    @property
+    def linear(self) -> LinearMeasurement:
+        """The same as sums of components: each bin is the current at a point, all points lie at one place."""
+        return LinearMeasurement(
+            self.time_ns,
+            None,
+            np.array([self.longitude]),
+            np.array([self.latitude]),
+            self.depth,
+            None,
+            self.velocity,
+            self.error_std,
+            self.flags,
+            self.reasons,
+            Label(self.dive, self.source),
+            self.common_std,
+            self.correlation_depth,
+            self.platform_velocity,
+        )
+
+    @staticmethod
+    def profile(
+        time: Any, lon: float, lat: float, depth: Any, u: Any, v: Any, error: Any
+    ) -> "Observation":
+        """Return a profile of the current, or with one depth the current at one place.
+
+        Args:
+            time: ISO 8601 text, datetime64, datetime or integer nanoseconds (UTC).
+            lon: [degrees east].
+            lat: [degrees north].
+            depth: shape (n,) [m], positive down.
+            u: shape (n,) [m/s], towards true east; NaN where missing.
+            v: shape (n,) [m/s], towards true north.
+            error: Standard error of each component [m/s], one number or shape (n,).
+
+        Raises:
+            ConfigError: The lengths differ, an error is not above 0, or a place is none.
+        """
+        depths, east, north = (np.atleast_1d(np.asarray(x, np.float64)) for x in (depth, u, v))
+        errors = _stated_errors(error, depths.size)
+        if not depths.shape == east.shape == north.shape == errors.shape or depths.ndim != 1:
+            shapes = ", ".join(str(x.shape) for x in (depths, east, north, errors))
+            raise ConfigError(
+                f"profile: expected depth, u, v and error of one length, got {shapes}"
+            )
+        place = _stated_fix((time, lon, lat), "profile")
+        velocity = np.column_stack([east, north])
+        known = np.isfinite(velocity).all(axis=1) & np.isfinite(depths)
+        return Observation(
+            *(*place, depths, velocity, errors, "earth"),
+            flags=np.where(known, Flag.GOOD, Flag.MISSING).astype(np.int8),
+            reasons=np.where(known, Reason.NONE, Reason.MISSING).astype(np.int32),
+            dive=0,
+            source=Source(0, STATED, 0, place.time_ns),
+        )
+
+    @staticmethod
+    def mean(
+        start: tuple[Any, float, float],
+        end: tuple[Any, float, float],
+        depth: float,
+        u: float,
+        v: float,
+        error: float,
+    ) -> "PathMean":
+        """Return the mean current of a dive, straight down and up again between two fixes.
+
+        Args:
+            start: Time (as of ``profile``), longitude and latitude [degrees] of the fix before it.
+            end: Of the fix after it.
+            depth: Greatest depth [m].
+            u: Towards true east [m/s].
+            v: Towards true north [m/s].
+            error: Standard error of each component [m/s].
+
+        Raises:
+            ConfigError: The dive does not end after it began, its depth or error is not above 0, or a place is none.
+        """
+        before, after = _stated_fix(start, "start"), _stated_fix(end, "end")
+        if not (after.time_ns > before.time_ns and depth > 0.0 and math.isfinite(u + v)):
+            raise ConfigError(
+                f"mean: expected an end after the start, a depth above 0 and a finite current, got {before.time_ns}, {after.time_ns} ns, "
+                f"{depth} m, {u}, {v} m/s"
+            )
+        share = (np.arange(_PIECES) + 0.5) / _PIECES
+        east = (after.longitude - before.longitude + 180.0) % 360.0 - 180.0
+        return PathMean(
+            time_ns=after.time_ns,
+            path_time_ns=before.time_ns
+            + np.round(share * (after.time_ns - before.time_ns)).astype(np.int64),
+            longitude=before.longitude + share * east,
+            latitude=before.latitude + share * (after.latitude - before.latitude),
+            depth=depth * (1.0 - np.abs(2.0 * share - 1.0)),
+            weight=np.full(_PIECES, 1.0 / _PIECES),
+            velocity=(float(u), float(v)),
+            error_std=float(_stated_errors(error, 1)[0]),
+            kind="dac",
+            dive=0,
+            source=Source(0, STATED, 0, after.time_ns),
+            fixes=(before, after),
+            deepest=float(depth),
+        )
+
+    @staticmethod
+    def component(
+        place: tuple[Any, float, float], depth: float, direction: float, speed: float, error: float
+    ) -> LinearMeasurement:
+        """Return one component of the current at a place, as a radar or a current meter with one axis measures it.
+
+        Args:
+            place: Time (as of ``profile``), longitude and latitude [degrees].
+            depth: [m], positive down.
+            direction: Towards which ``speed`` is positive, clockwise from true north [degrees].
+            speed: [m/s].
+            error: Standard error [m/s].
+
+        Raises:
+            ConfigError: A number is not finite, the depth is below 0, the error is not above 0, or the place is none.
+        """
+        fix, angle = _stated_fix(place, "component"), math.radians(direction)
+        if not (math.isfinite(angle + speed) and 0.0 <= depth < math.inf):
+            raise ConfigError(
+                f"component: expected a depth from 0 on, a direction and a speed, got {depth} m, {direction} degrees, {speed} m/s"
+            )
+        return LinearMeasurement(
+            *(fix.time_ns, None, np.array([fix.longitude]), np.array([fix.latitude])),
+            *(np.array([float(depth)]), None, np.array([[float(speed)]])),
+            *(_stated_errors(error, 1), np.full(1, Flag.GOOD, np.int8), np.zeros(1, np.int32)),
+            Label(0, Source(0, STATED, 0, fix.time_ns), kind="radar"),
+            components=np.array([[math.sin(angle), math.cos(angle)]]),
+        )
+
+    def __repr__(self) -> str:
+        """Return where and when it was made, and what it holds."""
+        u, v = (span_text(component, 2) for component in self.velocity.T)
+        usable = int(np.sum((self.flags == Flag.GOOD) | (self.flags == Flag.SUSPECT)))
+        where = f"{time_text(self.time_ns)} at {place_text(self.longitude, self.latitude)}, dive {self.dive}"
+        error = (
+            f"error {span_text(self.error_std, 2)} m/s (true axes, relative to {self.reference})"
+        )
+        bins = f"{self.depth.size} bins, {usable} usable, {span_text(self.depth)} m deep"
+        return f"Observation {where}: {bins}\n  u {u}, v {v}, {error}"
+
+
+#: Topic of measurements that a person states, not a log.
+STATED = "stated"
+# of the way down and up of a mean that is stated; an even number, so that none reaches over the deepest point
+_PIECES = 128
+
+
+def _stated_fix(stated: tuple[Any, float, float], what: str) -> Fix:
+    """Return a time and place that a person states.
+
+    Raises:
+        ConfigError: It is none.
+    """
+    time, longitude, latitude = stated
+    place = float(longitude), float(latitude)
+    if not (-180.0 <= place[0] <= 360.0 and abs(place[1]) <= 90.0):
+        raise ConfigError(f"{what}: expected longitude and latitude [degrees], got {place}")
+    return Fix(int(to_time_ns(time)), *place)
+
+
+def _stated_errors(error: Any, n: int) -> Array:
+    """Return standard errors that a person states, shape (n,) [m/s].
+
+    Raises:
+        ConfigError: One is missing or not above 0.
+    """
+    errors = np.asarray(np.nan if error is None else error, np.float64)
+    if not (errors > 0.0).all() or not np.isfinite(errors).all():
+        raise ConfigError(
+            f"error: expected the standard error of each component [m/s], above 0, got {error!r}; it is not guessed"
+        )
+    return np.full(n, float(errors)) if errors.ndim == 0 else errors
+
+
+#: What an estimator may be given.
+Measurement = Observation | PathMean | LinearMeasurement
+
+
+def kind_of(measurement: Measurement) -> str:
+    """Return ``profiles``, the kind of a mean along a path, or that of another source."""
+    if isinstance(measurement, LinearMeasurement):
+        return measurement.label.kind
+    return measurement.kind if isinstance(measurement, PathMean) else "profiles"
