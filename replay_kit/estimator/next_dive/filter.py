@@ -109,6 +109,15 @@ class DiveState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _SeenDive:
+    """A dive, the state at its time, and what the dive may be."""
+
+    state: DiveState
+    dive: DiveMean
+    cases: list[_Case]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class DiveModel:
     """The model of dives' mean currents.
 
@@ -158,22 +167,32 @@ class DiveModel:
             state: After the dives before.
             dive: Its time, duration, way, depths and backgrounds; its current is not used.
         """
+        return self.mixture(self.seen(state, dive))
+
+    def step(self, state: DiveState, dive: DiveMean) -> DiveState:
+        """Return the state after a dive."""
+        return self.after(self.seen(state, dive))
+
+    def seen(self, state: DiveState, dive: DiveMean) -> _SeenDive:
+        """Return a dive as a state sees it: what a forecast of it and the state after it have in common."""
         state = self.predict(state, dive.time_ns)
+        return _SeenDive(state, dive, self._cases(state, dive))
+
+    def mixture(self, seen: _SeenDive) -> Mixture:
+        """Return what is expected of the mean current of a dive that a state sees."""
+        state, dive = seen.state, seen.dive
         expected = state.mean @ dive.design.T + self._background(dive)
         parts = [
-            (state.log_weights + log_share, expected, spread)
-            for log_share, _, spread in self._cases(state, dive)
+            (state.log_weights + log_share, expected, spread) for log_share, _, spread in seen.cases
         ]
         log_weights, means, covs = (np.concatenate(part) for part in zip(*parts, strict=True))
         return Mixture(log_weights, means, covs)
 
-    def step(self, state: DiveState, dive: DiveMean) -> DiveState:
-        """Return the state after a dive."""
-        state = self.predict(state, dive.time_ns)
+    def after(self, seen: _SeenDive) -> DiveState:
+        """Return the state after the dive that it sees."""
+        state, dive = seen.state, seen.dive
         errors = dive.velocity - self._background(dive) - state.mean @ dive.design.T
-        state = replace(
-            _after(state, dive.design, errors, self._cases(state, dive)), dives=state.dives + 1
-        )
+        state = replace(_after(state, dive.design, errors, seen.cases), dives=state.dives + 1)
         return state if dive.inverted is None else self._with_inverted(state, dive, dive.inverted)
 
     def flight_bias(self, state: DiveState) -> tuple[Array, Array]:

@@ -114,10 +114,12 @@ class ProcessState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
+class SeenDive:
     """A dive as a state sees it before its current is used: states at its end, and its mean current.
 
     Attributes:
+        before: The state.
+        dive: The dive.
         mean: shape (h, b, 16).
         cov: shape (h, 16, 16).
         expected: shape (h, b, 2) [m/s], without the background.
@@ -125,6 +127,8 @@ class _Seen:
         spread: shape (h, 2, 2), covariance of the mean current.
     """
 
+    before: ProcessState
+    dive: DiveMean
     mean: Array
     cov: Array
     expected: Array
@@ -163,21 +167,28 @@ class MeanCurrentProcess:
             state: After the dives before.
             dive: Its time, duration, way and backgrounds; its current is not used.
         """
-        seen = self._seen(state, dive)
-        about = self._backgrounds(dive)
+        return self.mixture(self.seen(state, dive))
+
+    def step(self, state: ProcessState, dive: DiveMean) -> ProcessState:
+        """Return the state after a dive."""
+        return self.after(self.seen(state, dive))
+
+    def mixture(self, seen: SeenDive) -> Mixture:
+        """Return what is expected of the mean current of a dive that a state sees."""
+        about = self._backgrounds(seen.dive)
         means = (seen.expected + about).reshape(-1, 2)
         spread = np.repeat(seen.spread, about.shape[0], axis=0)
         changed = np.repeat(self._changed(seen.spread), about.shape[0], axis=0)
-        weights = state.log_weights.ravel()
+        weights = seen.before.log_weights.ravel()
         return Mixture(
             np.concatenate([weights + np.log(1.0 - _JUMP), weights + np.log(_JUMP)]),
             np.concatenate([means, means]),
             np.concatenate([spread, changed]),
         )
 
-    def step(self, state: ProcessState, dive: DiveMean) -> ProcessState:
-        """Return the state after a dive."""
-        seen = self._seen(state, dive)
+    def after(self, seen: SeenDive) -> ProcessState:
+        """Return the state after the dive that it sees."""
+        state, dive = seen.before, seen.dive
         errors = dive.velocity - self._backgrounds(dive) - seen.expected
         after = _updated(seen.mean, seen.cov, seen.cross, seen.spread, errors)
         density = np.logaddexp(
@@ -225,7 +236,8 @@ class MeanCurrentProcess:
         design[:, :, 2 * _STATES :] = self.settings.flight[:, None, None] * turn
         return design
 
-    def _seen(self, state: ProcessState, dive: DiveMean) -> _Seen:
+    def seen(self, state: ProcessState, dive: DiveMean) -> SeenDive:
+        """Return a dive as a state sees it: what a forecast of it and the state after it have in common."""
         settings = self.settings
         instants = _instants(dive)
         before = instants[0] if state.time_ns is None else state.time_ns
@@ -260,7 +272,8 @@ class MeanCurrentProcess:
         # a way that is planned, not known, moves the flight model's error by 1 + 1/4 of its variance
         own = dive.position_variance + _FLOOR**2 + 1.25 * (settings.flight * dive.way_std) ** 2
         spread = design @ seen + variance[:, None, None] * along + own[:, None, None] * np.eye(2)
-        return _Seen(mean, cov, state.mean @ design.transpose(0, 2, 1), cross, spread)
+        expected = state.mean @ design.transpose(0, 2, 1)
+        return SeenDive(state, dive, mean, cov, expected, cross, spread)
 
 
 def _instants(dive: DiveMean) -> list[int]:

@@ -177,14 +177,15 @@ def concluded(state: GroundState) -> GroundState:
         else None
     )
     number = number or before.state.dives + 1
+    outcome, model = before.outcome(dive, (start, fix), number, basis)
     return replace(
         state,
-        model=_MODEL.step(before.state, dive),
+        model=model,
         persistence=state.persistence.after(velocity),
         surfaced=None,
         ahead=None,
         last=LastDive(dive, mean.depth, mean.weight, number, basis, flown),
-        concluded=before.outcome(dive, (start, fix), number, basis),
+        concluded=outcome,
     )
 
 

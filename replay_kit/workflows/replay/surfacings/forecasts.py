@@ -150,12 +150,13 @@ def forecast_mean(
         return state, ()
     dive = dive_mean(state, mean, _UNKNOWN if backgrounds is None else backgrounds)
     before = _MODEL.initial() if state.model is None else state.model
-    outcome = Before(_MODEL, before, state.persistence).outcome(dive, mean.fixes, mean.dive)
+    of_dives = Before(_MODEL, before, state.persistence)
+    outcome, model = of_dives.outcome(dive, mean.fixes, mean.dive)
     # dives without a mean current are known less well
     known = replace(state, dives=(), as_flown=None) if state.model is None else state
     after = replace(
         _with_dive(known, flown_of(mean)),
-        model=_MODEL.step(before, dive),
+        model=model,
         persistence=state.persistence.after(dive.velocity),
         last=dive,
         ground=GroundState(),

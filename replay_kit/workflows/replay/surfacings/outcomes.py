@@ -14,13 +14,7 @@ from replay_kit.core.surfacing import (
     ellipse_of,
     forecast_place,
 )
-from replay_kit.estimator.next_dive import (
-    DiveMean,
-    DiveModel,
-    MeanCurrentProcess,
-    Mixture,
-    Persistence,
-)
+from replay_kit.estimator.next_dive import DiveMean, Mixture, Persistence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,12 +22,13 @@ class Before:
     """What is known before a dive.
 
     Attributes:
-        model: Of the dives.
+        model: Of the dives: a ``DiveModel``, or the ``MeanCurrentProcess``.
         state: Of the model, after the dives so far.
         persistence: The baseline.
     """
 
-    model: DiveModel | MeanCurrentProcess
+    # Any: each of both has states of its own
+    model: Any
     state: Any
     persistence: Persistence
 
@@ -73,8 +68,8 @@ class Before:
 
     def outcome(
         self, dive: DiveMean, fixes: tuple[Fix, Fix], number: int, basis: Basis = "mean_currents"
-    ) -> DiveOutcome:
-        """Return where a dive was expected to end, and how good that was.
+    ) -> tuple[DiveOutcome, Any]:
+        """Return where a dive was expected to end and how good that was, and the model's state after it.
 
         Args:
             dive: With what was measured of it.
@@ -83,13 +78,15 @@ class Before:
             basis: What it was expected from.
         """
         start, end = fixes
-        expected = self.model.forecast(self.state, dive)
+        seen = self.model.seen(self.state, dive)
+        expected = self.model.mixture(seen)
         last = self.persistence.velocity
         off = np.nan if last is None else float(np.hypot(*(dive.velocity - last)))
-        return DiveOutcome(
+        outcome = DiveOutcome(
             forecast=self._placed(expected, dive, start, number, basis),
             fix=Fix(*end),
             log_score=expected.log_density(dive.velocity),
             persistent_log_score=self.persistence.log_density(dive.velocity),
             persistent_distance=off * dive.seconds,
         )
+        return outcome, self.model.after(seen)
