@@ -7,14 +7,18 @@ import tomllib
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from replay_kit.config.run import EstimatorConfig, load_config
+from replay_kit.config.run import EstimatorConfig, MeasurementConfig, load_config
 from replay_kit.core import extensions
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.message import Message
 from replay_kit.estimator.baselines import build_named
 from replay_kit.logs.glider.dialects import dialect_of
+from replay_kit.measurements import initial_state, interpret_block
 from replay_kit.measurements.consistency import checks
+from replay_kit.measurements.messages import kinds
 from tests.places import ROOT
 from tests.synthetic import ensemble
 
@@ -26,10 +30,10 @@ POINTS = tomllib.loads((EXTENSION / "pyproject.toml").read_text())["project"]["e
 @pytest.fixture(autouse=True)
 def _forget():
     """Forget the entry points before and after each test."""
-    for cached in (extensions._points, extensions._loaded):
+    for cached in (extensions._points, extensions._loaded, kinds._reader):
         cached.cache_clear()
     yield
-    for cached in (extensions._points, extensions._loaded):
+    for cached in (extensions._points, extensions._loaded, kinds._reader):
         cached.cache_clear()
 
 
@@ -67,6 +71,17 @@ def test_each_kind_is_found_where_the_project_looks_for_it():
         == "surfacings"
     )
     assert MissionSettings(objective="surfacings").aim.rank is not None
+    payload = {"longitude": 2.2, "latitude": 41.3, "towards": 90.0, "speed": 0.3, "error": 0.05}
+    messages = [
+        Message(7, "/radial", "example/Radial", payload | {"error": error}, 0, k)
+        for k, error in enumerate((0.05, 0.0))
+    ]
+    (_, (_, given)), (_, (skipped,)) = interpret_block(
+        initial_state(), messages, MeasurementConfig()
+    )
+    assert (given.time_ns, given.source.topic) == (7, "/radial")
+    np.testing.assert_allclose([*given.value[0], *given.components[0]], [0.3, 1.0, 0.0], atol=1e-15)
+    assert skipped.reason == "radial without an error"
     assert [
         section.__name__ for section in extensions.additions("sections", callable, "").values()
     ] == ["depths_section"]

@@ -17,7 +17,7 @@ from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Measurement, PathMean, Source, kind_of
+from replay_kit.core.observation import LinearMeasurement, Measurement, PathMean, Source, kind_of
 from replay_kit.measurements.events import (
     MALFORMED,
     NOT_A_KIND,
@@ -109,6 +109,7 @@ _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig
             Ctd: water.record_ctd,
             RadarCurrents: water.record_radar,
             DrifterFix: water.record_drifter,
+            LinearMeasurement: water.record_measurement,
         }
     )
 )

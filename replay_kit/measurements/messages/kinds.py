@@ -12,8 +12,9 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
+from replay_kit.core.extensions import additions
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Fix
+from replay_kit.core.observation import Fix, LinearMeasurement
 from replay_kit.measurements.messages import mavlink, profiles, vehicle, water
 from replay_kit.measurements.messages.fields import STD_BELIEVED, dive_number, number
 from replay_kit.measurements.messages.profiles import StatedPing
@@ -70,6 +71,7 @@ Statement = (
     | water.Ctd
     | water.RadarCurrents
     | water.DrifterFix
+    | LinearMeasurement
     | str
 )
 Reader = Callable[[Mapping[str, Any]], Statement]
@@ -151,6 +153,7 @@ def _reader(schema: str, topic: str) -> Reader | str | None:
         _READERS.get(name)
         or _ANY_PACKAGE.get(kind)
         or (_IMC.get(kind) if package.lower() == "imc" else None)
+        or additions("sensors", callable, "a function").get(name)
     )
     if name in _POSES and _WISH.search(topic):
         return "topic name suggests a goal, not the vehicle position"

@@ -10,7 +10,7 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Label, Source, VehicleState
+from replay_kit.core.observation import Label, LinearMeasurement, Source, VehicleState
 from replay_kit.measurements.events import Event, Skipped, Used, left_out_reason
 from replay_kit.measurements.messages.water import Ctd, DrifterFix, RadarCurrents
 from replay_kit.measurements.steps.state import MeasurementState, Step
@@ -82,6 +82,15 @@ def record_radar(
     label = Label(state.dive, source, kind="radar")
     made = superobservations(stated, label, config.surface_spacing or _SPACING, _tide_of(config))
     return state, [Used(source.topic), *made]
+
+
+def record_measurement(
+    state: MeasurementState, stated: LinearMeasurement, source: Source, config: MeasurementConfig
+) -> Step:
+    """Return the state as it is, and what a sensor of another package measured at the time of its message."""
+    del config
+    label = replace(stated.label, dive=state.dive, source=source)
+    return state, [Used(source.topic), replace(stated, time_ns=source.time_ns, label=label)]
 
 
 def record_drifter(

@@ -1,7 +1,8 @@
 """One addition of each kind to replay-kit, which finds them by the entry points in ``pyproject.toml``."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from planners.mission.values import Objective, Weights
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import Finding
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Observation
+from replay_kit.core.observation import LinearMeasurement, Observation
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.baselines.builders import build_ensemble_mean
 from replay_kit.logs.glider.dialects import Dialect
@@ -32,6 +33,14 @@ EGO = Dialect(
         "dac_north": "current_north",
     },
 )
+
+
+def radial(payload: Mapping[str, Any]) -> LinearMeasurement | str:
+    """Return the current at a place along one direction, as a radar station that sends each of its radials by itself measures it."""
+    place = 0, payload["longitude"], payload["latitude"]
+    if not payload["error"] > 0.0:
+        return "radial without an error"
+    return Observation.component(place, 1.0, payload["towards"], payload["speed"], payload["error"])
 
 
 def build_persistence(ensemble: Ensemble, config: EstimatorConfig) -> Estimator:
