@@ -198,8 +198,7 @@ def unwrap_longitude(longitude: ArrayLike, near: float) -> Array:
 
 def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> NDArray[np.bool_]:
     """Return whether local points [m] lie inside the grid's outline, its edge included to a millimetre; the shape is kept."""
-    ring = outline(grid)
-    start, edge = ring, np.roll(ring, -1, axis=0) - ring
+    start, edge, square = _edges(grid)
     east, north = np.broadcast_arrays(
         np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
     )
@@ -209,9 +208,17 @@ def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> NDArray[np.boo
     with np.errstate(divide="ignore", invalid="ignore"):
         left_of = dx < dy / edge[:, 1] * edge[:, 0]
     inside = np.sum(straddles & left_of, axis=-1) % 2 == 1
-    along = np.clip((dx * edge[:, 0] + dy * edge[:, 1]) / np.sum(edge**2, axis=1), 0.0, 1.0)
+    along = np.clip((dx * edge[:, 0] + dy * edge[:, 1]) / square, 0.0, 1.0)
     to_edge = np.hypot(dx - along * edge[:, 0], dy - along * edge[:, 1]).min(axis=-1)
     return np.asarray(inside | (to_edge < 1e-3))
+
+
+@lru_cache(maxsize=8)
+def _edges(grid: Grid) -> tuple[Array, Array, Array]:
+    """Return the edges of a grid's outline: where each begins, how it leads to the next, shapes (n, 2), and its squared length, (n,)."""
+    start = outline(grid)
+    edge = np.roll(start, -1, axis=0) - start
+    return start, edge, np.sum(edge**2, axis=1)
 
 
 def outline(grid: Grid) -> Array:

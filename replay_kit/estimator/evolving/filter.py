@@ -25,7 +25,7 @@ from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator
 from replay_kit.estimator.update.grouping import Grouping
 from replay_kit.estimator.update.screening import ScreenedGroup
 from replay_kit.estimator.update.stack import Stack
-from replay_kit.estimator.update.superobservation import Column, CombinedRows
+from replay_kit.estimator.update.superobservation import Column, ColumnUpdate, CombinedRows
 
 _NS = 1e9
 # Observations late by no more count at the state's time: pings wait for the position after them, other measurements do not.
@@ -105,14 +105,9 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
         cross = design @ at_time.cov
         cov = cross @ design.T
 
-        def posterior(rows: CombinedRows, innovation: Array) -> tuple[Array, Array]:
-            of_rows = column.predicted_cov(rows.r[None])[0]
-            lower = np.linalg.cholesky(of_rows + np.eye(len(of_rows)))
-            both = solve_triangular(
-                lower, np.hstack([rows_in(cross, rows), innovation]), lower=True
-            )
-            gain, whitened = both[:, : cross.shape[1]], both[:, cross.shape[1] :]
-            return at_time.means + gain.T @ whitened, at_time.cov - gain.T @ gain
+        def posterior(rows: CombinedRows, step: ColumnUpdate) -> tuple[Array, Array]:
+            gain = solve_triangular(step.lower, rows_in(cross, rows), lower=True)
+            return at_time.means + gain.T @ step.whitened, at_time.cov - gain.T @ gain
 
         def against(other: EvolvingState) -> Array:
             return group_misfit(operator.stack, design @ self._mean_at(other, operator.time_ns))

@@ -29,7 +29,12 @@ from replay_kit.estimator.update.observation_space import initial
 from replay_kit.estimator.update.posterior import Posterior
 from replay_kit.estimator.update.rows import ProfileRows, Rows, measurement_rows, places_of
 from replay_kit.estimator.update.screening import ScreenedGroup, screen_group
-from replay_kit.estimator.update.superobservation import Column, CombinedRows, combined
+from replay_kit.estimator.update.superobservation import (
+    Column,
+    ColumnUpdate,
+    CombinedRows,
+    combined,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,9 +160,9 @@ def group_column(
     known = posterior.prefetch([levels])[0]
     predicted = posterior.predict(levels, known)
 
-    def update(rows: CombinedRows, innovation: Array) -> Posterior:
-        turned = known.turned(rows.r)
-        return posterior.predict(combined_rows(levels, rows), turned).posterior(innovation, 1.0)
+    def update(rows: CombinedRows, step: ColumnUpdate) -> Posterior:
+        predicted = posterior.predict(combined_rows(levels, rows), known.turned(rows.r))
+        return predicted.update(step.lower, step.whitened, 1.0)
 
     def against(other: FilterState) -> Array:
         return group_misfit(levels.stack, levels.matvec(estimator.by_level(other.mean)))
@@ -175,10 +180,9 @@ def own_column(
 ) -> GroupColumn[FilterState]:
     """Return the estimate of the rows of one measurement, as the column that it sees."""
 
-    def update(whole: CombinedRows, innovation: Array) -> Posterior:
+    def update(whole: CombinedRows, step: ColumnUpdate) -> Posterior:
         # R is one over the standard deviation of the noise
-        scale = 1.0 / whole.r[0, 0]
-        return predicted.posterior(scale * innovation, float(scale))
+        return predicted.update(step.lower, step.whitened, float(1.0 / whole.r[0, 0]))
 
     # the posterior's own prior may be an earlier posterior
     prior = rows.matvec(estimator.prior_weights)

@@ -109,18 +109,14 @@ class BiasScore:
         """I, shape (3, 3)."""
         return np.asarray(self.informations.sum(axis=0))
 
-    def updated(
-        self, bias_rows: Array, innovation: Array, cov: Array, scale_jacobian: float
-    ) -> "BiasScore":
+    def updated(self, whitened: Array, scale_jacobian: float) -> "BiasScore":
         """Return the score after a profile.
 
         Args:
-            bias_rows: shape (m, 3), effect of an error of one unit on the innovation.
-            innovation: shape (m,), of the rows.
-            cov: shape (m, m), its covariance.
+            whitened: shape (m, 4), the innovation of the rows, and the effect of an error of one unit on it, both with a covariance of one.
             scale_jacobian: Of the profile; see ``scale_jacobian``.
         """
-        products = bias_rows.T @ np.linalg.solve(cov, np.column_stack([innovation, bias_rows]))
+        products = whitened[:, 1:].T @ whitened
         score, information = products[:, 0], products[:, 1:]
         score[NAMES.index("scale")] -= scale_jacobian
         if self.last < self.length:

@@ -1,20 +1,21 @@
 """One step of an estimator: evaluation, one update, and the innovations to publish, of one measurement or of profiles combined."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.frozen import replace
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import Estimator, Stepped, each_stepped
 from replay_kit.estimator.update.evaluation import Assimilation
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.estimator.update.outcome import GroupResult, column_misfit
+from replay_kit.estimator.update.outcome import GroupResult, column_misfits
 from replay_kit.estimator.update.screening import (
     ScreenedGroup,
     local_values,
@@ -25,6 +26,7 @@ from replay_kit.estimator.update.screening import (
 from replay_kit.estimator.update.stack import Factors, Stack, stack_of_one, stacked
 from replay_kit.estimator.update.superobservation import (
     Column,
+    ColumnUpdate,
     CombinedRows,
     GroupUpdate,
     evaluate_group,
@@ -58,8 +60,8 @@ def stack_of(screened: ScreenedGroup, basis: Basis, reference: Array, factors: F
 
 
 def group_misfit(stack: Stack, means: Array) -> Array:
-    """Return ``column_misfit`` of all values one below the other, shape (n m, 2) [m/s]."""
-    return column_misfit(stack, means).reshape(-1, 2)
+    """Return ``column_misfits`` of one column, all values one below the other, shape (n m, 2) [m/s]."""
+    return column_misfits(stack, means[None]).reshape(-1, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +73,7 @@ class GroupColumn(Generic[State]):
         state: The estimator's state at their time.
         column: The estimate before them.
         prior: shape (c q,), the column's mean before any observation.
-        posterior: Returns the estimate after rows of unit noise, given their innovation, shape (c q, 1 + b).
+        posterior: Returns the estimate after rows of unit noise, given the column's update by them.
         against: See ``Stepped``.
     """
 
@@ -79,7 +81,7 @@ class GroupColumn(Generic[State]):
     state: State
     column: Column
     prior: Array
-    posterior: Callable[[CombinedRows, Array], Any]
+    posterior: Callable[[CombinedRows, ColumnUpdate], Any]
     against: Callable[[State], Array] | None = None
 
 
@@ -188,12 +190,11 @@ class GroupedEstimator(Estimator[State], Protocol[State]):
         state, update = evaluated
         monitor, inflation = state.monitor.updated(update.gate, self.gating)
         after, score, rows = state, state.bias_score, update.rows
-        if rows is not None:
-            innovation, jacobian = at.column.innovation(rows), update.scale_jacobian
-            after = self.with_posterior(at, at.posterior(rows, innovation), jacobian)
+        if rows is not None and update.update is not None:
+            jacobian = update.scale_jacobian
+            after = self.with_posterior(at, at.posterior(rows, update.update), jacobian)
             if at.stack.relative is not None:
-                cov = at.column.predicted_cov(rows.r[None])[0] + np.eye(len(innovation))
-                score = score.updated(innovation[:, 1:], innovation[:, 0], cov, jacobian)
+                score = score.updated(update.update.whitened, jacobian)
         seen = screened.usable_linear[-1]
         after = replace(after, monitor=monitor, bias_score=score, last=seen)
         after = self.inflated(after, inflation)

@@ -1,12 +1,12 @@
 """What is published of the measurements of a step: of each that the gate rejects, and of the accepted ones together."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.gaussian import normalised_square
+from replay_kit.core.frozen import replace
 from replay_kit.core.observation import Flag, GroupTotals, Innovation, reasons_of
 from replay_kit.estimator.update.gate import SOFTENED
 from replay_kit.estimator.update.grouping import mean_time
@@ -49,7 +49,7 @@ class GroupResult:
             innovation=before,
             innovation_std=_shown(one, np.sqrt(of_estimate + errors))[0],
             residual=before,
-            prior_innovation=_shown(one, column_misfit(one, self.prior))[0],
+            prior_innovation=_shown(one, column_misfits(one, self.prior[None])[0])[0],
             nis=float(update.nis[i]),
             dof=int(one.layouts[0].dof),
             decision="rejected",
@@ -64,21 +64,16 @@ class GroupResult:
 
     def combined(self, accepted: NDArray[np.intp]) -> Innovation:
         """Return the innovation of the accepted ones together."""
-        update, gate, screened = self.update, self.update.gate, self.screened
-        stack, at = update.stack.part(accepted), screened.used[accepted]
-        before = update.before if self._is_one else column_misfit(stack, self.before.means[:, 0])
-        after, prior = (
-            column_misfit(stack, mean) for mean in (update.after.means[:, 0], self.prior)
-        )
-        assert update.rows is not None
-        inflation, dof = gate.inflation[accepted], int(np.sum(_of_each(stack, "dof")))
+        update, gate, screened = self.update.update, self.update.gate, self.screened
+        stack, at = self.update.stack.part(accepted), screened.used[accepted]
+        assert update is not None, "some are accepted"
+        means = np.stack([self.before.means[:, 0], update.after.means[:, 0], self.prior])
+        before, after, prior = column_misfits(stack, means)
+        inflation, dof = gate.inflation[accepted], int(np.sum(stack.of_each("dof")))
         softened = int(np.count_nonzero(gate.decision[accepted] == SOFTENED))
         flags = screened.flags[at[0]]
         if not self._is_one:
             flags = np.where(stack.used.any(axis=0), Flag.GOOD, flags).astype(np.int8)
-        variance = gate.variance[0] / inflation[0]
-        if not self._is_one:
-            variance = np.linalg.eigvalsh(self.before.predicted_cov(update.rows.r[None])[0])
         likelihood = self._log_likelihood(stack, np.ones(1) if self._is_one else inflation)
         return replace(
             screened.unused(int(at[0])),
@@ -89,14 +84,14 @@ class GroupResult:
             residual=_mean_of(stack, after),
             prior_innovation=_mean_of(stack, prior),
             innovation_std=_mean_std(stack, *self._variances(stack)),
-            nis=float(update.nis[accepted].sum()),
+            nis=float(self.update.nis[accepted].sum()),
             dof=dof,
             accepted=True,
             error_inflation=float(accepted.size / np.sum(1.0 / inflation)),
             decision="softened" if softened else "accepted",
             gate_statistic=float(gate.statistic[0]),
             gate=float(gate.threshold[0]),
-            signal_dof=float(np.sum(variance / (variance + 1.0))),
+            signal_dof=update.signal_dof,
             prior_inflation=self.prior_inflation,
             log_likelihood=likelihood,
             estimated_std=self._estimated_std(stack, update.after),
@@ -106,7 +101,7 @@ class GroupResult:
             else GroupTotals(
                 softened,
                 dof // 2,
-                float(np.sum(update.before[accepted] ** 2)),
+                float(np.sum(self.update.before[accepted] ** 2)),
                 float(np.sum(after**2)),
                 float(np.sum(prior**2)),
                 tuple(reasons_of(screened.reasons[at], screened.flags[at])),
@@ -125,31 +120,25 @@ class GroupResult:
 
     def _log_likelihood(self, stack: Stack, inflation: Array) -> float:
         """Return the logarithm of the density of all values under the column before the group, with errors of some inflation."""
-        rows, gate = self.update.rows, self.update.gate
+        rows, update = self.update.rows, self.update.update
         if self._is_one:
             # of unit noise, as stated: along the eigenvectors that the gate found
             square = float(self.update.nis[0])
-            half_log_det = 0.5 * float(np.sum(np.log1p(gate.variance[0])))
+            half_log_det = 0.5 * float(np.sum(np.log1p(self.update.gate.variance[0])))
         else:
             assert rows is not None
-            cov = self.before.predicted_cov(rows.r[None])[0]
-            innovation = self.before.innovation(rows)[:, 0]
-            square, half_log_det = normalised_square(innovation, cov + np.eye(len(cov)))
+            assert update is not None
+            square, half_log_det = update.fit
             square += rows.residual + float(np.sum(stack.residual_square / inflation))
-        noise = len(stack.components) * _of_each(stack, "half_log_det")
-        noise = noise + 0.5 * _of_each(stack, "dof") * np.log(inflation)
+        noise = len(stack.components) * stack.of_each("half_log_det")
+        noise = noise + 0.5 * stack.of_each("dof") * np.log(inflation)
         return float(-0.5 * square - half_log_det - np.sum(noise))
 
 
-def column_misfit(stack: Stack, means: Array) -> Array:
-    """Return measured minus predicted values, shape (n, m, 2) [m/s], 0 where not used; ``means``, shape (c q,), are those of a column."""
-    rows = Column(means[:, None], np.empty((0, 0))).predicted(stack.of("r"))[..., 0]
-    return stack.misfit(np.broadcast_to(rows, stack.y.shape))
-
-
-def _of_each(stack: Stack, name: str) -> Array:
-    """Return a number of the layouts for each measurement, shape (n,)."""
-    return np.broadcast_to(stack.of(name), len(stack.observations))
+def column_misfits(stack: Stack, means: Array) -> Array:
+    """Return measured minus predicted values, shape (k, n, m, 2) [m/s], 0 where not used; ``means``, shape (k, c q), are of columns."""
+    r, columns = stack.of("r"), means.reshape(len(means), 1, len(stack.components), -1)
+    return stack.misfit(np.matmul(columns, r.swapaxes(1, 2)))
 
 
 def _shown(stack: Stack, values: Array) -> Array:

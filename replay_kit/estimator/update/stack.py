@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,6 +107,11 @@ class Stack:
     layout: NDArray[np.intp]
 
     @cached_property
+    def whitened(self) -> Array:
+        """The values in units of their error, shape (n, m, c)."""
+        return np.asarray(np.matmul(self.of("whiten"), self.values))
+
+    @cached_property
     def y(self) -> Array:
         """Compressed rows, shape (n, c, q)."""
         return np.asarray(np.matmul(self.of("rows"), self.values).swapaxes(1, 2))
@@ -113,16 +119,19 @@ class Stack:
     @cached_property
     def residual_square(self) -> Array:
         """Squared norm of the compression residual, shape (n,)."""
-        whitened = np.matmul(self.of("whiten"), self.values)
-        return np.asarray(
-            np.maximum(np.sum(whitened**2, axis=(1, 2)) - np.sum(self.y**2, axis=(1, 2)), 0.0)
-        )
+        of_values, of_rows = (np.sum(each**2, axis=(1, 2)) for each in (self.whitened, self.y))
+        return np.asarray(np.maximum(of_values - of_rows, 0.0))
 
     def of(self, name: str) -> Array:
         """Return an attribute of the layouts: of each measurement, shape (n, ...), or of all, shape (1, ...), where they have the same."""
         if len(self.layouts) == 1:
             return np.asarray(getattr(self.layouts[0], name))[None]
         return np.stack([np.asarray(getattr(layout, name)) for layout in self.layouts])[self.layout]
+
+    def of_each(self, name: str) -> NDArray[Any]:
+        """Return a number of the layouts for each measurement, shape (n,)."""
+        first = getattr(self.layouts[0], name)
+        return np.full(len(self.layout), first) if len(self.layouts) == 1 else self.of(name)
 
     def part(self, rows: NDArray[np.intp]) -> "Stack":
         """Return some of the measurements."""
@@ -139,25 +148,23 @@ class Stack:
             np.searchsorted(kept, self.layout[rows]),
         )
         # what was computed of all is not computed again
-        for name in ("y", "residual_square"):
+        for name in ("whitened", "y", "residual_square"):
             found.__dict__[name] = getattr(self, name)[rows]
         return found
 
     def misfit(self, rows: Array) -> Array:
-        """Return measured minus predicted values along the local axes, shape (n, m, 2) [m/s], 0 where not used.
+        """Return measured minus predicted values along the local axes, shape (..., n, m, 2) [m/s], 0 where not used.
 
         Args:
-            rows: shape (n, c, q), predicted.
+            rows: shape (..., n, c, q), predicted.
         """
         return np.asarray(
             np.matmul(self.of("unwhiten"), self.whitened_misfit(rows)) @ self.components
         )
 
     def whitened_misfit(self, rows: Array) -> Array:
-        """Return the same along the components, in units of their error, shape (n, m, c)."""
-        return np.asarray(
-            np.matmul(self.of("whiten"), self.values) - np.matmul(self.of("q"), rows.swapaxes(1, 2))
-        )
+        """Return the same along the components, in units of their error, shape (..., n, m, c)."""
+        return np.asarray(self.whitened - np.matmul(self.of("q"), rows.swapaxes(-1, -2)))
 
     def variances(self, cov: Array) -> tuple[Array, Array]:
         """Return the variance of the values along the local axes that the rows' has, and that of their errors, shape (n, m, 2) [m^2/s^2].

@@ -62,16 +62,44 @@ class Column:
         off = rows.y - self.predicted(rows.r[None])[0]
         return np.asarray(off.reshape(len(self.cov), -1))
 
-    def updated(self, rows: "CombinedRows") -> "Column":
-        """Return the column after rows of unit noise."""
+    def updated(self, rows: "CombinedRows") -> "ColumnUpdate":
+        """Return the update by rows of unit noise."""
         size, q = len(self.cov), len(rows.r)
         cross = np.matmul(rows.r, self.cov.reshape(-1, q, size)).reshape(size, size)
         lower = np.linalg.cholesky(self.predicted_cov(rows.r[None])[0] + np.eye(size))
         both = scipy.linalg.solve_triangular(
             lower, np.hstack([cross, self.innovation(rows)]), lower=True
         )
-        gain = both[:, :size]
-        return Column(self.means + gain.T @ both[:, size:], self.cov - gain.T @ gain)
+        gain, whitened = both[:, :size], both[:, size:]
+        after = Column(self.means + gain.T @ whitened, self.cov - gain.T @ gain)
+        return ColumnUpdate(lower, whitened, after)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColumnUpdate:
+    """The update of a column by rows of unit noise.
+
+    Attributes:
+        lower: shape (c q, c q), L, the Cholesky factor of the covariance of the rows' innovation.
+        whitened: shape (c q, 1 + b), L^-1 times that innovation, and that of instrument errors of one unit.
+        after: The column after the rows.
+    """
+
+    lower: Array
+    whitened: Array
+    after: Column
+
+    @property
+    def fit(self) -> tuple[float, float]:
+        """Normalised square of the innovation, and half the log-determinant of its covariance."""
+        own = self.whitened[:, 0]
+        return float(own @ own), float(np.log(np.diag(self.lower)).sum())
+
+    @property
+    def signal_dof(self) -> float:
+        """Degrees of freedom for signal: the trace of the rows' predicted covariance over that of their innovation."""
+        inverse = np.linalg.inv(self.lower)
+        return float(len(inverse) - np.sum(inverse**2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +150,7 @@ class GroupUpdate:
         before: shape (n, m, 2) [m/s], measured minus what was predicted before each.
         rows: Of the accepted ones together; None without one.
         scale_jacobian: Sum over them; see ``biases.scale_jacobian``.
-        after: The column after them.
+        update: Of the column by these rows; None without one.
     """
 
     stack: Stack
@@ -130,7 +158,7 @@ class GroupUpdate:
     before: Array
     rows: CombinedRows | None
     scale_jacobian: float
-    after: Column
+    update: ColumnUpdate | None
 
     @property
     def nis(self) -> Array:
@@ -154,13 +182,13 @@ def evaluate_group(
         correlated: Whether errors grow where residuals are correlated along a profile.
         is_consistent: Whether recent innovations agree with the estimate.
     """
-    gates, misfits, parts, jacobian = [], [], [], 0.0
+    gates, misfits, parts, jacobian, first = [], [], [], 0.0, column
     for rows in _stages(len(stack.observations)):
         part = stack.part(rows)
         r = part.of("r")
         predicted, cov = column.predicted(r)[..., 0], column.predicted_cov(r)
         gate = gate_profiles(part, (predicted, cov), gating, correlated, is_consistent)
-        misfit = part.misfit(np.broadcast_to(predicted, part.y.shape))
+        misfit = part.misfit(predicted)
         gates.append(gate)
         misfits.append(misfit)
         accepted = np.flatnonzero(gate.accepted)
@@ -170,8 +198,9 @@ def evaluate_group(
         biases = np.zeros((*part.y.shape, len(NAMES))) if known is None else known
         values = np.concatenate([part.y[..., None], biases], axis=-1)[accepted]
         whole = combined(r if len(r) == 1 else r[accepted], values, 1.0 / gate.inflation[accepted])
-        column = column.updated(whole)
         parts.append(whole)
+        if rows[-1] + 1 < len(stack.observations):
+            column = column.updated(whole).after
         if known is not None:
             jacobians = scale_jacobian(gate, gate.inflation, part.ones, part.scale_error_std)
             jacobian += float(jacobians[accepted].sum())
@@ -181,8 +210,8 @@ def evaluate_group(
         whole_rows = combined(r, y, np.ones(len(parts)))
         residual = whole_rows.residual + sum(part.residual for part in parts)
         whole_rows = replace(whole_rows, residual=residual)
-    gate = Gates.joined(gates)
-    return GroupUpdate(stack, gate, np.concatenate(misfits), whole_rows, jacobian, column)
+    gate, update = Gates.joined(gates), None if whole_rows is None else first.updated(whole_rows)
+    return GroupUpdate(stack, gate, np.concatenate(misfits), whole_rows, jacobian, update)
 
 
 def gate_profiles(
@@ -201,13 +230,13 @@ def gate_profiles(
         correlated: Whether errors grow.
         is_consistent: Whether recent innovations agree with the estimate.
     """
-    n, dof, (mean, cov) = len(stack.observations), stack.of("dof"), predicted
-    rows = len(stack.components) * stack.of("k")
+    n, dof, (mean, cov) = len(stack.observations), stack.of_each("dof"), predicted
+    rows = len(stack.components) * stack.of_each("k")
     gates = gate_innovations(
         (stack.y - mean).reshape(n, -1),
         cov,
-        np.broadcast_to(rows, n),
-        (stack.residual_square, np.broadcast_to(dof - rows, n)),
+        rows,
+        (stack.residual_square, dof - rows),
         gating,
         is_consistent,
     )
@@ -220,7 +249,7 @@ def gate_profiles(
         n, len(stack.components), -1
     )
     residual = stack.whitened_misfit(after) / np.sqrt(scale)[..., None]
-    further = dependence_inflation(residual, np.broadcast_to(dof, n))
+    further = dependence_inflation(residual, dof)
     return replace(gates, inflation=np.where(gates.accepted, further, 1.0) * gates.inflation)
 
 

@@ -83,7 +83,8 @@ def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
     design = rows.design()
     cov = design @ estimator.prior.covariance() @ design.T + np.eye(len(design))
     units = rows.stack.bias_rows(np.zeros_like(rows.stack.values)).reshape(-1, len(NAMES))
-    evidence = BiasScore().updated(units, innovation, cov, 0.0)
+    both = np.column_stack([innovation, units])
+    evidence = BiasScore().updated(np.linalg.solve(np.linalg.cholesky(cov), both), 0.0)
     is_used = np.isin(np.arange(profile.depth.size), used)
     (relative,) = relative_velocities([profile.linear], is_used[None], ENSEMBLE.grid)
     for k, name in enumerate(NAMES):
@@ -283,8 +284,9 @@ def test_stds_are_at_least_those_of_the_scatter_of_the_parts_for_so_many_parts_l
 
 def test_parts_of_a_log_have_equal_numbers_of_profiles_but_the_last_one_which_grows():
     score, one = BiasScore(), np.eye(3)
+    whitened = np.column_stack([[1.0, 0.0, 2.0], one])
     for count in range(1, 200):
-        score = score.updated(one, np.array([1.0, 0.0, 2.0]), one, 0.5)
+        score = score.updated(whitened, 0.5)
         numbers = score.informations[:, 0, 0]
         np.testing.assert_array_equal(score.informations, numbers[:, None, None] * one)
         np.testing.assert_array_equal(score.scores, numbers[:, None] * np.array([1.0, -0.5, 2.0]))
