@@ -8,14 +8,18 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.prior import fit
 from replay_kit.estimator.prior.fit import Members
-from replay_kit.estimator.prior.hybrid import PriorSettings
+from replay_kit.estimator.prior.hybrid import PriorSettings, ShiftedModes
 
 _found: dict[tuple[object, ...], Array] = {}
 
 
 @functools.wraps(fit._score_member)
 def score_member(
-    members: Members, member: int, settings: PriorSettings, shares: Sequence[float]
+    members: Members,
+    modes: ShiftedModes,
+    member: int,
+    settings: PriorSettings,
+    shares: Sequence[float],
 ) -> Array:
     """Return what the function of this name returns, computed once for the same arguments."""
     arrays = tuple(
@@ -23,7 +27,7 @@ def score_member(
     )
     key = (*arrays, members.weights.shape, member, settings, tuple(shares))
     if key not in _found:
-        _found[key] = score_member.__wrapped__(members, member, settings, shares)
+        _found[key] = score_member.__wrapped__(members, modes, member, settings, shares)
     return np.copy(_found[key])
 
 

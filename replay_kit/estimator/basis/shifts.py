@@ -152,8 +152,9 @@ def shifted_residual(ensemble: Ensemble, mean: Array, velocity_modes: Array, shi
     for member in chosen:
         alone = replace(ensemble, velocity=ensemble.velocity[member : member + 1])
         anomaly = ensemble_slices(alone)[0] - mean
-        for source in sources:
-            copy = anomaly[:, source]
-            square += (copy - (copy @ to_modes.T) @ velocity_modes.T) ** 2
+        # all four together: the modes are read once for them
+        copies = anomaly[:, sources].reshape(-1, anomaly.shape[1])
+        left = (copies - (copies @ to_modes.T) @ velocity_modes.T) ** 2
+        square += left.reshape(len(mean), len(sources), -1).sum(axis=1)
     by_component = square.reshape(len(mean), 2, -1) / (len(chosen) * len(sources))
     return np.asarray(np.sqrt(by_component.mean(axis=1)))

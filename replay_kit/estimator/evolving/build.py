@@ -13,7 +13,6 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.evolution import ProcessModel
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
-from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_in_modes
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.observation_operator import (
@@ -24,7 +23,6 @@ from replay_kit.estimator.evolving.observation_operator import (
 from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.prior.fit import Members, choose_settings, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings
-from replay_kit.estimator.prior.localised import localised_part
 from replay_kit.estimator.update.grouping import Grouping, current_gradient, spread_of
 
 # Share of the largest spread below which the members are equal to rounding.
@@ -123,29 +121,19 @@ def _process(
     time: TimeConfig,
 ) -> ProcessModel:
     """Return the weights' prior through time; ``weights`` of shape (T, E, Z, r)."""
-    velocity_modes, nodes = members.velocity_modes, members.nodes
+    modes = members.shifted(settings)
     mean = weights.mean(axis=1)
     anomalies = (weights - mean[:, None]) / np.sqrt(weights.shape[1] - 1.0)
-    to_modes = projector(velocity_modes)
-    operators = shift_operators(velocity_modes, to_modes, nodes, settings.shift)
-    copies = np.stack([shifted_in_modes(of_time, operators) for of_time in anomalies])
+    copies = np.stack([modes.copies(of_time) for of_time in anomalies])
     spread = np.sqrt(np.sum(anomalies**2, axis=(1, 2, 3)))
     share = settings.sample_share
     spread_out = _times_with_spread(spread)
     normalised = (
         copies[spread_out] / spread[spread_out, None, None, None] / np.sqrt(spread_out.size)
     )
-    local = directions(
-        *localised_part(
-            normalised.reshape(-1, *copies.shape[2:]),
-            velocity_modes,
-            to_modes,
-            nodes,
-            settings.radius,
-        )
-    )
+    local = directions(*modes.localised(normalised.reshape(-1, *copies.shape[2:]), settings.radius))
     scaled = np.sqrt(1.0 - share) * local
-    kept = significant_directions(scaled * spread.max(), velocity_modes, time.dropped_std)
+    kept = significant_directions(scaled * spread.max(), members.velocity_modes, time.dropped_std)
     local_scale = (
         decorrelation_time(anomalies, times_ns)
         if time.scale == "auto"

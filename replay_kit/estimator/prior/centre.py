@@ -73,7 +73,7 @@ def fitted_kernels(members: Members, settings: PriorSettings) -> tuple[float, ..
     if n_members < 4:
         return ()
     mean = few.weights.mean(axis=0)
-    prior = hybrid_prior(few.weights, few.velocity_modes, few.nodes, settings)
+    prior = hybrid_prior(few.weights, few.shifted(settings), settings)
     likelihoods = []
     for member in spread_over(n_members, _LEFT_OUT):
         rng = np.random.default_rng([_SEED, member])

@@ -24,7 +24,7 @@ from replay_kit.core.progress import counted
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.amplitude import fit_amplitude
-from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
+from replay_kit.estimator.prior.hybrid import PriorSettings, ShiftedModes, hybrid_prior
 from replay_kit.estimator.prior.localised import tiles, vertical_functions
 
 # Candidates for the sample covariance's share.
@@ -80,6 +80,10 @@ class Members:
     weights: Array
     velocity_modes: Array
     nodes: Array
+
+    def shifted(self, settings: PriorSettings) -> ShiftedModes:
+        """Return the modes with what shifts fields in them."""
+        return ShiftedModes.by(self.velocity_modes, self.nodes, settings.shift)
 
     def leading(self) -> "Members":
         """Return the same in fewer modes, at fewer nodes, evenly spread, and in the leading functions of depth instead of many levels.
@@ -225,9 +229,9 @@ def _scores(
         left_out: The members' positions.
         advance: Called after each member.
     """
-    by_member = []
+    by_member, modes = [], few.shifted(settings)
     for scored in each_call(
-        _score_member, ((few, member, settings, shares) for member in left_out)
+        _score_member, ((few, modes, member, settings, shares) for member in left_out)
     ):
         by_member.append(scored)
         advance()
@@ -235,15 +239,16 @@ def _scores(
 
 
 def _score_member(
-    members: Members, member: int, settings: PriorSettings, shares: Sequence[float]
+    members: Members,
+    modes: ShiftedModes,
+    member: int,
+    settings: PriorSettings,
+    shares: Sequence[float],
 ) -> Array:
     """Return the logarithmic score and the coverage, shape (2, shares), over the numbers of columns."""
     others = np.delete(members.weights, member, axis=0)
     ends = [replace(settings, sample_share=share) for share in (1.0, 0.0)]
-    sample, localised = (
-        hybrid_prior(others, members.velocity_modes, members.nodes, end).covariance()
-        for end in ends
-    )
+    sample, localised = (hybrid_prior(others, modes, end).covariance() for end in ends)
     truth = members.weights[member] - others.mean(axis=0)
     rng = np.random.default_rng([_SEED, member])
     scores = []
@@ -271,10 +276,10 @@ def left_out_amplitude(members: Members, settings: PriorSettings) -> float:
     n_members = few.weights.shape[0]
     if n_members < 4:
         return 1.0
-    logs = []
+    logs, modes = [], few.shifted(settings)
     for member in spread_over(n_members, _LEFT_OUT):
         others = np.delete(few.weights, member, axis=0)
-        prior = hybrid_prior(others, few.velocity_modes, few.nodes, settings)
+        prior = hybrid_prior(others, modes, settings)
         rng = np.random.default_rng([_SEED, member])
         rows = column_rows(few, _AMPLITUDE_COLUMNS, rng)
         truth = (few.weights[member] - others.mean(axis=0)) @ rows.T

@@ -158,8 +158,40 @@ def diagonal_prior(member_weights: Array) -> DiagonalPrior:
     return DiagonalPrior(member_weights.mean(axis=0).ravel(), member_weights.var(axis=0, ddof=1))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ShiftedModes:
+    """The modes at the nodes, and what shifts fields in them: the same for all members.
+
+    Attributes:
+        velocity_modes: shape (2N, r) [m/s for a weight of one].
+        nodes: shape (N, 2) [m], east and north.
+        projector: shape (r, 2N), its pseudo-inverse.
+        operators: shape (5, r, r), or (1, r, r) without a shift; see ``shift_operators``.
+    """
+
+    velocity_modes: Array
+    nodes: Array
+    projector: Array
+    operators: Array
+
+    @classmethod
+    def by(cls, velocity_modes: Array, nodes: Array, shift: float) -> "ShiftedModes":
+        """Return the same for copies that are shifted by a distance [m]; 0 makes none."""
+        to_modes = projector(velocity_modes)
+        operators = shift_operators(velocity_modes, to_modes, nodes, shift)
+        return cls(velocity_modes, nodes, to_modes, operators)
+
+    def copies(self, anomalies: Array) -> Array:
+        """Return anomalies, shape (E, Z, r), and their shifted copies, weighted: shape (5 E, Z, r)."""
+        return shifted_in_modes(anomalies, self.operators)
+
+    def localised(self, anomalies: Array, radius: float) -> tuple[Array, Array]:
+        """Return the localised covariance of anomalies; see ``localised_part``."""
+        return localised_part(anomalies, self.velocity_modes, self.projector, self.nodes, radius)
+
+
 def hybrid_prior(
-    member_weights: Array, velocity_modes: Array, nodes: Array, settings: PriorSettings
+    member_weights: Array, modes: ShiftedModes, settings: PriorSettings
 ) -> HybridPrior:
     """Return the prior of the members and their shifted copies: sample covariance, mixed with a localised one.
 
@@ -172,18 +204,13 @@ def hybrid_prior(
 
     Args:
         member_weights: shape (E, Z, r).
-        velocity_modes: shape (2N, r) [m/s for a weight of one], the modes at the nodes.
-        nodes: shape (N, 2) [m], east and north.
+        modes: Shifted by the settings' distance.
         settings: Shares and distances. A share of 1 and no shift give the plain sample covariance.
     """
     share = settings.sample_share
     n_members, n_levels, n_modes = member_weights.shape
     mean = member_weights.mean(axis=0)
-    to_modes = projector(velocity_modes)
-    anomalies = (member_weights - mean) / np.sqrt(n_members - 1.0)
-    anomalies = shifted_in_modes(
-        anomalies, shift_operators(velocity_modes, to_modes, nodes, settings.shift)
-    )
+    anomalies = modes.copies((member_weights - mean) / np.sqrt(n_members - 1.0))
     if share == 1.0:
         return HybridPrior(
             mean.ravel(),
@@ -192,9 +219,7 @@ def hybrid_prior(
             np.empty((0, n_modes, n_modes)),
             settings,
         )
-    vertical, horizontal = localised_part(
-        anomalies, velocity_modes, to_modes, nodes, settings.radius
-    )
+    vertical, horizontal = modes.localised(anomalies, settings.radius)
     return HybridPrior(
         mean.ravel(), np.sqrt(share) * anomalies, vertical, (1.0 - share) * horizontal, settings
     )

@@ -107,9 +107,8 @@ def localised(
         # (g, N, 2, f), and ``back`` (N, 2, r), node after node: a run of tiles is adjacent in memory
         fields = np.empty((len(some), n_nodes, 2, factors.shape[2]), dtype=precision)
         for component in range(2):
-            at_nodes = velocity_modes[component * n_nodes + order]
-            for group, factor in enumerate(some):
-                fields[group, :, component] = at_nodes @ factor
+            at_nodes = velocity_modes[component * n_nodes + order].astype(precision)
+            fields[:, :, component] = np.matmul(at_nodes, some.astype(precision))
         parts.append(_half(fields, back, nodes[order], ends, radius))
     half = np.concatenate(parts)
     return (
@@ -144,11 +143,11 @@ def _half(
             taper = gaspari_cohn(cdist(places[first:last], places[start:stop]), radius)
             if start == first:
                 taper[:, :n] = 0.5 * taper[:, :n]
+            of_both = taper.astype(back.dtype).repeat(2, axis=0).repeat(2, axis=1)
+            to_modes = back[start:stop].reshape(2 * m, n_modes)
             product = np.matmul(here, there.swapaxes(1, 2))
-            np.multiply(product, np.kron(taper, np.ones((2, 2))).astype(back.dtype), out=product)
-            projected += (
-                product.reshape(-1, 2 * m) @ back[start:stop].reshape(2 * m, n_modes)
-            ).reshape(projected.shape)
+            product *= of_both
+            projected += (product.reshape(-1, 2 * m) @ to_modes).reshape(projected.shape)
         half += np.matmul(back[first:last].reshape(2 * n, n_modes).T, projected)
     return half
 
@@ -204,8 +203,13 @@ def _factors(covariances: Array) -> Array:
 
 def _positive(covariances: Array) -> Array:
     """Return covariances without the negative eigenvalues that rounding leaves."""
-    values, vectors = np.linalg.eigh(covariances)
-    return np.asarray((vectors * np.maximum(values, 0.0)[:, None]) @ vectors.swapaxes(1, 2))
+    for number, covariance in enumerate(covariances):
+        try:
+            np.linalg.cholesky(covariance)
+        except np.linalg.LinAlgError:
+            values, vectors = np.linalg.eigh(covariance)
+            covariances[number] = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return covariances
 
 
 def gaspari_cohn(distance: Array, radius: float) -> Array:
@@ -215,13 +219,12 @@ def gaspari_cohn(distance: Array, radius: float) -> Array:
         distance: [m], any shape.
         radius: Twice the function's half-width c [m].
     """
-    r = np.minimum(2.0 * np.abs(distance) / radius, 2.0)
-    inner = 1.0 + r**2 * (-5.0 / 3.0 + r * (5.0 / 8.0 + r * (0.5 - 0.25 * r)))
-    outside = np.maximum(r, 1.0)
-    outer = (
-        4.0
-        + outside
-        * (-5.0 + outside * (5.0 / 3.0 + outside * (5.0 / 8.0 + outside * (-0.5 + outside / 12.0))))
-        - 2.0 / (3.0 * outside)
-    )
-    return np.where(r <= 1.0, inner, np.maximum(outer, 0.0))
+    r, out = 2.0 * np.abs(distance) / radius, np.zeros(np.shape(distance))
+    near = r <= 1.0
+    x = r[near]
+    out[near] = 1.0 + x**2 * (-5.0 / 3.0 + x * (5.0 / 8.0 + x * (0.5 - 0.25 * x)))
+    far = (r < 2.0) & ~near
+    x = r[far]
+    outer = x * (-5.0 + x * (5.0 / 3.0 + x * (5.0 / 8.0 + x * (-0.5 + x / 12.0))))
+    out[far] = np.maximum(4.0 + outer - 2.0 / (3.0 * x), 0.0)
+    return out

@@ -1,7 +1,7 @@
 """The static estimator: an immutable problem, an immutable state, and one step shared by online and offline use."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -11,6 +11,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
+from replay_kit.core.frozen import replace
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator.basis.modes import build_basis, mean_variance
@@ -254,7 +255,7 @@ def build_estimator(
         )
     members = members_in_basis(basis)
     settings = choose_settings(members, correlation_length(ensemble), config)
-    prior = hybrid_prior(members.weights, members.velocity_modes, members.nodes, settings)
+    prior = hybrid_prior(members.weights, members.shifted(settings), settings)
     spread, amplitude = None, None
     if config.spread == "fit" or (config.spread is None and ensemble.made_from):
         expected = left_out_amplitude(members, settings)

@@ -24,7 +24,7 @@ direction of noise.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import takewhile
 
@@ -35,6 +35,7 @@ from scipy.linalg import solve_triangular
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.covariance import Levels, Reduction, symmetric
 from replay_kit.core.flow.factors import CovarianceFactors, half_size, n_stored
+from replay_kit.core.frozen import replace
 from replay_kit.estimator.prior.amplitude import ScaledPrior, hybrid_parts
 from replay_kit.estimator.prior.conditioned import (
     ConditionedPrior,

@@ -1,12 +1,13 @@
 """Screening: which bins of a measurement an estimator of a region can use, and the innovation of a measurement that is not used."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.frozen import replace
 from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_local
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.observation import (

@@ -75,7 +75,7 @@ def test_many_innovations_recover_the_amplitude():
 
 
 def test_a_scaled_prior_is_the_prior_with_another_covariance():
-    prior = hybrid_prior(MEMBERS.weights, MEMBERS.velocity_modes, MEMBERS.nodes, SETTINGS)
+    prior = hybrid_prior(MEMBERS.weights, MEMBERS.shifted(SETTINGS), SETTINGS)
     scaled, cov = scaled_prior(prior, 2.5), prior.covariance()
     assert isinstance(scaled, ScaledPrior)
     assert scaled.settings == SETTINGS
@@ -102,7 +102,7 @@ def test_a_scaled_prior_is_the_prior_with_another_covariance():
 
 @pytest.mark.parametrize("spread", ["as_given", "fit", None])
 def test_words_leave_the_prior_as_it_is(spread):
-    prior = hybrid_prior(MEMBERS.weights, MEMBERS.velocity_modes, MEMBERS.nodes, SETTINGS)
+    prior = hybrid_prior(MEMBERS.weights, MEMBERS.shifted(SETTINGS), SETTINGS)
     assert scaled_prior(prior, spread) is prior
 
 
@@ -110,7 +110,7 @@ def test_each_member_left_out_is_measured_at_ten_columns():
     logs = []
     for member in (0, 1, 2, 4, 5, 7):
         others = np.delete(MEMBERS.weights, member, axis=0)
-        cov = hybrid_prior(others, MEMBERS.velocity_modes, MEMBERS.nodes, SETTINGS).covariance()
+        cov = hybrid_prior(others, MEMBERS.shifted(SETTINGS), SETTINGS).covariance()
         rng = np.random.default_rng([20211, member])
         at = rng.integers(20, size=10)
         h = np.kron(

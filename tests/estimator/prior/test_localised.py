@@ -10,7 +10,7 @@ from replay_kit.estimator.basis.shifts import (
     shifted_in_modes,
 )
 from replay_kit.estimator.prior import localised as module
-from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
+from replay_kit.estimator.prior.hybrid import PriorSettings, ShiftedModes, hybrid_prior
 from replay_kit.estimator.prior.localised import (
     localised,
     localised_part,
@@ -96,9 +96,8 @@ def test_weak_functions_of_depth_share_a_covariance_and_keep_their_variance():
         np.sum(row**2) * np.trace(horizontal[min(q, 8)]) for q, row in enumerate(vertical)
     )
     assert variance == pytest.approx(np.sum(anomalies**2), rel=1e-8)
-    prior = hybrid_prior(
-        rng.standard_normal((6, 14, 5)), modes, nodes, PriorSettings(0.5, 1.0, RADIUS)
-    )
+    settings, shifted = PriorSettings(0.5, 1.0, RADIUS), ShiftedModes.by(modes, nodes, 1.0)
+    prior = hybrid_prior(rng.standard_normal((6, 14, 5)), shifted, settings)
     dense = prior.covariance()
     np.testing.assert_allclose(dense, dense.T, atol=1e-14)
     assert np.linalg.eigvalsh(dense).min() > -1e-12 * np.abs(dense).max()

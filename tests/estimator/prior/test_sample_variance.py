@@ -19,7 +19,12 @@ from replay_kit.estimator.baselines.etkf import build_etkf, build_letkf
 from replay_kit.estimator.baselines.whole_flows import build_naive
 from replay_kit.estimator.basis.slices import ensemble_slices
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.prior.hybrid import PriorSettings, diagonal_prior, hybrid_prior
+from replay_kit.estimator.prior.hybrid import (
+    PriorSettings,
+    ShiftedModes,
+    diagonal_prior,
+    hybrid_prior,
+)
 from tests import synthetic
 
 TIMES = np.array([1.0, 2.0, 6.0])
@@ -39,12 +44,8 @@ def test_the_paper_s_prior():
 
 def test_the_sample_part_of_the_default_prior():
     weight = np.array([[1.0, -2.0], [0.5, 3.0]])
-    prior = hybrid_prior(
-        TIMES[:, None, None] * weight,
-        np.eye(4)[:, :2],
-        np.zeros((2, 2)),
-        PriorSettings(1.0, 0.0, 1.0),
-    )
+    modes = ShiftedModes.by(np.eye(4)[:, :2], np.zeros((2, 2)), 0.0)
+    prior = hybrid_prior(TIMES[:, None, None] * weight, modes, PriorSettings(1.0, 0.0, 1.0))
     np.testing.assert_allclose(
         prior.covariance(), VARIANCE * np.outer(weight.ravel(), weight.ravel())
     )
