@@ -29,9 +29,11 @@ def to_local(
     projection: Projection, longitude: ArrayLike, latitude: ArrayLike
 ) -> tuple[Array, Array]:
     """Return local (east, north) [m] of places given in degrees; the shapes are kept, any longitude convention is read."""
-    east, north = _proj(projection)(
-        np.asarray(longitude, dtype=np.float64), np.asarray(latitude, dtype=np.float64)
-    )
+    place: Any = longitude, latitude
+    if not (isinstance(longitude, float) and isinstance(latitude, float)):
+        # of plain numbers an array takes longer than the projection
+        place = np.asarray(longitude, dtype=np.float64), np.asarray(latitude, dtype=np.float64)
+    east, north = _proj(projection)(*place)
     return np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
 
 
@@ -58,8 +60,18 @@ def grid_bearing_of_true_north(
         if known.any():
             turns[known] = grid_bearing_of_true_north(projection, longitude[known], latitude[known])
         return turns
+    if known.size == 1:
+        one = _bearing_at(projection, float(longitude.flat[0]), float(latitude.flat[0]))
+        return np.full(known.shape, one)
     factors = _proj(projection).get_factors(longitude, latitude)
     return -np.deg2rad(np.asarray(factors.meridian_convergence, dtype=np.float64))
+
+
+# all vectors of a measurement turn by the angle at its place
+@lru_cache(maxsize=64)
+def _bearing_at(projection: Projection, longitude: float, latitude: float) -> float:
+    factors = _proj(projection).get_factors(longitude, latitude)
+    return -float(np.deg2rad(factors.meridian_convergence))
 
 
 def true_north_halfway(projection: Projection, begins: Array, ends: Array) -> Array:

@@ -106,7 +106,7 @@ class ResultFile:
             time_ns: Log and publish time [ns, UTC].
         """
         assert self._open, "a closed result takes no messages"
-        with self._storing("write"):
+        try:
             number = self._channels.get(topic)
             if number is None:
                 name, encoding, definition = schema()
@@ -118,7 +118,10 @@ class ResultFile:
                     definition,
                 )
             self._writer.add_message(number, time_ns, data, time_ns, self._counts[topic])
-        self._record({"kind": "message", "topic": topic, "time_ns": time_ns}, data)
+        except OSError as error:
+            raise self._full("write", error) from error
+        if self._journal is not None:
+            self._record({"kind": "message", "topic": topic, "time_ns": time_ns}, data)
         self._digest.update(f"{topic}\0{time_ns}\0{len(data)}\0".encode() + data)
         self._counts[topic] += 1
         self.last_time_ns = max(self.last_time_ns, time_ns)
@@ -290,9 +293,12 @@ class ResultFile:
         try:
             yield
         except OSError as error:
-            raise ReplayKitError(
-                f"{self.part}: cannot {what}: {error}; is the disk full? What was written so far stays there"
-            ) from error
+            raise self._full(what, error) from error
+
+    def _full(self, what: str, error: OSError) -> ReplayKitError:
+        return ReplayKitError(
+            f"{self.part}: cannot {what}: {error}; is the disk full? What was written so far stays there"
+        )
 
     def _check_target(self) -> None:
         if not self.path.parent.is_dir():

@@ -68,7 +68,8 @@ def parse_ping(payload: Mapping[str, Any], reference: Reference | None = None) -
     system = cast(CoordinateSystem, known_word(payload, "coordinate_system", COORDINATE_SYSTEMS))
     velocity = fields.velocity_cells(payload, system == "earth")
     n = len(velocity)
-    stated = {name: number(payload.get(name)) for name in _NUMBERS}
+    stated = dict.fromkeys(_NUMBERS, math.nan)
+    stated |= {name: number(payload[name]) for name in payload.keys() & stated.keys()}
     bottom, platform = (
         fields.part(payload.get(name)) for name in ("bottom_track", "platform_velocity")
     )

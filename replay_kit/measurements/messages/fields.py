@@ -41,7 +41,8 @@ def rows(values: Sequence[Any]) -> Array:
     except (TypeError, ValueError, OverflowError):
         plain = np.empty(0)
     if plain.ndim == 2:
-        return np.where(np.isfinite(plain), plain, np.nan)
+        finite = np.isfinite(plain)
+        return plain if finite.all() else np.where(finite, plain, np.nan)
     found = [
         [number(item) for item in (row if isinstance(row, list | tuple) else [row])]
         for row in values

@@ -5,7 +5,8 @@ clock. Their states together are what a checkpoint keeps.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import nullcontext
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import repeat
 from typing import Any
@@ -14,6 +15,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.frozen import replace
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
@@ -49,6 +51,9 @@ from replay_kit.workflows.replay.surfacings.forecasts import (
     forecast_mean,
     forecast_step,
 )
+
+# where a result is of one vehicle, its name begins nothing
+_ONLY = nullcontext()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -353,6 +358,7 @@ class Session:
     def _write(self, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
         if self.writer is not None:
-            with self.writer.of(self.name), self.clock.stage("write"):
+            own = self.writer.of(self.name) if self.name else _ONLY
+            with own, self.clock.stage("write"):
                 for output in outputs:
                     write(self.writer, output)
