@@ -105,8 +105,8 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
         cross = design @ at_time.cov
         cov = cross @ design.T
 
-        def posterior(rows: CombinedRows, step: ColumnUpdate) -> tuple[Array, Array]:
-            gain = solve_triangular(step.lower, rows_in(cross, rows), lower=True)
+        def posterior(step: ColumnUpdate) -> tuple[Array, Array]:
+            gain = solve_triangular(step.lower, rows_in(cross, step.rows), lower=True)
             return at_time.means + gain.T @ step.whitened, at_time.cov - gain.T @ gain
 
         def against(other: EvolvingState) -> Array:

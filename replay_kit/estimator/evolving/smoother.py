@@ -22,7 +22,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.evolving.filter import EvolvingColumn, EvolvingEstimator, rows_in
 from replay_kit.estimator.evolving.state_space import EvolvingState, StateSpace
-from replay_kit.estimator.update.superobservation import CombinedRows
+from replay_kit.estimator.update.superobservation import ColumnUpdate
 
 _NS = 1e9
 
@@ -160,8 +160,8 @@ def _forward(
             continue
         at = estimator.group_column(state, screened)
         update = estimator.evaluated(state, at)
-        if update.rows is not None:
-            step = _step(at, update.rows, estimator.jacobian_gradient(update.scale_jacobian))
+        if update.step is not None:
+            step = _step(at, update.step, estimator.jacobian_gradient(update.scale_jacobian))
             # only an accepted observation ends the time before it: after a rejected one an earlier one may still come
             while left and left[0] < step.time_ns:
                 states[left[0]] = estimator.predict(state, left[0])
@@ -171,11 +171,10 @@ def _forward(
     return states | {time_ns: estimator.predict(state, time_ns) for time_ns in left}, steps
 
 
-def _step(at: EvolvingColumn, combined: CombinedRows, gradient: Array) -> Step:
-    rows, innovation = rows_in(at.design, combined), at.column.innovation(combined)[:, 0]
-    cross = rows @ at.state.cov
-    factor = scipy.linalg.cho_factor(cross @ rows.T + np.eye(len(rows)), lower=True)
-    solved = scipy.linalg.cho_solve(factor, np.column_stack([cross, innovation, np.eye(len(rows))]))
+def _step(at: EvolvingColumn, update: ColumnUpdate, gradient: Array) -> Step:
+    rows, innovation = rows_in(at.design, update.rows), at.column.innovation(update.rows)[:, 0]
+    both = np.column_stack([rows @ at.state.cov, innovation, np.eye(len(rows))])
+    cross, solved = both[:, : -1 - len(rows)], scipy.linalg.cho_solve((update.lower, True), both)
     n = cross.shape[1]
     assert at.state.time_ns is not None  # a prediction has a time
     return Step(at.state.time_ns, rows, solved[:, :n], solved[:, n], solved[:, n + 1 :], gradient)

@@ -160,7 +160,8 @@ def group_column(
     known = posterior.prefetch([levels])[0]
     predicted = posterior.predict(levels, known)
 
-    def update(rows: CombinedRows, step: ColumnUpdate) -> Posterior:
+    def update(step: ColumnUpdate) -> Posterior:
+        rows = step.rows
         predicted = posterior.predict(combined_rows(levels, rows), known.turned(rows.r))
         return predicted.update(step.lower, step.whitened, 1.0)
 
@@ -180,9 +181,9 @@ def own_column(
 ) -> GroupColumn[FilterState]:
     """Return the estimate of the rows of one measurement, as the column that it sees."""
 
-    def update(whole: CombinedRows, step: ColumnUpdate) -> Posterior:
+    def update(step: ColumnUpdate) -> Posterior:
         # R is one over the standard deviation of the noise
-        return predicted.update(step.lower, step.whitened, float(1.0 / whole.r[0, 0]))
+        return predicted.update(step.lower, step.whitened, float(1.0 / step.rows.r[0, 0]))
 
     # the posterior's own prior may be an earlier posterior
     prior = rows.matvec(estimator.prior_weights)

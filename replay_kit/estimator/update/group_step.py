@@ -27,7 +27,6 @@ from replay_kit.estimator.update.stack import Factors, Stack, stack_of_one, stac
 from replay_kit.estimator.update.superobservation import (
     Column,
     ColumnUpdate,
-    CombinedRows,
     GroupUpdate,
     evaluate_group,
 )
@@ -73,7 +72,7 @@ class GroupColumn(Generic[State]):
         state: The estimator's state at their time.
         column: The estimate before them.
         prior: shape (c q,), the column's mean before any observation.
-        posterior: Returns the estimate after rows of unit noise, given the column's update by them.
+        posterior: Returns the estimate after an update of the column.
         against: See ``Stepped``.
     """
 
@@ -81,7 +80,7 @@ class GroupColumn(Generic[State]):
     state: State
     column: Column
     prior: Array
-    posterior: Callable[[CombinedRows, ColumnUpdate], Any]
+    posterior: Callable[[ColumnUpdate], Any]
     against: Callable[[State], Array] | None = None
 
 
@@ -189,12 +188,11 @@ class GroupedEstimator(Estimator[State], Protocol[State]):
         """
         state, update = evaluated
         monitor, inflation = state.monitor.updated(update.gate, self.gating)
-        after, score, rows = state, state.bias_score, update.rows
-        if rows is not None and update.update is not None:
-            jacobian = update.scale_jacobian
-            after = self.with_posterior(at, at.posterior(rows, update.update), jacobian)
+        after, score, step = state, state.bias_score, update.step
+        if step is not None:
+            after = self.with_posterior(at, at.posterior(step), update.scale_jacobian)
             if at.stack.relative is not None:
-                score = score.updated(update.update.whitened, jacobian)
+                score = score.updated(step.whitened, update.scale_jacobian)
         seen = screened.usable_linear[-1]
         after = replace(after, monitor=monitor, bias_score=score, last=seen)
         after = self.inflated(after, inflation)

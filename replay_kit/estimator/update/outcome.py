@@ -57,17 +57,17 @@ class GroupResult:
             gate=float(gate.threshold[i]),
             signal_dof=0.0,
             # the first alone is told the monitor
-            prior_inflation=self.prior_inflation if update.rows is None and i == 0 else 1.0,
+            prior_inflation=self.prior_inflation if update.step is None and i == 0 else 1.0,
             log_likelihood=self._log_likelihood(one, np.ones(1)) if self._is_one else np.nan,
             estimated_std=self._estimated_std(one, self.before),
         )
 
     def combined(self, accepted: NDArray[np.intp]) -> Innovation:
         """Return the innovation of the accepted ones together."""
-        update, gate, screened = self.update.update, self.update.gate, self.screened
-        stack, at = self.update.stack.part(accepted), screened.used[accepted]
-        assert update is not None, "some are accepted"
-        means = np.stack([self.before.means[:, 0], update.after.means[:, 0], self.prior])
+        update, gate, screened = self.update, self.update.gate, self.screened
+        stack, at = update.stack.part(accepted), screened.used[accepted]
+        assert update.step is not None, "some are accepted"
+        means = np.stack([self.before.means[:, 0], update.step.after.means[:, 0], self.prior])
         before, after, prior = column_misfits(stack, means)
         inflation, dof = gate.inflation[accepted], int(np.sum(stack.of_each("dof")))
         softened = int(np.count_nonzero(gate.decision[accepted] == SOFTENED))
@@ -84,24 +84,24 @@ class GroupResult:
             residual=_mean_of(stack, after),
             prior_innovation=_mean_of(stack, prior),
             innovation_std=_mean_std(stack, *self._variances(stack)),
-            nis=float(self.update.nis[accepted].sum()),
+            nis=float(update.nis[accepted].sum()),
             dof=dof,
             accepted=True,
             error_inflation=float(accepted.size / np.sum(1.0 / inflation)),
             decision="softened" if softened else "accepted",
             gate_statistic=float(gate.statistic[0]),
             gate=float(gate.threshold[0]),
-            signal_dof=update.signal_dof,
+            signal_dof=update.step.signal_dof,
             prior_inflation=self.prior_inflation,
             log_likelihood=likelihood,
-            estimated_std=self._estimated_std(stack, update.after),
+            estimated_std=self._estimated_std(stack, update.step.after),
             profiles=accepted.size,
             totals=None
             if self._is_one
             else GroupTotals(
                 softened,
                 dof // 2,
-                float(np.sum(self.update.before[accepted] ** 2)),
+                float(np.sum(update.before[accepted] ** 2)),
                 float(np.sum(after**2)),
                 float(np.sum(prior**2)),
                 tuple(reasons_of(screened.reasons[at], screened.flags[at])),
@@ -120,16 +120,15 @@ class GroupResult:
 
     def _log_likelihood(self, stack: Stack, inflation: Array) -> float:
         """Return the logarithm of the density of all values under the column before the group, with errors of some inflation."""
-        rows, update = self.update.rows, self.update.update
+        update = self.update
         if self._is_one:
             # of unit noise, as stated: along the eigenvectors that the gate found
-            square = float(self.update.nis[0])
-            half_log_det = 0.5 * float(np.sum(np.log1p(self.update.gate.variance[0])))
+            square = float(update.nis[0])
+            half_log_det = 0.5 * float(np.sum(np.log1p(update.gate.variance[0])))
         else:
-            assert rows is not None
-            assert update is not None
-            square, half_log_det = update.fit
-            square += rows.residual + float(np.sum(stack.residual_square / inflation))
+            assert update.step is not None
+            square, half_log_det = update.step.fit
+            square += update.step.rows.residual + float(np.sum(stack.residual_square / inflation))
         noise = len(stack.components) * stack.of_each("half_log_det")
         noise = noise + 0.5 * stack.of_each("dof") * np.log(inflation)
         return float(-0.5 * square - half_log_det - np.sum(noise))

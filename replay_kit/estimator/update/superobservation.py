@@ -72,7 +72,7 @@ class Column:
         )
         gain, whitened = both[:, :size], both[:, size:]
         after = Column(self.means + gain.T @ whitened, self.cov - gain.T @ gain)
-        return ColumnUpdate(lower, whitened, after)
+        return ColumnUpdate(rows, lower, whitened, after)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,11 +80,13 @@ class ColumnUpdate:
     """The update of a column by rows of unit noise.
 
     Attributes:
+        rows: The rows.
         lower: shape (c q, c q), L, the Cholesky factor of the covariance of the rows' innovation.
         whitened: shape (c q, 1 + b), L^-1 times that innovation, and that of instrument errors of one unit.
         after: The column after the rows.
     """
 
+    rows: "CombinedRows"
     lower: Array
     whitened: Array
     after: Column
@@ -148,17 +150,15 @@ class GroupUpdate:
         stack: The profiles.
         gate: Of each of them.
         before: shape (n, m, 2) [m/s], measured minus what was predicted before each.
-        rows: Of the accepted ones together; None without one.
-        scale_jacobian: Sum over them; see ``biases.scale_jacobian``.
-        update: Of the column by these rows; None without one.
+        scale_jacobian: Sum over the accepted ones; see ``biases.scale_jacobian``.
+        step: The update of the column by these together; None without one.
     """
 
     stack: Stack
     gate: Gates
     before: Array
-    rows: CombinedRows | None
     scale_jacobian: float
-    update: ColumnUpdate | None
+    step: ColumnUpdate | None
 
     @property
     def nis(self) -> Array:
@@ -210,8 +210,8 @@ def evaluate_group(
         whole_rows = combined(r, y, np.ones(len(parts)))
         residual = whole_rows.residual + sum(part.residual for part in parts)
         whole_rows = replace(whole_rows, residual=residual)
-    gate, update = Gates.joined(gates), None if whole_rows is None else first.updated(whole_rows)
-    return GroupUpdate(stack, gate, np.concatenate(misfits), whole_rows, jacobian, update)
+    step = None if whole_rows is None else first.updated(whole_rows)
+    return GroupUpdate(stack, Gates.joined(gates), np.concatenate(misfits), jacobian, step)
 
 
 def gate_profiles(
