@@ -1,4 +1,7 @@
-"""Logs passed through an estimator one observation at a time, as online."""
+"""Logs passed through an estimator one observation at a time, as online; and what tests ask of them."""
+
+import numpy as np
+import pytest
 
 
 def run(estimator, observations, state=None):
@@ -13,3 +16,19 @@ def run(estimator, observations, state=None):
 def after(estimator, observations, state=None):
     """Return the last state."""
     return run(estimator, observations, state)[0]
+
+
+def rows_of(estimator, observations):
+    """The design and the values of all rows of observations within the grid."""
+    deepest = estimator.grid.levels[-1]
+    rows = [estimator.rows(each, np.flatnonzero(each.depth <= deepest)) for each in observations]
+    return np.concatenate([each.design() for each in rows]), np.concatenate(
+        [each.y for each in rows]
+    )
+
+
+def assert_alike(said, expected, rel, atol):
+    for ours, theirs in zip(said, expected, strict=True):
+        assert ours.nis == pytest.approx(theirs.nis, rel=rel)
+        for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
+            np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=atol)

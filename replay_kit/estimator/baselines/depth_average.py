@@ -11,6 +11,7 @@ from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines.columns import HATS
+from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.static.filter import ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.static.state import FilterState
 
@@ -38,13 +39,9 @@ class DepthAverage(ReducedBasisEstimator):
         """No size: the basis of the average is not that of the estimate."""
         return None, None
 
-    def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
-        """Return None: the flow is no longer a combination of the basis at each depth."""
-        return None
-
-    def notes(self) -> list[str]:
-        """Return no notes, as for every baseline."""
-        return []
+    # the flow is no longer a combination of the basis at each depth
+    span_residual = Estimator.span_residual
+    notes = Estimator.notes
 
 
 def average_over_depth(flow: FlowEstimate, depth: float) -> FlowEstimate:

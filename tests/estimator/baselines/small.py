@@ -33,14 +33,15 @@ def profiles(n, seed=0):
 
 def at_nodes(flow):
     """Velocity at all nodes and levels, shape (Z, 2N)."""
-    nodes = GRID.nodes
-    both = flow.velocity(nodes[:, 0], nodes[:, 1], GRID.levels[:, None])
-    return np.moveaxis(both, -1, 1).reshape(GRID.levels.size, -1)
+    return _at_nodes(flow.velocity)
 
 
 def std_at_nodes(flow):
-    nodes = GRID.nodes
-    both = flow.standard_error(nodes[:, 0], nodes[:, 1], GRID.levels[:, None])
+    return _at_nodes(flow.standard_error)
+
+
+def _at_nodes(function):
+    both = function(*GRID.nodes.T, GRID.levels[:, None])
     return np.moveaxis(both, -1, 1).reshape(GRID.levels.size, -1)
 
 

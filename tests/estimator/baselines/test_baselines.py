@@ -33,7 +33,7 @@ from tests.estimator.baselines.small import (
     profiles,
     std_at_nodes,
 )
-from tests.estimator.runs import run
+from tests.estimator.runs import assert_alike, run
 from tests.reference import baselines as slow
 
 
@@ -103,10 +103,7 @@ def test_etkf_equals_the_kalman_filter_with_the_sample_covariance():
     np.testing.assert_allclose(
         flow.weight_cov, other.weight_cov, atol=1e-10 * np.abs(textbook.prior.covariance()).max()
     )
-    for ours, theirs in zip(said, expected_said, strict=True):
-        assert ours.nis == pytest.approx(theirs.nis, rel=1e-9)
-        for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
-            np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-10)
+    assert_alike(said, expected_said, 1e-9, 1e-10)
     np.testing.assert_allclose(
         estimator.innovation(state, observations[2]),
         textbook.innovation(expected, observations[2]),

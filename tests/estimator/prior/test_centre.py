@@ -12,7 +12,7 @@ from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import leave_out
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
-from tests.estimator.runs import after
+from tests.estimator.runs import after, rows_of
 from tests.reference import centre as slow
 
 GIVEN = synthetic.ensemble(n_members=7, shape=(6, 7), levels=np.array([5.0, 90.0, 220.0]))
@@ -24,12 +24,7 @@ VARIANCES, WEIGHTS = (0.0, 0.03, 0.1, 0.3), (0.5, 0.5 / 3, 0.5 / 3, 0.5 / 3)
 def test_it_is_the_mixture_of_dense_gaussians(count):
     observations = synthetic.random_profiles(GIVEN.grid, count, seed=count)
     state = after(ESTIMATOR, observations)
-    rows = [
-        ESTIMATOR.rows(each, np.flatnonzero(each.depth <= GIVEN.grid.levels[-1]))
-        for each in observations
-    ]
-    design = np.concatenate([each.design() for each in rows])
-    values = np.concatenate([each.y for each in rows])
+    design, values = rows_of(ESTIMATOR, observations)
     prior, basis = ESTIMATOR.prior, ESTIMATOR.basis
     factor = prior.factor[:-1].reshape(len(prior.factor) - 1, -1)
     mean, sample = basis.mean_weights.ravel(), factor.T @ factor

@@ -53,14 +53,16 @@ def dense(profiles, bins):
     )
 
 
+def assert_density(found, values, mean, cov):
+    nis = (values - mean) @ np.linalg.solve(cov, values - mean)
+    expected = (slow.log_density(values, mean, cov), nis, values.size)
+    assert (found.log, found.nis, found.dof) == pytest.approx(expected, rel=1e-9)
+
+
 def test_it_is_the_density_of_one_dense_gaussian():
     found = predict_jointly(ESTIMATOR, PROFILES, BINS).of(PROFILES)
     values, mean, cov = dense(PROFILES, BINS)
-    assert found.log == pytest.approx(slow.log_density(values, mean, cov), rel=1e-9)
-    assert found.nis == pytest.approx(
-        (values - mean) @ np.linalg.solve(cov, values - mean), rel=1e-9
-    )
-    assert found.dof == values.size
+    assert_density(found, values, mean, cov)
 
 
 def relative(profile):
@@ -93,11 +95,7 @@ def test_of_relative_profiles_it_is_the_density_of_their_differences(unreference
     )
     values, mean, cov = dense(profiles, bins)
     values, mean, cov = known @ values, known @ mean, known @ cov @ known.T
-    assert found.log == pytest.approx(slow.log_density(values, mean, cov), rel=1e-9)
-    assert found.nis == pytest.approx(
-        (values - mean) @ np.linalg.solve(cov, values - mean), rel=1e-9
-    )
-    assert found.dof == values.size
+    assert_density(found, values, mean, cov)
 
 
 @pytest.mark.parametrize("bins", [0, 1])

@@ -15,7 +15,7 @@ from replay_kit.estimator.update.representation import PosteriorCovariance
 from replay_kit.estimator.windows.filter import hand_over
 from replay_kit.workflows.replay.store.pickling import dump, load
 from tests import synthetic
-from tests.estimator.runs import after
+from tests.estimator.runs import after, rows_of
 from tests.reference import estimator as slow
 
 GIVEN = synthetic.ensemble(n_members=7, shape=(6, 7), levels=np.array([5.0, 90.0, 220.0]))
@@ -44,12 +44,7 @@ def profiles(n, factor=1.0, seed=0):
 
 def twin(observations):
     """Mean and covariance of the weights: one dense update for each variance, averaged with their densities of all that was measured."""
-    rows = [
-        ESTIMATOR.rows(each, np.flatnonzero(each.depth <= GIVEN.grid.levels[-1]))
-        for each in observations
-    ]
-    design = np.concatenate([each.design() for each in rows])
-    values = np.concatenate([each.y for each in rows])
+    design, values = rows_of(ESTIMATOR, observations)
     mean = ESTIMATOR.basis.mean_weights.ravel()
     certain = ESTIMATOR.prior.covariance() - before_the_log().variance * np.outer(mean, mean)
     return slow.mixture_update(

@@ -15,7 +15,7 @@ from replay_kit.estimator.prior.amplitude import ScaledPrior, bands_of, fit_ampl
 from replay_kit.estimator.static.likelihood import predict_jointly
 from replay_kit.estimator.static.state import SpreadFit
 from tests import synthetic
-from tests.estimator.runs import after
+from tests.estimator.runs import after, rows_of
 
 GIVEN = synthetic.ensemble(n_members=6, shape=(6, 7), levels=np.array([5.0, 90.0, 220.0]))
 GRID = GIVEN.grid
@@ -58,6 +58,15 @@ def path(seed):
 def unfitted(spread):
     """The estimator with amplitudes that stay."""
     return replace(ESTIMATOR, prior=spread.scale(ESTIMATOR.prior), spread=None)
+
+
+def assert_unfitted(state, given):
+    """A state is that of an estimator whose amplitude was as it is from the start."""
+    alone = after(unfitted(state.spread), given)
+    np.testing.assert_allclose(state.mean, alone.mean, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        state.posterior.covariance(), alone.posterior.covariance(), rtol=1e-8, atol=1e-12
+    )
 
 
 @pytest.fixture
@@ -105,11 +114,7 @@ def test_it_is_the_likeliest_for_the_profiles_so_far_and_the_estimate_is_made_wi
     )
     assert state.spread.amplitude == pytest.approx(amplitude, rel=1e-4)
     assert state.spread.fitted_to == count
-    alone = after(unfitted(state.spread), PROFILES[:count])
-    np.testing.assert_allclose(state.mean, alone.mean, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(
-        state.posterior.covariance(), alone.posterior.covariance(), rtol=1e-8, atol=1e-12
-    )
+    assert_unfitted(state, PROFILES[:count])
 
 
 @pytest.mark.parametrize("count", [8, 32])
@@ -120,9 +125,8 @@ def test_bands_of_modes_have_the_likeliest_amplitudes_and_the_estimate_is_made_w
     assert sorted(set(band)) == [0, 1, 2]
     assert np.all(np.diff(band) >= 0)
     assert np.prod(spread.tilt) == pytest.approx(1.0)
-    rows = [ESTIMATOR.rows(each, np.flatnonzero(each.depth <= GRID.levels[-1])) for each in given]
-    design = np.concatenate([each.design() for each in rows])
-    innovation = np.concatenate([each.y for each in rows]) - design @ ESTIMATOR.prior.mean
+    design, values = rows_of(ESTIMATOR, given)
+    innovation = values - design @ ESTIMATOR.prior.mean
 
     def deviance(logs):
         root = np.tile(np.exp(0.5 * logs)[band], len(GRID.levels))
@@ -139,11 +143,7 @@ def test_bands_of_modes_have_the_likeliest_amplitudes_and_the_estimate_is_made_w
     least = deviance(found)
     for step in (*np.eye(3), *-np.eye(3)):
         assert deviance(found + 0.2 * step) > least - 0.02
-    alone = after(unfitted(spread), given)
-    np.testing.assert_allclose(state.mean, alone.mean, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(
-        state.posterior.covariance(), alone.posterior.covariance(), rtol=1e-8, atol=1e-12
-    )
+    assert_unfitted(state, given)
     # the covariance is that of scaled weights, in every form in which it is asked for
     scaled, root = spread.scale(ESTIMATOR.prior), np.exp(0.5 * found)[band]
     whole = np.tile(root, len(GRID.levels))

@@ -15,9 +15,9 @@ class Killed(BaseException):
     """What stops a run in these tests and no code of the project knows."""
 
 
-def make_ocean(folder: Path, config, n_pings: int) -> Path:
+def make_ocean(folder: Path, config, n_pings: int, shape=(6, 7)) -> Path:
     """A folder with an ensemble, the truth withheld from it, and a glider's log; ``truth_in`` reads the truth."""
-    ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
+    ds = synthetic.dataset(seed=4, n_members=13, shape=shape)
     ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="scipy")
     ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="scipy")
     make_twin(truth_in(folder, config), Twin("glider", n_pings, 0.05, 1), folder / "glider.mcap")

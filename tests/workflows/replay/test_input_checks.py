@@ -13,7 +13,6 @@ from replay_kit.core.plan import Place
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.consistency.findings import TRACKS
-from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.fleet.expected import expected_of
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.planning import planner_of
@@ -26,7 +25,7 @@ from tests import synthetic
 from tests.command import invoke
 from tests.workflows.follow.delivery import CONFIG as FOLLOWED
 from tests.workflows.follow.delivery import Sea
-from tests.workflows.replay.interrupted import truth_in
+from tests.workflows.replay.interrupted import make_ocean
 
 CONFIG = RunConfig(estimator={"modes": 6, "sample_share": 0.5, "shift_distance": 0.0})
 
@@ -58,11 +57,7 @@ def moved(folder, name, longitude, kinds=("replay_kit.AdcpPing", *CURRENTS)):
 
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("ocean")
-    ds = synthetic.dataset(seed=4, n_members=13, shape=(5, 16))
-    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="scipy")
-    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="scipy")
-    make_twin(truth_in(folder, CONFIG), Twin("glider", 30, 0.05, 1), folder / "glider.mcap")
+    folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 30, (5, 16))
     for name, longitude in (("far", -30.0), ("first", 152.37), ("second", 153.13)):
         moved(folder, f"{name}.mcap", longitude)
         moved(folder, f"{name}-currents.mcap", longitude, CURRENTS)
