@@ -1,6 +1,7 @@
 """Goals that a random flight has met, over shallows, past areas, one after the other: none is out of reach."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import process_time
 from types import SimpleNamespace
@@ -35,27 +36,45 @@ class Met:
     lasts: float
 
 
-def reach_row(count: int) -> Row:
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """What is said of a mission: its status, whether a goal is out of reach, whether the bound is above a flight; the plan's time [s]."""
+
+    status: str
+    out_of_reach: bool = False
+    bound_above: bool = False
+    seconds: float = 0.0
+
+
+def reach_row(missions: Sequence[Reached]) -> Row:
     """Return how many missions to goals that can be met were called out of reach, and how many bounds were above a flight."""
-    found, above, took = Counter[str](), 0, [0.0]
-    for seed in range(count):
-        mission = random_mission(seed)
-        if (met := _flight(mission, np.random.default_rng((1, seed)))) is None:
-            found["no_flight"] += 1
-            continue
-        began = process_time()
-        try:
-            plan = plan_mission(mission.flow, _asked(mission, met))
-        except PlanError as error:
-            found[f"refused: {error}"] += 1
-            continue
-        took.append(process_time() - began)
-        found[plan.status] += 1
-        found["out_of_reach"] += "out of reach" in plan.message
-        above += float(plan.statistics.get("bound_h", 0.0)) * 3600.0 > min(met.lasts, plan.duration)
-    wrong = {"out_of_reach": float(found.pop("out_of_reach", 0)), "bounds_above": float(above)}
-    name = f"{count} missions past one to three goals that a random flight has met: 0 out of reach"
+    found = Counter(one.status for one in missions)
+    wrong = {
+        "out_of_reach": float(sum(one.out_of_reach for one in missions)),
+        "bounds_above": float(sum(one.bound_above for one in missions)),
+    }
+    name = f"{len(missions)} missions past one to three goals that a random flight has met: 0 out of reach"
+    took = [one.seconds for one in missions if one.seconds > 0.0] or [0.0]
     return row(name, float(np.median(took)), "", error=wrong, slowest_s=max(took), **found)
+
+
+def one_mission(seed: int) -> Reached:
+    """Return what is said of a mission past the goals of a random flight."""
+    mission = random_mission(seed)
+    if (met := _flight(mission, np.random.default_rng((1, seed)))) is None:
+        return Reached("no_flight")
+    began = process_time()
+    try:
+        plan = plan_mission(mission.flow, _asked(mission, met))
+    except PlanError as error:
+        return Reached(f"refused: {error}")
+    seconds, bound = process_time() - began, float(plan.statistics.get("bound_h", 0.0))
+    return Reached(
+        plan.status,
+        "out of reach" in plan.message,
+        bound * 3600.0 > min(met.lasts, plan.duration),
+        seconds,
+    )
 
 
 def _asked(mission: HazardousMission, met: Met) -> MissionRequest:

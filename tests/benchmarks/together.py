@@ -4,6 +4,9 @@
 """
 
 import time
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import islice
 
 import numpy as np
 
@@ -32,6 +35,8 @@ from tests.planners.flow_samples import place
 
 _GLIDERS, _PROFILES, _DEPTH, _DRAWN = 3, 6, 280.0, 100
 _TWINS, _PAIRS, _SAMPLES, _NEAR = 24, 200, 40, 3000.0
+# Pairs of missions in each twin.
+_OF_A_TWIN = 5
 _NAMES = "this plan", "each for itself", "lawn-mowers"
 
 
@@ -56,6 +61,7 @@ def rows(tiny: bool) -> list[Row]:
     ]
 
 
+@lru_cache(maxsize=1)
 def _twin(sea: Ensemble, number: int, modes: int) -> tuple[FlowEstimate, FlowEstimate]:
     """Return the estimate without a member, before any measurement, and the member on its nodes."""
     case = leave_out(sea, number % sea.n_members)
@@ -84,37 +90,46 @@ def _surveys(name: str, sea: Ensemble, size: tuple[int, int, int, int]) -> Row:
         sea: Its members.
         size: Number of twins, of modes, of profiles of each glider, of samples.
     """
-    count, modes, profiles, drawn = size
-    rng, found, spent = np.random.default_rng(0), [], 0.0
+    count, *more = size
+    made = (one_survey(sea, k, *more) for k in range(10 * count))
+    found = list(islice(filter(None, made), count))
+    assert len(found) == count, "no scene of the sea can be surveyed"
+    errors, spent = zip(*found, strict=True)
+    return surveys_row(name, np.array(errors), sum(spent) / count)
+
+
+def one_survey(
+    sea: Ensemble, number: int, modes: int, profiles: int, drawn: int
+) -> tuple[Array, float] | None:
+    """Return the errors of the surveys of a twin, of ``_errors``, and a plan's processor time [s]; None where no leg may be flown."""
+    rng, (flow, truth) = np.random.default_rng((0, number)), _twin(sea, number, modes)
     settings = LearnSettings(depth=_DEPTH, dives=3, samples=drawn)
-    number = 0
-    while len(found) < count:
-        flow, truth = _twin(sea, number, modes)
-        number += 1
-        half = 0.25 * min(np.ptp(flow.grid.east), np.ptp(flow.grid.north), 160e3)
-        middle = _drawn(flow, rng, 1, 0.3)[0]
-        west, south = to_geographic(flow.grid.projection, *(middle - half))
-        east, north = to_geographic(flow.grid.projection, *(middle + half))
-        starts = middle + rng.uniform(-half, half, (_GLIDERS, 2))
-        asked = [
-            LearnRequest(place(flow, *one, 0.0), (), settings=settings, profiles=profiles)
-            for one in starts
-        ]
-        begin = time.process_time()
-        try:
-            joint = plan_joint_survey(
-                flow, asked, Box(float(west), float(south), float(east), float(north))
-            )
-        except PlanError:
-            # on land, or beside the edge of the region
-            assert number < 10 * count, "no scene of the sea can be surveyed"
-            continue
-        spent += time.process_time() - begin
-        found.append(_errors(joint, truth))
+    half = 0.25 * min(np.ptp(flow.grid.east), np.ptp(flow.grid.north), 160e3)
+    middle = _drawn(flow, rng, 1, 0.3)[0]
+    west, south = to_geographic(flow.grid.projection, *(middle - half))
+    east, north = to_geographic(flow.grid.projection, *(middle + half))
+    starts = middle + rng.uniform(-half, half, (_GLIDERS, 2))
+    asked = [
+        LearnRequest(place(flow, *one, 0.0), (), settings=settings, profiles=profiles)
+        for one in starts
+    ]
+    box = Box(float(west), float(south), float(east), float(north))
+    begin = time.process_time()
+    try:
+        joint = plan_joint_survey(flow, asked, box)
+    except PlanError:
+        # on land, or beside the edge of the region
+        return None
+    return _errors(joint, truth), time.process_time() - begin
+
+
+def surveys_row(name: str, errors: Array, spent: float) -> Row:
+    """Return the row of some twins' errors, shape (twins, 3, names), and a plan's processor time [s]."""
+    count = len(errors)
     ratios = {
         f"{kind} over {peer}": table[:, 0] / table[:, k]
         for kind, table in zip(
-            ("expected", "samples", "truth"), np.array(found).transpose(1, 0, 2), strict=True
+            ("expected", "samples", "truth"), errors.transpose(1, 0, 2), strict=True
         )
         for k, peer in enumerate(_NAMES[1:], 1)
     }
@@ -125,7 +140,7 @@ def _surveys(name: str, sea: Ensemble, size: tuple[int, int, int, int]) -> Row:
     }
     return row(
         f"{name}: {_GLIDERS} gliders together, {count} twins: .9 of each for itself",
-        spent / count,
+        spent,
         "each for itself",
         error={**error, **spread},
     )
@@ -158,44 +173,56 @@ def _pairs(name: str, sea: Ensemble, size: tuple[int, int, int, float]) -> Row:
         sea: Its members.
         size: Number of pairs, of modes, of samples, and the separation [m].
     """
-    count, modes, drawn, near = size
-    rng, stated, fresh, moved, spent = np.random.default_rng(1), [], [], 0, 0.0
-    number = 0
-    while len(stated) < count:
-        flow, _ = _twin(sea, number, modes)
-        number += 1
-        assert number < 10 * count, "no pair of missions of the sea can be planned"
-        middle, turn = _drawn(flow, rng, 1, 0.3)[0], rng.uniform(0.0, 2.0 * np.pi, 2)
-        half = 12e3 * np.column_stack([np.cos(turn), np.sin(turn)])
-        settings = MissionSettings(depth=_DEPTH, tolerance=500.0)
-        asked = [
-            MissionRequest(
-                place(flow, *(middle - way), 0.0),
-                (place(flow, *(middle + way), 0.0),),
-                settings=settings,
-            )
-            for way in half
-        ]
-        samples = [flow.sample(drawn, seed) for seed in (0, 1)]
-        begin = time.process_time()
-        try:
-            joint = plan_missions(flow, samples[0], asked, near)
-        except PlanError:
-            continue
-        spent += time.process_time() - begin
-        stated.append(joint.nearness[0].share)
-        fresh.append(share_of_nearer(flow, samples[1], joint, (0, 1), near))
-        moved += any(len(one.no_go) for one in joint.requests)
-    off = np.array(stated) - np.array(fresh)
+    count, *more = size
+    made = (one_pair(sea, k, *more) for k in range(10 * count))
+    found = list(islice(filter(None, made), count))
+    assert len(found) == count, "no pair of missions of the sea can be planned"
+    return pairs_row(name, found, more[-1])
+
+
+def one_pair(
+    sea: Ensemble, number: int, modes: int, drawn: int, near: float
+) -> tuple[float, float, bool, float] | None:
+    """Return the shares of samples in which two missions come near, stated and fresh, whether one goes round, and the processor time [s].
+
+    None where one of them cannot be planned. Some pairs in turn are of one twin.
+    """
+    rng, (flow, _) = np.random.default_rng((1, number)), _twin(sea, number // _OF_A_TWIN, modes)
+    middle, turn = _drawn(flow, rng, 1, 0.3)[0], rng.uniform(0.0, 2.0 * np.pi, 2)
+    half = 12e3 * np.column_stack([np.cos(turn), np.sin(turn)])
+    settings = MissionSettings(depth=_DEPTH, tolerance=500.0)
+    asked = [
+        MissionRequest(
+            place(flow, *(middle - way), 0.0),
+            (place(flow, *(middle + way), 0.0),),
+            settings=settings,
+        )
+        for way in half
+    ]
+    samples = [flow.sample(drawn, 2 * number + k) for k in (0, 1)]
+    begin = time.process_time()
+    try:
+        joint = plan_missions(flow, samples[0], asked, near)
+    except PlanError:
+        return None
+    spent = time.process_time() - begin
+    fresh = share_of_nearer(flow, samples[1], joint, (0, 1), near)
+    return joint.nearness[0].share, fresh, any(len(one.no_go) for one in joint.requests), spent
+
+
+def pairs_row(name: str, found: Sequence[tuple[float, float, bool, float]], near: float) -> Row:
+    """Return the row of some pairs kept so far apart [m]."""
+    stated, fresh, moved, spent = np.array(found).T
+    off = stated - fresh
     return row(
-        f"{name}: {count} pairs of missions kept {near / 1e3:g} km apart",
-        spent / count,
+        f"{name}: {len(found)} pairs of missions kept {near / 1e3:g} km apart",
+        float(spent.mean()),
         "fresh samples",
         error={
-            "stated": float(np.mean(stated)),
-            "fresh": float(np.mean(fresh)),
+            "stated": float(stated.mean()),
+            "fresh": float(fresh.mean()),
             "off": float(off.mean()),
-            "off +-": 1.645 * float(off.std() / np.sqrt(count)),
-            "gone_round": moved / count,
+            "off +-": 1.645 * float(off.std() / np.sqrt(len(found))),
+            "gone_round": float(moved.mean()),
         },
     )

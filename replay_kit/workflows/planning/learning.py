@@ -15,7 +15,7 @@ from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.plan import ORIGIN
+from replay_kit.core.plan import ORIGIN, Place
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
 from replay_kit.results.views.record import read_planned_legs
@@ -54,52 +54,68 @@ def make_learning(job: PlanRequest, config: PlannerConfig) -> Learnt:
         LogError: A plan of others is unusable.
     """
     on = planned_on(job, config.flow_step)
-    known = on.known
-    bound, origin = replace(MissionPlanner.of(config), flown=on.flown).bound(
-        known.first, job.then_places
-    )
-    flow, (begin_ns, notes) = known.first, known.begin(job.start_time_ns)
-    seconds = _seconds(job)
+    known, seconds = on.known, _seconds(job)
+    request, origin, notes = learn_request(job, config, on, job.start_place)
+    begin_ns = request.start_time_ns
     _check_horizon(known, begin_ns, seconds, job)
-    notes += on.notes
+    announce("comparing surveys")
+    plan = _planned(job, known.first, request)
+    if seconds is None and known.ends_ns is not None:
+        notes += known.notes(begin_ns, begin_ns + round(plan.duration * 1e9))
+    notes += _too_sure(known, plan.duration) + local_notes(known.local, begin_ns, left_out=True)
+    return learnt_from(plan, notes, origin, on)
+
+
+def learn_request(
+    job: PlanRequest, config: PlannerConfig, on: PlannedOn, start: Place
+) -> tuple[LearnRequest, str, tuple[str, ...]]:
+    """Return what is asked of the planner for a vehicle at a place, what its dives are taken from, and what should be known.
+
+    Raises:
+        PlanError: It begins outside of the forecast.
+        LogError: A plan of others is unusable.
+    """
+    bound, origin = replace(MissionPlanner.of(config), flown=on.flown).bound(
+        on.known.first, job.then_places
+    )
+    begin_ns, notes = on.known.begin(job.start_time_ns)
     request = LearnRequest(
-        job.start_place,
+        start,
         job.then_places,
         bound.vehicle,
-        learning_settings(job, config, bound.settings),
+        _settings(job, config, bound.settings),
         on.no_go,
         on.bathymetry,
         begin_ns,
         profiles_of_others(job.others),
         job.profiles or 0,
     )
-    announce("comparing surveys")
-    plan = _planned(job, flow, request)
-    if seconds is None and known.ends_ns is not None:
-        notes += known.notes(begin_ns, begin_ns + round(plan.duration * 1e9))
-    notes += _too_sure(known, plan.duration) + local_notes(known.local, begin_ns, left_out=True)
-    return Learnt(learnt_from(replace(plan, notes=(*plan.notes, *notes)), origin), on)
+    return request, origin, (*notes, *on.notes)
 
 
-def learnt_from(plan: LearnPlan, origin: str) -> LearnPlan:
-    """Return a plan that says what its dives are taken from; as it is where all of that was stated."""
+def learnt_from(plan: LearnPlan, notes: tuple[str, ...], origin: str, on: PlannedOn) -> Learnt:
+    """Return a plan with more notes that says what its dives are taken from, where not all of that was stated."""
+    plan = replace(plan, notes=(*plan.notes, *notes))
     if not origin:
-        return plan
+        return Learnt(plan, on)
     figures = {**plan.figures, ORIGIN: origin}
-    return replace(plan, message=f"{plan.message}; {origin}", figures=figures)
+    return Learnt(replace(plan, message=f"{plan.message}; {origin}", figures=figures), on)
+
+
+def box_of(numbers: tuple[float, ...]) -> Box:
+    """Return the box of a request's numbers: west, south, east, north, and depths."""
+    west, south, east, north, *depths = numbers
+    return Box(west, south, east, north, tuple(depths))
 
 
 def _planned(job: PlanRequest, flow: FlowEstimate, request: LearnRequest) -> LearnPlan:
-    if (box := job.box_numbers) is not None:
-        west, south, east, north, *depths = box
-        return plan_map(flow, request, Box(west, south, east, north, tuple(depths)))
+    if (numbers := job.box_numbers) is not None:
+        return plan_map(flow, request, box_of(numbers))
     assert job.blind is not None
     return plan_survey(flow, request, 3600.0 * (job.survey or _SURVEY_H), 3600.0 * job.blind)
 
 
-def learning_settings(
-    job: PlanRequest, config: PlannerConfig, dives: MissionSettings
-) -> LearnSettings:
+def _settings(job: PlanRequest, config: PlannerConfig, dives: MissionSettings) -> LearnSettings:
     """Return how profiles are brought, with the depth and the surface time of a mission's dives."""
     return LearnSettings(
         depth=dives.depth,

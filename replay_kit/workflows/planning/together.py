@@ -8,7 +8,6 @@ import numpy as np
 from rich.console import Console
 
 from planners import mission_odds, with_odds
-from planners.learning.values import Box, LearnRequest
 from planners.together.assignment import assign, times_to_goals
 from planners.together.missions import Nearness, plan_missions
 from planners.together.surveys import plan_joint_survey
@@ -21,18 +20,12 @@ from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
 from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.adapters import (
-    MissionPlanner,
     sample_count,
     with_origin,
     without_odds,
 )
 from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
-from replay_kit.workflows.planning.learning import (
-    Learnt,
-    learning_settings,
-    learnt_from,
-    profiles_of_others,
-)
+from replay_kit.workflows.planning.learning import Learnt, box_of, learn_request, learnt_from
 from replay_kit.workflows.planning.mission import PlannedMission, mission_planner, samples_json
 
 
@@ -75,32 +68,14 @@ def make_together(job: PlanRequest, config: PlannerConfig) -> Together:
 
 
 def _surveys(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
-    numbers = job.box_numbers
+    numbers, starts = job.box_numbers, job.glider_places
     assert numbers is not None, "a checked request for a map has a box"
-    west, south, east, north, *depths = numbers
-    bound, origin = replace(MissionPlanner.of(config), flown=on.flown).bound(on.known.first, ())
-    begin_ns, notes = on.known.begin(job.start_time_ns)
-    starts = job.glider_places
-    requests = [
-        LearnRequest(
-            place,
-            (),
-            bound.vehicle,
-            learning_settings(job, config, bound.settings),
-            on.no_go,
-            on.bathymetry,
-            begin_ns,
-            profiles_of_others(job.others),
-            job.profiles or 0,
-        )
-        for place in starts.values()
-    ]
+    request, origin, notes = learn_request(job, config, on, next(iter(starts.values())))
+    requests = [replace(request, start=place) for place in starts.values()]
     announce("comparing surveys")
-    box = Box(west, south, east, north, tuple(depths))
-    joint = plan_joint_survey(on.known.first, requests, box)
-    notes += on.notes
+    joint = plan_joint_survey(on.known.first, requests, box_of(numbers))
     planned = {
-        name: Learnt(learnt_from(replace(plan, notes=(*plan.notes, *notes)), origin), on)
+        name: learnt_from(plan, notes, origin, on)
         for name, plan in zip(starts, joint.plans, strict=True)
     }
     return Together(planned, dict.fromkeys(starts), share_of_bound=joint.share_of_bound)
