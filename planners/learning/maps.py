@@ -1,38 +1,29 @@
 """The next profiles of a map of a box's current, against lawn-mowers, and what both are worth in samples."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from planners.learning.choose import Aim
-from planners.learning.closed_loop import Sea, Stretch, drawn_sea, fly_survey, from_others, slices
+from planners.learning.comparison import best_mower, compared
 from planners.learning.loops import Survey
 from planners.learning.mapping import Mapping, look_ahead, refined
-from planners.learning.mowers import lawn_mowers
 from planners.learning.rows import (
     Combined,
-    Rows,
     covariance,
-    gains,
     lower_root,
     rows_at,
-    stacked,
     unknowns_at,
 )
 from planners.learning.scene import Scene, dives_of, scene_of, value_map
 from planners.learning.values import Box, Candidate, LearnPlan, LearnRequest
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.evidence import bootstrap_interval
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 
-#: What is to be mapped as a vehicle has it, and the survey that it flies.
-Flown = tuple[Mapping, Survey]
-# Places along the longer side of a box at which the current counts; resamples of an interval.
-_ALONG, _RESAMPLES = 11, 400
+# Places along the longer side of a box at which the current counts.
+_ALONG = 11
 # A lawn-mower is offered when the plan is no better than by this share.
 _AS_GOOD = 0.01
 
@@ -123,18 +114,6 @@ def choose_map(scene: Scene, mapping: Mapping) -> tuple[Survey, float, Survey, f
     return survey, error, mower, mower_error, False
 
 
-def best_mower(scene: Scene, mapping: Mapping) -> tuple[Survey, float]:
-    """Return the lawn-mower that leaves the least error, and that error [m/s]; infinite where none may be flown."""
-    mowers = lawn_mowers(mapping)
-    begins = np.concatenate(
-        [np.full((len(mowers.ends), 1), mapping.start), mowers.ends[:, :-1]], axis=1
-    )
-    legs = scene.allowed(begins.ravel(), mowers.ends.ravel()).reshape(mowers.ends.shape)
-    errors = np.where(np.all(legs, axis=1), mapping.errors(mowers), np.inf)
-    k = int(np.argmin(errors))
-    return mowers.picked([k]), float(errors[k])
-
-
 def covariance_now(scene: Scene, mapping: Mapping) -> Array:
     """Return the covariance of the unknowns when a plan begins, shape (n, n), as if the profiles of others were made by then."""
     own = unknowns_at(scene.known, scene.begin)
@@ -188,64 +167,6 @@ def _places(scene: Scene, box: Box) -> tuple[Array, float]:
     return points[wet], float(wet.mean())
 
 
-def realised(
-    sea: Sea,
-    flown: Sequence[Flown],
-    noise: Array,
-    given: Sequence[tuple[Array, Array]] = (),
-) -> Array:
-    """Return the root mean square error of a component in the box after surveys flown in each true current [m/s], shape (S,).
-
-    Args:
-        sea: What they are flown in; its currents are means over the dives.
-        flown: The same map of the dives' mean alone as each vehicle has it, and the vehicle's survey; one at least.
-        noise: shape (S, N, 2) of unit variance, errors of the profiles of all surveys in turn; without any (N = 0) none is flown.
-        given: Profiles that others bring: places, shape (m, 2) [m], and times, shape (m,) [s].
-    """
-    first, _ = flown[0]
-    end, error = float(first.times[-1]), float(np.sqrt(first.variance))
-    box = first.box[:, 0] + 1j * first.box[:, 1]
-    true = sea.truth.at(np.broadcast_to(box, (sea.count, box.size)), end) - sea.mean.at(
-        box[None], end
-    )
-    left = np.stack([true.real, true.imag], axis=-1)
-    measured, values = from_others(sea, error, given)
-    begun = 0
-    for mapping, survey in flown if noise.shape[1] else ():
-        begin = float(mapping.times[0])
-        stretch = Stretch(mapping.start, box[:1], begin, end - begin, 0.0, mapping.speed, 0.0)
-        places, met, _ = fly_survey(sea, stretch, survey)
-        means = [
-            sea.mean.at(one[None], time)[0]
-            for one, time in zip(places.T, survey.times, strict=True)
-        ]
-        found = met - np.stack(means, axis=1)
-        own = np.stack([found.real, found.imag], axis=-1)
-        own = own + error * noise[:, begun : begun + survey.times.size]
-        begun += survey.times.size
-        rows = rows_at(mapping.known, np.stack([places.real, places.imag], axis=-1), survey.times)
-        measured = rows if measured is None else stacked(rows, measured)
-        values = np.concatenate([own.reshape(sea.count, -1), values], axis=1)
-    if measured is not None:
-        left = left - estimated(first, measured, values)
-    return np.asarray(np.sqrt(np.mean(left**2, axis=(1, 2))))
-
-
-def estimated(mapping: Mapping, rows: Rows, values: Array) -> Array:
-    """Return the box's currents less the estimate's after measurements, shape (S, P, 2), at the end, of the dives' mean."""
-    sought = rows_at(mapping.known, mapping.box, np.full(len(mapping.box), mapping.times[-1]))
-    weighed = gains(rows, values, mapping.variance)
-    return (covariance(sought, rows) @ weighed[..., None]).reshape(len(values), -1, 2)
-
-
-def _interval(errors: Array) -> tuple[float, float, float]:
-    """Return the root mean square of errors, shape (S,), and an interval that holds it with a probability of 90 %, by bootstrap."""
-    square = errors**2
-    return float(np.sqrt(square.mean())), *bootstrap_interval(
-        lambda drawn: np.sqrt(square[drawn].mean(axis=1)), errors.size, _RESAMPLES
-    )
-
-
 def map_plan(
     scene: Scene,
     chosen: tuple[Mapping, Survey, float],
@@ -292,35 +213,3 @@ def map_plan(
         notes=notes,
         figures={"samples": samples, "surfacings": int(survey.times.size)},
     )
-
-
-def compared(
-    scene: Scene, named: dict[str, tuple[float, Sequence[Flown]]]
-) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
-    """Return surveys with their errors in samples, and a note where there are none.
-
-    Samples are of the dives' mean: of other depths the prediction stands alone.
-
-    Args:
-        scene: Of a vehicle.
-        named: Of each its predicted error [m/s], infinite where it may not be flown, and what each vehicle maps and flies; the last one
-            is the plan.
-    """
-    *_, (_, flown) = named.values()
-    (mapping, _), settings, sea = flown[0], scene.settings, None
-    if mapping.which == (0,):
-        span = slices(scene.known, scene.begin, float(mapping.times[-1]))
-        sea = drawn_sea(scene.known, span, settings.samples, settings.seed)
-    rng, count = np.random.default_rng(settings.seed + 1), sum(one.times.size for _, one in flown)
-    noise = rng.standard_normal((settings.samples, count, 2))
-
-    def candidate(name: str, predicted: float, made: Sequence[Flown]) -> Candidate:
-        figures = (np.nan,) * 3
-        if sea is not None:
-            errors = realised(sea, made or flown, noise if made else noise[:, :0], scene.given)
-            figures = _interval(errors)
-        return Candidate(name, predicted, *figures, np.nan, name == list(named)[-1])
-
-    found = tuple(candidate(name, *one) for name, one in named.items() if np.isfinite(one[0]))
-    note = "no errors in samples: these are of the mean current over the dives, and the box counts at depths"
-    return found, () if sea is not None else (note,)

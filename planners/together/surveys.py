@@ -16,14 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from planners.learning.comparison import Flown, best_mower, compared
 from planners.learning.loops import Survey
 from planners.learning.mapping import Mapping, refined
 from planners.learning.maps import (
-    Flown,
-    best_mower,
     check_uncertain,
     choose_map,
-    compared,
     covariance_now,
     error_words,
     map_plan,

@@ -12,8 +12,8 @@ import numpy as np
 
 from planners import MissionRequest, MissionSettings
 from planners.learning.closed_loop import Sea, drawn_sea
+from planners.learning.comparison import realised
 from planners.learning.current import currents_of
-from planners.learning.maps import realised
 from planners.learning.values import Box, LearnRequest, LearnSettings
 from planners.together.missions import plan_missions, share_of_nearer
 from planners.together.surveys import JointSurvey, plan_joint_survey

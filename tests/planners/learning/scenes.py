@@ -7,8 +7,8 @@ import numpy as np
 
 from planners.front.current import shares_of_levels
 from planners.learning.closed_loop import mean_currents, slices
+from planners.learning.comparison import _spaced
 from planners.learning.loops import Survey
-from planners.learning.mowers import _spaced
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.flow.depth_means import depth_means

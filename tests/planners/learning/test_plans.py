@@ -9,9 +9,9 @@ import pytest
 from planners import Glider
 from planners.learning import maps, survey
 from planners.learning.closed_loop import Stretch, drawn_sea
+from planners.learning.comparison import lawn_mowers, realised
 from planners.learning.mapping import COUNTED, Mapping, _Search, _turned, look_ahead, refined
-from planners.learning.maps import covariance_now, plan_map, realised
-from planners.learning.mowers import lawn_mowers
+from planners.learning.maps import covariance_now, plan_map
 from planners.learning.scene import scene_of, value_map
 from planners.learning.survey import _words, plan_survey
 from planners.learning.values import Box, Candidate, LearnRequest, LearnSettings, OtherProfiles
