@@ -51,7 +51,7 @@ class Currents:
         y = (places.imag - self.origin.imag) / self.spacing.imag
         x, y = np.clip(x, 1.0, columns - 2.001), np.clip(y, 1.0, rows - 2.001)
         column, row = x.astype(np.intp), y.astype(np.intp)
-        across, along = _hats(x - column), _hats(y - row)
+        across, along = _hats(x - column, derivatives), _hats(y - row, derivatives)
         number = np.interp(time, self.times, np.arange(self.times.size, dtype=np.float64))
         slot = np.minimum(number.astype(np.intp), max(self.times.size - 2, 0))
         share = np.broadcast_to(number - slot, places.shape)
@@ -83,8 +83,8 @@ def _weighed(around: Complex, across: Array, along: Array) -> Complex:
     return np.asarray((around * (along[..., :, None] * across[..., None, :])).sum(axis=(-2, -1)))
 
 
-def _hats(share: Array) -> tuple[Array, Array]:
-    """Return the four cubic B-splines that reach a place between two coefficients, shape (..., 4), and their derivatives."""
+def _hats(share: Array, derivatives: bool) -> tuple[Array, Array]:
+    """Return the four cubic B-splines that reach a place between two coefficients, shape (..., 4), and their derivatives if wanted."""
     rest = 1.0 - share
     value = [
         rest**3,
@@ -92,8 +92,11 @@ def _hats(share: Array) -> tuple[Array, Array]:
         3.0 * rest**3 - 6.0 * rest**2 + 4.0,
         share**3,
     ]
+    hats = np.stack(value, axis=-1) / 6.0
+    if not derivatives:
+        return hats, hats
     slope = [-(rest**2), 3.0 * share**2 - 4.0 * share, -3.0 * rest**2 + 4.0 * rest, share**2]
-    return np.stack(value, axis=-1) / 6.0, np.stack(slope, axis=-1) / 2.0
+    return hats, np.stack(slope, axis=-1) / 2.0
 
 
 def currents_of(flow: FlowEstimate, latent: Sequence[Array], times: Array) -> Currents:

@@ -276,14 +276,11 @@ def _turned(held: Complex, spread: float, rng: np.random.Generator, speed: float
 
 def _flown_with(mapping: Mapping, allowed: Allowed, held: Complex) -> tuple[Survey, Array]:
     """Return the ways of velocities through water held leg by leg, shape (C, N), and which of them may be flown."""
-    place, middles, ends = np.full(len(held), mapping.start), list[Complex](), list[Complex]()
-    free = np.ones(len(held), dtype=bool)
+    places = np.empty((len(held), mapping.times.size), dtype=np.complex128)
+    places[:, 0] = mapping.start
     for k, lasts in enumerate(np.diff(mapping.times)):
-        over_ground = held[:, k] + mapping.mean.at(place[None], mapping.profile_times[k])[0]
-        end = place + lasts * over_ground
-        free &= allowed(place, end)
-        middles.append(place + 0.5 * lasts * over_ground)
-        ends.append(end)
-        place = end
-    flown = np.stack(ends, axis=1)
-    return Survey(flown, flown, np.stack(middles, axis=1), mapping.profile_times, free), free
+        current = mapping.mean.at(places[None, :, k], mapping.profile_times[k])[0]
+        places[:, k + 1] = places[:, k] + lasts * (held[:, k] + current)
+    begins, ends = places[:, :-1], places[:, 1:]
+    free = np.all(allowed(begins.ravel(), ends.ravel()).reshape(ends.shape), axis=1)
+    return Survey(ends, ends, 0.5 * (begins + ends), mapping.profile_times, free), free

@@ -78,23 +78,24 @@ def rows_at(known: DepthMeans, points: Array, after: Array, which: int = 0) -> R
         after: shape (n,) or that of the points [s], since the estimate's time.
         which: Of the means over depth.
     """
-    n, batch = points.shape[-2], points.shape[:-2]
-    modes = known.modes(points.reshape(-1, 2)).reshape(-1, n, 2, known.flow.n_modes)
-    times = np.broadcast_to(after, (*batch, n)).reshape(-1, n)
-    now = np.empty((*modes.shape[:3], known.root.shape[1]))
-    parts = [
-        (part.scale, np.empty((*modes.shape[:3], part.root.shape[1]))) for part in known.relaxing
-    ]
-    for time in np.unique(times) if known.changes else (0.0,):
-        at = times == time if known.changes else np.ones(times.shape, dtype=bool)
+    n, batch, n_modes = points.shape[-2], points.shape[:-2], known.flow.n_modes
+    modes = known.modes(points.reshape(-1, 2)).reshape(-1, n_modes)
+    times = np.repeat(np.broadcast_to(after, (*batch, n)).ravel(), 2)
+    if not known.changes:
+        # the unknowns are the modes of each mean
+        now = modes @ known.root.reshape(-1, n_modes, known.root.shape[1])[which]
+        return Rows(now, (), times).reshaped(*batch, 2 * n)
+    now = np.empty((len(modes), known.root.shape[1]))
+    parts = [(part.scale, np.empty((len(modes), part.root.shape[1]))) for part in known.relaxing]
+    for time in np.unique(times):
+        at = np.flatnonzero(times == time)
         time_ns = known.time_ns + round(float(time) * 1e9)
         # of the few unknowns first: there are more rows than modes
         loading = known.loading(time_ns)[:, which].T
         now[at] = modes[at] @ ((loading * known.memory(time_ns)) @ known.root)
         for part, (_, rows) in zip(known.relaxing, parts, strict=True):
             rows[at] = modes[at] @ (loading[:, part.which] @ part.root)
-    found = Rows(now, tuple(parts), np.repeat(times[..., None], 2, axis=-1))
-    return found.reshaped(*batch, 2 * n)
+    return Rows(now, tuple(parts), times).reshaped(*batch, 2 * n)
 
 
 def unknowns_at(known: DepthMeans, after: float) -> Rows:
