@@ -97,17 +97,17 @@ def plan_scenarios(
         return to_plan(whole, attempts), MonteCarloSummary(1.0, 1.0, last, last, {})
     task, attempt = aimed_at(whole, first)
     tried = partial(_try, task, currents, allowed, pilot)
-    for _ in range(_PLANS):
-        trials.append(tried(attempt, extra))
-        if trials[-1].passes or task.is_late:
-            break
+    trials.append(tried(attempt, extra))
+    met = [is_feasible(task, attempt)]
+    # what a margin leads astray, a wider one does not lead back
+    while not (trials[-1].passes or task.is_late or len(trials) == _PLANS or met[-1] < met[0]):
         if len(trials) > 1:
             extra += max(_GROWTH * trials[-1].missing, _LEAST)
-        attempt = _widen_margin(
-            task, attempt, SafetyMargin(trials[-1].flown.deviations, 1.0 - allowed, extra)
-        )
-    met = [is_feasible(task, trial.attempt) for trial in trials]
-    if met[0] and not all(met) and not any(_keeps(task, trial, allowed) for trial in trials):
+        margin = SafetyMargin(trials[-1].flown.deviations, 1.0 - allowed, extra)
+        attempt = _widen_margin(task, attempt, margin)
+        trials.append(tried(attempt, extra))
+        met.append(is_feasible(task, attempt))
+    if met[-1] < met[0] and not any(_keeps(task, trial, allowed) for trial in trials):
         # half-planes hold a way that is near to one without a margin: a wider way round may still lead to the goal
         trials += _wider_ways(task, trials[0].missing, tried)
     if pilot is not None and met[0] and not any(_keeps(task, trial, allowed) for trial in trials):
@@ -166,7 +166,10 @@ def _keeps(task: MissionTask, trial: _Trial, allowed: float) -> bool:
 def _wider_ways(
     task: MissionTask, missing: float, tried: Callable[[Attempt, float], _Trial]
 ) -> list[_Trial]:
-    """Return the trials of plans made anew with wider margins, until one passes; where the way is closed, with narrower ones again."""
+    """Return the trials of plans made anew with wider margins, until one passes or keeps no more samples clear than the one before.
+
+    Where the way is closed, they are narrower again.
+    """
     trials, open_, extra = list[_Trial](), 0.0, max(_GROWTH * missing, _LEAST)
     for _ in range(_PLANS):
         wide = replace(
@@ -181,7 +184,8 @@ def _wider_ways(
             open_, extra = extra, extra + max(_GROWTH * trials[-1].missing, _LEAST)
         else:
             extra = 0.5 * (open_ + extra)
-        if task.is_late or (trials and trials[-1].passes):
+        stays = len(trials) > 1 and trials[-1].flown.summary.safe <= trials[-2].flown.summary.safe
+        if task.is_late or stays or (trials and trials[-1].passes):
             break
     return trials
 
@@ -211,5 +215,8 @@ def _widen_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> A
         ):
             break
         more = solve_with_margin(task, with_n_legs(task, before, longer), margin)
-        found = min(found, more, key=lambda one: (not is_feasible(task, one), one.plane_violation))
+        best = min(found, more, key=lambda one: (not is_feasible(task, one), one.plane_violation))
+        if best is found:
+            break
+        found = best
     return found

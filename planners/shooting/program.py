@@ -217,7 +217,7 @@ class Program:
             options = {
                 **OPTIONS,
                 **(WARM if warm_start else {}),
-                "ipopt.max_iter": MOST_ITERATIONS,
+                "ipopt.max_iter": MOST_ITERATIONS[warm_start],
                 "no_nlp_grad": True,
                 **self._derivatives,
             }

@@ -129,6 +129,13 @@ def test_a_way_that_a_wider_margin_closes_is_planned_with_a_narrower_one(monkeyp
     assert margins == pytest.approx([50.0, 50.0 + 345.0, 50.0 + 345.0 / 2.0, 50.0 + 345.0 / 4.0])
 
 
+def test_wider_ways_end_where_one_keeps_no_more_samples_clear(monkeypatch, problem):
+    no_more = [(True, [-300.0] * 4), (False, [-9.0] * 9), (True, [-80.0] * 3), (True, [-40.0] * 3)]
+    margins = leading(monkeypatch, problem, *no_more, anew=(True, True))
+    plan, summary = plan_scenarios(FLOW, [FLOW] * N, REQUEST)
+    assert (plan.status, summary.safe, len(margins)) == ("reached", pytest.approx(17.0 / 20.0), 3)
+
+
 def test_where_no_margin_leads_to_the_goal_the_least_risk_that_does_is_kept(monkeypatch, problem):
     margins = leading(
         monkeypatch,
@@ -199,6 +206,8 @@ def test_more_legs_are_tried_only_where_the_margin_leaves_the_goal_out_of_reach(
         monkeypatch, problem, replace(free, max_legs=6), (False, 9.0), (False, 7.0)
     ) == ([5, 6], 7.0)
     assert legs_tried(monkeypatch, problem, SETTINGS, (False, 9.0)) == ([5], 9.0)
+    # where one more is no better, two are not tried
+    assert legs_tried(monkeypatch, problem, free, (False, 7.0), (False, 9.0)) == ([5, 6], 7.0)
     # what is at the goal comes before what is beyond a half-plane by less
     assert legs_tried(monkeypatch, problem, free, (False, 0.0), (True, 30.0), (False, 1.0)) == (
         [5, 6, 7],
