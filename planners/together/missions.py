@@ -29,8 +29,8 @@ from replay_kit.core.grid import Projection
 
 # Widths of what one keeps out of that are tried in turn, in separations, and ways round that are tried in all.
 _WIDTHS, _TRIES = (1.1, 1.6, 2.4), 12
-# Corners of a quarter of a circle.
-_CORNERS = 4
+# Corners of a quarter of a circle, and how far its middle line may be off the way, in widths.
+_CORNERS, _OFF = 4, 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,11 +75,13 @@ class JointMissions:
         plans: Of each vehicle.
         requests: What each was planned for, with the areas that keep it from the others.
         nearness: Of each pair.
+        flown: Each in the samples; none without samples.
     """
 
     plans: tuple[MissionPlan, ...]
     requests: tuple[MissionRequest, ...]
     nearness: tuple[Nearness, ...]
+    flown: tuple[Motion, ...] = ()
 
 
 def nearest(first: Motion, second: Motion) -> tuple[Array, Array]:
@@ -176,7 +178,7 @@ def _gone_round(
         if plan.status == joint.plans[goes].status:
             pairs = list(zip(joint.plans, joint.requests, strict=True))
             pairs[goes] = plan, request
-            options.append(_judged(flow, samples, tuple(pairs), separation))
+            options.append(_judged(flow, samples, tuple(pairs), separation, joint))
     for option in options:
         if _conflicts(option, separation) < _conflicts(best, separation) or (
             best is not joint
@@ -209,7 +211,9 @@ def area_between(stays: Motion, goes: Motion, width: float, projection: Projecti
     way = np.interp(chosen, *stays.of(0))
     points = np.column_stack([way.real, way.imag])
     line = shapely.LineString(points) if len(points) > 1 else shapely.Point(points[0])
-    ring = shapely.get_coordinates(line.buffer(width, quad_segs=_CORNERS).exterior)
+    # a wide buffer of many short pieces may have slivers beside it
+    around = shapely.get_parts(line.simplify(_OFF * width).buffer(width, quad_segs=_CORNERS))
+    ring = shapely.get_coordinates(around[np.argmax(shapely.area(around))].exterior)
     longitude, latitude = to_geographic(projection, *ring.T)
     corners = tuple(zip(longitude.tolist(), latitude.tolist(), strict=True))
     return NoGo(corners, "the way of another vehicle")
@@ -220,20 +224,21 @@ def _judged(
     samples: Sequence[Sample],
     made: tuple[tuple[MissionPlan, MissionRequest], ...],
     separation: float,
+    before: JointMissions | None = None,
 ) -> JointMissions:
-    """Return missions with how near each two come."""
+    """Return missions with how near each two come; those that are as before are not flown again."""
     projection = _first(flow).grid.projection
     planned = [motion_of(plan, projection) for plan, _ in made]
-    flown = [_flown(flow, samples, *one) if samples else None for one in made]
+    known = {} if before is None else dict(zip(before.plans, before.flown, strict=False))
+    flown = tuple(known.get(one[0]) or _flown(flow, samples, *one) for one in made if samples)
     found = list[Nearness]()
     for i, j in combinations(range(len(made)), 2):
         (distance,), (when,) = nearest(planned[i], planned[j])
-        one, other, share = flown[i], flown[j], np.nan
-        if one is not None and other is not None:
-            share = float(np.mean(nearest(one, other)[0] < separation))
+        near = nearest(flown[i], flown[j])[0] < separation if samples else [np.nan]
+        share = float(np.mean(near))
         found.append(Nearness((i, j), float(distance), round(float(when) * 1e9), share))
     plans, requests = zip(*made, strict=True)
-    return JointMissions(plans, requests, tuple(found))
+    return JointMissions(plans, requests, tuple(found), flown)
 
 
 def share_of_nearer(

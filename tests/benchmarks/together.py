@@ -189,7 +189,7 @@ def one_pair(
     """
     rng, (flow, _) = np.random.default_rng((1, number)), _twin(sea, number // _OF_A_TWIN, modes)
     middle, turn = _drawn(flow, rng, 1, 0.3)[0], rng.uniform(0.0, 2.0 * np.pi, 2)
-    half = 12e3 * np.column_stack([np.cos(turn), np.sin(turn)])
+    half = 8e3 * np.column_stack([np.cos(turn), np.sin(turn)])
     settings = MissionSettings(depth=_DEPTH, tolerance=500.0)
     asked = [
         MissionRequest(
