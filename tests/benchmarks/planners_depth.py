@@ -16,15 +16,15 @@ _FIXED, _RANGE = 500.0, (100.0, 700.0)
 _EACH = (100.0, 150.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0)
 
 
-def depth_row(count: int, first: int = 100) -> Row:
+def depth_row(count: int, first: int = 100, each: tuple[float, ...] = _EACH) -> Row:
     """Return by how much missions of 20 to 60 km are quicker with a range of depths than at 500 m, with an interval of 90 %.
 
     None may be slower by more than 1 % than at the best of some depths, the same in all its legs.
     """
-    return row_of([one for k in range(first, first + count) if (one := one_mission(k))])
+    return row_of([one for k in range(first, first + count) if (one := one_mission(k, each))])
 
 
-def one_mission(seed: int) -> tuple[float, float, float] | None:
+def one_mission(seed: int, each: tuple[float, ...] = _EACH) -> tuple[float, float, float] | None:
     """Return by how much a mission is quicker than at 500 m, and slower than at the best fixed depth [%], and the time of a plan [s]."""
     flow, request = random_mission(seed)
     one = plan_mission(flow, request)
@@ -32,7 +32,7 @@ def one_mission(seed: int) -> tuple[float, float, float] | None:
         return None
     settings = replace(request.settings, depth=_RANGE[1], depths=_RANGE)
     spent, ranging = cpu(lambda: plan_mission(flow, replace(request, settings=settings)))
-    fixed = (replace(request.settings, depth=depth) for depth in _EACH if depth != _FIXED)
+    fixed = (replace(request.settings, depth=depth) for depth in each if depth != _FIXED)
     plans = [one, *(plan_mission(flow, replace(request, settings=asked)) for asked in fixed)]
     best = min(plan.duration for plan in plans if plan.status == "reached")
     quicker, slower = ranging.duration / one.duration, ranging.duration / best

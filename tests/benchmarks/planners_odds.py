@@ -49,19 +49,19 @@ class Paired:
     odds_over_plan: float
 
 
-def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH) -> Row:
-    """Return the row of some missions in estimates of some truths that have met so many profiles."""
+def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH, legs: int = 10) -> Row:
+    """Return the row of some missions of some legs in estimates of some truths that have met so many profiles."""
     qg, config = DATA / "qg" / "climatology.nc", RunConfig()
     whole = qg.exists() and truths > 1
     ensemble = read_ensemble(qg if whole else SAMPLES / "ensemble.nc", config.forecast)
-    job = PlanJob(plans=truths, pings=pings, legs=10)
+    job = PlanJob(plans=truths, pings=pings, legs=legs)
     found = list[Paired]()
     for case in job.cases(ensemble, None)[:truths]:
         field, truth = build_field(case.truth), embed_member(case.truth, 0, config.estimator)
         flow, depth = _estimate(case, field, config.estimator, job), 500.0
         flow = replace(flow, covariance=flow.weight_cov)
         grids, rng = (flow.grid, case.ensemble.grid), np.random.default_rng((0, case.member or 0))
-        for pair in draw_missions(field, flow.mean_flow(), grids, (missions, 10, depth), rng):
+        for pair in draw_missions(field, flow.mean_flow(), grids, (missions, legs, depth), rng):
             request = MissionRequest(
                 pair.start,
                 (pair.target,),
@@ -140,5 +140,5 @@ def _row(pings: int, found: list[Paired]) -> Row:
 def rows(tiny: bool) -> list[Row]:
     """Return the rows of uncertain missions and of easy ones."""
     if tiny:
-        return [odds_row(UNCERTAIN, 1, 1, 20)]
+        return [odds_row(UNCERTAIN, 1, 1, 20, 4)]
     return [odds_row(pings, 10, 4) for pings in (UNCERTAIN, EASY)]

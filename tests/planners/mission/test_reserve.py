@@ -12,7 +12,7 @@ from tests.planners.mission.test_policy import uncertain
 
 FLOW = uncertain(eddying_flow(7), 0.08)
 REQUEST = request_between(
-    FLOW, (-12e3, -8e3), (9e3, 6e3), settings=MissionSettings(depth=300.0, surface_time=600.0)
+    FLOW, (-8e3, -5e3), (7e3, 5e3), settings=MissionSettings(depth=300.0, surface_time=600.0)
 )
 
 
@@ -21,7 +21,7 @@ def arrives(plan, samples):
 
 
 def test_more_legs_are_taken_where_more_samples_arrive_also_of_fresh_ones():
-    searched, fresh = FLOW.sample(30, 1), FLOW.sample(60, 2)
+    searched, fresh = FLOW.sample(16, 1), FLOW.sample(40, 2)
     quickest, odds = plan_mission(FLOW, REQUEST), plan_for_odds(FLOW, searched, REQUEST)
     assert arrives(odds, searched) > arrives(quickest, searched) + 0.04
     assert arrives(odds, fresh) > arrives(quickest, fresh) + 0.1
