@@ -1,28 +1,36 @@
 """Figures as values to figures of a page: plotly's traces and layouts on the columns that the page offers as CSV."""
 
+import math
+import textwrap
 from typing import Any
 
 import numpy as np
 
+from replay_kit.core.arrays import Array
 from replay_kit.core.colors import LIGHT, scale
-from replay_kit.show.figures.values import Axis, Chart, Mark, Panel, Tables, Values
+from replay_kit.show.figures.values import Axis, Chart, Mark, Panel, Tables, Values, values_of
 from replay_kit.show.page.section import Figure, column, times
 
 _MODES = {"points": "markers", "joined": "lines+markers"}
 # Between panels, as a share of the height of a figure.
 _GAP = 0.1
+# Characters of a line of a name beside an axis: half a phone's width would be too much; and most names along one.
+_NAME, _NAMES = 22, 40
 
 
 def figure_of(chart: Chart) -> Figure:
     """Return a chart as a figure of a page."""
-    layout: dict[str, Any] = {"height": chart.height, "xaxis": _axis(chart.x), "shapes": []}
+    marks = [mark for panel in chart.panels for mark in panel.marks]
+    x_axis = _axis(chart.x, [values_of(chart.tables, mark.x) for mark in marks])
+    layout: dict[str, Any] = {"height": chart.height, "xaxis": x_axis, "shapes": []}
     traces, named = [], set[str]()
     room = (1.0 - _GAP * (len(chart.panels) - 1)) / sum(panel.share for panel in chart.panels)
     top = 1.0
     for number, panel in enumerate(chart.panels):
         axis = f"y{number + 1}" if number else "y"
         bottom = max(top - room * panel.share, 0.0)
-        layout[f"yaxis{axis[1:]}"] = {**_axis(panel.y), "domain": [bottom, top]}
+        heights = [values_of(chart.tables, mark.y) for mark in panel.marks]
+        layout[f"yaxis{axis[1:]}"] = {**_axis(panel.y, heights), "domain": [bottom, top]}
         layout["xaxis"]["anchor"] = axis
         layout["shapes"] += _shapes(panel, axis)
         top = bottom - _GAP
@@ -30,6 +38,10 @@ def figure_of(chart: Chart) -> Figure:
             again = {"showlegend": False} if mark.name in named else {}
             traces += [{**trace, "yaxis": axis, **again} for trace in traces_of(mark)]
             named.add(mark.name)
+    if chart.panels[0].y.labels:
+        # below the title of the axis, which lies as far below a low chart as below a high one
+        low = {"orientation": "h", "x": 0, "y": -75 / (chart.height - 170), "yanchor": "top"}
+        layout["legend"] = low
     if chart.equal:
         layout["xaxis"]["constrain"] = layout["yaxis"]["constrain"] = "domain"
         layout["yaxis"] |= {"scaleanchor": "x", "scaleratio": chart.equal}
@@ -119,10 +131,42 @@ def _values(values: Values | None) -> Any:
     return f"${values}" if isinstance(values, str) else column_of("_km", values)
 
 
-def _axis(axis: Axis) -> dict[str, Any]:
+def _axis(axis: Axis, values: list[Any]) -> dict[str, Any]:
+    """Return an axis along which marks have values."""
     text = f"{axis.label} [{axis.unit}]" if axis.unit else axis.label
-    ends = {} if axis.ends is None else {"range": list(axis.ends)}
-    return {"title": {"text": text}, **({"rangemode": "tozero"} if axis.from_zero else {}), **ends}
+    # names say what they are of
+    out: dict[str, Any] = {} if axis.labels else {"title": {"text": text}}
+    out |= {"rangemode": "tozero"} if axis.from_zero else {}
+    out |= {} if axis.ends is None else {"range": list(axis.ends)}
+    if axis.labels:
+        named = range(0, len(axis.labels), 1 + len(axis.labels) // _NAMES)
+        texts = ["<br>".join(textwrap.wrap(axis.labels[k], _NAME)) for k in named]
+        out |= {"tickmode": "array", "tickvals": list(named), "ticktext": texts, "zeroline": False}
+    elif axis.log:
+        ticks = log_ticks(np.concatenate(values).astype(np.float64))
+        texts = [f"{tick:.10g}" for tick in ticks]
+        out |= {"type": "log", "tickmode": "array", "tickvals": ticks, "ticktext": texts}
+    return out
+
+
+def log_ticks(values: Array) -> list[float]:
+    """Return round numbers around the positive ones of some values, more of them where the values are alike."""
+    known = values[(values > 0.0) & np.isfinite(values)]
+    least, largest = (float(known.min()), float(known.max())) if known.size else (1.0, 1.0)
+    decades = range(math.floor(math.log10(least)) - 1, math.ceil(math.log10(largest)) + 2)
+    digits = (
+        (1.0,)
+        if largest > 1e4 * least
+        else (1.0, 2.0, 5.0)
+        if largest > 4.0 * least
+        else (1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
+    )
+    return [
+        tick
+        for decade in decades
+        for digit in digits
+        if least / 2.0 <= (tick := float(f"{digit}e{decade}")) <= 2.0 * largest
+    ]
 
 
 def _shapes(panel: Panel, axis: str) -> list[dict[str, Any]]:

@@ -22,12 +22,16 @@ class Axis:
         unit: Of its values; empty for none.
         ends: Values at its begin and end, the first the larger one for an axis that points down; None as the data need.
         from_zero: Whether it starts at 0 where ``ends`` are not stated.
+        log: Whether it is logarithmic, on a page; values that are not above 0 are then not drawn.
+        labels: Names of the positions 0, 1, ..., which stand beside the axis on a page; empty for numbers.
     """
 
     label: str
     unit: str = ""
     ends: tuple[float, float] | None = None
     from_zero: bool = False
+    log: bool = False
+    labels: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

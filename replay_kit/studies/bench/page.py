@@ -4,9 +4,12 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
+from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
 from replay_kit.show.page import Section
 from replay_kit.studies.bench.frame import BenchResult, BenchRow
-from replay_kit.studies.reports.charts import LABELS, Axis, Chart, Series, chart_figure, series_by
+from replay_kit.studies.reports.charts import LABELS, chart_figure, lines_by, one_chart
 from replay_kit.studies.reports.page import (
     PAGE,
     StudyReport,
@@ -47,7 +50,8 @@ TITLES = {
 _COMPARED = ("over last dive", "relative error")
 _LEVELS = {"over last dive": 1.0, "over zero": 1.0, "coverage 90 %": 0.9, "coverage 50 %": 0.5}
 _LEVELS |= {"relative error": 1.0, "NIS per degree of freedom": 1.0}
-_CAPTION = "Dots: single cases; diamond: all cases together; bars: the ends of the interval of 90 % from resampling cases."
+_OF_CASES = "Dots: single cases; diamond: all cases together; bars: the ends of the interval of 90 % from resampling cases."
+_OF_PINGS = "All cases together after each number of pings; the table has their intervals."
 
 
 def to_json(result: BenchResult) -> dict[str, Any]:
@@ -152,17 +156,18 @@ def _charts(task: str, rows: Sequence[BenchRow]) -> list[Chart]:
         level, title = _LEVELS.get(figure), figure if "[" in figure else f"{figure} [1]"
         if any(row.after is not None for row in known):
             points = ((_label(row.method), row.after or 0, row.value) for row in known)
-            axes, series = (Axis("pings", log=True), Axis(title)), series_by(points)
+            x, panel = Axis("pings", log=True), Panel(figure, Axis(title), lines_by(points), level)
+            caption = _OF_PINGS
         else:
             labels = tuple(_label(row.method) for row in known)
-            axes, series = (Axis(title), Axis("method [name]", labels=labels)), _dots(known)
-            level = None
+            y = Axis("method [name]", labels=labels)
+            x, panel, caption = Axis(title), Panel(figure, y, _dots(known)), _OF_CASES
         if known:
-            charts.append(Chart(f"{task}-{k}", figure, _CAPTION, axes, series, level))
+            charts.append(one_chart(f"{task}-{k}", figure, caption, x, panel))
     return charts
 
 
-def _dots(rows: Sequence[BenchRow]) -> tuple[Series, ...]:
+def _dots(rows: Sequence[BenchRow]) -> list[Mark]:
     parts = (
         (
             "each case",
@@ -176,8 +181,8 @@ def _dots(rows: Sequence[BenchRow]) -> tuple[Series, ...]:
             "line-ns",
         ),
     )
-    return tuple(
-        Series(name, [x for x, _ in known], [float(y) for _, y in known], "markers", symbol)
+    return [
+        Mark("points", known[:, 0], known[:, 1], name, symbol=symbol)
         for name, each, symbol in parts
-        if (known := [(x, y) for x, y in each if x == x])
-    )
+        if len(known := np.array([point for point in each if point[0] == point[0]], np.float64))
+    ]

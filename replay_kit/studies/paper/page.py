@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from replay_kit.show.figures.values import Axis, Chart, Panel
 from replay_kit.show.page import Section
 from replay_kit.studies.paper import findings
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables
 from replay_kit.studies.reports.charts import (
     LABELS,
-    Axis,
-    Chart,
     chart_figure,
+    lines_by,
     misses_chart,
-    series_by,
+    one_chart,
 )
 from replay_kit.studies.reports.page import (
     PAGE,
@@ -179,10 +179,12 @@ def paper_page(tables: PaperTables) -> str:
 
 
 def _sparse(tables: PaperTables) -> Chart:
-    series = series_by((LABELS[row.method], row.pings, row.rel_error) for row in tables.sparse)
-    axes = Axis("pings", log=True), Axis("RMSE / RMS speed of the truth [1]", log=True)
+    title = "Relative error against the number of pings"
+    lines = lines_by((LABELS[row.method], row.pings, row.rel_error) for row in tables.sparse)
+    y = Axis("RMSE / RMS speed of the truth [1]", log=True)
     caption = (
         "Error on the way through the pings of Table II. Lower is better; at 1 (dotted) an "
         "estimate is no better than no current at all."
     )
-    return Chart("sparse", "Relative error against the number of pings", caption, axes, series, 1.0)
+    panel = Panel(title, y, lines, level=1.0)
+    return one_chart("sparse", title, caption, Axis("pings", log=True), panel)

@@ -7,13 +7,16 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.text import csv_cell
 from replay_kit.results.outcome.outcome import outcome_from
+from replay_kit.show.figures.on_page import figure_of
+from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
 from replay_kit.show.page import Figure, Section, page_html
-from replay_kit.show.page.section import column, items_html, table_html
+from replay_kit.show.page.section import items_html, table_html
 from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome
 
@@ -140,7 +143,7 @@ def _number(value: float | None, factor: float = 1.0, digits: int = 1) -> str:
 
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart too.
-_COLOURS, _SYMBOLS = ("#8C8C8C", "#0072B2", "#009E73"), ("diamond", "circle", "square")
+_COLORS, _SYMBOLS = ("#8C8C8C", "#0072B2", "#009E73"), ("diamond", "circle", "square")
 _ERRORS = {
     "prior forecast": "rms_ensemble_m_s",
     "before each update": "rms_before_m_s",
@@ -231,36 +234,21 @@ def _figure(
     known = [row for row in rows if all(row[name] is not None for name in series.values())]
     if not known:
         return None
-    names = [row["mission"] for row in known]
+    names = tuple(row["mission"] for row in known)
     values = {
-        label: column([factor * row[name] for row in known]) for label, name in series.items()
+        label: np.array([factor * row[name] for row in known]) for label, name in series.items()
     }
-    traces = [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "name": label,
-            "x": "$values.mission",
-            "y": f"$values.{label}",
-            "marker": {"color": _COLOURS[k % 3], "symbol": _SYMBOLS[k % 3], "size": 8},
-        }
-        for k, label in enumerate(values)
+    marks = [
+        Mark("points", np.arange(len(known)), f"values.{label}", label, color, symbol, size=8.0)
+        for label, color, symbol in zip(values, _COLORS, _SYMBOLS, strict=False)
     ]
-    finite = {
-        label: [value for value in each if value is not None] for label, each in values.items()
-    }
     spans = "; ".join(
-        f"{label} {min(each):.4g} to {max(each):.4g}" for label, each in finite.items() if each
+        f"{label} {min(each):.4g} to {max(each):.4g}" for label, each in values.items()
     )
-    layout = {
-        "height": 420,
-        "xaxis": {"title": {"text": "mission"}, "type": "category"},
-        "yaxis": {"title": {"text": axis}},
-    }
     words = f"{title}: {axis} of {len(known)} missions; {spans}."
-    return Figure(
-        key, title, _CAPTIONS[key], words, {"values": {"mission": names, **values}}, traces, layout
-    )
+    panel, tables = Panel(title, Axis(axis), marks), {"values": {"mission": names, **values}}
+    x = Axis("mission", labels=names)
+    return figure_of(Chart(key, title, x, [panel], _CAPTIONS[key], words, tables, 420))
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -571,10 +571,11 @@ def test_the_page_has_the_tables_the_findings_and_the_charts(study, folder):
     assert found["glides"]["tables"]["values"]["nearest member: share of the plans [1]"] == [
         0.0,
         0.5,
+        0.5,
         1.0,
     ]
     drawn = found["glides"]["tables"]["values"]["nearest member: miss distance in the truth [m]"]
-    np.testing.assert_allclose(drawn[1:], np.sort(glide.closest_approach), rtol=1e-4)
+    np.testing.assert_allclose(drawn[::2], np.sort(glide.closest_approach), rtol=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 
 from replay_kit import __version__
+from replay_kit.show.figures.on_page import log_ticks
+from replay_kit.show.figures.values import Axis, Mark, Panel
 from replay_kit.studies.bench import page as bench
-from replay_kit.studies.reports.charts import (
-    Axis,
-    Chart,
-    Series,
-    _log_ticks,
-    chart_figure,
-    misses_chart,
-)
+from replay_kit.studies.reports.charts import chart_figure, misses_chart, one_chart
 from replay_kit.studies.reports.page import words_html
 from replay_kit.studies.reports.tables import Table, to_csv
 from tests.show.page.checks import check_figures
@@ -74,13 +69,14 @@ def test_the_page_says_what_errs_least_what_is_missing_and_what_keeps_to_no_limi
 
 
 def test_a_chart_says_its_data_in_words_and_fills_short_series():
-    axes = Axis("pings", log=True), Axis("error [m/s]")
-    series = (
-        Series("a.b", [1, 10, 100], [3.0, np.nan, 1.0]),
-        Series("c", [2], [5.0]),
-        Series("none", [np.nan], [np.nan]),
-    )
-    figure = chart_figure(Chart("key", "Title", "What to see.", axes, series, 0.5))
+    pings, error = Axis("pings", log=True), Axis("error [m/s]")
+    lines = [
+        Mark("joined", np.array([1.0, 10.0, 100.0]), np.array([3.0, np.nan, 1.0]), "a.b"),
+        Mark("joined", np.array([2.0]), np.array([5.0]), "c"),
+        Mark("joined", np.array([np.nan]), np.array([np.nan]), "none"),
+    ]
+    panel = Panel("Title", error, lines, level=0.5)
+    figure = chart_figure(one_chart("key", "Title", "What to see.", pings, panel))
     assert (
         figure.alternative
         == "Title: error [m/s] against pings. a.b: 3 at 1 to 1 at 100. c: 5 at 2. none: no values."
@@ -106,12 +102,17 @@ def test_a_chart_says_its_data_in_words_and_fills_short_series():
         == 3
     )
     # a method has the colour of its place among those of the page
-    alone = chart_figure(Chart("k", "T", "C", axes, series[1:2]), ["a.b", "c"])
+    alone = one_chart("k", "T", "C", pings, Panel("T", error, lines[1:2]))
+    alone = chart_figure(alone, ["a.b", "c"])
     assert alone.traces[0]["line"] == figure.traces[1]["line"]
     assert alone.traces[0]["line"] != figure.traces[0]["line"]
-    axes = Axis("value [1]"), Axis("name", labels=("first", "second"))
-    named = chart_figure(Chart("k", "T", "C", axes, (Series("s", [1.0, 2.0], [1, 0]),)))
+    name = Axis("name", labels=("first", "second"))
+    dots = Mark("points", np.array([1.0, 2.0]), np.array([1.0, 0.0]), "s")
+    named = chart_figure(one_chart("k", "T", "C", Axis("value [1]"), Panel("T", name, [dots])))
     assert named.alternative == "T: name against value [1]. s: second 1; first 2."
+    # the first of the names is at the top
+    assert named.layout["yaxis"]["ticktext"] == ["first", "second"]
+    assert named.layout["yaxis"]["range"] == [1.5, -0.5]
 
 
 @pytest.mark.parametrize(
@@ -123,7 +124,7 @@ def test_a_chart_says_its_data_in_words_and_fills_short_series():
     ],
 )
 def test_a_logarithmic_axis_has_round_ticks(least, largest, expected):
-    assert _log_ticks(least, largest) == expected
+    assert log_ticks(np.array([0.0, largest, np.nan, least, np.inf])) == expected
 
 
 def test_words_are_escaped_and_marked():
@@ -131,8 +132,11 @@ def test_words_are_escaped_and_marked():
 
 
 def test_misses_of_no_plan_are_no_line():
-    (series,) = misses_chart("k", "t", {"flow": [5.0]}).series
-    assert (series.x, series.y) == ([5.0, 5.0], [0.0, 1.0])
+    (line,) = misses_chart("k", "t", {"flow": [5.0]}).panels[0].marks
+    assert (line.x.tolist(), line.y.tolist()) == ([5.0, 5.0], [0.0, 1.0])
+    (line,) = misses_chart("k", "t", {"flow": [8.0, 4.0]}).panels[0].marks
+    assert line.x.tolist() == [4.0, 4.0, 8.0, 8.0]
+    assert line.y.tolist() == [0.0, 0.5, 0.5, 1.0]
     assert misses_chart("k", "t", {}).caption.endswith("distances below 1 m are drawn at 1 m.")
 
 
