@@ -53,10 +53,10 @@ _LEAST_MISS = 1.0
 def lines_by(points: Iterable[tuple[str, float, float]]) -> list[Mark]:
     """Return a line for each label of points, which are label, x and y, in the order in which labels first come."""
     each = grouped(points, lambda point: point[0]).items()
-    return [
-        Mark("joined", np.array([x for _, x, _ in alike]), np.array([y for *_, y in alike]), label)
-        for label, alike in each
+    values = [
+        (label, np.array([point[1:] for point in alike], np.float64)) for label, alike in each
     ]
+    return [Mark("joined", at[:, 0], at[:, 1], label) for label, at in values]
 
 
 def one_chart(key: str, title: str, caption: str, x: Axis, panel: Panel) -> Chart:
