@@ -8,7 +8,7 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from itertools import groupby, islice
 from pathlib import Path
@@ -16,7 +16,6 @@ from typing import Any
 
 from rich.console import Console
 
-from replay_kit.config.file import with_current_keys
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
@@ -31,7 +30,7 @@ from replay_kit.results import (
     first_difference,
     read_recorded,
 )
-from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME
+from replay_kit.results.topics import SUMMARY_NAME
 from replay_kit.results.vehicles import VEHICLE_RECORD, vehicle_records
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import (
@@ -101,7 +100,7 @@ def verify(
     Raises:
         LogError: The result cannot be read or does not say what it was made from, or an input is not found.
     """
-    recorded = _with_current_keys(read_recorded(result))
+    recorded = read_recorded(result)
     if recorded.metadata.get("replay_kit.options", {}).get("smoothed"):
         raise LogError(
             f"{result}: expected a result of replay-kit replay, got a smoothed one; verify the replay, and smooth again"
@@ -172,14 +171,6 @@ def _replay_again(
 def _same_contract(recorded: Recorded) -> bool:
     """Return whether a result has this version's contract; another names fields otherwise, but their bytes can be compared."""
     return _contract(recorded) == str(CONTRACT_VERSION)
-
-
-def _with_current_keys(recorded: Recorded) -> Recorded:
-    """Return what a result states of its run, with the keys of its configuration under their current names."""
-    toml = with_current_keys(recorded.config_toml)
-    return replace(
-        recorded, config_toml=toml, attachments={**recorded.attachments, CONFIG_NAME: toml.encode()}
-    )
 
 
 def _others_that_differ(one: Recorded, other: Recorded) -> tuple[str, ...]:

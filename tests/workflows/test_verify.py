@@ -101,24 +101,6 @@ def index_of(path: Path, topic: str) -> int:
     return len(topics) - 1 - topics[::-1].index(topic)
 
 
-def with_the_keys_of_version_2(name: str, data: bytes) -> bytes:
-    old = (
-        data.replace(b"[gating]", b"[trust]")
-        .replace(b"\ninflation_profiles =", b"\nwatch_profiles =")
-        .replace(b"\ninflate =", b"\nsoften_factor = 2.0\nwatch =")
-        .replace(b"\nsamples = 0", b"\nflight_model = false\nsamples = 0")
-    )
-    assert name != "config.toml" or old != data
-    return old if name == "config.toml" else data
-
-
-def test_a_result_with_the_old_names_of_the_gate_s_settings_is_made_again(run, tmp_path):
-    old = changed(run / "out.mcap", tmp_path / "old.mcap", attachment=with_the_keys_of_version_2)
-    verdict = verify(old, [run], planner_of)
-    assert verdict.difference is None
-    assert "attachment config.toml" not in verdict.others
-
-
 def test_a_result_is_made_again(run):
     verdict = verify(run / "out.mcap", [], planner_of)
     assert verdict.same

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from mcap.reader import make_reader
 
-from replay_kit.config.file import with_current_keys
 from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.results.compare import damage_named
@@ -75,7 +74,7 @@ def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
     A setting that this version does not know counts as changed.
     """
     defaults, changed = RunConfig().model_dump(mode="json"), []
-    for section, values in tomllib.loads(with_current_keys(config_toml)).items():
+    for section, values in tomllib.loads(config_toml).items():
         known = defaults.get(section, {})
         changed += [
             (f"{section}.{key}", value, known.get(key))
