@@ -38,7 +38,7 @@ _MODULES = {
         "show": ("report", "status", "plot", "export", "layout"),
         "results": ("verify", "smooth"),
         "twin": ("synthesize",),
-        "studies": ("paper", "planning"),
+        "studies": ("paper",),
     }.items()
     for name in names
 }

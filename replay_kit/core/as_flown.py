@@ -1,11 +1,11 @@
 """How a vehicle flew its dives: the speed, depth and glide angle that plans assume unless they are set, and the flight model's error."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
 from math import atan2, degrees, hypot, isfinite, radians, sin
 from statistics import median
-from typing import Self
+from typing import Any, Self
 
 from replay_kit.core.errors import LogError
 
@@ -162,17 +162,12 @@ class AsFlown:
         if (record := metadata.get(AS_FLOWN)) is None:
             return None
         try:
-            speed, angle, depth, duration = (
-                float(record[name]) for name in ("speed", "glide_angle_deg", "depth", "duration")
-            )
             # results of earlier versions state no spread
-            spread = {
-                name: float(record[name])
-                for name in ("speed_std", "depth_std", "duration_std", "surface_time", "longest")
-                if name in record
+            numbers: dict[str, Any] = {
+                one.name: float(record[one.name]) for one in fields(cls) if one.name in record
             }
-            return cls(speed, angle, depth, duration, int(record["dives"]), **spread)
-        except (KeyError, ValueError) as error:
+            return cls(**numbers | {"dives": int(record["dives"])})
+        except (KeyError, TypeError, ValueError) as error:
             raise LogError(
                 f"{AS_FLOWN}: expected numbers of how the vehicle flew, got {dict(record)}; replay the log again"
             ) from error

@@ -16,6 +16,7 @@ from typing import Any
 
 from rich.console import Console
 
+from replay_kit.config.option import PLACE, numbers
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
@@ -262,30 +263,30 @@ def _inputs(result: Path, recorded: Recorded, folders: Sequence[Path]) -> dict[s
     }
 
 
+def _products(found: Mapping[str, Path], prefix: str) -> tuple[tuple[Path, ...], ...]:
+    """Return the files whose keys begin so, by products: files of one have its number first."""
+    keys = [key for key in sorted(found, key=_numbers) if key.startswith(prefix)]
+    each = groupby(keys, lambda key: key.partition("_")[0])
+    return tuple(tuple(found[key] for key in of_one) for _, of_one in each)
+
+
+def _place(text: str | None) -> Place | None:
+    return Place(*numbers(text, "goal", PLACE.form)) if text else None
+
+
 def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
     options = recorded.metadata.get("replay_kit.options", {})
     logs = tuple(found[key] for key in sorted(found, key=_numbers) if key.startswith("log"))
-    # files of one product have its number first
-    of_ensemble = [key for key in sorted(found, key=_numbers) if key.startswith("ensemble")]
-    ensemble = tuple(
-        tuple(found[key] for key in keys)
-        for _, keys in groupby(of_ensemble, lambda key: key.partition("_")[0])
-    )
-    goal = options.get("goal")
-    where = Place(*(float(part) for part in goal.split(","))) if goal else None
+    ensemble, against = (_products(found, prefix) for prefix in ("ensemble", RIVAL))
+    where = _place(options.get("goal"))
     record = recorded.metadata.get(REGION_RECORD)
     region = None if record is None else from_record(record)
-    named = groupby(
-        (key for key in sorted(found, key=_numbers) if key.startswith(RIVAL)),
-        lambda key: key.partition("_")[0],
-    )
-    against = tuple(tuple(found[key] for key in keys) for _, keys in named)
     included = options.get("include_inputs") == "true"
     vehicles = tuple(
         Vehicle(
             one.name,
             tuple(found[key] for key in one.logs),
-            Place(*(float(part) for part in one.goal.split(","))) if one.goal else None,
+            _place(one.goal),
             one.why_not,
         )
         for one in vehicle_records(recorded.metadata)

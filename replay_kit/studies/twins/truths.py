@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from planners.track import rk4_step
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -235,9 +236,9 @@ def fly_steadily(
             [through_water[:, :2] + flow.velocity(*position.T), through_water[:, 2]]
         )
 
-    path = [start]
+    path, step = [start], (duration / steps)[:, None]
     for _ in range(steps):
-        path.append(_rk4(over_ground, path[-1], (duration / steps)[:, None]))
+        path.append(rk4_step(over_ground, path[-1], step, over_ground(path[-1])))
     return np.array(path)
 
 
@@ -265,15 +266,6 @@ def fly_dives(
                 [path, fly_steadily(flow, path[-1], through_water, depth / down, steps)[1:]]
             )
     return path
-
-
-def _rk4(rate: Callable[[Array], Array], position: Array, step: Array) -> Array:
-    """Return the positions, shape (n, d), one Runge-Kutta step, shape (n, 1), later."""
-    first = rate(position)
-    second = rate(position + step / 2.0 * first)
-    third = rate(position + step / 2.0 * second)
-    fourth = rate(position + step * third)
-    return position + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
 
 
 def in_water(grid: Grid, longitude: Array, latitude: Array, depth: Array) -> NDArray[np.bool_]:

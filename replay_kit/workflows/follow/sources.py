@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from replay_kit.config.option import PLACE, numbers
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.inputs import Stamp, open_input, stamps_of
@@ -237,13 +238,9 @@ def read_goal(path: Path) -> Place:
     except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: the goal cannot be read: {error}") from error
     text = next((line for line in lines if line and not line.startswith("#")), "")
-    try:
-        longitude, latitude, depth = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise ConfigError(
-            f"{path}: expected a line LON,LAT,DEPTH, got '{text[:80]}'; write it so [degrees, degrees, m]"
-        ) from error
-    if not (abs(longitude) <= 360.0 and abs(latitude) <= 90.0 and depth >= 0.0):
+    PLACE.check(str(path), text[:80])
+    longitude, latitude, depth = numbers(text, str(path), PLACE.form)
+    if not (abs(longitude) <= 360.0 and depth >= 0.0):
         raise ConfigError(
             f"{path}: '{text[:80]}' is no place in the ocean; write LON,LAT,DEPTH [degrees, degrees, m]"
         )
