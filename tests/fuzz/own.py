@@ -23,10 +23,10 @@ from replay_kit.core.sealed import read_store
 from replay_kit.logs import open_log
 from replay_kit.results import read_journal
 from replay_kit.workflows.follow.memory import Memory, read_memory, write_memory
+from replay_kit.workflows.replay.inputs.estimator import built
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import CHECKPOINT
-from replay_kit.workflows.replay.store.basis import built
 from replay_kit.workflows.replay.store.checkpoint import StateStore
 from tests.command import invoke
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
@@ -188,7 +188,7 @@ def own_files(folder: Path) -> list[Own]:
     def estimator(path: Path) -> Answer:
         fresh = read_forecasts((ocean / "ensemble.nc",), _CONFIG, None, None)
         with mock.patch(
-            "replay_kit.workflows.replay.store.basis._identity", return_value=path.stem
+            "replay_kit.workflows.replay.inputs.estimator._identity", return_value=path.stem
         ):
             return Answer(0, False, "", pickle.dumps(built(fresh, _CONFIG, job).common_part))
 

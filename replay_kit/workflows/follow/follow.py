@@ -41,6 +41,7 @@ from replay_kit.workflows.follow.watch import (
     of_vehicle,
     standing,
 )
+from replay_kit.workflows.replay.inputs.estimator import built
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import named_hash
@@ -49,7 +50,6 @@ from replay_kit.workflows.replay.inputs.scan import look_ahead
 from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
-from replay_kit.workflows.replay.store.basis import built
 from replay_kit.workflows.report import report
 from replay_kit.workflows.status import read_each, write_pages
 

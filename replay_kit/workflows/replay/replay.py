@@ -45,6 +45,7 @@ from replay_kit.results.vehicles import VEHICLES_RECORD
 from replay_kit.workflows.replay.array import END, ArraySession, streams
 from replay_kit.workflows.replay.checks import check_goal, with_planner_kind
 from replay_kit.workflows.replay.conclude import conclude, counted, findings_so_far
+from replay_kit.workflows.replay.inputs.estimator import built
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, input_stamps
 from replay_kit.workflows.replay.inputs.opened import (
@@ -74,7 +75,6 @@ from replay_kit.workflows.replay.stages.consistency import checked_speeds
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from replay_kit.workflows.replay.stopwatch import Stopwatch
-from replay_kit.workflows.replay.store.basis import built
 from replay_kit.workflows.replay.store.checkpoint import (
     Checkpoint,
     CheckpointFile,

@@ -15,8 +15,8 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.workflows.follow.memory import read_memory
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay import replay as replaying
+from replay_kit.workflows.replay.inputs import estimator as basis
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.store import basis
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.instalments import Instalment, delivered, dives_of

@@ -10,11 +10,10 @@ from replay_kit.config.run import load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
 from replay_kit.core.sealed import sealed
-from replay_kit.workflows.replay.inputs.estimator import build
+from replay_kit.workflows.replay.inputs import estimator as basis_store
+from replay_kit.workflows.replay.inputs.estimator import build, built
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.store import basis as basis_store
-from replay_kit.workflows.replay.store.basis import built
 from tests import synthetic
 
 SETTINGS = {"estimator": {"modes": 6}}
