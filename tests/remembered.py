@@ -6,9 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.prior import fit
 from replay_kit.estimator.prior.fit import Members
-from replay_kit.estimator.prior.hybrid import PriorSettings, ShiftedModes
+from replay_kit.estimator.prior.hybrid import PriorSettings
 
 _found: dict[tuple[object, ...], Array] = {}
 

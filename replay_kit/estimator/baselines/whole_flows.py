@@ -22,7 +22,7 @@ from replay_kit.estimator.baselines.columns import (
 )
 from replay_kit.estimator.baselines.profiles import ColumnBaseline, Predictions, ProfileBins, fit_of
 from replay_kit.estimator.basis.slices import ensemble_slices
-from replay_kit.estimator.update.evaluation import predict_observation
+from replay_kit.estimator.update.evaluation import kalman_update
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,9 +73,10 @@ class Naive3D(ColumnBaseline[WeightState]):
         before, prior = design @ state.mean, design @ self.prior_mean
         whitened = (design / std[:, None, None]).reshape(-1, state.mean.size)
         innovation = (bins.values - before) / std[:, None]
-        predicted = predict_observation(state.mean[:, None], state.cov, whitened)
-        means, cov = predicted.posterior(innovation.reshape(-1, 1), 1.0)
-        fit = fit_of(innovation, std, predicted.cov + np.eye(innovation.size))
+        given = state.mean[:, None], state.cov, whitened, innovation.reshape(-1, 1)
+        means, cov = kalman_update(*given)
+        of_rows = whitened @ state.cov @ whitened.T
+        fit = fit_of(innovation, std, 0.5 * (of_rows + of_rows.T) + np.eye(innovation.size))
         predictions = Predictions(before, design @ means[:, 0], prior, *fit)
         return WeightState(means[:, 0], cov, bins.observation.time_ns), predictions
 

@@ -43,30 +43,42 @@ def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
     )
 
 
-def shift_operators(velocity_modes: Array, projector: Array, nodes: Array, shift: float) -> Array:
-    """Return what shifts fields in modes: weights times operator k are those of copy k of ``shifted_copies``, shape (5, r, r).
+@dataclass(frozen=True, slots=True, eq=False)
+class ShiftedModes:
+    """The modes at the nodes, and what shifts fields in them: the same for all members.
 
     A copy at a node is the field at another node, so copy k of the modes V is V with its rows exchanged, and its weights are
     those times the projector: exactly the copies' projection on the modes, without a field.
 
-    Args:
-        velocity_modes: shape (2N, r), V.
+    Attributes:
+        velocity_modes: shape (2N, r) [m/s for a weight of one], V.
+        nodes: shape (N, 2) [m], east and north.
         projector: shape (r, 2N), the pseudo-inverse of V.
-        nodes: shape (N, 2) [m].
-        shift: [m]; 0 gives the projection of the fields alone, as one operator.
+        operators: shape (5, r, r): weights times operator k are those of copy k of ``shifted_copies``; the identity alone, shape
+            (1, r, r), without a shift.
     """
-    if shift == 0.0:
-        return np.eye(velocity_modes.shape[1])[None]
-    sources = zip(SHIFT_WEIGHTS, shift_sources(nodes, shift), strict=True)
-    return np.stack([weight * (projector @ velocity_modes[source]).T for weight, source in sources])
 
+    velocity_modes: Array
+    nodes: Array
+    projector: Array
+    operators: Array
 
-def shifted_in_modes(anomalies: Array, operators: Array) -> Array:
-    """Return anomalies, shape (E, Z, r), and their shifted copies, weighted, in modes: shape (5 E, Z, r)."""
-    _, n_levels, n_modes = anomalies.shape
-    return np.asarray(np.matmul(anomalies.reshape(1, -1, n_modes), operators)).reshape(
-        -1, n_levels, n_modes
-    )
+    @classmethod
+    def by(cls, modes: Array, nodes: Array, shift: float) -> "ShiftedModes":
+        """Return the same for copies that are shifted by a distance [m]; 0 makes none."""
+        to_modes, operators = projector(modes), np.eye(modes.shape[1])[None]
+        if shift > 0.0:
+            sources = zip(SHIFT_WEIGHTS, shift_sources(nodes, shift), strict=True)
+            operators = np.stack(
+                [weight * (to_modes @ modes[source]).T for weight, source in sources]
+            )
+        return cls(modes, nodes, to_modes, operators)
+
+    def copies(self, anomalies: Array) -> Array:
+        """Return anomalies, shape (E, Z, r), and their shifted copies, weighted, in modes: shape (5 E, Z, r)."""
+        _, n_levels, n_modes = anomalies.shape
+        copies = np.matmul(anomalies.reshape(1, -1, n_modes), self.operators)
+        return np.asarray(copies.reshape(-1, n_levels, n_modes))
 
 
 def projector(velocity_modes: Array) -> Array:

@@ -23,6 +23,7 @@ from replay_kit.estimator.evolving.observation_operator import (
 from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.prior.fit import Members, choose_settings, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings
+from replay_kit.estimator.prior.localised import localised_part
 from replay_kit.estimator.update.grouping import Grouping, current_gradient, spread_of
 
 # Share of the largest spread below which the members are equal to rounding.
@@ -131,7 +132,9 @@ def _process(
     normalised = (
         copies[spread_out] / spread[spread_out, None, None, None] / np.sqrt(spread_out.size)
     )
-    local = directions(*modes.localised(normalised.reshape(-1, *copies.shape[2:]), settings.radius))
+    local = directions(
+        *localised_part(normalised.reshape(-1, *copies.shape[2:]), modes, settings.radius)
+    )
     scaled = np.sqrt(1.0 - share) * local
     kept = significant_directions(scaled * spread.max(), members.velocity_modes, time.dropped_std)
     local_scale = (

@@ -23,8 +23,9 @@ from replay_kit.core.gaussian import coverage, crps_gaussian
 from replay_kit.core.progress import counted
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.prior.amplitude import fit_amplitude
-from replay_kit.estimator.prior.hybrid import PriorSettings, ShiftedModes, hybrid_prior
+from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
 from replay_kit.estimator.prior.localised import tiles, vertical_functions
 
 # Candidates for the sample covariance's share.

@@ -7,7 +7,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.covariance import HybridProducts, Reduction, indices_of
-from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_in_modes
+from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.prior.localised import localised_part
 
 
@@ -158,38 +158,6 @@ def diagonal_prior(member_weights: Array) -> DiagonalPrior:
     return DiagonalPrior(member_weights.mean(axis=0).ravel(), member_weights.var(axis=0, ddof=1))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShiftedModes:
-    """The modes at the nodes, and what shifts fields in them: the same for all members.
-
-    Attributes:
-        velocity_modes: shape (2N, r) [m/s for a weight of one].
-        nodes: shape (N, 2) [m], east and north.
-        projector: shape (r, 2N), its pseudo-inverse.
-        operators: shape (5, r, r), or (1, r, r) without a shift; see ``shift_operators``.
-    """
-
-    velocity_modes: Array
-    nodes: Array
-    projector: Array
-    operators: Array
-
-    @classmethod
-    def by(cls, velocity_modes: Array, nodes: Array, shift: float) -> "ShiftedModes":
-        """Return the same for copies that are shifted by a distance [m]; 0 makes none."""
-        to_modes = projector(velocity_modes)
-        operators = shift_operators(velocity_modes, to_modes, nodes, shift)
-        return cls(velocity_modes, nodes, to_modes, operators)
-
-    def copies(self, anomalies: Array) -> Array:
-        """Return anomalies, shape (E, Z, r), and their shifted copies, weighted: shape (5 E, Z, r)."""
-        return shifted_in_modes(anomalies, self.operators)
-
-    def localised(self, anomalies: Array, radius: float) -> tuple[Array, Array]:
-        """Return the localised covariance of anomalies; see ``localised_part``."""
-        return localised_part(anomalies, self.velocity_modes, self.projector, self.nodes, radius)
-
-
 def hybrid_prior(
     member_weights: Array, modes: ShiftedModes, settings: PriorSettings
 ) -> HybridPrior:
@@ -219,7 +187,7 @@ def hybrid_prior(
             np.empty((0, n_modes, n_modes)),
             settings,
         )
-    vertical, horizontal = modes.localised(anomalies, settings.radius)
+    vertical, horizontal = localised_part(anomalies, modes, settings.radius)
     return HybridPrior(
         mean.ravel(), np.sqrt(share) * anomalies, vertical, (1.0 - share) * horizontal, settings
     )

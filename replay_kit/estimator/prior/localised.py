@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from replay_kit.core.arrays import Array
+from replay_kit.estimator.basis.shifts import ShiftedModes
 
 # Nodes in a tile at most, and tiles in one product.
 _TILE, _RUN = 100, 3
@@ -55,18 +56,14 @@ def vertical_functions(anomalies: Array) -> tuple[Array, int]:
     return functions, apart
 
 
-def localised_part(
-    anomalies: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float
-) -> tuple[Array, Array]:
+def localised_part(anomalies: Array, modes: ShiftedModes, radius: float) -> tuple[Array, Array]:
     """Return the covariance of anomalies, tapered, in their vertical functions: shapes (q, Z) and (g, r, r), g <= q.
 
     Functions from the g-th on have the last covariance.
 
     Args:
         anomalies: shape (F, Z, r); their outer products sum to the covariance.
-        velocity_modes: shape (2N, r).
-        projector: shape (r, 2N), its pseudo-inverse.
-        nodes: shape (N, 2) [m].
+        modes: The modes.
         radius: Where the taper reaches zero [m].
     """
     functions, apart = vertical_functions(anomalies)
@@ -79,7 +76,8 @@ def localised_part(
         covariances = np.concatenate(
             [covariances[:apart], covariances[apart:].sum(axis=0, keepdims=True)]
         )
-    return functions, localised(covariances, velocity_modes, projector, nodes, radius)
+    at_nodes = modes.velocity_modes, modes.projector, modes.nodes
+    return functions, localised(covariances, *at_nodes, radius)
 
 
 def localised(

@@ -31,36 +31,23 @@ class PredictedObservation(Generic[After]):
     cov: Array
     update: Callable[[Array, Array, float], After]
 
-    def posterior(self, innovation: Array, error_scale: float) -> After:
-        """Return the estimate after the rows.
 
-        Args:
-            innovation: shape (c k, 1 + b), of the rows and of each instrument error of one unit.
-            error_scale: Standard deviation of the rows' independent noise.
-        """
-        lower = np.linalg.cholesky(self.cov / error_scale**2 + np.eye(len(self.cov)))
-        whitened = scipy.linalg.solve_triangular(lower, innovation / error_scale, lower=True)
-        return self.update(np.asarray(lower), np.asarray(whitened), error_scale)
-
-
-def predict_observation(
-    means: Array, cov: Array, design: Array
-) -> PredictedObservation[tuple[Array, Array]]:
-    """Return the prediction of rows, whose update gives means and covariance.
+def kalman_update(
+    means: Array, cov: Array, design: Array, innovation: Array
+) -> tuple[Array, Array]:
+    """Return means and covariance after rows of unit noise.
 
     Args:
         means: shape (n, 1 + b): the state's mean, and its sensitivity to each instrument error of one unit.
         cov: shape (n, n).
         design: shape (m, n).
+        innovation: shape (m, 1 + b).
     """
     cross = design @ cov
-
-    def update(lower: Array, whitened: Array, error_scale: float) -> tuple[Array, Array]:
-        gain = np.asarray(scipy.linalg.solve_triangular(lower, cross / error_scale, lower=True))
-        return means + gain.T @ whitened, cov - gain.T @ gain
-
-    of_rows = cross @ design.T
-    return PredictedObservation(design @ means, 0.5 * (of_rows + of_rows.T), update)
+    lower = np.linalg.cholesky(cross @ design.T + np.eye(len(design)))
+    both = scipy.linalg.solve_triangular(lower, np.hstack([cross, innovation]), lower=True)
+    gain = both[:, : len(cov)]
+    return means + gain.T @ both[:, len(cov) :], cov - gain.T @ gain
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

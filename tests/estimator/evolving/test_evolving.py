@@ -14,7 +14,7 @@ from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.state_space import StateSpace
-from replay_kit.estimator.update.evaluation import predict_observation
+from replay_kit.estimator.update.evaluation import kalman_update
 from tests import synthetic
 from tests.estimator.runs import after
 from tests.reference import evolving as slow
@@ -234,9 +234,7 @@ def test_a_million_updates_keep_the_covariance_symmetric_and_positive():
     smallest = []
     for k in range(20_000):
         mean, cov = layout.predict(mean, cov, 1.0)
-        mean, cov = predict_observation(mean, cov, designs[k % 64]).posterior(
-            rng.standard_normal((2, 1)), 1.0
-        )
+        mean, cov = kalman_update(mean, cov, designs[k % 64], rng.standard_normal((2, 1)))
         if k % 500 == 0:
             smallest.append(np.linalg.eigvalsh(cov).min() / np.linalg.eigvalsh(cov).max())
     np.testing.assert_array_equal(cov, cov.T)

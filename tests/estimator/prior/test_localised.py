@@ -3,14 +3,9 @@
 import numpy as np
 import pytest
 
-from replay_kit.estimator.basis.shifts import (
-    projector,
-    shift_operators,
-    shifted_copies,
-    shifted_in_modes,
-)
+from replay_kit.estimator.basis.shifts import ShiftedModes, projector, shifted_copies
 from replay_kit.estimator.prior import localised as module
-from replay_kit.estimator.prior.hybrid import PriorSettings, ShiftedModes, hybrid_prior
+from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
 from replay_kit.estimator.prior.localised import (
     localised,
     localised_part,
@@ -89,7 +84,7 @@ def test_weak_functions_of_depth_share_a_covariance_and_keep_their_variance():
     functions, apart = vertical_functions(anomalies)
     assert apart == 8
     np.testing.assert_allclose(np.sum(functions[apart:] ** 2), 1.0)
-    vertical, horizontal = localised_part(anomalies, modes, projector(modes), nodes, 1e9)
+    vertical, horizontal = localised_part(anomalies, ShiftedModes.by(modes, nodes, 1.0), 1e9)
     assert horizontal.shape == (9, 5, 5)
     # without a taper, all that is left out is correlation between functions
     variance = sum(
@@ -115,12 +110,8 @@ def test_the_projector_is_the_pseudo_inverse_and_shifts_in_modes_are_shifts_of_f
     modes = rng.standard_normal((2 * len(nodes), 6))
     if deficient:
         modes[:, 5] = modes[:, 0] - modes[:, 1]
-    to_modes = projector(modes)
-    np.testing.assert_allclose(to_modes, np.linalg.pinv(modes), atol=1e-10)
+    shifted = ShiftedModes.by(modes, nodes, 1.2)
+    np.testing.assert_allclose(shifted.projector, np.linalg.pinv(modes), atol=1e-10)
     anomalies = rng.standard_normal((3, 2, 6))
-    expected = shifted_copies(anomalies @ modes.T, nodes, 1.2) @ to_modes.T
-    np.testing.assert_allclose(
-        shifted_in_modes(anomalies, shift_operators(modes, to_modes, nodes, 1.2)),
-        expected,
-        atol=1e-12,
-    )
+    expected = shifted_copies(anomalies @ modes.T, nodes, 1.2) @ shifted.projector.T
+    np.testing.assert_allclose(shifted.copies(anomalies), expected, atol=1e-12)

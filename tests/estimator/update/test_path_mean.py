@@ -131,7 +131,8 @@ def test_profiles_and_means_in_any_order_are_one_prior_and_all_rows():
         rows = estimator.rows(path or profile, np.arange(2) if path is None else ONLY)
         predicted = predict(posterior, rows, prefetch(posterior, [rows]))
         innovation = np.column_stack([rows.y, np.zeros((rows.y.size, 3))]) - predicted.means
-        posterior = predicted.posterior(innovation, 1.5)
+        lower = np.linalg.cholesky(predicted.cov / 1.5**2 + np.eye(len(predicted.cov)))
+        posterior = predicted.update(lower, np.linalg.solve(lower, innovation / 1.5), 1.5)
         design = rows.design()
         mean, cov, _, _ = slow.kalman_update(
             mean, cov, design, rows.y, 1.5**2 * np.eye(len(design))
