@@ -3,11 +3,10 @@
 A position completes the pings that waited for it, and the mean current that it ends.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.frozen import replace
@@ -105,7 +104,7 @@ def record_position(
     state: MeasurementState, position: Position, source: Source, config: MeasurementConfig
 ) -> Step:
     """Return the state after a position, and with it the pings that waited for it and the mean current that it ends."""
-    if np.isfinite(position.depth):
+    if math.isfinite(position.depth):
         state = at_depth(state, position.depth, config)
     fix = VehicleState(
         source.time_ns,
@@ -186,7 +185,7 @@ def record_depth(
     state: MeasurementState, stated: Depth, source: Source, config: MeasurementConfig
 ) -> Step:
     """Return the state after a depth."""
-    if not np.isfinite(stated.depth):
+    if not math.isfinite(stated.depth):
         return state, [Skipped(source.topic, "depth is not a number")]
     return at_depth(state, stated.depth, config), [Used(source.topic)]
 
@@ -196,7 +195,7 @@ def record_pressure(
 ) -> Step:
     """Return the state after a pressure, at the depth that it has at the last latitude."""
     depth = depth_of_pressure(stated.pressure_dbar, state.latitude)
-    if not np.isfinite(depth):
+    if not math.isfinite(depth):
         return state, [Skipped(source.topic, "pressure is not a number")]
     return at_depth(state, depth, config), [Used(source.topic)]
 

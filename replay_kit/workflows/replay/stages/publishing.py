@@ -1,5 +1,6 @@
 """The publishing stage: what is published of each step, and when the depth slices are due."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -254,7 +255,7 @@ def _moved(
     )
     turned = state.turned or (east, north, 0.0)
     moved = east - turned[0], north - turned[1]
-    if np.hypot(*moved) > _MOVED:
+    if math.hypot(*moved) > _MOVED:
         turned = east, north, float(np.arctan2(*moved))
     pose = VehiclePose(position.time_ns, (east, north, _depth(position)), turned[2])
     return replace(state, projection=projection, position=position, turned=turned), (position, pose)
@@ -302,4 +303,4 @@ def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> De
 
 
 def _depth(position: VehicleState) -> float:
-    return max(float(position.depth), 0.0) if np.isfinite(position.depth) else 0.0
+    return max(float(position.depth), 0.0) if math.isfinite(position.depth) else 0.0
