@@ -200,9 +200,7 @@ def test_a_goal_that_moves_is_taken_at_once_and_earlier_plans_keep_theirs(ocean,
         (152.2, 100.0),
     ]
     assert any("the goal moved to 152.2000 E" in text for text in sea.told)
-    assert any(
-        "expected LON,LAT,DEPTH" in text and "the goal stays" in text for text in sea.told
-    )
+    assert any("expected LON,LAT,DEPTH" in text and "the goal stays" in text for text in sea.told)
     planned = open_result(sea.out).plans
     assert planned["goal_longitude"].iloc[[0, -1]].tolist() == [152.3, 152.2]
 
