@@ -1,14 +1,17 @@
 """Messages as columns of numbers, filled as they are read: rows of Python values of a million messages do not fit into memory."""
 
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import repeat
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.results.schemas import MESSAGES, TIME, Field
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _PACKAGE = ".replay_kit."
 # where a column's numbers are kept until all are read: those of lists as doubles, which hold NaN where a message has none
@@ -26,60 +29,33 @@ class SingleValues:
     def __init__(self, name: str) -> None:
         """Begin without rows; ``name`` is the message's, without the package."""
         single = [field for field in MESSAGES[name] if not field.repeated]
+        self._fields = [(field.name, field.type, _parts_of(field)) for field in single]
         self._columns: dict[str, Any] = {}
-        self._plain = [
-            (field.name, self._begun(field))
-            for field in single
-            if field.type in _CODES and field.type != TIME
-        ]
-        self._times = [(field.name, self._begun(field)) for field in single if field.type == TIME]
-        self._texts = [
-            (field.name, self._begun(field)) for field in single if field.type == "string"
-        ]
-        self._parts = [
-            (field.name, self._begun_parts(field))
-            for field in single
-            if field.type.startswith(_PACKAGE)
-        ]
-        self._types = {field.name: field.type for field in single}
-        self._order = [text for field in single for text in self._names(field)]
+        for own, kind, parts in self._fields:
+            for column in [f"{own}_{part}" for part in parts] or [own]:
+                self._columns[column] = array(_CODES[kind]) if kind in _CODES else []
         self._known: dict[str, str] = {}
 
     def add(self, value: Any) -> None:
         """Add a message."""
-        for name, append in self._plain:
-            append(getattr(value, name))
-        for name, append in self._times:
-            append(getattr(value, name).ToNanoseconds())
-        for name, append in self._texts:
-            text = getattr(value, name)
-            # one text for all rows that have it
-            append(self._known.setdefault(text, text))
-        for name, parts in self._parts:
-            held = getattr(value, name) if value.HasField(name) else None
-            for part, append in parts:
-                append(np.nan if held is None else getattr(held, part))
+        columns = iter(self._columns.values())
+        for name, kind, parts in self._fields:
+            held = getattr(value, name)
+            if parts:
+                known = value.HasField(name)
+                for part in parts:
+                    next(columns).append(getattr(held, part) if known else np.nan)
+            elif kind == TIME:
+                next(columns).append(held.ToNanoseconds())
+            else:
+                # one text for all rows that have it
+                own = self._known.setdefault(held, held) if kind == "string" else held
+                next(columns).append(own)
 
     def columns(self) -> dict[str, Any]:
         """Return the columns in the order of the message's fields; times as ``datetime64[ns]``, parts that a message lacks as NaN."""
-        return {
-            name: _typed(self._columns[name], self._types.get(name, "")) for name in self._order
-        }
-
-    def _begun(self, field: Field) -> Any:
-        self._columns[field.name] = array(_CODES[field.type]) if field.type in _CODES else []
-        return self._columns[field.name].append
-
-    def _begun_parts(self, field: Field) -> list[tuple[str, Any]]:
-        columns = {
-            part: self._columns.setdefault(name, [])
-            for part, name in zip(_parts_of(field), self._names(field), strict=True)
-        }
-        return [(part, column.append) for part, column in columns.items()]
-
-    @staticmethod
-    def _names(field: Field) -> list[str]:
-        return [f"{field.name}_{part}" for part in _parts_of(field)] or [field.name]
+        kinds = {name: kind for name, kind, _ in self._fields}
+        return {name: _typed(each, kinds.get(name, "")) for name, each in self._columns.items()}
 
 
 class ListValues:
@@ -165,3 +141,11 @@ def _typed(column: Any, kind: str) -> Any:
         if kind == "uint64" and (not found.size or found.max() < 1 << 63)
         else found
     )
+
+
+def table_of(columns: Mapping[str, Any]) -> "pd.DataFrame":
+    """Return columns as a table over the same memory, with the first, times, as its index ``time``."""
+    import pandas as pd
+
+    (_, times), *others = columns.items()
+    return pd.DataFrame(dict(others), index=pd.DatetimeIndex(times, name="time"), copy=False)

@@ -2,16 +2,16 @@
 
 import tomllib
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.reader import McapReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -21,19 +21,32 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import open_input
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
-from replay_kit.results.columns import ListValues, SingleValues, shared, single_columns
+from replay_kit.results.columns import shared, single_columns, table_of
 from replay_kit.results.flight_correction import named_by_contract
 from replay_kit.results.mcap_reader import read_estimate, read_windows
+from replay_kit.results.measurements import (
+    Measured,
+    Tables,
+    dives_of,
+    measured_of,
+    measurement_blocks,
+    measurement_tables,
+)
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import CONFIG_NAME, ESTIMATE_NAME, complete, read_messages
+from replay_kit.results.topics import (
+    CONFIG_NAME,
+    ESTIMATE_NAME,
+    complete,
+    read_messages,
+    stated_records,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 _LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error"}
-_RMS = ("innovation", "residual", "prior_innovation")
 # The first contract version that is read: results before it do not say which measurements are mean currents.
 _OLDEST = 4
 
@@ -119,7 +132,7 @@ class ResultFile:
             depths.append(float(about.get("depth", "nan")))
             reckoned.append(about.get("dead_reckoned") == "1")
         named = dict(zip(("longitude", "latitude", "depth"), map(shared, places), strict=True))
-        return _of_columns(
+        return table_of(
             {
                 "time": shared(times).view("datetime64[ns]"),
                 **named,
@@ -133,14 +146,7 @@ class ResultFile:
 
         ``rms_innovation``, ``rms_residual`` and ``rms_prior_innovation`` [m/s] are over the components of the bins used.
         """
-        single, counts, lists = self._measurements
-        dof = np.where(single["dof"] > 0, single["dof"], np.nan)
-        rows = np.repeat(np.arange(counts.size), counts)
-        rms = {}
-        for name in _RMS:
-            squares = np.nan_to_num(lists[f"{name}_east"] ** 2 + lists[f"{name}_north"] ** 2)
-            rms[f"rms_{name}"] = np.sqrt(np.bincount(rows, squares, minlength=counts.size) / dof)
-        return _of_columns(single | rms)
+        return self._tables[0]
 
     @cached_property
     def innovations(self) -> "pd.DataFrame":
@@ -148,35 +154,28 @@ class ResultFile:
 
         Values of a list that a measurement does not have are NaN.
         """
-        single, counts, lists = self._measurements
-        of_profile = {
-            "timestamp": single["timestamp"],
-            "observation": np.arange(counts.size),
-            "dive": single["dive"],
-        }
-        return _of_columns(
-            {name: np.repeat(column, counts) for name, column in of_profile.items()} | lists
-        )
+        return self._tables[1]
 
     @cached_property
-    def _measurements(self) -> tuple[dict[str, Any], NDArray[np.int64], dict[str, NDArray[Any]]]:
-        """Single values of ``replay_kit.Innovation``; of each message the length of its lists, and its lists one behind the other."""
-        single, lists = SingleValues("Innovation"), ListValues("Innovation", "depth")
-        for value in self._decoded("/flow/innovation", "Innovation"):
-            single.add(value)
-            lists.add(value)
-        return self._named_by_contract(single.columns()), *lists.columns()
+    def _tables(self) -> Tables:
+        return measurement_tables(self._decoded("/flow/innovation", "Innovation"), self._contract)
 
-    def _named_by_contract(self, columns: dict[str, Any]) -> dict[str, Any]:
-        """Return columns of measurements as this version of the contract names them."""
+    @cached_property
+    def measured(self) -> Measured:
+        """The measurements as far as figures need them: sums over all, and of a long log not every profile."""
+        return measured_of(self.blocks())
+
+    def blocks(self) -> Iterator[Tables]:
+        """Yield ``observations`` and ``innovations`` of some measurements after others."""
+        return measurement_blocks(self._decoded("/flow/innovation", "Innovation"), self._contract)
+
+    @cached_property
+    def _contract(self) -> Callable[[dict[str, Any]], dict[str, Any]]:
+        """Returns columns of measurements as this version of the contract names them."""
         with self.path.open("rb") as file:
-            reader: McapReader = make_reader(file)
-            metadata = {record.name: record.metadata for record in reader.iter_metadata()}
-            config = next(
-                (record.data for record in reader.iter_attachments() if record.name == CONFIG_NAME),
-                b"",
-            )
-        return named_by_contract(columns, metadata, tomllib.loads(config.decode()))
+            metadata, attached = stated_records(make_reader(file))
+        settings = tomllib.loads(attached.get(CONFIG_NAME, b"").decode())
+        return partial(named_by_contract, metadata=metadata, settings=settings)
 
     @cached_property
     def dives(self) -> "pd.DataFrame":
@@ -184,25 +183,7 @@ class ResultFile:
 
         Start and end are the times of the first and the last measurement; a mean current starts at the measured position before it.
         """
-        import pandas as pd
-
-        table = self.observations.reset_index()
-        used = table[table["accepted"] & (table["dive"] > 0)]
-        used = used.assign(begin=_begins(used, self.fixes))
-        groups, dof = used.groupby("dive"), used.groupby("dive")["dof"].sum()
-        means = {
-            f"rms_{name}": np.sqrt(
-                (used[f"rms_{name}"] ** 2 * used["dof"]).groupby(used["dive"]).sum() / dof
-            )
-            for name in _RMS
-        }
-        columns = {
-            "start": groups["begin"].min(),
-            "end": groups["time"].max(),
-            "profiles": groups.size(),
-            "bins": dof // 2,
-        }
-        return pd.DataFrame({**columns, **means, "nis_per_dof": groups["nis"].sum() / dof})
+        return dives_of(self.measured.sums, self.fixes)
 
     @cached_property
     def plans(self) -> "pd.DataFrame":
@@ -273,7 +254,7 @@ class ResultFile:
 
     def _own(self, topic: str, name: str) -> "pd.DataFrame":
         """Return the single values of the messages of a topic."""
-        return _of_columns(single_columns(self._decoded(topic, name), name))
+        return table_of(single_columns(self._decoded(topic, name), name))
 
 
 def result_path(path: str | Path) -> Path:
@@ -298,26 +279,9 @@ def result_path(path: str | Path) -> Path:
     return path
 
 
-def _begins(used: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.Series[Any]":
-    """Return when each measurement begins: a dive's mean current at the last position measured before its end, where there is one."""
-    begins, measured = used["time"].copy(), fixes.index[~fixes["dead_reckoned"].to_numpy(np.bool_)]
-    before = measured.searchsorted(begins) - 1
-    known = (used["mean_current_kind"] == "dac").to_numpy() & (before >= 0)
-    begins[known] = measured[before[known]]
-    return begins
-
-
 def _table(rows: list[Any], columns: str) -> "pd.DataFrame":
     """Return rows as a table, with the column ``time`` as its index."""
     import pandas as pd
 
     table = pd.DataFrame(rows, columns=columns.split())
     return table.assign(time=pd.to_datetime(table["time"])).set_index("time")
-
-
-def _of_columns(columns: Mapping[str, Any]) -> "pd.DataFrame":
-    """Return columns as a table over the same memory, with the first, times, as its index ``time``."""
-    import pandas as pd
-
-    (_, times), *others = columns.items()
-    return pd.DataFrame(dict(others), index=pd.DatetimeIndex(times, name="time"), copy=False)

@@ -137,6 +137,28 @@ def read_messages(path: Path, topic: str) -> Iterator[tuple[int, bytes]]:
         yield from ((time_ns, data) for time_ns, _, data in sorted(waiting))
 
 
+def newest_messages(
+    path: Path, topic: str, until_ns: int | None = None
+) -> Iterator[tuple[int, bytes]]:
+    """Yield time [ns, UTC] and payload of the messages of a topic from the last one back; no more of the file is read than is asked for.
+
+    Args:
+        path: The result.
+        topic: Its topic.
+        until_ns: Time of the latest message [ns, UTC]; None for the last.
+    """
+    end = None if until_ns is None else until_ns + 1
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        found = reader.iter_messages(topic, ending_before=end, reverse=True)
+        if summary is None or not summary.chunk_indexes:
+            # the library then reads from the beginning
+            found = reversed([*found])
+        for _, _, message in found:
+            yield message.log_time, message.data
+
+
 def _in_chunk(chunk: Chunk, wanted: set[int], offset: int) -> Iterator[tuple[int, int, bytes]]:
     """Yield time, place in the file and payload of the messages of some channels; a message's place grows by chunk, then within it."""
     stream, size = get_chunk_data_stream(chunk)

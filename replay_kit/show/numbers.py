@@ -1,6 +1,6 @@
 """Numbers, durations and places as people write them, and sentences in which each number carries the field that it formats."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import reduce
 from html import escape
@@ -43,12 +43,21 @@ class Sentence(NamedTuple):
         return "".join(escape(part) if isinstance(part, str) else part.html for part in self.parts)
 
 
+def joined(begin: str, sentences: Iterable[Sentence]) -> Sentence:
+    """Return sentences as one, with semicolons between them."""
+    parts: list[str | Shown] = [begin]
+    for k, one in enumerate(sentences):
+        parts += [*(["; "] if k else []), *one.parts]
+    return Sentence(parts)
+
+
 def sentence(template: str, fields: Mapping[str, Any], at: str = "") -> Sentence:
     """Return a sentence on fields.
 
     Args:
         template: With paths of fields in braces, each with its form: ``cm`` for a speed [m/s] in cm/s, ``share`` in per cent, ``min`` for
-            seconds in minutes with their sign, ``kJ`` and ``MJ`` for an energy [J], or one of Python's.
+            seconds in minutes with their sign, ``kJ`` and ``MJ`` for an energy [J], or one of Python's; ``cm/s`` and ``%`` without the
+            unit.
         fields: Values, mappings of them and sequences; None for what is unknown.
         at: Path of the fields within an outcome, with a dot at its end.
     """
@@ -67,7 +76,9 @@ def _part(key: str, value: Any, form: str) -> str | Shown:
         return "none" if value is None else value
     own = {
         "cm": lambda: f"{100.0 * value:.2f} cm/s",
+        "cm/s": lambda: f"{100.0 * value:.1f}",
         "share": lambda: f"{100.0 * value:.0f} %",
+        "%": lambda: f"{100.0 * value:.0f}",
         "min": lambda: f"{value / 60.0:+.0f} min",
         "kJ": lambda: f"{value / 1e3:,.0f} kJ",
         "MJ": lambda: f"{value / 1e6:g} MJ",
@@ -80,9 +91,16 @@ def number(key: str, value: float | int | None, text: str) -> str:
     return "unknown" if value is None else Shown(key, value, text).html
 
 
-def cm(key: str, value: float | None) -> str:
-    """Return a speed of the summary [m/s] in cm/s, see ``number``."""
-    return number(key, value, "" if value is None else f"{100.0 * value:.2f} cm/s")
+def leg_number(count: int, name: str, value: float, text: str) -> str:
+    """Return a number of a leg of the plan, see ``number``; a leg is text of its own in the summary.
+
+    Args:
+        count: Of the leg, from 1.
+        name: Of its value.
+        value: As the leg has it.
+        text: Rounded.
+    """
+    return number(f"plan.statistics.leg_{count:03d}#{name}", value, text)
 
 
 def nice(value: float, least: bool = False) -> float:

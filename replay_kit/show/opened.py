@@ -3,12 +3,14 @@
 import shutil
 import tempfile
 import weakref
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
+from itertools import chain
 from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from replay_kit.results.measurements import Tables
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile, result_path
 from replay_kit.results.vehicles import part_path, vehicles_in, write_part
@@ -79,6 +81,10 @@ class Pooled(Result):
         ]
         held = [table for table in tables if len(table)]
         return pd.concat(held) if held else tables[0]
+
+    def blocks(self) -> Iterator[Tables]:
+        """Yield the measurements of one vehicle after the other."""
+        return chain.from_iterable(one.blocks() for one in self.vehicles.values())
 
 
 for _name in (

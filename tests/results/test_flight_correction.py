@@ -12,7 +12,6 @@ from replay_kit.results.flight_correction import mean_current_parts
 from replay_kit.results.outcome.from_run import flight_correction_json
 from replay_kit.results.schemas import decode, encode
 from replay_kit.results.views.along_track import mean_currents
-from replay_kit.show.words import flight_correction_sentence
 from tests.results.result_samples import METADATA
 from tests.synthetic_flow import TIME_NS
 
@@ -80,7 +79,7 @@ def test_each_of_the_three_has_its_name_and_its_error(flow, state, innovation, t
     )
     errors = result.observations.filter(regex="mean_current.*standard_error").iloc[0]
     assert errors.tolist() == [0.01, 0.02, 0.03]
-    means = mean_currents(result)
+    means = mean_currents(result.measured)
     np.testing.assert_array_equal(means.measured, [MEASURED])
     np.testing.assert_array_equal(means.corrected, [CORRECTED])
     np.testing.assert_allclose(means.estimated, CORRECTED - innovation.residual[:1], rtol=1e-12)
@@ -99,7 +98,7 @@ def test_a_result_of_version_0_2_0_opens_and_calls_what_it_holds_by_its_name(
     # a drift has no flight model
     np.testing.assert_array_equal(pairs(result, "measured")[1], MEASURED)
     assert result.observations.filter(regex="standard_error|estimated").isna().all(axis=None)
-    means = mean_currents(result)
+    means = mean_currents(result.measured)
     np.testing.assert_array_equal(getattr(means, name), [MEASURED])
     np.testing.assert_allclose(means.estimated, MEASURED - innovation.residual[:1], rtol=1e-12)
 
@@ -131,8 +130,3 @@ def test_the_correction_is_stated_with_its_size_and_the_dives_it_is_from():
     figures = flight_correction_json(found)
     assert (figures["corrected"], figures["largest_m_s"], figures["dives"]) == (2, 0.04, 5)
     assert figures["rms_m_s"] == pytest.approx(0.05 / np.sqrt(2.0))
-    assert flight_correction_sentence(figures) == (
-        "2 mean currents were corrected for the flight model's error, by 3.5 cm/s RMS, 4.0 cm/s at most; from 5 dives this error is "
-        "60 ± 7 % of the way through the water along it and -1 ± 6 % across it, with a log evidence of at least 8.4 whichever dive is "
-        "left out"
-    )

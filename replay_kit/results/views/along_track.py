@@ -1,6 +1,5 @@
 """Measurements along the track beside the estimate at their own time: bins of profiles, and mean currents of dives."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.results.result import ResultFile
+from replay_kit.results.measurements import Measured
 from replay_kit.results.views.history import EstimateHistory
 from replay_kit.results.views.track import Track, thinned
 
@@ -70,7 +69,7 @@ class MeanCurrents:
 
 
 def bins_along_track(
-    result: ResultFile,
+    measured: Measured,
     track: Track,
     history: EstimateHistory,
     estimate: FlowEstimate | None,
@@ -79,13 +78,13 @@ def bins_along_track(
     """Return the used bins of the profiles of a result along its track.
 
     Args:
-        result: The result.
+        measured: Its measurements.
         track: Its track.
         history: Of its estimate.
         estimate: The last estimate, for the standard error; None for none.
         most: Largest number of profiles.
     """
-    observations, bins = result.observations, result.innovations
+    observations, bins = measured.observations, measured.innovations
     of_profiles = ~observations["mean_current_kind"].isin(("dac", "drift"))
     wanted = np.flatnonzero((observations["dof"] > 0) & of_profiles)
     kept = wanted[thinned(wanted.size, most)]
@@ -98,11 +97,8 @@ def bins_along_track(
         used["depth"].to_numpy(np.float64),
         used[["residual_east", "residual_north"]].to_numpy(np.float64),
     )
-    estimated, error = np.full((2, depth.size, 2), np.nan)
-    for time, here in _by_time(time_ns):
-        flow = history.after(time)
-        if flow is not None:
-            estimated[here] = flow.velocity(east[here], north[here], depth[here])
+    estimated = _estimated(history, time_ns, (east, north, depth))
+    error = np.full((depth.size, 2), np.nan)
     if estimate is not None and estimate.n_modes and depth.size and np.isfinite(east).all():
         error = estimate.standard_error(east, north, depth)
     # measured minus the residual before smoothing
@@ -120,7 +116,7 @@ def bins_along_track(
         replayed,
         error,
         kept.size,
-        wanted.size - kept.size,
+        measured.profiles - kept.size,
     )
 
 
@@ -145,12 +141,7 @@ def estimate_along_track(
     depths = deepest * (np.arange(_SECTION[1]) + 0.5) / _SECTION[1]
     time_ns, depth = np.repeat(times, depths.size), np.tile(depths, times.size)
     east, north, distance = track.at(time_ns)
-    estimated = np.full((depth.size, 2), np.nan)
-    for time, here in _by_time(time_ns):
-        # before the first measurement the estimate is not in the result
-        flow = history.after(time)
-        if flow is not None:
-            estimated[here] = flow.velocity(east[here], north[here], depth[here])
+    estimated = _estimated(history, time_ns, (east, north, depth))
     error = (
         estimate.standard_error(east, north, depth)
         if estimate.n_modes
@@ -172,9 +163,9 @@ def estimate_along_track(
     return BinsAlongTrack(time_ns, distance, depth, estimated, none, none, error, times.size, 0)
 
 
-def mean_currents(result: ResultFile) -> MeanCurrents:
+def mean_currents(held: Measured) -> MeanCurrents:
     """Return the mean currents of the dives of a result beside those of its estimate."""
-    observations, bins = result.observations, result.innovations
+    observations, bins = held.observations, held.innovations
     of_dive = observations["mean_current_kind"] == "dac"
     rows = np.flatnonzero(of_dive & (observations["dof"] > 0))
     values = bins.set_index("observation").loc[rows]
@@ -200,7 +191,15 @@ def _means(observations: pd.DataFrame, *names: str) -> Array:
     return np.asarray(observations[[f"mean_current_{name}" for name in names]].to_numpy(np.float64))
 
 
-def _by_time(time_ns: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+def _estimated(
+    history: EstimateHistory, time_ns: NDArray[np.int64], places: tuple[Array, Array, Array]
+) -> Array:
+    """Return the estimate at its time at places, local east, north and depth [m], shape (n, 2) [m/s]; NaN before the first measurement."""
+    out = np.full((time_ns.size, 2), np.nan)
     times, which = np.unique(time_ns, return_inverse=True)
-    for k, time in enumerate(times.tolist()):
-        yield time, np.flatnonzero(which == k)
+    for k, flow in enumerate(history.after(times)):
+        if flow is not None:
+            here = np.flatnonzero(which == k)
+            east, north, depth = (values[here] for values in places)
+            out[here] = flow.velocity(east, north, depth)
+    return out

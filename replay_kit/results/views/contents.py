@@ -6,9 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
+from replay_kit.core.arrays import Array
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection, Seabed
+from replay_kit.results.measurements import Measured
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.along_track import (
@@ -18,7 +21,7 @@ from replay_kit.results.views.along_track import (
     estimate_along_track,
     mean_currents,
 )
-from replay_kit.results.views.history import EstimateHistory, Series, series_of
+from replay_kit.results.views.history import EstimateHistory, Series, mean_to_depth, series_of
 from replay_kit.results.views.last_plan import LastPlan, last_plan, published_seabed
 from replay_kit.results.views.record import RunRecord, outcome_of_result, read_record
 from replay_kit.results.views.slices import CurrentSlices, on_grid, published_slices, slices_of
@@ -98,6 +101,11 @@ class Contents:
         """Why there is no estimate; empty when there is one."""
         return self._read_estimate[1]
 
+    @property
+    def measured(self) -> Measured:
+        """Its measurements as far as figures need them."""
+        return self.result.measured
+
     @cached_property
     def track(self) -> Track:
         """Where the vehicle was."""
@@ -120,6 +128,26 @@ class Contents:
         """The estimate after each measurement."""
         return EstimateHistory(self.result.path, self.estimate)
 
+    @cached_property
+    def dive_depth(self) -> float:
+        """Depth of the vehicle's dives [m]: of the plan's, as flown, of the track, or of the deepest published current."""
+        plan, flown = self.last_plan, AsFlown.in_metadata(self.record.metadata)
+        if plan is not None and plan.legs:
+            return max(float(leg["depth_m"]) for leg in plan.legs)
+        if flown is not None and flown.depth > 1.0:
+            return float(flown.depth)
+        deepest = float(np.nanmax(self.track.depth, initial=0.0))
+        if deepest > 1.0:
+            return float(np.ceil(deepest))
+        return 10.0 if self.slices is None else float(max(self.slices.depths[-1], 1.0))
+
+    @cached_property
+    def dive_mean(self) -> Array | None:
+        """The mean current down to ``dive_depth``, as ``mean_to_depth``; None without a published current."""
+        if self.slices is None:
+            return None
+        return mean_to_depth(self.slices, self.history, self.dive_depth)
+
     def series(self, place: tuple[float, float, float]) -> Series | None:
         """Return the current at a longitude, latitude [degrees] and depth [m] through time; None without a current."""
         if self.slices is None:
@@ -130,7 +158,7 @@ class Contents:
     def bins(self) -> BinsAlongTrack:
         """Bins used along the track."""
         return bins_along_track(
-            self.result, self.track, self.history, self.estimate, PROFILES_SHOWN
+            self.measured, self.track, self.history, self.estimate, PROFILES_SHOWN
         )
 
     @cached_property
@@ -143,7 +171,7 @@ class Contents:
     @cached_property
     def mean_currents(self) -> MeanCurrents:
         """Mean currents of the dives."""
-        return mean_currents(self.result)
+        return mean_currents(self.measured)
 
     @cached_property
     def last_plan(self) -> LastPlan | None:
@@ -160,10 +188,11 @@ class Contents:
     @property
     def span_ns(self) -> tuple[int, int] | None:
         """Times of the first and the last fix or measurement [ns, UTC]; None without any."""
-        tables = (self.result.fixes, self.result.observations)
-        each = [
-            table.index.to_numpy().astype("datetime64[ns]").astype(np.int64)
-            for table in tables
-            if len(table)
-        ]
-        return (int(min(map(np.min, each))), int(max(map(np.max, each)))) if each else None
+        track, sums = self.track.time_ns, self.measured.sums
+        ends = [int(time) for time in track[[0, -1]]] if track.size else []
+        ends += (
+            [table.value for table in (sums["first"].min(), sums["last"].max())]
+            if len(sums)
+            else []
+        )
+        return (min(ends), max(ends)) if ends else None

@@ -1,7 +1,9 @@
 """The estimate through time: after each measurement, from the weights that a replay published, and at a place."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain, repeat
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from replay_kit.core.flow.evolution import Evolution
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import read_messages
+from replay_kit.results.topics import newest_messages, read_messages
 from replay_kit.results.views.slices import CurrentSlices
 
 # Share of a depth within which a published one is the same.
@@ -30,28 +32,29 @@ class EstimateHistory:
         """Read the weights of a result MCAP; without an estimate there is no basis, and every mean is None."""
         self._path, self.estimate = path, estimate
 
-    @cached_property
-    def _weights(self) -> tuple[NDArray[np.int64], Array]:
-        """Times [ns, UTC], shape (n,), and weights, shape (n, rZ)."""
-        read = [
-            (time_ns, decode("FlowEstimate", data))
-            for time_ns, data in read_messages(self._path, "/flow/estimate")
-        ]
-        return np.array([time for time, _ in read], dtype=np.int64), np.array(
-            [value.weights for _, value in read]
-        )
+    def after(self, times_ns: NDArray[np.int64]) -> Iterator[FlowEstimate | None]:
+        """Yield the mean of the estimate after the measurements up to each of some times; None when it is not known.
 
-    def after(self, time_ns: int) -> FlowEstimate | None:
-        """Return the mean of the estimate after the measurements up to a time [ns, UTC]; None when it is not known."""
+        The weights of a long log do not fit into memory: those asked for are taken out while the file is read once.
+
+        Args:
+            times_ns: [ns, UTC], increasing.
+        """
         estimate = self.estimate
         if estimate is None:
-            return None
-        times, weights = self._weights
-        last = int(np.searchsorted(times, time_ns, side="right")) - 1
-        if last < 0 or weights.shape[1:] != (estimate.n_modes * estimate.levels.size,):
-            return None
-        latent = self._offset + self._change(weights[last])
-        return replace(estimate.mean_flow(), latent=latent, time_ns=int(times[last]))
+            yield from repeat(None, times_ns.size)
+            return
+        messages, held = read_messages(self._path, "/flow/estimate"), None
+        following = next(messages, None)
+        for time_ns in times_ns.tolist():
+            while following is not None and following[0] <= time_ns:
+                held, following = following, next(messages, None)
+            weights = np.empty(0) if held is None else _weights(held[1])
+            if held is None or weights.size != estimate.n_modes * estimate.levels.size:
+                yield None
+            else:
+                latent = self._offset + self._change(weights)
+                yield replace(estimate.mean_flow(), latent=latent, time_ns=held[0])
 
     @cached_property
     def _offset(self) -> Array:
@@ -60,11 +63,17 @@ class EstimateHistory:
         assert estimate is not None
         if isinstance(estimate.later, Evolution):
             return estimate.later.offset
-        return estimate.latent - self._change(self._weights[1][-1])
+        _, last = next(newest_messages(self._path, "/flow/estimate"))
+        return estimate.latent - self._change(_weights(last))
 
     def _change(self, weights: Array) -> Array:
         assert self.estimate is not None
         return self.estimate.modes @ weights.reshape(self.estimate.levels.size, -1).T
+
+
+def _weights(message: bytes) -> Array:
+    """Return the weights of ``replay_kit.FlowEstimate``, shape (rZ,)."""
+    return np.array(decode("FlowEstimate", message).weights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,8 +133,8 @@ def _series_of_weights(
     last = estimate.velocity_at(*place)
     if np.isfinite(last.u):
         east, north = to_local(estimate.grid.projection, place[0], place[1])
-        for k, time in enumerate(time_ns[:-1].tolist()):
-            if (flow := history.after(time)) is not None:
+        for k, flow in enumerate(history.after(time_ns[:-1])):
+            if flow is not None:
                 u[k], v[k] = flow.velocity(east, north, place[2], true_axes=True)
         u[-1], v[-1] = last.u, last.v
         if estimate.n_modes:
@@ -180,17 +189,20 @@ def mean_to_depth(slices: CurrentSlices, history: EstimateHistory, depth: float)
     total = np.where(wet, share * np.where(wet, fields, 0.0), 0.0).sum(axis=0)
     weight = (share * wet).sum(axis=0)
     mean = np.divide(total, weight, out=np.full(total.shape, np.nan), where=weight > 0.0)
-    each = [*map(history.after, slices.time_ns.tolist()[:-1]), history.estimate]
-    flows = [flow for flow in each if flow is not None]
-    deep = wet[(share > 0.0).ravel(), -1, 0].all(axis=0)
-    if len(flows) < len(each) or not deep.any():
+    deep, last = wet[(share > 0.0).ravel(), -1, 0].all(axis=0), history.estimate
+    if last is None or not deep.any():
         return np.asarray(mean)
-    weights = depth_weights(flows[-1].depth_functions, below, flows[-1].levels).mean(axis=0)
-    latent = np.column_stack([flow.latent @ weights for flow in flows])
+    weights = depth_weights(last.depth_functions, below, last.levels).mean(axis=0)
+    means = []
+    for flow in chain(history.after(slices.time_ns[:-1]), [last]):
+        if flow is None:
+            return np.asarray(mean)
+        means.append(flow.latent @ weights)
+    latent = np.column_stack(means)
     points = np.column_stack([axis[deep] for axis in np.meshgrid(slices.east, slices.north)])
     for first in range(0, len(points), _CHUNK):
         part = tuple(each[first : first + _CHUNK] for each in np.nonzero(deep))
-        velocity = flows[-1].horizontal.velocity(points[first : first + _CHUNK], latent)
+        velocity = last.horizontal.velocity(points[first : first + _CHUNK], latent)
         mean[:, :2, part[0], part[1]] = np.moveaxis(velocity, 2, 0)
     return np.asarray(mean)
 

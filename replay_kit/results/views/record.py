@@ -11,7 +11,6 @@ import numpy as np
 from mcap.reader import make_reader
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.observation import Flag, Reason
 from replay_kit.results.compare import damage_named
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
@@ -118,20 +117,6 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         yield from leaves(item, f"{path}.{key}" if path else str(key))
 
 
-def _bins_rejected(result: ResultFile) -> dict[str, int]:
-    """Return the number of bins not used by reason, in the order of the reasons; a bin can have several."""
-    bins = result.innovations
-    reasons = bins["reasons"].to_numpy(np.int64)[
-        ~np.isin(bins["flags"].to_numpy(np.int64), [Flag.GOOD, Flag.SUSPECT])
-    ]
-    counts = {
-        str(reason.name).lower(): int(np.count_nonzero(reasons & int(reason)))
-        for reason in Reason
-        if reason
-    }
-    return {name: count for name, count in counts.items() if count}
-
-
 def plan_statistics(result: ResultFile) -> dict[str, str]:
     """Return the statistics of the last plan of a result, which must have one."""
     with result.path.open("rb") as file:
@@ -163,12 +148,12 @@ def _last_plan(result: ResultFile) -> dict[str, Any] | None:
 
 def _from_tables(result: ResultFile) -> Outcome:
     """Return what the tables of a result give of its outcome."""
-    table = result.observations
-    used = table[table["accepted"].astype(bool)] if len(table) else table
-    dof = float(used["dof"].sum())
+    measured = result.measured
+    used = measured.sums[measured.sums["accepted"].astype(bool)]
+    count, dof = int(used["measurements"].sum()), float(used["dof"].sum())
 
     def rms(name: str) -> float | None:
-        return float(np.sqrt((used[name] ** 2 * used["dof"]).sum() / dof)) if dof else None
+        return float(np.sqrt(used[f"square_{name}"].sum() / dof)) if dof else None
 
     dives = [
         {
@@ -183,15 +168,15 @@ def _from_tables(result: ResultFile) -> Outcome:
     ]
     return Outcome(
         observations={
-            "used": len(used),
-            "rejected": len(table) - len(used),
+            "used": count,
+            "rejected": measured.count - count,
             "bins_used": int(dof) // 2,
-            "bins_rejected": _bins_rejected(result),
+            "bins_rejected": measured.bins_rejected,
         },
         rms_innovation={
-            "before": rms("rms_innovation"),
-            "after": rms("rms_residual"),
-            "prior": rms("rms_prior_innovation"),
+            "before": rms("innovation"),
+            "after": rms("residual"),
+            "prior": rms("prior_innovation"),
         },
         nis_per_dof=float(used["nis"].sum()) / dof if dof else None,
         by_dive=dives,

@@ -196,11 +196,11 @@ def error_through_time(slices: CurrentSlices) -> Array:
     return np.asarray(np.sqrt(mean))
 
 
-def information_by_dive(observations: pd.DataFrame) -> pd.Series:
+def information_by_dive(sums: pd.DataFrame) -> pd.Series:
     """Return the degrees of freedom for signal that the measurements of each dive determined.
 
     Args:
-        observations: ``Result.observations``.
+        sums: Of ``Measured``.
     """
-    used = observations[observations["accepted"].astype(bool) & (observations["dive"] > 0)]
+    used = sums[sums["accepted"] & (sums["dive"] > 0)]
     return used.groupby("dive")["signal_dof"].sum()

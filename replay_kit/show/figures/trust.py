@@ -7,6 +7,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from replay_kit.core.arrays import Array
+from replay_kit.results.measurements import Measured
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import (
     Calibration,
@@ -35,9 +36,9 @@ def trust_charts(contents: Contents) -> tuple[dict[str, Chart], list[str]]:
         contents: Of a result with measurements.
     """
     charts, missing = [innovations_chart(contents)], []
-    found, slices = calibration(contents.result.innovations), contents.slices
+    found, slices = calibration(contents.measured.innovations), contents.slices
     if found.standardized.size:
-        charts.append(calibration_chart(found))
+        charts.append(calibration_chart(found, contents.measured))
     if (
         slices is not None
         and slices.time_ns.size > 1
@@ -58,7 +59,8 @@ def trust_charts(contents: Contents) -> tuple[dict[str, Chart], list[str]]:
 
 def innovations_chart(contents: Contents) -> Chart:
     """Return the RMS innovation of each measurement and its normalised square through time, with what is expected of them."""
-    table, bins = contents.result.observations, contents.result.innovations
+    count = contents.measured.count
+    table, bins = contents.measured.observations, contents.measured.innovations
     variance = sum(_variances(bins, axis, len(table)) for axis in ("east", "north"))
     dof = table["dof"].to_numpy(np.float64)
     each = {
@@ -82,8 +84,8 @@ def innovations_chart(contents: Contents) -> Chart:
         low, high = (float(chi2.ppf(share, typical) / typical) for share in (0.025, 0.975))
         band = low, high, f"95 % of {typical:g} degrees of freedom"
     thin = (
-        f" {_POINTS:,} of {len(table):,} measurements are drawn, evenly spread."
-        if kept.size < len(table)
+        f" {kept.size:,} of {count:,} measurements are drawn, evenly spread."
+        if kept.size < count
         else ""
     )
     return Chart(
@@ -145,7 +147,7 @@ def _innovation_marks(data: dict[str, Any]) -> list[Mark]:
     return marks
 
 
-def calibration_chart(found: Calibration) -> Chart:
+def calibration_chart(found: Calibration, measured: Measured) -> Chart:
     """Return the histogram of the standardised innovations."""
     edges = np.linspace(-4.0, 4.0, _BINS)
     centre, width = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
@@ -162,13 +164,15 @@ def calibration_chart(found: Calibration) -> Chart:
     ]
     within = f"{100.0 * found.coverage[1.0]:.0f} % within 1 (68 %)\n{100.0 * found.coverage[2.0]:.0f} % within 2 (95 %)"
     mean = fixed(found.mean, 2, True)
+    count, drawn = measured.count, len(measured.observations)
+    of = f" of {drawn:,} of {count:,} measurements, evenly spread" if drawn < count else ""
     note = f"mean {mean}\nstd {found.std:.2f}\n{within}"
     return Chart(
         "calibration",
         "Innovations against their stated errors",
         Axis("innovation / its standard deviation", ends=(-4.0, 4.0)),
         [Panel("innovations over their standard deviation", Axis("density"), marks, note=note)],
-        f"All {found.standardized.size:,} components of the bins used: mean {mean} (expected 0), standard deviation "
+        f"{found.standardized.size:,} components of the bins used{of}: mean {mean} (expected 0), standard deviation "
         f"{found.std:.2f} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias. "
         "The outermost bars include all values beyond.",
         "Histogram of the standardised innovations beside the standard normal curve.",
@@ -210,7 +214,7 @@ def error_chart(slices: CurrentSlices) -> Chart:
 
 def dives_chart(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> Chart:
     """Return how far each dive lay from its predictions, and what it determined; the dives are those of the summary."""
-    information = information_by_dive(contents.result.observations)
+    information = information_by_dive(contents.measured.sums)
     predicted, prior = (
         np.array([dive[f"rms_innovation_{name}"] for dive in dives], dtype=np.float64)
         for name in ("predicted", "prior")

@@ -58,7 +58,7 @@ def trust_panels(contents: Contents, chosen: Chosen) -> Panels:
         chosen: Not used: all measurements count.
     """
     notes = list(contents.notes)
-    if not len(contents.result.observations):
+    if not contents.measured.count:
         why = "The result holds no measurement to compare the estimate with."
         return Panels([missing("Innovations", why)], 1, notes)
     charts, lacking = trust_charts(contents)
@@ -82,7 +82,7 @@ def series_panels(contents: Contents, chosen: Chosen) -> Panels:
     notes, track, slices = list(contents.notes), contents.track, contents.slices
     at = chosen.at
     if at is None and track.time_ns.size:
-        depth = typical_depth(slices, contents.result.innovations["depth"].to_numpy(np.float64))
+        depth = typical_depth(slices, contents.measured.innovations["depth"].to_numpy(np.float64))
         at = (float(track.longitude[-1]), float(track.latitude[-1]), depth)
     if slices is None or at is None:
         what = (

@@ -99,7 +99,7 @@ def slices_at(contents: Contents, chosen: Chosen) -> CurrentSlices | None:
     published, time_ns = contents.slices, chosen.time_ns
     depth = chosen.at[2] if chosen.at is not None else chosen.depth
     if depth is None:
-        measured = contents.result.innovations["depth"].to_numpy(np.float64)
+        measured = contents.measured.innovations["depth"].to_numpy(np.float64)
         depth = typical_depth(published, measured)
     if contents.estimate is not None and time_ns is None:
         return slices_of(contents.estimate, np.array([depth]))

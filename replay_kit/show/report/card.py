@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
 from replay_kit.core.plan import ORIGIN
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.history import mean_to_depth
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.steering import Arrival
 from replay_kit.show.numbers import (
@@ -19,6 +17,7 @@ from replay_kit.show.numbers import (
     error_text,
     fixed,
     hours_text,
+    leg_number,
     minutes_text,
     nice,
     number,
@@ -54,19 +53,6 @@ def card_html(contents: Contents, arrivals: Sequence[Arrival] = ()) -> str:
     return "".join(f"<div>{part}</div>" for part in parts if part)
 
 
-def dive_depth(contents: Contents) -> float:
-    """Return the depth of the vehicle's dives [m]: of the plan's, as flown, of the track, or of the deepest published current."""
-    plan, slices, track = contents.last_plan, contents.slices, contents.track
-    flown = AsFlown.in_metadata(contents.record.metadata)
-    if plan is not None and plan.legs:
-        return max(float(leg["depth_m"]) for leg in plan.legs)
-    if flown is not None and flown.depth > 1.0:
-        return float(flown.depth)
-    if np.isfinite(track.depth).any() and np.nanmax(track.depth) > 1.0:
-        return float(np.ceil(np.nanmax(track.depth)))
-    return 10.0 if slices is None else float(max(slices.depths[-1], 1.0))
-
-
 def _chip(contents: Contents) -> str:
     outcome = contents.outcome
     if not outcome.complete:
@@ -82,17 +68,21 @@ def _why(contents: Contents) -> str:
     decision, plan = contents.outcome.decision, contents.last_plan
     texts = [*decision.reasons[1:]]
     if plan is not None and plan.row["status"] != "reached":
-        texts.append(str(plan.row["message"]).partition(". ")[0])
-    return f'<p class="below">{escape("; ".join(texts))}.</p>' if texts else ""
+        why = str(plan.row["message"]).partition(". ")[0]
+        texts.append(f"the plan failed: {why}" if plan.row["status"] == "failed" else why)
+    said = "; ".join(texts)
+    return f'<p class="below">{escape(said[:1].upper() + said[1:])}.</p>' if texts else ""
 
 
 def _steer(plan: LastPlan) -> str:
     """Return heading, place to steer for and dive."""
     row, leg = plan.row, plan.legs[0] if plan.legs else {}
     heading, speed = float(row["heading_deg"]), float(row["speed"])
-    place = minutes_text(leg["longitude"], leg["latitude"]) if leg else ""
+    place = _unbroken(minutes_text(leg["longitude"], leg["latitude"])) if leg else ""
     dive = (
-        f"dive to {_leg(1, 'depth_m', leg['depth_m'], fixed(leg['depth_m'], 0))} m, " if leg else ""
+        f"dive to {leg_number(1, 'depth_m', leg['depth_m'], fixed(leg['depth_m'], 0))} m, "
+        if leg
+        else ""
     )
     angle = number(
         "plan.glide_angle_deg", float(row["glide_angle_deg"]), fixed(row["glide_angle_deg"], 0)
@@ -106,8 +96,9 @@ def _steer(plan: LastPlan) -> str:
     )
 
 
-def _leg(count: int, name: str, value: float, text: str) -> str:
-    return number(f"plan.statistics.leg_{count:03d}#{name}", value, text)
+def _unbroken(place: str) -> str:
+    """Return a place whose degrees stay beside their minutes."""
+    return ", ".join(part.replace(" ", "\u00a0") for part in place.split(", "))
 
 
 def _arrival(contents: Contents, plan: LastPlan, arrivals: Sequence[Arrival]) -> str:
@@ -166,7 +157,7 @@ def _surfacing(contents: Contents) -> str:
         done = int((table["planned_time"] == plan.row.name).sum()) if len(table) else 0
         leg = plan.legs[min(done, count - 1)]
         time, basis = int(plan.row.name.value) + round(1e9 * leg["surfacing_s"]), "by the plan"
-        shown = _leg(leg["leg"], "surfacing_s", leg["surfacing_s"], clock_text(time))
+        shown = leg_number(leg["leg"], "surfacing_s", leg["surfacing_s"], clock_text(time))
         axes: list[Any] = [leg.get(f"ellipse_{name}_m") for name in ("major", "minor")]
         keys = [
             f"plan.statistics.leg_{leg['leg']:03d}#ellipse_{name}_m" for name in ("major", "minor")
@@ -196,10 +187,10 @@ def _surfacing(contents: Contents) -> str:
 
 def _water(contents: Contents) -> str:
     """Return where the water goes at the vehicle, how well it is known, and what to measure next."""
-    flow, track, depth = contents.estimate, contents.track, dive_depth(contents)
-    if contents.slices is None:
+    flow, track, depth = contents.estimate, contents.track, contents.dive_depth
+    if contents.dive_mean is None:
         return ""
-    mean = mean_to_depth(contents.slices, contents.history, depth)[-1]
+    mean = contents.dive_mean[-1]
     parts = ""
     if track.time_ns.size:
         here = _cell(contents, mean, float(track.east[-1]), float(track.north[-1]))
@@ -251,7 +242,7 @@ def _least_known(contents: Contents, mean: Array) -> str:
         far = f", {fixed(away, 0)} km away"
     return _fact(
         "Measure next at",
-        minutes_text(*place),
+        _unbroken(minutes_text(*place)),
         f"± {error_text(error[j, i])} m/s, least known{far}",
     )
 

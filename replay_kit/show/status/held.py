@@ -2,8 +2,9 @@
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from replay_kit.results.topics import (
     CONFIG_NAME,
     SUMMARY_NAME,
     complete,
+    newest_messages,
     read_messages,
     stated_records,
 )
@@ -135,14 +137,14 @@ _DAY_NS = 86_400 * 10**9
 
 def _last(path: Path, topic: str, name: str, most: int) -> list[Any]:
     """Return the last messages of a topic."""
-    return [decode(name, data) for _, data in [*read_messages(path, topic)][-most:]]
+    newest = islice(newest_messages(path, topic), most)
+    return [decode(name, data) for _, data in newest][::-1]
 
 
 def _last_dive(path: Path) -> list[Any]:
     """Return the measurements of the last dive; those since the last fix of a vehicle that does not dive."""
-    held = [data for _, data in read_messages(path, "/flow/innovation")]
     dive: list[Any] = []
-    for data in reversed(held):
+    for _, data in newest_messages(path, "/flow/innovation"):
         one = decode("Innovation", data)
         if dive and one.dive != dive[-1].dive:
             break
@@ -158,25 +160,22 @@ def _positions(path: Path, schema: Any) -> tuple[list[Fix], Fix | None]:
         return [], None
     decoder = DecoderFactory().decoder_for("protobuf", schema)
     assert decoder is not None
-    read = [*read_messages(path, "/vehicle/fix")]
+    topic = "/vehicle/fix"
 
-    def measured(rows: Sequence[tuple[int, bytes]]) -> Iterator[Fix]:
-        return (
-            fix
-            for fix in (_fix(time_ns, decoder(data)) for time_ns, data in rows)
-            if not fix.reckoned
-        )
+    def fixes(rows: Iterable[tuple[int, bytes]]) -> Iterator[Fix]:
+        return (_fix(time_ns, decoder(data)) for time_ns, data in rows)
 
-    last = next(measured(read[::-1]), None)
-    if last is None:
-        return [], _fix(read[-1][0], decoder(read[-1][1])) if read else None
-    before = next(measured([row for row in read if row[0] <= last.time_ns - _DAY_NS][::-1]), None)
-    first = next(measured(read))
-    end = _fix(read[-1][0], decoder(read[-1][1]))
+    def measured(rows: Iterable[tuple[int, bytes]]) -> Fix | None:
+        return next((fix for fix in fixes(rows) if not fix.reckoned), None)
+
+    end = next(fixes(newest_messages(path, topic)), None)
+    last = measured(newest_messages(path, topic))
+    if last is None or end is None:
+        return [], end
+    before = measured(newest_messages(path, topic, last.time_ns - _DAY_NS))
+    found = measured(read_messages(path, topic)), before, last
     return [
-        first,
-        *([before] if before is not None else []),
-        last,
+        fix for fix in found if fix is not None
     ], end if end.reckoned and end.time_ns > last.time_ns else None
 
 

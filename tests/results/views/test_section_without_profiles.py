@@ -16,8 +16,8 @@ class _History:
     def __init__(self, flow) -> None:
         self.flow = flow
 
-    def after(self, time_ns):
-        return self.flow if time_ns >= 2 * HOUR else None
+    def after(self, times_ns):
+        return (self.flow if time_ns >= 2 * HOUR else None for time_ns in times_ns)
 
 
 def test_it_is_the_estimate_at_each_place_and_depth_once_there_is_one():

@@ -129,7 +129,7 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
     result = open_result(tmp_path / "out.mcap")
     track = track_of(result.fixes, flow.grid.projection)
     history = EstimateHistory(result.path, result.estimate)
-    bins = bins_along_track(result, track, history, result.estimate, 10)
+    bins = bins_along_track(result.measured, track, history, result.estimate, 10)
     assert (bins.profiles, bins.left_out, bins.depth.tolist()) == (2, 0, [10.0, 20.0, 40.0] * 2)
     east, north = to_local(flow.grid.projection, 5.01, 62.02)
     np.testing.assert_allclose(
@@ -143,16 +143,16 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
     np.testing.assert_allclose(
         bins.standard_error, flow.standard_error(east, north, bins.depth), rtol=1e-9
     )
-    assert history.after(TIME_NS - 1) is None
-    thin = bins_along_track(result, track, EstimateHistory(result.path, None), None, 1)
+    assert list(history.after(np.array([TIME_NS - 2, TIME_NS - 1]))) == [None, None]
+    thin = bins_along_track(result.measured, track, EstimateHistory(result.path, None), None, 1)
     assert (thin.profiles, thin.left_out) == (1, 1)
     assert np.isnan(thin.estimated).all()
     assert np.isnan(thin.standard_error).all()
-    means = mean_currents(result)
+    means = mean_currents(result.measured)
     assert means.dive.tolist() == [2, 3]
     np.testing.assert_array_equal(means.residual, innovation.residual[[0, 0]])
     np.testing.assert_array_equal(means.standard_error, innovation.innovation_std[[0, 0]])
-    assert information_by_dive(result.observations).to_dict() == {2: 3 * 3.25, 3: 3.25}
+    assert information_by_dive(result.measured.sums).to_dict() == {2: 3 * 3.25, 3: 3.25}
 
 
 def test_mean_currents_are_those_that_the_log_states(flow, state, innovation, tmp_path):
@@ -174,7 +174,7 @@ def test_mean_currents_are_those_that_the_log_states(flow, state, innovation, tm
     assert table["mean_current_measured_north"].tolist()[1:] == [0.23, 1.23, 2.23]
     assert table["mean_current_predicted_east"].iloc[1] == 0.015 - innovation.innovation[0, 0]
     assert table["mean_current_predicted_north"].iloc[3] == 2.23 - innovation.innovation[0, 1]
-    means = mean_currents(result)
+    means = mean_currents(result.measured)
     assert means.dive.tolist() == [1, 3]
     np.testing.assert_allclose(
         means.estimated + means.residual, [measured, measured + 2.0], rtol=1e-12
@@ -198,7 +198,7 @@ def test_a_smoothed_result_keeps_the_estimate_before_smoothing(
     assert table["replayed_residual_east"].iloc[:4].isna().all()
     np.testing.assert_array_equal(table["replayed_residual_north"].iloc[4:], before[:, 1])
     bins = bins_along_track(
-        result,
+        result.measured,
         track_of(result.fixes, flow.grid.projection),
         EstimateHistory(result.path, flow),
         flow,

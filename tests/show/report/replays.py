@@ -1,13 +1,34 @@
 """Results of the sample log and of real dives, for pages in a browser."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 import replay_kit as rk
-from tests.places import DATA, SAMPLES
+from tests.places import DATA, ROOT, SAMPLES
 
+# The resident memory that the kernel remembers of a process is, unlike that of ``getrusage``, not its parent's before it.
+_MEASURED = """
+import sys
+from replay_kit.cli.app import main
+peak = sys.argv.pop(1)
+try:
+    main()
+finally:
+    open(peak, "w").write(open("/proc/self/status").read())
+"""
 DIVES = sorted(DATA.glob("seaglider/p17101*.nc"))
+
+
+def peak_of_report(result: Path, page: Path) -> int:
+    """Write a page with the command, and return the peak of its memory [kB]."""
+    peak = page.with_suffix(".peak")
+    command = [sys.executable, "-c", _MEASURED, str(peak), "report", str(result), "-o", str(page)]
+    assert subprocess.run(command, cwd=ROOT, check=False).returncode == 0
+    (line,) = (line for line in peak.read_text().splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1])
 
 
 def sample(folder: Path) -> Path:

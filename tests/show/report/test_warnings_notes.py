@@ -25,13 +25,15 @@ def test_notes_of_what_was_chosen_stand_apart():
         outcome=Outcome(notes=notes),
         result=SimpleNamespace(
             events=pd.DataFrame({"level": [], "message": []}),
+        ),
+        measured=SimpleNamespace(
             innovations=pd.DataFrame(
                 {
                     f"innovation{std}_{axis}": []
                     for std in ("", "_std")
                     for axis in ("east", "north")
                 }
-            ),
+            )
         ),
     )
     magnetic = "headings are magnetic; no declination was added to them"
@@ -57,9 +59,11 @@ def test_notes_of_what_was_chosen_stand_apart():
 def test_steps_follow_the_verdict_and_can_be_run(nis, profiles, first):
     """Quality control refuses logs of mean currents alone."""
     outcome = Outcome(nis_per_dof=nis)
-    result = SimpleNamespace(plans=[0], observations=[0])
     contents = SimpleNamespace(
-        outcome=outcome, result=result, estimate=0, bins=SimpleNamespace(time_ns=np.zeros(profiles))
+        outcome=outcome,
+        result=SimpleNamespace(plans=[0]),
+        estimate=0,
+        bins=SimpleNamespace(time_ns=np.zeros(profiles)),
     )
     (step,) = next_steps(contents)  # type: ignore[arg-type]
     assert step.startswith(first)

@@ -64,9 +64,12 @@ def test_positions_held_are_the_first_the_last_one_a_day_before_and_where_it_was
             metadata=[SimpleNamespace(key="dead_reckoned", value=f"{fix.reckoned:d}")],
         )
 
+    def read(path, topic, until_ns=said[-1].time_ns):
+        return [(fix.time_ns, message(fix)) for fix in said if fix.time_ns <= until_ns]
+
+    monkeypatch.setattr("replay_kit.show.status.held.read_messages", read)
     monkeypatch.setattr(
-        "replay_kit.show.status.held.read_messages",
-        lambda path, topic: [(fix.time_ns, message(fix)) for fix in said],
+        "replay_kit.show.status.held.newest_messages", lambda *asked: iter(read(*asked)[::-1])
     )
     monkeypatch.setattr(
         "replay_kit.show.status.held.DecoderFactory.decoder_for",
@@ -151,6 +154,7 @@ def expected(next_ns):
         "inside_50": 1.0,
         "inside_90": 1.0,
         "distance_median_m": 200.0,
+        "radius_90_mean_m": 400.0,
         "log_score_gain": None,
         "radius_ratio": None,
     }

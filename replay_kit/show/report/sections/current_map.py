@@ -8,7 +8,6 @@ import numpy as np
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.text import time_text
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.history import mean_to_depth
 from replay_kit.results.views.record import bathymetry_name
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.figures.map_layers import (
@@ -20,7 +19,7 @@ from replay_kit.show.figures.map_layers import (
 from replay_kit.show.figures.on_canvas import Extent, frame_of, marks_of, scales_of
 from replay_kit.show.figures.on_page import tables_of
 from replay_kit.show.page.section import Control, Figure, Section, column, pack, times
-from replay_kit.show.report.card import card_html, dive_depth
+from replay_kit.show.report.card import card_html
 from replay_kit.show.report.sections.waypoint import Editing, editing
 
 #: Of one step of the packed current [m/s] and of the packed depth of the bottom [m].
@@ -88,7 +87,7 @@ def map_beside(contents: Contents, card: str, edited: Editing | None = None) -> 
 
 
 def _controls(contents: Contents, slices: CurrentSlices) -> list[Control]:
-    depths = [f"mean to {dive_depth(contents):.0f} m", *(f"{d:g} m" for d in slices.depths)]
+    depths = [f"mean to {contents.dive_depth:.0f} m", *(f"{d:g} m" for d in slices.depths)]
     shown = [time_text(int(time))[:16] for time in slices.time_ns]
     return [
         Control("Show", "select", ("speed", "standard error")),
@@ -127,7 +126,8 @@ def _field(
     contents: Contents, slices: CurrentSlices
 ) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
     """Return the table, the packed arrays and the axes of the coloured field: of the mean over a dive, then of each depth."""
-    mean = mean_to_depth(slices, contents.history, dive_depth(contents))
+    mean = contents.dive_mean
+    assert mean is not None
     fields = np.concatenate([mean[None], slices.fields])
     packed = {"current": pack(fields, _STEP, 1)}
     if slices.outside is not None and slices.outside.any():
@@ -138,7 +138,7 @@ def _field(
     table = {
         "field": "current",
         "axes": {
-            "depth_m": [f"mean to {dive_depth(contents):.0f}", *column(slices.depths)],
+            "depth_m": [f"mean to {contents.dive_depth:.0f}", *column(slices.depths)],
             "time": times(slices.time_ns),
         },
         "cells": {"longitude": column(longitude, 8), "latitude": column(latitude, 8)},

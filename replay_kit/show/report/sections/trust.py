@@ -9,6 +9,7 @@ from replay_kit.results.outcome.verdict import LEAST_NIS, MOST_NIS, nis_sentence
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.trust import trust_charts
+from replay_kit.show.numbers import Sentence, Shown, sentence
 from replay_kit.show.page.page import figure_html
 from replay_kit.show.page.section import Figure, Section, items_html, table_html
 from replay_kit.show.report.sections.warnings import warnings_html
@@ -27,13 +28,13 @@ class Light(NamedTuple):
     Attributes:
         name: What holds, or does not, in a few words.
         color: ``good``, ``care``, ``stop`` or ``none`` where nothing tells.
-        text: Why, as a sentence.
+        text: Why.
         figures: Keys of the figures that show it.
     """
 
     name: str
     color: str
-    text: str
+    text: Sentence
     figures: tuple[str, ...]
 
 
@@ -47,7 +48,7 @@ def lights(contents: Contents) -> tuple[Light, Light, Light]:
     itself = Light(
         _ITSELF[worst],
         worst if outcome.complete else "none",
-        said or "No contradiction was found in the log.",
+        Sentence([said or "No contradiction was found in the log."]),
         ("innovations",),
     )
     return itself, _against_forecast(outcome), _errors_hold(outcome)
@@ -58,15 +59,15 @@ def _against_forecast(outcome: Outcome) -> Light:
     rms, outside = outcome.rms_innovation, "; ".join([*outcome.outside, *misfits])
     before, prior = rms["before"], rms["prior"]
     if before is None or not prior:
-        return Light("forecast not compared", "none", "No measurement was compared with it.", ())
-    gain = (
-        f"RMS misfit of the forecast {100.0 * prior:.1f}, of the estimate {100.0 * before:.1f} cm/s"
-    )
+        why = Sentence(["No measurement was compared with it."])
+        return Light("forecast not compared", "none", why, ())
+    forms = "RMS misfit of the forecast {prior:cm/s}, of the estimate {before:cm/s} cm/s"
+    gain = sentence(forms, rms, "rms_innovation.").parts
     fits = before <= prior and not outside
     return Light(
         "fits forecast" if fits else "misfits forecast",
         "good" if fits else "care",
-        f"{gain}{f'; {outside}' if outside else ''}.",
+        Sentence([*gain, f"; {outside}." if outside else "."]),
         ("dives", "error"),
     )
 
@@ -74,19 +75,20 @@ def _against_forecast(outcome: Outcome) -> Light:
 def _errors_hold(outcome: Outcome) -> Light:
     nis = outcome.nis_per_dof
     if nis is None:
-        return Light("errors not tested", "none", "No measurement tested them.", ())
-    hold = LEAST_NIS <= nis <= MOST_NIS
+        return Light("errors not tested", "none", Sentence(["No measurement tested them."]), ())
+    hold, said = LEAST_NIS <= nis <= MOST_NIS, nis_sentence(nis)
+    before, shown, after = f"{said[:1].upper()}{said[1:]}.".partition(f"{nis:.2f}")
     return Light(
         "errors hold" if hold else "errors do not hold",
         "good" if hold else "care",
-        f"{nis_sentence(nis)[:1].upper()}{nis_sentence(nis)[1:]}.",
+        Sentence([before, Shown("nis_per_dof", nis, shown), after]),
         ("calibration",),
     )
 
 
 def trust_section(contents: Contents) -> Section:
     """Return innovations, calibration, the decrease of the error and the decisions of the gate."""
-    if not len(contents.result.observations):
+    if not contents.measured.count:
         return Section(
             "trust",
             "How far can it be trusted?",
@@ -102,7 +104,7 @@ def trust_section(contents: Contents) -> Section:
         figures = [shown[key] for key in light.figures if key in shown]
         own = "".join(map(figure_html, figures))
         placed += figures
-        head = f'<summary><span class="light {light.color}">{escape(light.name)}</span> {escape(light.text)}</summary>'
+        head = f'<summary><span class="light {light.color}">{escape(light.name)}</span> {light.text.html}</summary>'
         blocks.append(f'<details class="lit">{head}{own}</details>')
     told = [each.html for each in trust_sentences(contents.outcome)]
     html = warnings_html(contents) + "".join(blocks) + _gate_html(contents)
@@ -126,12 +128,12 @@ def _answer(contents: Contents) -> str:
 
 
 def _gate_html(contents: Contents) -> str:
-    table = contents.result.observations
+    sums = contents.measured.sums
     rows = [
         [escape(name), f"{count:,}"]
-        for name, count in table["decision"].value_counts().sort_index().items()
+        for name, count in sums.groupby("decision")["measurements"].sum().items()
     ]
-    inflated = int((table["prior_inflation"] > 1.0).sum())
+    inflated = int(sums["inflated"].sum())
     text = (
         f"<p>The estimate's covariance was inflated {inflated} times because the latest measurements lay outside it.</p>"
         if inflated

@@ -96,7 +96,7 @@ def next_steps(contents: Contents) -> list[str]:
         out.append(
             "Recover the log from the vehicle again if you can: what was lost is named above."
         )
-    if contents.estimate is None and len(contents.result.observations):
+    if contents.estimate is None and contents.measured.count:
         out.append(
             "Replay the log again without <code>--no-estimate</code>, or to its end, for the current and its uncertainty."
         )
@@ -133,7 +133,7 @@ def _losses(contents: Contents) -> str:
 
 
 def _bias(contents: Contents) -> str:
-    bins = contents.result.innovations
+    bins = contents.measured.innovations
     found = calibration(bins)
     # the mean of many independent values would be this near to 0; profiles are not independent, hence the wide limit
     if found.standardized.size < 50 or abs(found.mean) < 0.2:
@@ -150,7 +150,10 @@ def _rejections(contents: Contents) -> str:
     total = observations["used"] + observations["rejected"]
     if not total or observations["rejected"] <= 0.1 * total:
         return ""
-    return f"{100.0 * observations['rejected'] / total:.0f} % of the measurements were rejected."
+    rejected = number(
+        "observations.rejected", observations["rejected"], f"{observations['rejected']:,}"
+    )
+    return f"{rejected} of {total:,} measurements were rejected."
 
 
 def _surfacings(contents: Contents) -> str:
