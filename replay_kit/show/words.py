@@ -1,25 +1,26 @@
 """The figures of an outcome as sentences, without the heavy libraries."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from statistics import median
 from typing import Any
 
 from replay_kit.core.text import place_text
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.show.numbers import Sentence, sentence
+from replay_kit.show.numbers import Sentence, joined, sentence
 
 
 def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
     """Yield what was used, how well it was predicted, and the flight model's correction."""
     counts = outcome.observations
-    rejected = ", ".join(f"{count} {name}" for name, count in counts["bins_rejected"].items())
-    means = counts.get("mean_currents", 0)
-    others, values = (
-        sum(row[name] for row in counts.get("sources", ())) for name in ("used", "values")
-    )
+    rejected = ", ".join(f"{{bins_rejected.{name}}} {name}" for name in counts["bins_rejected"])
+    means, sources = counts.get("mean_currents", 0), counts.get("sources", ())
+    others, values = (sum(row[name] for row in sources) for name in ("used", "values"))
     own = counts["used"] - means - others
-    profiles = f"{own} profiles used ({counts['bins_used'] - means - values // 2} bins)"
-    currents = f"{means} mean {'current' if means == 1 else 'currents'} used"
+    profiles = (
+        f"{own} profiles used ({counts['bins_used'] - means - values // 2} bins)"
+        if means or others
+        else "{used} profiles used ({bins_used} bins)"
+    )
+    currents = f"{{mean_currents}} mean {'current' if means == 1 else 'currents'} used"
     used = [
         *([profiles] if own or not means + others else []),
         *([currents] if means else []),
@@ -29,15 +30,15 @@ def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
         counts,
         "observations.",
     )
-    for row in counts.get("sources", ()):
-        yield Sentence([f"Also used: {source_sentence(row)}"])
+    for k, row in enumerate(sources):
+        yield joined("Also used: ", [source_sentence(row, f"observations.sources.{k}.")])
     yield sentence(
         "RMS innovation: {rms_innovation.before:cm} before each update, {rms_innovation.after:cm} after it, "
         "{rms_innovation.prior:cm} by the prior forecast; NIS per degree of freedom {nis_per_dof:.2f}",
         {"rms_innovation": outcome.rms_innovation, "nis_per_dof": outcome.nis_per_dof},
     )
     if outcome.flight_correction is not None:
-        yield Sentence([f"Flight model: {flight_correction_sentence(outcome.flight_correction)}"])
+        yield joined("Flight model: ", [flight_correction_sentence(outcome.flight_correction)])
 
 
 def further_sentences(outcome: Outcome) -> Iterator[Sentence]:
@@ -63,9 +64,9 @@ def trust_sentences(outcome: Outcome) -> Iterator[Sentence]:
     if outcome.evidence is not None:
         yield evidence_sentence(outcome.evidence)
     if outcome.referee is not None:
-        yield from (Sentence([f"Referee: {text}"]) for text in referee_sentences(outcome.referee))
+        yield from (joined("Referee: ", [one]) for one in referee_sentences(outcome.referee))
     if (expected := outcome.expected_surfacings) is not None:
-        yield Sentence([f"Predicted surfacings: {'; '.join(surfacings_sentences(expected))}"])
+        yield joined("Predicted surfacings: ", surfacings_sentences(expected))
 
 
 def plan_sentence(plan: Mapping[str, Any]) -> Sentence:
@@ -136,43 +137,54 @@ def truth_sentences(truth: Mapping[str, Any]) -> Iterator[Sentence]:
         )
 
 
-def surfacings_sentences(found: Mapping[str, Any]) -> Iterator[str]:
+def surfacings_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
     """Yield the figures of ``surfacings_json``, and the coming surfacing, as sentences."""
     yield from past_sentences(found)
     if (following := found["next"]) is not None:
-        yield f"next, flown as the last dive: {place_of_next(following)}"
+        place = place_of_next(following, "expected_surfacings.next.")
+        yield joined("next, flown as the last dive: ", [place])
 
 
-def past_sentences(found: Mapping[str, Any]) -> Iterator[str]:
+def past_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
     """Yield the figures of ``surfacings_json`` of the dives so far as sentences."""
-    count, figures, each = found["count"], found["later"] or found, found["each"]
-    radius = median(one["radius_90_m"] for one in each)
-    yield (
-        f"{count} expected from {_from(each)}: {round(found['inside_50'] * count)} inside the 50 % ellipse, "
-        f"{round(found['inside_90'] * count)} inside the 90 % one; median distance {found['distance_median_m']:.0f} m, "
-        f"median radius of 90 % {radius:.0f} m{_beside(figures, each)}"
+    each, at = found["each"], "expected_surfacings."
+    yield sentence(
+        f"{{count}} expected from {_from(each)}: {{inside_50:share}} inside the 50 % ellipse, {{inside_90:share}} inside the 90 % one; "
+        f"median distance {{distance_median_m:.0f}} m, mean radius of 90 % {{radius_90_mean_m:.0f}} m{_beside(found, each)}",
+        found,
+        at,
     )
-    if early := [f"dive {one['dive']} ({_early(one)})" for one in each if one["earlier_dives"] < 2]:
-        yield "of these " + ", ".join(early)
+    early = [
+        f"dive {{each.{k}.dive}} ({_early(one, k)})"
+        for k, one in enumerate(each)
+        if one["earlier_dives"] < 2
+    ]
+    if early:
+        yield sentence(f"of these {', '.join(early)}", found, at)
 
 
-def place_of_next(following: Mapping[str, Any]) -> str:
-    """Return the place of the coming surfacing of ``surfacings_json``, with its ellipse of 90 %."""
-    (longitude, latitude), outer = following["expected"], following["ellipse_90"]
-    return (
-        f"{place_text(longitude, latitude)}, 90 % within {outer['major_m']:.0f} x {outer['minor_m']:.0f} m along "
-        f"{outer['bearing_deg']:.0f} degrees{_calibration(following)}"
+def place_of_next(following: Mapping[str, Any], at: str = "") -> Sentence:
+    """Return the place of the coming surfacing of ``surfacings_json``, with its ellipse of 90 %.
+
+    Args:
+        following: The coming surfacing.
+        at: Path of its fields within an outcome, with a dot at its end.
+    """
+    return sentence(
+        f"{place_text(*following['expected'])}, 90 % within {{ellipse_90.major_m:.0f}} x {{ellipse_90.minor_m:.0f}} m along "
+        f"{{ellipse_90.bearing_deg:.0f}} degrees{_calibration(following)}",
+        following,
+        at,
     )
 
 
 def _calibration(following: Mapping[str, Any]) -> str:
-    """Return by how many scored surfacings an ellipse is calibrated, in words; empty for results that do not say it."""
+    """Return by how many scored surfacings an ellipse is calibrated, as a template; empty for results that do not say it."""
     if "scored" not in following:
         return ""
-    scored = following["scored"]
     if "calibration" not in following:
-        return f" (not calibrated: {scored} scored)"
-    return f" (calibrated by {scored} scored surfacings: {following['calibration']:.2f} times as large)"
+        return " (not calibrated: {scored} scored)"
+    return " (calibrated by {scored} scored surfacings: {calibration:.2f} times as large)"
 
 
 def _from(each: Sequence[Mapping[str, Any]]) -> str:
@@ -187,17 +199,22 @@ def _from(each: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _beside(figures: Mapping[str, Any], each: Sequence[Mapping[str, Any]]) -> str:
-    gain, ratio = figures["log_score_gain"], figures["radius_ratio"]
-    if gain is None or ratio is None:
+def _beside(found: Mapping[str, Any], each: Sequence[Mapping[str, Any]]) -> str:
+    """Return how the ellipses compare with the last dive's current alone, as a template of ``surfacings_json``."""
+    at, figures = ("later.", found["later"]) if found["later"] else ("", found)
+    if figures["log_score_gain"] is None or figures["radius_ratio"] is None:
         return ""
     kept = "velocity over ground" if any("basis" in one for one in each) else "current"
-    return f"; beside the last dive's {kept} with its spread: radius {ratio:.2f} times as large, log score {gain:+.2f} a dive"
+    return (
+        f"; beside the last dive's {kept} with its spread: radius {{{at}radius_ratio:.2f}} times as large, "
+        f"log score {{{at}log_score_gain:+.2f}} a dive"
+    )
 
 
-def _early(one: Mapping[str, Any]) -> str:
+def _early(one: Mapping[str, Any], k: int) -> str:
     before = "without an earlier one" if one["earlier_dives"] == 0 else "after a single one"
-    return f"{before}: {'inside' if one['inside_90'] else 'outside'} its 90 % ellipse of {one['radius_90_m']:.0f} m"
+    where = "inside" if one["inside_90"] else "outside"
+    return f"{before}: {where} its 90 % ellipse of {{each.{k}.radius_90_m:.0f}} m"
 
 
 def evidence_sentence(found: Mapping[str, Any]) -> Sentence:
@@ -212,66 +229,62 @@ def evidence_sentence(found: Mapping[str, Any]) -> Sentence:
     )
 
 
-def referee_sentences(found: Mapping[str, Any]) -> Iterator[str]:
+def referee_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
     """Yield a sentence for each forecast of ``referee_json`` that the run's was compared with."""
     unit, one = found["units"], found["units"].removesuffix("s")
-    for other in found["against"]:
-        names = found["ensemble"], other["ensemble"]
+    for k, other in enumerate(found["against"]):
+        at = f"against.{k}."
+        names = f"{{ensemble}} against {{{at}ensemble}}: "
         if not other["compared"]:
-            yield f"{names[0]} against {names[1]}: they have no {one} in common with the same measurements"
-            continue
-        low, high = other["interval_90"]
-        about = (
-            f"fewer than three {unit}, no interval"
-            if low is None or low != low
-            else f"90 % interval {low:+.2f} to {high:+.2f}"
-        )
-        better = {
-            "first": f"{names[0]} explained the log better",
-            "second": f"{names[1]} explained the log better",
-        }
-        verdict = better.get(other["better"], "the log does not tell which explained it better")
-        left = (
-            f"; {other['not_compared']} {unit} with unlike measurements left out"
-            if other["not_compared"]
-            else ""
-        )
-        yield (
-            f"{names[0]} against {names[1]}: {verdict}; log evidence {other['gain_mean']:+.2f} a {one} over {other['compared']} {unit} "
-            f"({about}){left}"
-        )
+            said = f"{names}they have no {one} in common with the same measurements"
+        else:
+            low = other["interval_90"][0]
+            about = (
+                f"fewer than three {unit}, no interval"
+                if low is None or low != low
+                else f"90 % interval {{{at}interval_90.0:+.2f}} to {{{at}interval_90.1:+.2f}}"
+            )
+            better = {
+                "first": "{ensemble} explained the log better",
+                "second": f"{{{at}ensemble}} explained the log better",
+            }
+            verdict = better.get(other["better"], "the log does not tell which explained it better")
+            left = f"; {{{at}not_compared}} {unit} with unlike measurements left out"
+            said = (
+                f"{names}{verdict}; log evidence {{{at}gain_mean:+.2f}} a {one} over {{{at}compared}} {unit} "
+                f"({about}){left if other['not_compared'] else ''}"
+            )
+        yield sentence(said, found, "referee.")
 
 
 #: The sources beside the vehicle's own profiles and mean currents.
 SOURCES = {"shear": "geostrophic shear", "radar": "HF radar", "drifters": "drifters"}
 
 
-def source_sentence(row: Mapping[str, Any]) -> str:
-    """Return what a source of ``observations.sources`` gave, as a sentence."""
-    rms = [
-        "none" if row[f"rms_{name}"] is None else f"{100.0 * row[f'rms_{name}']:.1f}"
-        for name in ("prior", "before", "after")
-    ]
-    nis = "none" if row["nis_per_dof"] is None else f"{row['nis_per_dof']:.2f}"
-    return "; ".join(
-        (
-            f"{SOURCES[row['kind']]}: {row['used']} measurements used ({row['values']} values), {row['rejected']} rejected",
-            f"RMS innovation {rms[0]} cm/s by the prior forecast, {rms[1]} before and {rms[2]} after each update; NIS per value {nis}",
-            *row["doubts"],
-        )
+def source_sentence(row: Mapping[str, Any], at: str = "") -> Sentence:
+    """Return what a source of ``observations.sources`` gave, as a sentence.
+
+    Args:
+        row: The source.
+        at: Path of its fields within an outcome, with a dot at its end.
+    """
+    said = (
+        f"{SOURCES[row['kind']]}: {{used}} measurements used ({{values}} values), {{rejected}} rejected",
+        "RMS innovation {rms_prior:cm/s} cm/s by the prior forecast, {rms_before:cm/s} before and {rms_after:cm/s} after each update; "
+        "NIS per value {nis_per_dof:.2f}",
+        *(f"{{doubts.{k}}}" for k in range(len(row["doubts"]))),
     )
+    return sentence("; ".join(said), row, at)
 
 
-def flight_correction_sentence(found: Mapping[str, Any]) -> str:
+def flight_correction_sentence(found: Mapping[str, Any]) -> Sentence:
     """Return the figures of ``flight_correction_json`` as a sentence."""
-    count = found["corrected"]
-    along, across = (
-        f"{100.0 * found[name]:.0f} ± {100.0 * found[f'{name}_std']:.0f} %"
-        for name in ("along", "across")
-    )
-    return (
-        f"{count} mean {'current was' if count == 1 else 'currents were'} corrected for the flight model's error, by "
-        f"{100.0 * found['rms_m_s']:.1f} cm/s RMS, {100.0 * found['largest_m_s']:.1f} cm/s at most; from {found['dives']} dives this error "
-        f"is {along} of the way through the water along it and {across} across it, with a log evidence of at least {found['evidence']:.1f} "
-        "whichever dive is left out"
+    along, across = (f"{{{name}:%}} ± {{{name}_std:%}} %" for name in ("along", "across"))
+    return sentence(
+        f"{{corrected}} mean {'current was' if found['corrected'] == 1 else 'currents were'} corrected for the flight model's error, by "
+        f"{{rms_m_s:cm/s}} cm/s RMS, {{largest_m_s:cm/s}} cm/s at most; from {{dives}} dives this error "
+        f"is {along} of the way through the water along it and {across} across it, with a log evidence of at least {{evidence:.1f}} "
+        "whichever dive is left out",
+        found,
+        "flight_correction.",
     )

@@ -234,7 +234,7 @@ def _surfacing(held: Held, now_ns: int) -> _Answer:
             "inside": inside,
         }
     if found:
-        text += past_sentences(found)
+        text += map(str, past_sentences(found))
         values["expected"] = {
             "inside_50": found["inside_50"],
             "inside_90": found["inside_90"],

@@ -2,6 +2,7 @@
 
 import json
 import re
+from html import unescape
 
 import numpy as np
 
@@ -101,6 +102,40 @@ def test_every_number_of_page_summary_and_status_is_one_of_json(page, replayed):
     )
 
 
+def test_no_number_of_the_outcome_stands_on_the_page_without_its_field(page, replayed):
+    """Texts of the outcome, such as the plan's message, are fields themselves."""
+    outcome = [value for _, value in leaves(replayed.outcome.to_json())]
+    shown = page.split('<section id="again"', 1)[0].split("<body", 1)[1]
+    # a flight through waypoints is none of the outcome: the page's script writes its own
+    flown = r'<p class="readout".*?</p>'
+    for without in (r"<(script|style|svg)\b.*?</\1>", flown, r"<data\b.*?</data>", r"<[^>]+>"):
+        shown = re.sub(without, " ", shown, flags=re.DOTALL)
+    words = " ".join(unescape(shown).split()).lower()
+    texts = [each for each in outcome if isinstance(each, str)]
+    # earlier plans are none of the outcome
+    texts += list(replayed.plans["message"])
+    for text in sorted(texts, key=len, reverse=True):
+        words = words.replace(" ".join(text.split()).lower(), "")
+    plain = [*re.finditer(r"(?<![\w.,:-])\d[\d,]*\.?\d*(?![\w:-])", words)]
+    rounded = {
+        text
+        for value in outcome
+        if isinstance(value, float) and np.isfinite(value)
+        for text in (
+            f"{100.0 * value:.1f}",
+            f"{100.0 * value:.2f}",
+            f"{value:.2f}",
+            f"{value:,.1f}",
+        )
+        # others are there by chance
+        if len(text) > 3
+    }
+    assert len(rounded) > 50
+    assert [
+        words[max(one.start() - 60, 0) : one.end() + 20] for one in plain if one[0] in rounded
+    ] == []
+
+
 def _check_rounded(key: str, value: float, text: str) -> None:
     """Check that a text is the number in its unit, rounded to the digits that it shows."""
     shown, _, unit = text.replace(",", "").partition(" ")
@@ -109,8 +144,8 @@ def _check_rounded(key: str, value: float, text: str) -> None:
         return
     factors = {"cm/s": 100.0, "%": 100.0, "kJ": 1e-3, "MJ": 1e-6}
     digits = len(shown.partition(".")[2]) if "e" not in shown else 17
-    # where no unit stands beside it, it is that of the summary, cm/s, km or kilometres of an ellipse
-    wanted = [factors[unit]] if unit in factors else [1.0, 100.0, 1e-3]
+    # where no unit stands beside it, it is that of the summary, cm/s, km, or hours of a leg
+    wanted = [factors[unit]] if unit in factors else [1.0, 100.0, 1e-3, 1.0 / 3600.0]
     error = min(abs(float(shown) - factor * value) for factor in wanted)
     # six digits in the table of all numbers
     assert error <= max(0.5000001 * 10.0**-digits, 1e-5 * abs(value)), (key, value, text)

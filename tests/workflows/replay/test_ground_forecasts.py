@@ -241,7 +241,7 @@ def test_the_summary_says_what_surfacings_were_expected_from(begin, said):
     flows = currents(4)
     outcomes = expected(mission(flows, begin), estimate(flows))
     found = surfacings_json(outcomes, outcomes[-1].forecast)
-    words = "; ".join(surfacings_sentences(found))
+    words = "; ".join(map(str, surfacings_sentences(found)))
     assert said in words
     assert "beside the last dive's velocity over ground" in words
     assert found["next"]["basis"] == outcomes[0].forecast.basis
@@ -250,4 +250,6 @@ def test_the_summary_says_what_surfacings_were_expected_from(begin, said):
         None,
     )
     assert all("basis" not in one for one in plain["each"])
-    assert "4 expected from the dives before each:" in "; ".join(surfacings_sentences(plain))
+    assert "4 expected from the dives before each:" in "; ".join(
+        map(str, surfacings_sentences(plain))
+    )

@@ -36,8 +36,9 @@ def words_section(contents: Contents) -> Section:
 
 def _in_short(contents: Contents) -> str:
     outcome = contents.outcome
-    parts = [f"{count_text(outcome.observations['used'], 'measurement')} of the current used"]
-    rms = outcome.rms_innovation
+    used, rms = outcome.observations, outcome.rms_innovation
+    forms = f"{{used}} measurement{'s' * (used['used'] != 1)} of the current used"
+    parts = [sentence(forms, used, "observations.").html]
     if rms["before"] is not None and rms["prior"]:
         forms = "misfit {prior:cm} of the forecast, {before:cm} of the estimate"
         parts.append(sentence(forms, rms, "rms_innovation.").html)

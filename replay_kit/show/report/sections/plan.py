@@ -11,7 +11,7 @@ from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.track import thinned
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.plan import profile_chart, surfacing_chart
-from replay_kit.show.numbers import sentence
+from replay_kit.show.numbers import fixed, leg_number, number, sentence
 from replay_kit.show.page.section import Section, table_html
 from replay_kit.show.report.sections.learning import learning_html, value_chart
 from replay_kit.show.words import energy_sentence, odds_sentence, outcomes_sentence
@@ -127,19 +127,17 @@ def plan_section(contents: Contents) -> Section:
 
 def _legs_html(plan: LastPlan) -> str:
     """Return the legs of a mission."""
+    forms = {
+        **{"heading_deg": ".0f", "glide_angle_deg": ".1f", "depth_m": ".0f"},
+        **{"surfacing_s": ".1f", "longitude": ".4f", "latitude": ".4f"},
+    }
     rows = []
     for leg in plan.legs:
-        rows.append(
-            [
-                str(leg["leg"]),
-                f"{leg['heading_deg']:.0f}",
-                f"{leg['glide_angle_deg']:.1f}",
-                f"{leg['depth_m']:.0f}",
-                f"{leg['surfacing_s'] / 3600.0:.1f}",
-                f"{leg['longitude']:.4f}",
-                f"{leg['latitude']:.4f}",
-            ]
-        )
+        row = [str(leg["leg"])]
+        for name, form in forms.items():
+            value = leg[name] / 3600.0 if name == "surfacing_s" else leg[name]
+            row.append(leg_number(leg["leg"], name, leg[name], f"{value:{form}}"))
+        rows.append(row)
     heads = [
         "leg",
         "heading [° true]",
@@ -183,19 +181,24 @@ def _plans_html(contents: Contents) -> str:
     plans = contents.result.plans
     kept = thinned(len(plans), _PLANS)
     rows = []
-    for time, plan in plans.iloc[kept].iterrows():
-        steered = plan["status"] != "failed" and np.isfinite(plan["heading_deg"])
-        rows.append(
-            [
-                str(time)[:16],
-                escape(plan["status"]),
-                f"{plan['heading_deg']:.0f}" if steered else "",
-                f"{plan['glide_angle_deg']:.1f}" if steered else "",
-                f"{plan['duration'] / 3600.0:.1f}" if np.isfinite(plan["duration"]) else "",
-                f"{plan['closest_approach']:.0f}" if np.isfinite(plan["closest_approach"]) else "",
-                escape(plan["message"]),
-            ]
-        )
+    forms = {
+        **{"heading_deg": ("heading_deg", 1.0, 0), "glide_angle_deg": ("glide_angle_deg", 1.0, 1)},
+        **{
+            "duration": ("duration_s", 3600.0, 1),
+            "closest_approach": ("closest_approach_m", 1.0, 0),
+        },
+    }
+    for row in kept.tolist():
+        plan, cells = plans.iloc[row], list[str]()
+        for name, (key, unit, digits) in forms.items():
+            value, steers = float(plan[name]), name in ("heading_deg", "glide_angle_deg")
+            known = np.isfinite(value) and not (steers and plan["status"] == "failed")
+            text = fixed(value / unit, digits) if known else ""
+            # the outcome has the last plan alone
+            last = known and row == len(plans) - 1
+            cells.append(number(f"plan.{key}", value, text) if last else text)
+        head = str(plan.name)[:16], escape(plan["status"])
+        rows.append([*head, *cells, escape(plan["message"])])
     thin = f"; {len(kept)} of {len(plans)}" if len(kept) < len(plans) else ""
     heads = [
         "begins (UTC)",
