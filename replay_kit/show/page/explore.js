@@ -68,7 +68,8 @@ function drawKeys(map) {
     const { most } = scales[map.quantity];
     const colors = scales[map.quantity][map.dark ? "dark" : "light"];
     const title = map.quantity === "speed" ? "current" : "standard error";
-    if (map.quantity === "speed") parts.unshift(`<span class="bar-drift">drift in ${driftHours(map)} h</span>`);
+    const hours = driftHours(map);
+    if (map.quantity === "speed") parts.unshift(`<span class="bar-drift">drift in ${hours < 1 ? `${60 * hours} min` : `${hours} h`}</span>`);
     parts.unshift(`<span class="bar-color"><i style="background:linear-gradient(to right,${colors.join(",")})"></i><span>0</span><span>${title}</span><span>${most} m/s</span></span>`);
   }
   map.place.parentElement.querySelector(".keys").innerHTML = parts.join("");

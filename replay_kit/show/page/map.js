@@ -250,13 +250,13 @@ function drawDegrees(map, context) {
         if (q === 0) label = low;
       }
       context.stroke();
-      if (label > 24 && label < along - 40) labelled.push([kind, value, label, step]);
+      if (label > 24 && label < along - (kind ? 40 : 70)) labelled.push([kind, value, label, step]);
     }
   }
   for (const [kind, value, at, step] of labelled) {
     const text = axisText(kind ? value : turned(value), kind ? "NS" : "EW", step);
     if (kind && (at < map.room.t + 32 || at > map.h - map.room.b)) continue;
-    halo(map, context, text, kind ? 8 : at + 5, kind ? at - 5 : map.room.t + 12, LABEL, styled("--soft"));
+    halo(map, context, text, kind ? 8 : at + 5, kind ? at - 5 : map.room.t + 12);
   }
 }
 

@@ -6,12 +6,15 @@ import re
 from base64 import b64encode
 from html import escape
 from importlib.resources import files
+from textwrap import shorten
 from typing import Any
 
 from replay_kit.core.colors import palette_css
 from replay_kit.core.version import __version__
 from replay_kit.show.page.section import Control, Figure, Section
 
+#: Letters of a section in the menu.
+_MENU = 32
 _SCRIPTS = ("flight", "page", "map", "marks", "particles", "explore", "waypoint")
 
 
@@ -30,7 +33,7 @@ def page_html(title: str, sections: list[Section], subtitle: str = "") -> str:
         "version": escape(__version__),
         "css": palette_css() + _text("page.css"),
         "links": "".join(
-            f'<li><a href="#{section.key}">{escape(section.menu or section.title)}</a></li>'
+            f'<li><a href="#{section.key}">{escape(section.menu or shorten(section.title, _MENU, placeholder=" ..."))}</a></li>'
             for section in sections
         ),
         "sections": "\n".join(map(_section_html, sections)),

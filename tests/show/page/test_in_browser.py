@@ -1,8 +1,10 @@
 """Every kind of page in Debian's Chromium: its figures are drawn, nothing is fetched, and nothing is complained of."""
 
+from typing import Any
+
 import pytest
 
-from tests.browser import MARKS, check_accessible, check_drawn, chromium, opened
+from tests.browser import MARKS, check_accessible, check_drawn, chromium, opened, unfold
 from tests.show.page.kinds import QUICK, SLOW
 from tests.show.report.html_of import figures
 
@@ -24,3 +26,27 @@ def test_a_page_draws_itself(kind, tmp_path, request):
                 assert len(tab.locator("main").inner_text()) > 200
                 if expected:
                     check_accessible(tab)
+                    unfold(tab)
+                check_keyboard(tab)
+
+
+# what can be used and is seen, and its place among the elements of the page
+_USABLE = """() => {
+    const all = [...document.querySelectorAll("a[href], button, input, select, summary, [role=group], [role=region]")];
+    window.usable = all.filter((one) => one.checkVisibility({ visibilityProperty: true }) && !one.disabled && !one.closest(".modebar"));
+    document.activeElement.blur();
+    return window.usable.length;
+}"""
+_FOCUSED = "() => window.usable.indexOf(document.activeElement)"
+
+
+def check_keyboard(tab: Any) -> None:
+    """Check that the tabulator reaches all that can be used, in the order of the page."""
+    count, reached = tab.evaluate(_USABLE), list[int]()
+    for _ in range(2 * count + 20):
+        tab.keyboard.press("Tab")
+        place = tab.evaluate(_FOCUSED)
+        if place in reached:
+            break
+        reached += [place] if place >= 0 else []
+    assert reached == list(range(count))
