@@ -13,12 +13,16 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Place, Plan
 from replay_kit.results import ResultWriter
+from replay_kit.results.messages import innovation as innovation_message
+from replay_kit.results.schemas import DESCRIPTOR_SET, decode
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import open_result
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
+from tests.synthetic_flow import synthetic_flow
 
 #: Writes a result to a path.
 Case = Callable[[Path], None]
+_SCHEMA = "replay_kit.Innovation", "protobuf", DESCRIPTOR_SET
 
 
 def moved(flow: FlowEstimate, longitude: float) -> FlowEstimate:
@@ -102,3 +106,56 @@ def write(
         if estimate:
             writer.finish(flow)
     return Contents(open_result(path))
+
+
+def failed(plan: Plan, message: str = "no path") -> Plan:
+    """Return a plan that found no way."""
+    lost: dict[str, Any] = {"track": plan.track[:0], "track_time": plan.track_time[:0]}
+    return replace(plan, status="failed", message=message, **lost)
+
+
+def without_estimate(
+    path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan
+) -> Contents:
+    return write(path, flow, [innovation] * 3, plan, estimate=False)
+
+
+def of_one_ping(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> Contents:
+    return write(path, flow, [innovation], None)
+
+
+def across_the_antimeridian(
+    path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan
+) -> Contents:
+    return write(path, moved(flow, 179.98), [innovation] * 4, plan)
+
+
+def at_80_north(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> Contents:
+    return write(path, synthetic_flow(latitude=80.0), [innovation] * 4, plan)
+
+
+def of_nothing(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> Contents:
+    return write(path, flow, [], None, estimate=False)
+
+
+def write_many(
+    path: Path, flow: FlowEstimate, state: VehicleState, innovation: Innovation, pings: int
+) -> None:
+    """Write a result with a position, a measurement and an estimate every second, 500 to a dive."""
+    second, noise = 1_000_000_000, np.random.default_rng(0).normal(0.0, 1.0, (997, 4))
+    weights = np.linspace(-1.0, 1.0, flow.n_modes * flow.levels.size)
+    # the message is filled anew each time: a value of the program for each takes minutes
+    message = decode("Innovation", innovation_message(innovation))
+    with ResultWriter(path) as writer:
+        writer.start(flow.grid.projection, state.time_ns, METADATA, CONFIG)
+        for k in range(pings):
+            now = state.time_ns + k * second
+            writer.fix(replace(state, time_ns=now, longitude=5.0 + 1e-7 * k))
+            message.timestamp.FromNanoseconds(now)
+            message.dive, message.innovation_east[:] = 1 + k // 500, noise[k % 997]
+            data = message.SerializeToString()
+            writer.write_message("/flow/innovation", lambda: _SCHEMA, data, now)
+            writer.estimate(now, weights, flow.levels)
+            if k % (pings // 20) == 0:
+                writer.grids(now, flow, DEPTHS)
+        writer.finish(flow)

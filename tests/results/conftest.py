@@ -11,6 +11,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Source, VehicleState
 from replay_kit.core.plan import Place, Plan
 from replay_kit.results import ResultWriter
+from tests.results.cases import failed
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA, Run, decoded
 from tests.synthetic_flow import TIME_NS
 
@@ -70,16 +71,7 @@ def plan() -> Plan:
 
 @pytest.fixture
 def failed_plan(plan: Plan) -> Plan:
-    empty = np.empty((0, 3))
-    return replace(
-        plan,
-        status="failed",
-        closest_approach=np.inf,
-        duration=np.nan,
-        track=empty,
-        track_time=empty[:, 0],
-        message="no path",
-    )
+    return replace(failed(plan), closest_approach=np.inf, duration=np.nan)
 
 
 @pytest.fixture

@@ -20,23 +20,25 @@ from replay_kit.show.export import ENDINGS, export
 from replay_kit.show.plots import KINDS, drawn
 from replay_kit.show.report import report_html
 from replay_kit.workflows.report import opened
-from tests.results.cases import moved, write
+from tests.results.cases import (
+    across_the_antimeridian,
+    at_80_north,
+    of_nothing,
+    of_one_ping,
+    without_estimate,
+    write,
+)
 from tests.results.result_samples import CONFIG, METADATA
 from tests.show.report.html_of import elements, figures, text_of
-from tests.synthetic_flow import synthetic_flow
 
 #: Writes a result to a path.
-Case = Callable[[Path, FlowEstimate, Innovation, Plan], None]
+Case = Callable[[Path, FlowEstimate, Innovation, Plan], object]
 
 
 def of_another_version(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("replay_kit.results.mcap_writer.CONTRACT_VERSION", 4)
         write(path, flow, [innovation] * 3, plan)
-
-
-def without_estimate(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
-    write(path, flow, [innovation] * 3, plan, estimate=False)
 
 
 def cut_short(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
@@ -49,22 +51,8 @@ def without_plan(path: Path, flow: FlowEstimate, innovation: Innovation, plan: P
     write(path, flow, [innovation] * 3, None)
 
 
-def of_one_ping(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
-    write(path, flow, [innovation], None)
-
-
 def of_a_vessel(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
     write(path, flow, [replace(innovation, dive=0)] * 3, plan, depth=float("nan"))
-
-
-def across_the_antimeridian(
-    path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan
-) -> None:
-    write(path, moved(flow, 179.98), [innovation] * 4, plan)
-
-
-def at_80_north(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
-    write(path, synthetic_flow(latitude=80.0), [innovation] * 4, plan)
 
 
 def without_positions(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
@@ -72,10 +60,6 @@ def without_positions(path: Path, flow: FlowEstimate, innovation: Innovation, pl
         writer.start(flow.grid.projection, flow.time_ns or 0, METADATA, CONFIG)
         writer.innovation(innovation)
         writer.finish(flow)
-
-
-def of_nothing(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
-    write(path, flow, [], None, estimate=False)
 
 
 #: Each case, what its page says of it, and which tables of its exports have rows.

@@ -16,6 +16,7 @@ from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.show import Result, open_result
+from tests.results.cases import failed
 from tests.results.result_samples import CONFIG, METADATA
 from tests.synthetic_flow import TIME_NS
 
@@ -51,10 +52,7 @@ def opened(
         ):
             writer.innovation(value)
         writer.plan(plan, flow.grid.projection)
-        writer.plan(
-            replace(plan, status="failed", track=plan.track[:0], track_time=plan.track_time[:0]),
-            flow.grid.projection,
-        )
+        writer.plan(failed(plan), flow.grid.projection)
         predicted = Surfacing(TIME_NS + SECOND, 5.0, 62.0, Ellipse(5.0, 62.0, 300.0, 200.0, 10.0))
         writer.outcome(
             SurfacingOutcome(TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 45.0)

@@ -7,6 +7,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 import pandas as pd
 
+from replay_kit.core.arrays import Array
 from replay_kit.core.colors import LIGHT, SYMBOLS
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.geojson import Feature, collection_text, feature, positions
@@ -105,12 +106,8 @@ def features_of(
                 "distance_m": _number(row.distance),
             }
             features.append(_feature("Point", at, about, _STYLES[kind]))
-    for outline in outlines_of(surfacings, projection):
-        ring = _line(*to_geographic(projection, outline[:, 0], outline[:, 1]), projection)
-        features.append(
-            _feature("Polygon", [ring], {"name": "90 % ellipse of a surfacing"}, _STYLES["ellipse"])
-        )
-    return features
+    ellipses = outlines_of(surfacings, projection)
+    return features + [_ellipse(each, "a surfacing", projection) for each in ellipses]
 
 
 def _outcome(plan: LastPlan) -> dict[str, Any]:
@@ -129,23 +126,21 @@ def _outcome(plan: LastPlan) -> dict[str, Any]:
 
 
 def _around_plan(plan: LastPlan, projection: Projection) -> list[Feature]:
-    features = []
-    for number, outline in enumerate(plan.ellipses, start=1):
-        ring = _line(*to_geographic(projection, outline[:, 0], outline[:, 1]), projection)
-        features.append(
-            _feature(
-                "Polygon",
-                [ring],
-                {"name": f"90 % ellipse of planned surfacing {number}"},
-                _STYLES["ellipse"],
-            )
-        )
+    features = [
+        _ellipse(outline, f"planned surfacing {number}", projection)
+        for number, outline in enumerate(plan.ellipses, start=1)
+    ]
     for area in plan.areas:
         longitude, latitude = np.array([*area.corners, area.corners[0]]).T
         ring = _line(longitude, latitude, projection)
         about = {"name": f"no-go area {area.name}", "surface_only": area.surface_only}
         features.append(_feature("Polygon", [ring], about, _STYLES["no_go"]))
     return features
+
+
+def _ellipse(outline: Array, of: str, projection: Projection) -> Feature:
+    ring = _line(*to_geographic(projection, *outline.T), projection)
+    return _feature("Polygon", [ring], {"name": f"90 % ellipse of {of}"}, _STYLES["ellipse"])
 
 
 def geojson_text(features: list[Feature]) -> str:

@@ -19,7 +19,15 @@ from replay_kit.show.numbers import nice
 from replay_kit.show.plots import ENDINGS, KINDS, Chosen, drawn
 from replay_kit.show.plots.current_map import _degrees_text
 from replay_kit.show.plots.style import colormap, saved
-from tests.results.cases import moved, write
+from tests.results.cases import (
+    across_the_antimeridian,
+    at_80_north,
+    failed,
+    of_nothing,
+    of_one_ping,
+    without_estimate,
+    write,
+)
 from tests.synthetic_flow import synthetic_flow
 
 
@@ -83,39 +91,17 @@ def test_the_same_result_gives_the_same_bytes(contents, kind, ending):
     assert first[:4] == {".png": b"\x89PNG", ".svg": b"<?xm", ".pdf": b"%PDF"}[ending]
 
 
-def no_estimate(path, flow, innovation, plan):
-    return write(path, flow, [innovation] * 3, plan, estimate=False)
-
-
 def nothing_of_the_current(path, flow, innovation, plan):
     return write(path, flow, [innovation], None, grids=False, estimate=False)
 
 
-def no_plan_and_one_ping(path, flow, innovation, plan):
-    return write(path, flow, [innovation], None)
-
-
-def empty(path, flow, innovation, plan):
-    return write(path, flow, [], None, estimate=False)
-
-
 def plan_failed(path, flow, innovation, plan):
-    track = np.empty((0, 3))
-    failed = {"status": "failed", "track": track, "track_time": track[:, 0], "message": "no path"}
-    return write(path, flow, [innovation], replace(plan, **failed))
-
-
-def across_the_antimeridian(path, flow, innovation, plan):
-    return write(path, moved(flow, 179.98), [innovation] * 4, plan)
-
-
-def far_north(path, flow, innovation, plan):
-    return write(path, synthetic_flow(latitude=80.0), [innovation] * 4, plan)
+    return write(path, flow, [innovation], failed(plan))
 
 
 # what figures say of each case, and of which of them texts and panels have room
 CASES = {
-    no_estimate: (
+    without_estimate: (
         {
             "map": "The result holds no estimate: the map shows the last published current.",
             "section": "The result holds no estimate: the section shows only measured minus estimated",
@@ -130,7 +116,7 @@ CASES = {
         },
         ["map"],
     ),
-    no_plan_and_one_ping: (
+    of_one_ping: (
         {
             "plan": "The result holds no plan: no goal was given, or none was due; replay-kit plan makes one",
             "series": "The current was published once: there is no series.",
@@ -138,7 +124,7 @@ CASES = {
         },
         ["section", "map"],
     ),
-    empty: (
+    of_nothing: (
         {
             "map": "The result holds neither a current nor a position.",
             "section": "The result holds no profile that was used, and no estimate along its track.",
@@ -149,7 +135,7 @@ CASES = {
     ),
     plan_failed: ({"plan": "The last plan has no track: no path."}, ["plan"]),
     across_the_antimeridian: ({}, ["plan"]),
-    far_north: ({}, ["map"]),
+    at_80_north: ({}, ["map"]),
 }
 
 
@@ -272,7 +258,7 @@ def test_at_a_published_depth_the_series_is_what_was_published(contents):
 def test_without_an_estimate_the_series_is_that_of_the_nearest_depth_and_says_so(
     tmp_path, flow, innovation, plan
 ):
-    contents = no_estimate(tmp_path / "case.mcap", flow, innovation, plan)
+    contents = without_estimate(tmp_path / "case.mcap", flow, innovation, plan)
     said = words(drawn(contents, "series", Chosen((5.0, 62.0, 77.0))))
     assert "120 m" in said
     assert "Requested depth: 77 m; nearest published depth: 120 m." in said

@@ -24,7 +24,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.show import open_result
 from replay_kit.show.report import report_html
 from tests.browser import MARKS, SCHEMES, check_drawn, chromium, opened, unfold
-from tests.results.cases import one_bin, write
+from tests.results.cases import failed, one_bin, write
 from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
 from tests.results.result_samples import CONFIG, METADATA
 from tests.show.page.kinds import QUICK, SLOW
@@ -116,9 +116,7 @@ def _small(folder: Path, request: pytest.FixtureRequest, kind: str) -> str:
     }
     plan = replace(plan, **ends)
     if kind == "failed":
-        track = np.empty((0, 3))
-        lost = {"status": "failed", "track": track, "track_time": track[:, 0]}
-        plan = replace(plan, message="no path around the shoal", **lost)
+        plan = failed(plan, "no path around the shoal")
     of_dive: dict[str, Any] = {"mean_current": np.array([0.1, -0.2]), "mean_kind": "dac"}
     measured = one_bin(innovation, **of_dive) if kind == "dac" else innovation
     each = [replace(measured, dive=k + 1) for k in range(4)]
