@@ -106,8 +106,8 @@ def shift_sources(nodes: Array, shift: float) -> NDArray[np.intp]:
     return np.concatenate([source, source + nodes.shape[0]], axis=1)
 
 
-# Members whose copies are taken.
-_MEMBERS = 12
+# Members whose copies are taken, and levels of one that are in memory as copies.
+_MEMBERS, _LEVELS = 12, 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,9 +164,13 @@ def shifted_residual(ensemble: Ensemble, mean: Array, velocity_modes: Array, shi
     for member in chosen:
         alone = replace(ensemble, velocity=ensemble.velocity[member : member + 1])
         anomaly = ensemble_slices(alone)[0] - mean
-        # all four together: the modes are read once for them
-        copies = anomaly[:, sources].reshape(-1, anomaly.shape[1])
-        left = (copies - (copies @ to_modes.T) @ velocity_modes.T) ** 2
-        square += left.reshape(len(mean), len(sources), -1).sum(axis=1)
+        for first in range(0, len(mean), _LEVELS):
+            # all four together: the modes are read once for them
+            levels = anomaly[first : first + _LEVELS]
+            copies = levels[:, sources].reshape(-1, anomaly.shape[1])
+            left = (copies - (copies @ to_modes.T) @ velocity_modes.T) ** 2
+            square[first : first + _LEVELS] += left.reshape(len(levels), len(sources), -1).sum(
+                axis=1
+            )
     by_component = square.reshape(len(mean), 2, -1) / (len(chosen) * len(sources))
     return np.asarray(np.sqrt(by_component.mean(axis=1)))

@@ -106,7 +106,8 @@ def localised(
         fields = np.empty((len(some), n_nodes, 2, factors.shape[2]), dtype=precision)
         for component in range(2):
             at_nodes = velocity_modes[component * n_nodes + order].astype(precision)
-            fields[:, :, component] = np.matmul(at_nodes, some.astype(precision))
+            for group, factor in enumerate(some.astype(precision)):
+                fields[group, :, component] = at_nodes @ factor
         parts.append(_half(fields, back, nodes[order], ends, radius))
     half = np.concatenate(parts)
     return (
