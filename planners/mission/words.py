@@ -72,7 +72,8 @@ def outcome_text(task: MissionTask, attempt: Attempt, goal_times: Array, tried: 
     if (lacking := lacking_energy(task, attempt)) > 0.0:
         needed, held = (lacking + settings.battery) / 1e6, settings.battery / 1e6
         text += f"; limit: the battery: it takes {needed:.3g} MJ of {held:.3g} MJ (--battery)"
-    if overtime(task, attempt) > 0.0:
+    # of a mission that misses its goals it is among what binds
+    if overtime(task, attempt) > 0.0 and not short:
         text += f"; {_longest_text(task)}"
     if task.is_late:
         text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and other ways are untried"

@@ -56,6 +56,10 @@ def test_a_mission_that_lasts_longer_than_the_longest_has_not_reached_its_goal()
     assert short.duration > 1800.0
     assert short.closest_approach[0] <= 250.0
     assert "limit: max_duration = 1800 s (--max-duration)" in short.message
+    # a goal that the dive passes is missed as well, which the same limit explains once
+    missed = planned(STILL, (300.0, 0.0), start=(0.0, 0.0), max_duration=1800.0)
+    assert missed.closest_approach[0] > 250.0
+    assert missed.message.count("limit: max_duration = 1800 s") == 1
 
 
 def test_legs_grow_with_the_way_and_a_limit_of_them_is_named_where_it_binds():
