@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from planners import (
-    MissionRequest,
     MissionSettings,
-    plan_mission,
     plan_scenarios,
     waypoints_of,
 )
@@ -19,7 +17,6 @@ from planners.mission.task import mission_task
 from tests.planners.flow_samples import (
     eddying_flow,
     forbidden,
-    place,
     plan_between,
     request_between,
     still_flow,
@@ -32,19 +29,8 @@ SETTINGS, LEG = MissionSettings(depth=300.0), 600.0 / np.tan(np.deg2rad(15.0))
 STILL = still_flow()
 
 
-def planned(
-    flow,
-    *goals,
-    start=(-20e3, 0.0),
-    **settings,
-):
-    how = replace(SETTINGS, **settings)
-    return plan_mission(
-        flow,
-        MissionRequest(
-            place(flow, *start), tuple(place(flow, *goal) for goal in goals), settings=how
-        ),
-    )
+def planned(flow, *goals, start=(-20e3, 0.0), **settings):
+    return plan_between(flow, start, *goals, settings=replace(SETTINGS, **settings))
 
 
 def test_a_mission_that_lasts_longer_than_the_longest_has_not_reached_its_goal():
@@ -81,10 +67,8 @@ def test_the_limit_of_legs_is_named_too_where_it_is_a_little_too_low():
     plan = planned(STILL, (-20e3 + 8.0 * LEG + 270.0, 0.0), max_legs=8)
     assert (plan.status, len(plan.headings_deg)) == ("unreachable", 8)
     assert plan.message.endswith("; limit: max_legs = 8 (--max-legs)")
-    task = mission_task(
-        STILL,
-        request_between(STILL, (-9e3, 0.0), (9e3, 0.0), settings=SETTINGS),
-    )
+    asked = request_between(STILL, (-9e3, 0.0), (9e3, 0.0), settings=SETTINGS)
+    task = mission_task(STILL, asked)
     limited = replace(task, request=replace(task.request, settings=replace(SETTINGS, max_legs=14)))
     assert (_more_legs(task, 8), _more_legs(limited, 8), _more_legs(limited, 14)) == (
         [9, 10, 12, 16],
@@ -105,8 +89,7 @@ def test_the_longest_duration_the_current_or_a_wall_are_named_where_they_bind():
     # what the lattice does not reach in such a current may be reached
     assert "no way was found that comes nearer than" in against.message
     wall = forbidden(STILL, -1e3, -60e3, 1e3, 60e3)
-    ends = place(STILL, -9e3, 0.0), (place(STILL, 9e3, 0.0),)
-    closed = plan_mission(STILL, MissionRequest(*ends, settings=SETTINGS, no_go=(wall,)))
+    closed = plan_between(STILL, (-9e3, 0.0), (9e3, 0.0), settings=SETTINGS, no_go=(wall,))
     assert closed.status == against.status == "unreachable"
     assert "; a constraint closes every way: land, an area, " in closed.message
     assert "current" not in closed.message
@@ -148,8 +131,8 @@ def test_a_goal_out_of_reach_leaves_the_others_as_they_are_without_it():
 def test_a_margin_for_samples_leads_to_the_goals_within_reach():
     flow, settings = uniform_flow(0.02, 0.0), replace(SETTINGS, max_legs=9)
     area = forbidden(flow, -17e3, -1e3, -16e3, 1.2e3)
-    goals = tuple(place(flow, *goal) for goal in ((-20e3, 100.0), (-12e3, 0.0), (20e3, 0.0)))
-    asked = MissionRequest(place(flow, -20e3, 0.0), goals, settings=settings, no_go=(area,))
+    way = (-20e3, 0.0), (-20e3, 100.0), (-12e3, 0.0), (20e3, 0.0)
+    asked = request_between(flow, *way, settings=settings, no_go=(area,))
     drawn = [
         replace(flow, latent=flow.latent + share * uniform_flow(0.0, 0.1).latent)
         for share in np.linspace(-0.2, 0.2, 10)
@@ -164,10 +147,9 @@ def test_a_margin_for_samples_leads_to_the_goals_within_reach():
 
 def test_legs_over_a_shelf_that_are_too_few_are_named():
     bottom = bathymetry(lambda x, y: 60.0 + 0.0 * x + np.where(x > 152.6, 900.0, 0.0))
-    ends = place(STILL, -5e3, 0.0), (place(STILL, 5e3, 0.0),)
-    plan = plan_mission(
-        STILL, MissionRequest(*ends, settings=replace(SETTINGS, max_legs=12), bathymetry=bottom)
-    )
+    few = replace(SETTINGS, max_legs=12)
+    way = (-5e3, 0.0), (5e3, 0.0)
+    plan = plan_between(STILL, *way, settings=few, bathymetry=bottom)
     assert plan.status == "unreachable"
     assert (
         "the goal is out of reach: it needs more than 12 legs; limit: max_legs = 12 (--max-legs)"
@@ -175,7 +157,7 @@ def test_legs_over_a_shelf_that_are_too_few_are_named():
     )
     assert set(turns(plan)) == {40.0}
     assert least_height(STILL, plan.track, bottom) >= 20.0 - 1e-3
-    more = plan_mission(STILL, MissionRequest(*ends, settings=SETTINGS, bathymetry=bottom))
+    more = plan_between(STILL, *way, settings=SETTINGS, bathymetry=bottom)
     assert more.status == "reached"
     assert len(more.headings_deg) > 30
 

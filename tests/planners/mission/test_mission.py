@@ -27,7 +27,6 @@ from replay_kit.core.plan import Place
 from tests.planners.flow_samples import (
     eddying_flow,
     forbidden,
-    place,
     plan_between,
     request_between,
     still_flow,
@@ -136,21 +135,14 @@ def test_a_uniform_current_is_headed_off():
 
 def test_a_warm_start_ends_where_the_cold_one_does_and_goes_on_from_the_next_surfacing():
     flow = eddying_flow(6)
-    goal = place(flow, 9e3, 6e3)
-    cold = plan_mission(flow, MissionRequest(place(flow, -9e3, -6e3), (goal,), settings=SETTINGS))
-    again = plan_mission(
-        flow, MissionRequest(place(flow, -9e3, -6e3), (goal,), settings=SETTINGS), warm=cold
-    )
+    asked = request_between(flow, (-9e3, -6e3), (9e3, 6e3), settings=SETTINGS)
+    cold = plan_mission(flow, asked)
+    again = plan_mission(flow, asked, warm=cold)
     assert again.duration == pytest.approx(cold.duration, rel=1e-4)
     assert again.statistics["attempts"] == 1
     here = Place(*(float(x) for x in cold.surfacings[1]), 0.0)
-    later = plan_mission(
-        flow,
-        MissionRequest(
-            here, (goal,), settings=SETTINGS, start_time_ns=int(cold.surfacing_times[1] * 1e9)
-        ),
-        warm=cold,
-    )
+    then = replace(asked, start=here, start_time_ns=int(cold.surfacing_times[1] * 1e9))
+    later = plan_mission(flow, then, warm=cold)
     assert len(later.headings_deg) == len(cold.headings_deg) - 2
     assert later.duration == pytest.approx(cold.duration - cold.surfacing_times[1], rel=1e-3)
 
@@ -158,17 +150,10 @@ def test_a_warm_start_ends_where_the_cold_one_does_and_goes_on_from_the_next_sur
 @pytest.mark.full
 def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_end():
     flow = eddying_flow(7)
-    goals = (
-        place(flow, -4e3, 8e3),
-        place(flow, 2e3, 4e3, 120.0),
-        place(flow, 10e3, 2e3, 200.0),
-    )
-    result = plan_mission(
-        flow,
-        MissionRequest(
-            place(flow, -12e3, -4e3, 40.0), goals, settings=replace(SETTINGS, surface_time=600.0)
-        ),
-    )
+    goals = (-4e3, 8e3), (2e3, 4e3, 120.0), (10e3, 2e3, 200.0)
+    settings = replace(SETTINGS, surface_time=600.0)
+    asked = request_between(flow, (-12e3, -4e3, 40.0), *goals, settings=settings)
+    result = plan_mission(flow, asked)
     assert result.status == "reached"
     # thirteen dives of the optimiser's coarser steps
     assert np.all(result.closest_approach < 3.0)
@@ -190,16 +175,8 @@ def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_
     begun = result.goal_legs[0]
     here = Place(*(float(x) for x in result.surfacings[begun - 1]), 0.0)
     now = result.surfacing_times[begun - 1]
-    later = plan_mission(
-        flow,
-        MissionRequest(
-            here,
-            goals[1:],
-            settings=replace(SETTINGS, surface_time=600.0),
-            start_time_ns=int(now * 1e9),
-        ),
-        warm=result,
-    )
+    left = replace(asked, start=here, goals=asked.goals[1:], start_time_ns=int(now * 1e9))
+    later = plan_mission(flow, left, warm=result)
     assert (later.status, later.statistics["attempts"]) == ("reached", 1)
     np.testing.assert_allclose(later.goal_times + now, result.goal_times[1:], rtol=1e-3)
 
@@ -240,11 +217,8 @@ def test_each_goal_has_a_leg_of_its_own():
 
 def test_a_single_dive_from_below_the_surface_may_end_at_the_depth_it_began():
     flow = still_flow()
-    way = place(flow, 1.2e3, 0.0, 150.0)
-    result = plan_mission(
-        flow,
-        MissionRequest(place(flow, -0.4e3, 0.0, 150.0), (way,), settings=replace(SETTINGS, legs=1)),
-    )
+    ends = (-0.4e3, 0.0, 150.0), (1.2e3, 0.0, 150.0)
+    result = plan_between(flow, *ends, settings=replace(SETTINGS, legs=1))
     assert result.yo_depths == ((150.0, 300.0, 150.0),)
     assert result.status == "unreachable"
     assert result.closest_approach[0] == pytest.approx(1600.0 - 300.0 / np.tan(FLAT), abs=1.0)
@@ -253,8 +227,8 @@ def test_a_single_dive_from_below_the_surface_may_end_at_the_depth_it_began():
 def test_a_flow_that_changes_is_planned_in_as_it_will_be():
     first = replace(uniform_flow(0.0, 0.0), time_ns=0)
     later = replace(uniform_flow(0.0, 0.12), time_ns=int(6e4 * 1e9))
-    start, goal = place(first, -8e3, 0.0), place(first, 8e3, 0.0)
-    result = plan_mission((first, later), MissionRequest(start, (goal,), settings=SETTINGS))
+    asked = request_between(first, (-8e3, 0.0), (8e3, 0.0), settings=SETTINGS)
+    result = plan_mission((first, later), asked)
     drift = 0.12 * result.duration**2 / 2.0 / 6e4
     assert result.status == "reached"
     east, north = 0.3 * np.cos(np.deg2rad(result.glide_angles_deg)), np.deg2rad(result.headings_deg)
@@ -312,8 +286,7 @@ def test_land_is_gone_round_and_a_shelf_is_passed_by_dives_that_turn_above_it():
 
 def test_too_few_legs_are_named_with_how_near_they_lead():
     flow = still_flow()
-    start, goal = place(flow, -20e3, 0.0), place(flow, 20e3, 0.0)
-    few = plan_mission(flow, MissionRequest(start, (goal,), settings=replace(SETTINGS, legs=3)))
+    few = plan_between(flow, (-20e3, 0.0), (20e3, 0.0), settings=replace(SETTINGS, legs=3))
     assert (few.status, few.closest_approach[0]) == (
         "unreachable",
         pytest.approx(40e3 - 3 * 600.0 / np.tan(FLAT), abs=1.0),
@@ -326,8 +299,8 @@ def test_too_few_legs_are_named_with_how_near_they_lead():
 def test_what_is_out_of_reach_is_told_from_what_is_not_and_takes_no_iterations():
     def task(east, settings):
         flow = uniform_flow(east, 0.0)
-        places = place(flow, -20e3, 0.0), (place(flow, -30e3, 0.0),)
-        return mission_task(flow, MissionRequest(*places, GLIDER, settings))
+        asked = request_between(flow, (-20e3, 0.0), (-30e3, 0.0), settings=settings)
+        return mission_task(flow, asked)
 
     def is_out_of_reach(east, settings):
         return bound_of(task(east, settings))[1].goal == 0
@@ -338,11 +311,7 @@ def test_what_is_out_of_reach_is_told_from_what_is_not_and_takes_no_iterations()
     assert not is_out_of_reach(0.0, replace(SETTINGS, legs=5))
     assert is_out_of_reach(0.0, replace(SETTINGS, legs=4))
     flow = uniform_flow(0.9, 0.0)
-    goal = place(flow, -30e3, 0.0)
-    result = plan_mission(
-        flow,
-        MissionRequest(place(flow, -20e3, 0.0), (goal,), settings=replace(SETTINGS, legs=30)),
-    )
+    result = plan_between(flow, (-20e3, 0.0), (-30e3, 0.0), settings=replace(SETTINGS, legs=30))
     assert result.status == "unsafe"
     assert "edge of the region" in result.message
     assert "limit: 30 legs" in result.message
@@ -352,10 +321,7 @@ def test_what_is_out_of_reach_is_told_from_what_is_not_and_takes_no_iterations()
 def test_a_flow_that_is_not_a_number_fails_as_a_value():
     flow = still_flow()
     bad = replace(flow, latent=np.full_like(flow.latent, np.nan))
-    result = plan_mission(
-        bad,
-        request_between(flow, (-9e3, 0.0), (9e3, 0.0), settings=SETTINGS),
-    )
+    result = plan_between(bad, (-9e3, 0.0), (9e3, 0.0), settings=SETTINGS)
     assert (result.status, len(result.headings_deg)) == ("failed", 0)
     assert "not a number" in result.message
 

@@ -26,34 +26,32 @@ from planners.mission.solve.half_planes import SafetyMargin, tolerance_factor
 from planners.mission.task import mission_task, turns_of
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
-from tests.planners.flow_samples import eddying_flow, forbidden, place, uniform_flow
+from tests.planners.flow_samples import (
+    eddying_flow,
+    forbidden,
+    place,
+    request_between,
+    uniform_flow,
+)
 
 FLOW = uniform_flow(0.02, 0.0)
 START, GOAL = place(FLOW, -5e3, -3e3), place(FLOW, 6e3, -3e3)
 SETTINGS = MissionSettings(depth=390.0, legs=5)
 AREA = forbidden(FLOW, -0.7e3, -6e3, 0.7e3, -1e3)
+FREE = MissionRequest(START, (GOAL,), settings=SETTINGS)
+ASKED = replace(FREE, no_go=(AREA,))
 
 
-def _drawn(n, seed):
+def _drawn(n, seed, speed=0.01):
     rng = np.random.default_rng(seed)
-    east, north = uniform_flow(0.1, 0.0).latent, uniform_flow(0.0, 0.1).latent
-    return [
-        replace(
-            FLOW,
-            latent=FLOW.latent
-            + 0.1 * rng.standard_normal() * east
-            + 0.1 * rng.standard_normal() * north,
-        )
-        for _ in range(n)
-    ]
+    parts = np.stack([uniform_flow(speed, 0.0).latent, uniform_flow(0.0, speed).latent], axis=-1)
+    return [replace(FLOW, latent=FLOW.latent + parts @ rng.standard_normal(2)) for _ in range(n)]
 
 
 @pytest.mark.full
 def test_margins_widen_until_the_samples_keep_clear():
-    plan, summary = plan_scenarios(
-        FLOW, _drawn(20, 1), MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,))
-    )
-    narrow = plan_mission(FLOW, MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
+    plan, summary = plan_scenarios(FLOW, _drawn(20, 1), ASKED)
+    narrow = plan_mission(FLOW, ASKED)
     wide_summary, narrow_summary = (
         fly_scenarios(FLOW, _drawn(200, 2), one, no_go=(AREA,)) for one in (plan, narrow)
     )
@@ -67,18 +65,9 @@ def test_margins_widen_until_the_samples_keep_clear():
 
 def test_a_risk_is_kept_on_the_way_to_a_goal_within_reach_and_not_by_flying_past_it():
     # half-planes moved by the margin that the samples need leave no room between the area and the goal
-    rng = np.random.default_rng(1)
-    parts = (uniform_flow(0.6, 0.0).latent, uniform_flow(0.0, 0.6).latent)
-    drawn = [
-        replace(
-            FLOW, latent=FLOW.latent + sum(0.1 * rng.standard_normal() * part for part in parts)
-        )
-        for _ in range(12)
-    ]
-    ends = place(FLOW, -18e3, 0.0), (place(FLOW, 18e3, 0.0),)
-    asked = MissionRequest(
-        *ends, settings=replace(SETTINGS, legs=None), no_go=(forbidden(FLOW, -3e3, -8e3, 3e3, 8e3),)
-    )
+    drawn, settings = _drawn(12, 1, 0.06), replace(SETTINGS, legs=None)
+    area = forbidden(FLOW, -3e3, -8e3, 3e3, 8e3)
+    asked = request_between(FLOW, (-18e3, 0.0), (18e3, 0.0), settings=settings, no_go=(area,))
     plan, summary = plan_scenarios(FLOW, drawn, asked, pilot=Pilot())
     assert plan.status == "reached"
     assert plan.closest_approach[0] <= 250.0
@@ -89,9 +78,9 @@ def test_a_risk_is_kept_on_the_way_to_a_goal_within_reach_and_not_by_flying_past
 
 
 def test_a_flight_is_clear_where_the_dense_check_finds_nothing():
-    plan = plan_mission(FLOW, MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
+    plan = plan_mission(FLOW, ASKED)
     lane = replace(forbidden(FLOW, 2e3, -4e3, 5e3, -2e3), name="lane", surface_only=True)
-    task = mission_task(FLOW, MissionRequest(START, (GOAL,), plan.vehicle, SETTINGS, (AREA, lane)))
+    task = mission_task(FLOW, replace(ASKED, no_go=(AREA, lane)))
     flight = fly_legs(
         currents_of_samples(_drawn(40, 3)),
         task.vehicle,
@@ -165,11 +154,9 @@ def test_a_leg_is_aimed_so_that_it_ends_where_it_should():
 
 def test_a_pilot_who_is_right_changes_nothing_and_one_who_errs_corrects():
     flow = eddying_flow(5, speed=0.1)
-    start, goal = place(flow, -7e3, -3e3), place(flow, 6e3, 2e3)
-    plan = plan_mission(
-        flow, MissionRequest(start, (goal,), settings=replace(SETTINGS, legs=6, surface_time=600.0))
-    )
-    task = mission_task(flow, MissionRequest(start, (goal,), plan.vehicle, plan.settings))
+    settings = replace(SETTINGS, legs=6, surface_time=600.0)
+    wanted = request_between(flow, (-7e3, -3e3), (6e3, 2e3), settings=settings)
+    plan, task = plan_mission(flow, wanted), mission_task(flow, wanted)
     legs, here = legs_of_plan(plan, task.flow, 1), task.start[:2]
     asked = fly_legs(currents_of(flow), task.vehicle, here, legs)
     same = fly_corrected(currents_of(flow), currents_of(flow), task.vehicle, asked, legs, Pilot())
@@ -195,9 +182,7 @@ def test_a_pilot_who_is_right_changes_nothing_and_one_who_errs_corrects():
 
 
 def test_a_certain_current_needs_no_margin_and_no_samples_are_refused():
-    plan, summary = plan_scenarios(
-        FLOW, [FLOW] * 3, MissionRequest(START, (GOAL,), settings=SETTINGS)
-    )
+    plan, summary = plan_scenarios(FLOW, [FLOW] * 3, FREE)
     assert plan.statistics["extra_margin_m"] == 0.0
     assert (
         plan.statistics["margins_tried"],
@@ -207,9 +192,9 @@ def test_a_certain_current_needs_no_margin_and_no_samples_are_refused():
     ) == (1, 1.0, 1.0, {})
     assert summary.miss_90_percent < 1.0
     with pytest.raises(PlanError, match="needs some"):
-        plan_scenarios(FLOW, [], MissionRequest(START, (GOAL,)))
+        plan_scenarios(FLOW, [], FREE)
     with pytest.raises(PlanError, match="sample 1"):
-        plan_scenarios(FLOW, [eddying_flow(1)], MissionRequest(START, (GOAL,)))
+        plan_scenarios(FLOW, [eddying_flow(1)], FREE)
 
 
 def test_as_many_may_trespass_as_are_few_enough():
@@ -222,10 +207,8 @@ def test_as_many_may_trespass_as_are_few_enough():
 
 def test_chances_count_every_goal_and_the_last_goal_s_misses():
     settings = MissionSettings(depth=390.0, tolerance=100.0)
-    task = mission_task(
-        FLOW,
-        MissionRequest(START, (place(FLOW, -3e3, -3e3), GOAL), Glider(), settings, (AREA,)),
-    )
+    goals = place(FLOW, -3e3, -3e3), GOAL
+    task = mission_task(FLOW, replace(ASKED, goals=goals, settings=settings))
     # five flights of two points after the start: off the first goal and off the last one by so much, all south of the area
     off_first = np.array([0.0, 100.0, 101.0, 0.0, 0.0])
     off_last = np.array([10.0, 20.0, 30.0, 40.0, 500.0])
@@ -261,7 +244,7 @@ def test_points_are_those_nearest_in_time():
 
 @pytest.fixture(scope="module")
 def solved():
-    task = mission_task(FLOW, MissionRequest(START, (GOAL,), Glider(), SETTINGS))
+    task = mission_task(FLOW, FREE)
     return task, solve_attempts(task)[0]
 
 
