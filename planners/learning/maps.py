@@ -211,5 +211,5 @@ def map_plan(
         found_name="error in the box",
         unit="m/s",
         notes=notes,
-        figures={"samples": samples, "surfacings": int(survey.times.size)},
+        statistics={"samples": samples, "surfacings": int(survey.times.size)},
     )

@@ -259,7 +259,7 @@ def _plan(
         ),
         found_name="90 % miss",
         unit="m",
-        figures={
+        statistics={
             **figures,
             "samples": scene.settings.samples,
             "surfacings": int(found.best.times.size),

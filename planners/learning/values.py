@@ -222,7 +222,7 @@ class LearnPlan:
         found_name: What ``found`` of the candidates is.
         unit: Of it.
         notes: What should be known, as sentences.
-        figures: More of them, by name.
+        statistics: More figures, by name.
     """
 
     status: PlanStatus
@@ -242,7 +242,7 @@ class LearnPlan:
     found_name: str
     unit: str
     notes: tuple[str, ...] = ()
-    figures: Mapping[str, float | int | str] = field(default_factory=dict)
+    statistics: Mapping[str, float | int | str] = field(default_factory=dict)
 
     @property
     def duration(self) -> float:

@@ -15,11 +15,11 @@ from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.plan import ORIGIN, Place
+from replay_kit.core.plan import Place
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
 from replay_kit.results.views.record import read_planned_legs
-from replay_kit.workflows.planning.adapters import MissionPlanner
+from replay_kit.workflows.planning.adapters import MissionPlanner, with_origin
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
 from replay_kit.workflows.planning.local import local_notes
@@ -63,7 +63,7 @@ def make_learning(job: PlanRequest, config: PlannerConfig) -> Learnt:
     if seconds is None and known.ends_ns is not None:
         notes += known.notes(begin_ns, begin_ns + round(plan.duration * 1e9))
     notes += _too_sure(known, plan.duration) + local_notes(known.local, begin_ns, left_out=True)
-    return learnt_from(plan, notes, origin, on)
+    return Learnt(with_origin(replace(plan, notes=(*plan.notes, *notes)), origin), on)
 
 
 def learn_request(
@@ -91,15 +91,6 @@ def learn_request(
         job.profiles or 0,
     )
     return request, origin, (*notes, *on.notes)
-
-
-def learnt_from(plan: LearnPlan, notes: tuple[str, ...], origin: str, on: PlannedOn) -> Learnt:
-    """Return a plan with more notes that says what its dives are taken from, where not all of that was stated."""
-    plan = replace(plan, notes=(*plan.notes, *notes))
-    if not origin:
-        return Learnt(plan, on)
-    figures = {**plan.figures, ORIGIN: origin}
-    return Learnt(replace(plan, message=f"{plan.message}; {origin}", figures=figures), on)
 
 
 def box_of(numbers: tuple[float, ...]) -> Box:

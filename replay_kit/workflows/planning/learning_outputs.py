@@ -159,7 +159,7 @@ def learning_json(learnt: Learnt) -> dict[str, Any]:
             "value": plan.value.value.tolist(),
         },
         "legs": legs_table(plan),
-        "figures": dict(plan.figures),
+        "figures": dict(plan.statistics),
         "notes": list(plan.notes),
     }
 
@@ -241,7 +241,7 @@ def _published(plan: LearnPlan) -> Plan:
         track_time=plan.track_time,
         track=plan.track,
         message=plan.message,
-        statistics=plan.figures,
+        statistics=plan.statistics,
         legs=tuple(rows),
         energy=nan,
     )

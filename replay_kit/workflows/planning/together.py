@@ -25,7 +25,7 @@ from replay_kit.workflows.planning.adapters import (
     without_odds,
 )
 from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
-from replay_kit.workflows.planning.learning import Learnt, box_of, learn_request, learnt_from
+from replay_kit.workflows.planning.learning import Learnt, box_of, learn_request
 from replay_kit.workflows.planning.mission import PlannedMission, mission_planner, samples_json
 
 
@@ -75,7 +75,7 @@ def _surveys(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together
     announce("comparing surveys")
     joint = plan_joint_survey(on.known.first, requests, box_of(numbers))
     planned = {
-        name: learnt_from(plan, notes, origin, on)
+        name: Learnt(with_origin(replace(plan, notes=(*plan.notes, *notes)), origin), on)
         for name, plan in zip(starts, joint.plans, strict=True)
     }
     return Together(planned, dict.fromkeys(starts), share_of_bound=joint.share_of_bound)

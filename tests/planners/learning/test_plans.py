@@ -205,7 +205,7 @@ def test_a_map_beside_another_s_profiles_has_its_errors_in_samples():
             candidate(beside, name).predicted, rel=0.25
         )
         assert candidate(beside, name).found < candidate(alone, name).found
-    assert beside.figures["samples"] == SETTINGS.samples
+    assert beside.statistics["samples"] == SETTINGS.samples
 
 
 def test_the_search_s_own_error_is_that_of_its_profiles():
