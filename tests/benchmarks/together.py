@@ -182,8 +182,8 @@ def _pairs(name: str, sea: Ensemble, size: tuple[int, int, int, float]) -> Row:
 
 def one_pair(
     sea: Ensemble, number: int, modes: int, drawn: int, near: float
-) -> tuple[float, float, bool, float] | None:
-    """Return the shares of samples in which two missions come near, stated and fresh, whether one goes round, and the processor time [s].
+) -> tuple[float, float, float, bool, float] | None:
+    """Return the shares of samples, searched, stated and fresh, in which two missions come near, whether one goes round, and the time [s].
 
     None where one of them cannot be planned. Some pairs in turn are of one twin.
     """
@@ -199,26 +199,30 @@ def one_pair(
         )
         for way in half
     ]
-    samples = [flow.sample(drawn, 2 * number + k) for k in (0, 1)]
+    samples = [flow.sample(drawn, 3 * number + k) for k in range(3)]
     begin = time.process_time()
     try:
         joint = plan_missions(flow, samples[0], asked, near)
     except PlanError:
         return None
     spent = time.process_time() - begin
-    fresh = share_of_nearer(flow, samples[1], joint, (0, 1), near)
-    return joint.nearness[0].share, fresh, any(len(one.no_go) for one in joint.requests), spent
+    stated, fresh = (share_of_nearer(flow, one, joint, (0, 1), near) for one in samples[1:])
+    moved = any(len(one.no_go) for one in joint.requests)
+    return joint.nearness[0].share, stated, fresh, moved, spent
 
 
-def pairs_row(name: str, found: Sequence[tuple[float, float, bool, float]], near: float) -> Row:
+def pairs_row(
+    name: str, found: Sequence[tuple[float, float, float, bool, float]], near: float
+) -> Row:
     """Return the row of some pairs kept so far apart [m]."""
-    stated, fresh, moved, spent = np.array(found).T
+    searched, stated, fresh, moved, spent = np.array(found).T
     off = stated - fresh
     return row(
         f"{name}: {len(found)} pairs of missions kept {near / 1e3:g} km apart",
         float(spent.mean()),
         "fresh samples",
         error={
+            "searched": float(searched.mean()),
             "stated": float(stated.mean()),
             "fresh": float(fresh.mean()),
             "off": float(off.mean()),

@@ -8,8 +8,14 @@ import numpy as np
 from rich.console import Console
 
 from planners import mission_odds, with_odds
+from planners.mission.flight.currents import Flow, Sample
 from planners.together.assignment import assign, times_to_goals
-from planners.together.missions import Nearness, plan_missions
+from planners.together.missions import (
+    JointMissions,
+    Nearness,
+    plan_missions,
+    share_of_nearer,
+)
 from planners.together.surveys import plan_joint_survey
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
@@ -89,10 +95,10 @@ def _missions(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Togethe
     begin_ns, notes = known.begin(job.start_time_ns)
     seconds = max(bound.span(start, (goal,)) for start in starts.values() for goal in goals)
     count = sample_count(known.first, config.samples)
-    flow, drawn = (
-        known.flow(begin_ns, seconds),
-        known.samples(begin_ns, seconds, count, config.seed),
-    )
+    flow = known.flow(begin_ns, seconds)
+    # shares that ways were chosen by are too low: they are stated in other samples
+    drawn, searched = (known.samples(begin_ns, seconds, count, config.seed + k) for k in range(2))
+    apart = job.separation or 0.0
     announce("assigning goals")
     asked = [bound.request(start, goals, begin_ns, on.no_go) for start in starts.values()]
     times = _of_its_own(times_to_goals(flow, asked, goals), tuple(starts), [n for n, _ in named])
@@ -107,7 +113,7 @@ def _missions(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Togethe
         for name, goal in going.items()
     ]
     announce("planning the missions")
-    joint = plan_missions(flow, drawn, requests, job.separation or 0.0, job.accepted_risk)
+    joint = plan_missions(flow, searched if apart else (), requests, apart, job.accepted_risk)
     planned = {}
     for name, made, request in zip(going, joint.plans, joint.requests, strict=True):
         made = with_origin(made, origin)
@@ -119,18 +125,31 @@ def _missions(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Togethe
             judged = with_odds(made, odds, job.arrive, job.accepted_risk)
             one = replace(one, plan=judged, odds=odds, samples=samples_json(odds, job))
         planned[name] = one
-    names = list(going)
-    nearness = tuple(
-        (names[one.vehicles[0]], names[one.vehicles[1]], one) for one in joint.nearness
-    )
     return Together(
         planned,
         {name: None if goal is None else goal + 1 for name, goal in chosen.items()},
         tuple(k + 1 for k in range(len(goals)) if k not in going.values()),
-        nearness,
-        job.separation or 0.0,
+        _nearness(flow, drawn if apart else (), joint, tuple(going), apart),
+        apart,
         count,
     )
+
+
+def _nearness(
+    flow: Flow,
+    drawn: Sequence[Sample],
+    joint: JointMissions,
+    names: tuple[str, ...],
+    separation: float,
+) -> tuple[tuple[str, str, Nearness], ...]:
+    """Return how near each two missions come, with the names of their vehicles; shares are of samples that the ways were not chosen by."""
+    found = list[tuple[str, str, Nearness]]()
+    for one in joint.nearness:
+        if drawn:
+            share = share_of_nearer(flow, drawn, joint, one.vehicles, separation)
+            one = replace(one, share=share)
+        found.append((names[one.vehicles[0]], names[one.vehicles[1]], one))
+    return tuple(found)
 
 
 def _of_its_own(times: Array, vehicles: Sequence[str], goals_of: Sequence[str]) -> Array:
