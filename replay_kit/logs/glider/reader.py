@@ -10,6 +10,7 @@ import numpy as np
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import Loss, Message
 from replay_kit.core.observation import Fix
+from replay_kit.core.text import count_text
 from replay_kit.logs.glider.adcp import INVERTED
 from replay_kit.logs.glider.columns import Columns, joined, read_columns
 from replay_kit.logs.glider.currents import DiveMean, mean_currents
@@ -72,6 +73,9 @@ class GliderReader(LogFile):
         notes = list(notes)
         if len(self.files) > 1:
             notes.insert(0, f"{self._dialect.title}: {len(self.files)} files are one log")
+        if left_out := sum(part.content.attributes.get("lines_left_out", 0) for part in files):
+            found = count_text(left_out, "line")
+            notes.append(f"{found} with fewer or more columns than the heading, not used")
         self.mission = _one_mission(files, notes)
         self._columns = joined([read_columns(part.content, self._dialect, notes) for part in files])
         self._fixes, self._lost_fixes = fixes_of(self._columns, notes)

@@ -168,3 +168,5 @@ def test_the_parts_of_a_seaexplorer_come_back_with_their_fixes(tmp_path):
         )
     assert "Declination: declination 17 degrees" in " ".join(log.report().notes)
     assert "Timestamp: 1 values without a time, excluded" in log.report().notes
+    # cut off at its end
+    assert "1 line with fewer or more columns than the heading, not used" in log.report().notes
