@@ -60,7 +60,7 @@ def _kill(count: int, seed: int, name: str | None) -> int:
 
     wrong = 0
     with tempfile.TemporaryDirectory() as folder:
-        make_inputs(Path(folder))
+        make_inputs(Path(folder), 10)
         for kind in [name] if name else KINDS:
             for sent in SIGNALS:
                 result = kill(kind, Path(folder), count, seed, sent)

@@ -46,19 +46,6 @@ def _of_zeros(file: h5py.File, name: str, shape: Sequence[int], part: Sequence[i
         data.id.write_direct_chunk(tuple(np.multiply(at, part).tolist()), packed)
 
 
-def _grid(folder: Path, names: Sequence[str], **sizes: int) -> str:
-    """Write a NetCDF file of zeros on a grid and return its name."""
-    with h5py.File(folder / "grid.nc", "w") as file:
-        for dim, size in sizes.items():
-            file.create_dataset(dim, data=np.linspace(1.0, 50.0, size)).make_scale(dim)
-        for name in names:
-            shape = tuple(sizes.values())
-            _of_zeros(file, name, shape, [min(size, 1000) for size in shape])
-            for axis, dim in zip(file[name].dims, sizes, strict=True):
-                axis.attach_scale(file[dim])
-    return str(folder / "grid.nc")
-
-
 def _glider(folder: Path) -> list[str]:
     with h5py.File(folder / "p0170001.nc", "w") as file:
         file.attrs["platform"] = "Seaglider"
@@ -72,16 +59,6 @@ def replay_of(folder: Path, *options: str) -> list[str]:
     own = () if "--ensemble" in options else ("--ensemble", str(SAMPLES / "ensemble.nc"))
     survey = str(SAMPLES / "survey.mcap")
     return ["replay", survey, *own, *options, "-o", str(folder / "out.mcap")]
-
-
-def _ensemble(folder: Path) -> list[str]:
-    grid = _grid(folder, ("u", "v"), member=4, depth=2, lat=5000, lon=5000)
-    return replay_of(folder, "--ensemble", grid)
-
-
-def _bottom(folder: Path) -> list[str]:
-    file = _grid(folder, ("elevation",), lat=20_000, lon=20_000)
-    return replay_of(folder, "--planner.bathymetry", file)
 
 
 def _plan(folder: Path, *options: str) -> list[str]:
@@ -144,9 +121,6 @@ BOMBS: dict[str, Attack] = {
     "gzip: 2 GB of empty lines": _gzip(b"\n", 2_000_000_000),
     "gzip: 2 GB of one line": _gzip(b"1", 2_000_000_000),
     "gzip: 400 MB of rows": _gzip(b"01/01/2020 00:00:00;1;2;3\n", 400_000_000),
-    "drifters: 10 million rows": info_of(
-        "drifters.csv", lambda: _DRIFTERS + b"1,,,\n" * 10_000_000
-    ),
     "drifters: a long value": info_of(
         "drifters.csv", lambda: _DRIFTERS + b"1,,,\n" * 50_000 + b"1" * 100_000 + b",,,\n"
     ),
@@ -154,8 +128,6 @@ BOMBS: dict[str, Attack] = {
         "radials.ruv", lambda: b"%CTF: 1.00\n" + b"\n" * 60_000_000
     ),
     "NetCDF glider: 5 GB of zeros": _glider,
-    "NetCDF ensemble: 1.6 GB of zeros": _ensemble,
-    "bathymetry: 1.6 GB of zeros": _bottom,
     "areas: 100,000 nested lists": _areas(
         "areas.json", lambda: _AREA + b"[" * 100_000 + b"]" * 100_000 + b"}"
     ),

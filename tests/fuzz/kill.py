@@ -81,6 +81,9 @@ def kill(
         sent: The signal.
     """
     command, pattern = KINDS[kind][0].format(folder), KINDS[kind][1]
+    if "fleet" not in kind:
+        # what it imports every child has; with the threads of a scheduler none could be forked
+        invoke(command)
     _clear(folder)
     begin = time.perf_counter()
     _run(command)
@@ -127,7 +130,7 @@ def _clear(folder: Path) -> None:
 
 
 def _run(command: str) -> None:
-    """Run a command to its end, in a child too: of a process with the threads of a scheduler no other could be forked."""
+    """Run a command to its end, in a child too."""
     _, status = os.waitpid(_started(command), 0)
     assert os.waitstatus_to_exitcode(status) in (0, 6), command
 
