@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from io import BytesIO
 from textwrap import fill
 from typing import Any
@@ -109,6 +110,10 @@ def missing(title: str, why: str) -> Panel:
 
 class ShownFigure(Figure):
     """A figure that a notebook shows without pyplot."""
+
+    def draw(self, renderer: Any) -> None:
+        """Draw in the style of print wherever it is drawn: a layout may add ticks, whose labels were larger."""
+        styled(partial(super().draw, renderer))
 
     def _repr_png_(self) -> bytes:
         self.savefig(file := BytesIO(), format="png", dpi=120)

@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -16,6 +16,7 @@ WIDTHS = {1: 3.35, 2: 6.9}
 #: Forms of a figure's file.
 ENDINGS = (".png", ".svg", ".pdf")
 
+_Made = TypeVar("_Made")
 _STYLE: Any = {
     "font.family": "DejaVu Sans",  # matplotlib brings it along: the same letters on every machine
     "font.size": 7.0,
@@ -63,8 +64,8 @@ def colorbar(axes: Axes, mesh: Any, label: str, extend: str = "neither") -> None
     )
 
 
-def styled(make: Callable[[], Figure]) -> Figure:
-    """Return a figure that is made in the style of print."""
+def styled(make: Callable[[], _Made]) -> _Made:
+    """Return what is made in the style of print."""
     with rc_context(_STYLE):
         return make()
 
