@@ -190,7 +190,9 @@ def scale_error_std(profile: LinearMeasurement) -> float | None:
     return profile.common_std if stated else None
 
 
-def scale_jacobian(gates: Gates, inflation: Array, ones: Array, common_std: Array | None) -> Array:
+def scale_jacobian(
+    gates: Gates, error_factor: Array, ones: Array, common_std: Array | None
+) -> Array:
     """Return the derivative of the log-densities' Jacobian with respect to a scale error, at zero: to be subtracted from its score; (n,).
 
     With sound error statements the regressor contains, on average, one unit of the innovation for each component, less the share of the
@@ -199,13 +201,13 @@ def scale_jacobian(gates: Gates, inflation: Array, ones: Array, common_std: Arra
 
     Args:
         gates: Of the profiles.
-        inflation: shape (n,), factor on the error variance.
+        error_factor: shape (n,), factor on the error variance.
         ones: shape (n, q), the rows of a velocity of one in all bins.
         common_std: shape (n,), see ``scale_error_std``; None where there is none.
     """
     if common_std is None:
         return np.zeros(len(gates.along))
-    q, over = ones.shape[1], 1.0 / (gates.variance + inflation[:, None])
+    q, over = ones.shape[1], 1.0 / (gates.variance + error_factor[:, None])
     turned = [
         np.matmul(gates.vectors.swapaxes(1, 2)[:, :, c * q : (c + 1) * q], ones[..., None])[..., 0]
         for c in range(2)

@@ -51,7 +51,7 @@ class Gates:
         statistic: shape (n,), normalised innovation squared of the compressed rows, with the errors as adapted.
         threshold: shape (n,), chi-square threshold of the statistic; inf without a gate.
         exceeds: shape (n,), whether the profile exceeds the gate, in the sum or in one direction.
-        inflation: shape (n,), factor, at least 1, on the profile's error variance.
+        error_factor: shape (n,), factor, at least 1, on the profile's error variance.
         dof: shape (n,), number of compressed rows.
         variance: shape (n, m), eigenvalues of the rows' predicted covariance; 0 of empty rows.
         vectors: shape (n or 1, m, m), eigenvectors.
@@ -62,7 +62,7 @@ class Gates:
     statistic: Array
     threshold: Array
     exceeds: NDArray[np.bool_]
-    inflation: Array
+    error_factor: Array
     dof: NDArray[np.intp]
     variance: Array
     vectors: Array

@@ -69,12 +69,12 @@ class GroupResult:
         assert update.step is not None, "some are accepted"
         means = np.stack([self.before.means[:, 0], update.step.after.means[:, 0], self.prior])
         before, after, prior = column_misfits(stack, means)
-        inflation, dof = gate.inflation[accepted], int(np.sum(stack.of_each("dof")))
+        error_factor, dof = gate.error_factor[accepted], int(np.sum(stack.of_each("dof")))
         softened = int(np.count_nonzero(gate.decision[accepted] == SOFTENED))
         flags = screened.flags[at[0]]
         if not self._is_one:
             flags = np.where(stack.used.any(axis=0), Flag.GOOD, flags).astype(np.int8)
-        likelihood = self._log_likelihood(stack, np.ones(1) if self._is_one else inflation)
+        likelihood = self._log_likelihood(stack, np.ones(1) if self._is_one else error_factor)
         return replace(
             screened.unused(int(at[0])),
             time_ns=mean_time([screened.events[i] for i in at]),
@@ -87,7 +87,7 @@ class GroupResult:
             nis=float(update.nis[accepted].sum()),
             dof=dof,
             accepted=True,
-            error_inflation=float(accepted.size / np.sum(1.0 / inflation)),
+            error_inflation=float(accepted.size / np.sum(1.0 / error_factor)),
             decision="softened" if softened else "accepted",
             gate_statistic=float(gate.statistic[0]),
             gate=float(gate.threshold[0]),
@@ -118,8 +118,8 @@ class GroupResult:
             return np.nan
         return float(np.sqrt(np.mean(self._variances(stack, column)[0][:, stack.used[0]])))
 
-    def _log_likelihood(self, stack: Stack, inflation: Array) -> float:
-        """Return the logarithm of the density of all values under the column before the group, with errors of some inflation."""
+    def _log_likelihood(self, stack: Stack, error_factor: Array) -> float:
+        """Return the logarithm of the density of all values under the column before the group, with errors of some error_factor."""
         update = self.update
         if self._is_one:
             # of unit noise, as stated: along the eigenvectors that the gate found
@@ -128,9 +128,11 @@ class GroupResult:
         else:
             assert update.step is not None
             square, half_log_det = update.step.fit
-            square += update.step.rows.residual + float(np.sum(stack.residual_square / inflation))
+            square += update.step.rows.residual + float(
+                np.sum(stack.residual_square / error_factor)
+            )
         noise = len(stack.components) * stack.of_each("half_log_det")
-        noise = noise + 0.5 * stack.of_each("dof") * np.log(inflation)
+        noise = noise + 0.5 * stack.of_each("dof") * np.log(error_factor)
         return float(-0.5 * square - half_log_det - np.sum(noise))
 
 

@@ -197,12 +197,14 @@ def evaluate_group(
         known = part.bias_rows(misfit)
         biases = np.zeros((*part.y.shape, len(NAMES))) if known is None else known
         values = np.concatenate([part.y[..., None], biases], axis=-1)[accepted]
-        whole = combined(r if len(r) == 1 else r[accepted], values, 1.0 / gate.inflation[accepted])
+        whole = combined(
+            r if len(r) == 1 else r[accepted], values, 1.0 / gate.error_factor[accepted]
+        )
         parts.append(whole)
         if rows[-1] + 1 < len(stack.observations):
             column = column.updated(whole).after
         if known is not None:
-            jacobians = scale_jacobian(gate, gate.inflation, part.ones, part.scale_error_std)
+            jacobians = scale_jacobian(gate, gate.error_factor, part.ones, part.scale_error_std)
             jacobian += float(jacobians[accepted].sum())
     whole_rows = parts[0] if parts else None
     if len(parts) > 1:
@@ -243,14 +245,14 @@ def gate_profiles(
     # one value has no neighbour
     if not correlated or stack.used.shape[1] < 2:
         return gates
-    scale = gates.inflation[:, None]
+    scale = gates.error_factor[:, None]
     share = gates.variance / (gates.variance + scale) * gates.along
     after = mean + np.matmul(gates.vectors, share[..., None])[..., 0].reshape(
         n, len(stack.components), -1
     )
     residual = stack.whitened_misfit(after) / np.sqrt(scale)[..., None]
     further = dependence_inflation(residual, dof)
-    return replace(gates, inflation=np.where(gates.accepted, further, 1.0) * gates.inflation)
+    return replace(gates, error_factor=np.where(gates.accepted, further, 1.0) * gates.error_factor)
 
 
 def _stages(n: int) -> Iterator[NDArray[np.intp]]:

@@ -83,7 +83,10 @@ def joint(estimator, observations):
         column = estimator.group_column(state, screened)
         update = estimator.evaluated(state, column)
         rows.append(
-            [part / np.sqrt(update.gate.inflation[0]) for part in dense_rows(observation, static)]
+            [
+                part / np.sqrt(update.gate.error_factor[0])
+                for part in dense_rows(observation, static)
+            ]
         )
         slopes.append(update.scale_jacobian)
         state = estimator.assimilated(screened, column, (state, update))[-1].after

@@ -35,7 +35,7 @@ def gate_innovation(innovation, cov, residual, config, is_consistent=True):
     gates = gate_innovations(
         innovation[None], cov[None], size, (square, dof), config, is_consistent
     )
-    names = ("statistic", "threshold", "exceeds", "inflation")
+    names = ("statistic", "threshold", "exceeds", "error_factor")
     values = {name: getattr(gates, name)[0] for name in names}
     return SimpleNamespace(decision=DECISIONS[gates.decision[0]], **values)
 

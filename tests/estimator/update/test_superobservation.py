@@ -220,16 +220,16 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
         if single.decision == "rejected":
             continue
         mean = (
-            cov @ np.linalg.solve(cov + single.inflation * np.eye(len(cov)), innovation)
+            cov @ np.linalg.solve(cov + single.error_factor * np.eye(len(cov)), innovation)
             + design @ column.means[:, 0]
         )
         known = layout.dof // 2
         left = (layout.whiten @ part.values[0])[:known] - layout.q[
             :known, : layout.k
         ] @ mean.reshape(2, -1).T
-        left = left / np.sqrt(single.inflation)
+        left = left / np.sqrt(single.error_factor)
         further = dependence_inflation(left[None], np.array([left.size]))
-        assert found.inflation[i] == pytest.approx(single.inflation * further)
+        assert found.error_factor[i] == pytest.approx(single.error_factor * further)
     assert len(seen) == (2 if gate in ("reject", "soften") else 1)
 
 
