@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.show.numbers import Shown
 
 #: Headings of ``vehicle_rows``.
 COLUMNS = (
@@ -25,7 +26,13 @@ ABOUT_VALUE = (
 
 
 def vehicle_rows(outcome: Outcome) -> list[tuple[str, ...]]:
-    """Return a row for each vehicle, as text; also for those that gave nothing to the estimate."""
+    """Return ``vehicle_cells`` as text."""
+    cells = vehicle_cells(outcome)
+    return [tuple(one if isinstance(one, str) else one.text for one in row) for row in cells]
+
+
+def vehicle_cells(outcome: Outcome) -> list[tuple[str | Shown, ...]]:
+    """Return a row for each vehicle; also for those that gave nothing to the estimate."""
     rows = [
         _row(name, values, outcome.value.get(name, {})) for name, values in outcome.vehicles.items()
     ]
@@ -33,17 +40,19 @@ def vehicle_rows(outcome: Outcome) -> list[tuple[str, ...]]:
     return rows + [(name, "0", *[""] * (len(COLUMNS) - 3), "not used") for name in aside]
 
 
-def _row(name: str, values: Mapping[str, Any], value: Mapping[str, Any]) -> tuple[str, ...]:
+def _row(name: str, values: Mapping[str, Any], value: Mapping[str, Any]) -> tuple[str | Shown, ...]:
     counts, plan = values["observations"], values["plan"]
     error, without = (value.get(f"standard_error{end}") for end in ("", "_without"))
     found = [one["contradiction"] for one in values["consistency"]]
+    of, used, means = f"vehicles.{name}", counts["used"], counts.get("mean_currents", 0)
+    nis = values["nis_per_dof"]
     return (
         name,
-        str(counts["used"]),
-        str(counts.get("mean_currents", 0)),
-        _cm(values["rms_innovation"]["before"]),
-        "" if values["nis_per_dof"] is None else f"{values['nis_per_dof']:.2f}",
-        _cm(value.get("rms_change")),
+        Shown(f"{of}.observations.used", used, str(used)),
+        Shown(f"{of}.observations.mean_currents", means, str(means)),
+        _cm(f"{of}.rms_innovation.before", values["rms_innovation"]["before"]),
+        "" if nis is None else Shown(f"{of}.nis_per_dof", nis, f"{nis:.2f}"),
+        _cm(f"value.{name}.rms_change", value.get("rms_change")),
         f"{without / error:.2f}" if error and without else "",
         "" if plan is None else plan["status"],
         f"{values['decision']}: {found[0]}" if found else values["decision"],
@@ -57,5 +66,5 @@ def vehicle_sentences(outcome: Outcome) -> Iterator[str]:
         yield from (f"Note: {name}: {note}" for note in values["notes"])
 
 
-def _cm(value: float | None) -> str:
-    return "" if value is None else f"{100.0 * value:.2f}"
+def _cm(key: str, value: float | None) -> str | Shown:
+    return "" if value is None else Shown(key, value, f"{100.0 * value:.2f}")

@@ -6,11 +6,12 @@ from html import escape
 from replay_kit.core.errors import finding_line
 from replay_kit.core.text import count_text, time_text
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.numbers import Shown
 from replay_kit.show.page import page_html
 from replay_kit.show.page.section import Section, items_html, table_html
 from replay_kit.show.report.sections.again import again_section
 from replay_kit.show.report.sections.current_map import map_beside
-from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_rows, vehicle_sentences
+from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_cells, vehicle_sentences
 from replay_kit.show.words import estimate_sentences
 
 
@@ -40,8 +41,8 @@ def _card(contents: Contents, pages: Mapping[str, str]) -> str:
     """Return how far to trust the estimate, and each vehicle in a line."""
     outcome = contents.outcome
     rows = [
-        f"{_link(row[0], pages)}: {row[1]} measurements; {escape(row[-1])}"
-        for row in vehicle_rows(outcome)
+        f"{_link(str(name), pages)}: {_html(used)} measurements; {_html(verdict)}"
+        for name, used, *_, verdict in vehicle_cells(outcome)
     ]
     return (
         f"<h3>{escape(str(outcome.decision).capitalize())}</h3>"
@@ -52,22 +53,23 @@ def _card(contents: Contents, pages: Mapping[str, str]) -> str:
 def _vehicles(contents: Contents, pages: Mapping[str, str]) -> Section:
     """Return the table of the vehicles, what their measurements are worth, and what is to be known of each."""
     outcome = contents.outcome
-    rows = [
-        (_link(name, pages), *(escape(cell) for cell in rest))
-        for name, *rest in vehicle_rows(outcome)
-    ]
+    rows = [(_link(str(name), pages), *map(_html, rest)) for name, *rest in vehicle_cells(outcome)]
+    before = (*contents.notes, *map(finding_line, outcome.consistency))
+    after = (*outcome.notes, *vehicle_sentences(outcome))
     said = [
-        *contents.notes,
-        *map(finding_line, outcome.consistency),
-        *map(str, estimate_sentences(outcome)),
-        *outcome.notes,
-        *vehicle_sentences(outcome),
+        *map(escape, before),
+        *(each.html for each in estimate_sentences(outcome)),
+        *map(escape, after),
     ]
     table = table_html(
         COLUMNS, rows, "Vehicles: what each measured, and what the estimate would be without it"
     )
-    html = f"{table}<p>{escape(ABOUT_VALUE)}.</p>{items_html([escape(text) for text in said])}"
+    html = f"{table}<p>{escape(ABOUT_VALUE)}.</p>{items_html(said)}"
     return Section("vehicles", "Vehicles", html)
+
+
+def _html(cell: str | Shown) -> str:
+    return escape(cell) if isinstance(cell, str) else cell.html
 
 
 def _link(name: str, pages: Mapping[str, str]) -> str:

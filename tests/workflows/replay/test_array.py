@@ -266,6 +266,9 @@ def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
     assert invoke(f"report {out}").exit_code == 0
     page = (tmp_path / "array.html").read_text()
     assert all(f'href="array.sg{k}.html"' in page for k in (1, 2, 3))
+    for name, values in result.outcome.vehicles.items():
+        used = values["observations"]["used"]
+        assert f'<data data-key="vehicles.{name}.observations.used" value="{used}">' in page
     assert (tmp_path / "array.sg2.html").stat().st_size > 100_000
     assert invoke(f"plot {out} map -o {tmp_path / 'm.png'}").exit_code == 0
     refused = invoke(f"plot {out} dac -o {tmp_path / 'd.png'}")
