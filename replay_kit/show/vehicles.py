@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.show.numbers import Shown
+from replay_kit.show.numbers import Sentence, Shown
 
 #: Headings of ``vehicle_rows``.
 COLUMNS = (
@@ -27,8 +27,7 @@ ABOUT_VALUE = (
 
 def vehicle_rows(outcome: Outcome) -> list[tuple[str, ...]]:
     """Return ``vehicle_cells`` as text."""
-    cells = vehicle_cells(outcome)
-    return [tuple(one if isinstance(one, str) else one.text for one in row) for row in cells]
+    return [tuple(str(Sentence([cell])) for cell in row) for row in vehicle_cells(outcome)]
 
 
 def vehicle_cells(outcome: Outcome) -> list[tuple[str | Shown, ...]]:

@@ -119,7 +119,7 @@ class GroupResult:
         return float(np.sqrt(np.mean(self._variances(stack, column)[0][:, stack.used[0]])))
 
     def _log_likelihood(self, stack: Stack, error_factor: Array) -> float:
-        """Return the logarithm of the density of all values under the column before the group, with errors of some error_factor."""
+        """Return the logarithm of the density of all values under the column before the group, with errors that some factor inflates."""
         update = self.update
         if self._is_one:
             # of unit noise, as stated: along the eigenvectors that the gate found

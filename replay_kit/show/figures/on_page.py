@@ -21,7 +21,7 @@ _NAME, _NAMES = 22, 40
 def figure_of(chart: Chart) -> Figure:
     """Return a chart as a figure of a page."""
     marks = [mark for panel in chart.panels for mark in panel.marks]
-    x_axis = _axis(chart.x, [values_of(chart.tables, mark.x) for mark in marks])
+    x_axis = _axis(chart.x, chart.tables, [mark.x for mark in marks])
     layout: dict[str, Any] = {"height": chart.height, "xaxis": x_axis, "shapes": []}
     traces, named = [], set[str]()
     room = (1.0 - _GAP * (len(chart.panels) - 1)) / sum(panel.share for panel in chart.panels)
@@ -29,8 +29,8 @@ def figure_of(chart: Chart) -> Figure:
     for number, panel in enumerate(chart.panels):
         axis = f"y{number + 1}" if number else "y"
         bottom = max(top - room * panel.share, 0.0)
-        heights = [values_of(chart.tables, mark.y) for mark in panel.marks]
-        layout[f"yaxis{axis[1:]}"] = {**_axis(panel.y, heights), "domain": [bottom, top]}
+        y_axis = _axis(panel.y, chart.tables, [mark.y for mark in panel.marks])
+        layout[f"yaxis{axis[1:]}"] = {**y_axis, "domain": [bottom, top]}
         layout["xaxis"]["anchor"] = axis
         layout["shapes"] += _shapes(panel, axis)
         top = bottom - _GAP
@@ -131,8 +131,8 @@ def _values(values: Values | None) -> Any:
     return f"${values}" if isinstance(values, str) else column_of("_km", values)
 
 
-def _axis(axis: Axis, values: list[Any]) -> dict[str, Any]:
-    """Return an axis along which marks have values."""
+def _axis(axis: Axis, tables: Tables, along: list[Values]) -> dict[str, Any]:
+    """Return an axis along which marks have values, which a logarithmic one alone looks at."""
     text = f"{axis.label} [{axis.unit}]" if axis.unit else axis.label
     # names say what they are of
     out: dict[str, Any] = {} if axis.labels else {"title": {"text": text}}
@@ -143,7 +143,8 @@ def _axis(axis: Axis, values: list[Any]) -> dict[str, Any]:
         texts = ["<br>".join(textwrap.wrap(axis.labels[k], _NAME)) for k in named]
         out |= {"tickmode": "array", "tickvals": list(named), "ticktext": texts, "zeroline": False}
     elif axis.log:
-        ticks = log_ticks(np.concatenate(values).astype(np.float64))
+        values = np.concatenate([values_of(tables, each) for each in along])
+        ticks = log_ticks(values.astype(np.float64))
         texts = [f"{tick:.10g}" for tick in ticks]
         out |= {"type": "log", "tickmode": "array", "tickvals": ticks, "ticktext": texts}
     return out

@@ -6,7 +6,7 @@ from html import escape
 from replay_kit.core.errors import finding_line
 from replay_kit.core.text import count_text, time_text
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.numbers import Shown
+from replay_kit.show.numbers import Sentence
 from replay_kit.show.page import page_html
 from replay_kit.show.page.section import Section, items_html, table_html
 from replay_kit.show.report.sections.again import again_section
@@ -41,7 +41,7 @@ def _card(contents: Contents, pages: Mapping[str, str]) -> str:
     """Return how far to trust the estimate, and each vehicle in a line."""
     outcome = contents.outcome
     rows = [
-        f"{_link(str(name), pages)}: {_html(used)} measurements; {_html(verdict)}"
+        f"{_link(str(name), pages)}: {Sentence([used]).html} measurements; {Sentence([verdict]).html}"
         for name, used, *_, verdict in vehicle_cells(outcome)
     ]
     return (
@@ -53,7 +53,10 @@ def _card(contents: Contents, pages: Mapping[str, str]) -> str:
 def _vehicles(contents: Contents, pages: Mapping[str, str]) -> Section:
     """Return the table of the vehicles, what their measurements are worth, and what is to be known of each."""
     outcome = contents.outcome
-    rows = [(_link(str(name), pages), *map(_html, rest)) for name, *rest in vehicle_cells(outcome)]
+    rows = [
+        (_link(str(name), pages), *(Sentence([cell]).html for cell in rest))
+        for name, *rest in vehicle_cells(outcome)
+    ]
     before = (*contents.notes, *map(finding_line, outcome.consistency))
     after = (*outcome.notes, *vehicle_sentences(outcome))
     said = [
@@ -66,10 +69,6 @@ def _vehicles(contents: Contents, pages: Mapping[str, str]) -> Section:
     )
     html = f"{table}<p>{escape(ABOUT_VALUE)}.</p>{items_html(said)}"
     return Section("vehicles", "Vehicles", html)
-
-
-def _html(cell: str | Shown) -> str:
-    return escape(cell) if isinstance(cell, str) else cell.html
 
 
 def _link(name: str, pages: Mapping[str, str]) -> str:
