@@ -222,7 +222,7 @@ def _sums(rows: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def _joined(tables: Sequence["pd.DataFrame"]) -> "pd.DataFrame":
-    """Return tables of the same columns one below the other; a column that one lacks is NaN there."""
+    """Return tables of the same columns one below the other, with the types of ``table_of``: pandas joins texts to another type."""
     held = [table for table in tables if len(table)] or tables[:1]
     if len(held) == 1:
         return held[0]
