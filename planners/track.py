@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from planners.flow import field_function
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.functions import depth_weights
 
 # Each round narrows the time of closest approach sixteenfold; five leave well under a millimetre.
 _ZOOM_POINTS, _ZOOM_ROUNDS = 33, 5

@@ -4,9 +4,8 @@ from typing import Literal
 
 import numpy as np
 
-from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalKernel, NodeKernel
+from replay_kit.core.flow.functions import DepthFunctions, HorizontalKernel, NodeKernel
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Grid, Projection
 

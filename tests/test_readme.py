@@ -16,8 +16,8 @@ from matplotlib import pyplot
 
 from replay_kit.cli.app import app
 from replay_kit.cli.help import repeat_ensembles
-from replay_kit.config.fleet import load_fleet
 from replay_kit.config.run import RunConfig, load_config
+from replay_kit.workflows.fleet.missions import load_fleet
 from tests.command import run_command
 from tests.places import ROOT
 

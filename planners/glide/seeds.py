@@ -13,8 +13,8 @@ from planners.glide.transcription import Glide, GlideTask
 from planners.route.region import Region
 from planners.track import rk4_step, velocity_through_water
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.functions import depth_weights
 
 # Table points for each kernel length, and at most how many along a side.
 _PER_LENGTH, _MOST_POINTS = 3.0, 120

@@ -18,9 +18,9 @@ from planners.mission.values import MissionRequest, MissionSettings
 from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.depth_means import DepthMeans, depth_means
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import (
     grid_bearing_of_true_north,
     heading_deg,

@@ -1,6 +1,6 @@
 """The request for a mission, what it minimises and what ranks the missions found, and the plan that answers it.
 
-``replay_kit/core/objective.py`` lists the names of the objectives.
+``replay_kit/core/extensions.py`` lists the names of the objectives.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,8 +14,7 @@ from planners.route.hazards import NoGo
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.extensions import additions
-from replay_kit.core.objective import is_objective, objective_names
+from replay_kit.core.extensions import additions, is_objective, objective_names
 from replay_kit.core.plan import Place, PlanStatus
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 
 #: Steps of the drift at the surface.
 DRIFT_STEPS = 2

@@ -17,8 +17,8 @@ from planners.flow import graph_key
 from planners.shooting.stream import ORDERS, Stream, stream_of
 from planners.solver import Recent
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.functions import depth_weights
 
 _DEGREE = 5
 _WINDOW = _DEGREE + 1

@@ -64,7 +64,7 @@ def option(
 
     def converted(_: type, tokens: Sequence[Token]) -> float:
         # the models of settings take as long to load as the help
-        from replay_kit.config.section import in_unit
+        from replay_kit.config.file import in_unit
 
         try:
             return float(str(in_unit(tokens[0].value, help)))

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from replay_kit.config.section import Section
+from replay_kit.config.file import Section
 
 _PATH_PART = r"[^.\s][^.]*"
 Path = Annotated[str, Field(pattern=rf"^{_PATH_PART}(\.{_PATH_PART})*$")]

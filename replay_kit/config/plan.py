@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 from pydantic import ConfigDict, Field
 
+from replay_kit.config.file import Section
 from replay_kit.config.option import PLACE, PLACES, Numbers, Option, numbers
-from replay_kit.config.section import Section
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.objective import ObjectiveName
+from replay_kit.core.extensions import ObjectiveName
 from replay_kit.core.text import time_text
 from replay_kit.core.time import parse_duration, parse_time
 

@@ -7,10 +7,10 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from replay_kit.config.file import Section
 from replay_kit.config.option import Option
-from replay_kit.config.section import Section
 from replay_kit.core.as_flown import AsFlown
-from replay_kit.core.objective import ObjectiveName, is_objective, objective_names
+from replay_kit.core.extensions import ObjectiveName, is_objective, objective_names
 
 # Of a vehicle that is not known to have dived: m/s, m; and glide angles in degrees.
 _SPEED, _DEPTH = 0.3, 500.0

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
-from replay_kit.config.section import Section
+from replay_kit.config.file import Section
 
 
 def _off_is_none(value: object) -> object:

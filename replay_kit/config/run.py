@@ -17,15 +17,13 @@ from pydantic import (
     model_validator,
 )
 
-from replay_kit.config.file import explain, read_toml, refuse_earlier
-from replay_kit.config.gating import ConsistencyConfig, GatingConfig
+from replay_kit.config.estimation import ConsistencyConfig, GatingConfig, TimeConfig
+from replay_kit.config.file import Section, explain, read_toml, refuse_earlier
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.option import Option
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.quality import QualityConfig, checked_rules
-from replay_kit.config.section import Section
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.time import parse_time
 

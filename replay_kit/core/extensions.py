@@ -1,4 +1,4 @@
-"""Additions by installed packages: entry points in groups named ``replay_kit.KIND``.
+"""Additions by installed packages: entry points in groups named ``replay_kit.KIND``; and the names of objectives, with those added.
 
 A package adds a value of a kind under a name of its choice. It is loaded when a value of its kind is first needed, and a package that
 cannot be loaded ends the run: a result must not depend on whether an addition happened to load.
@@ -7,12 +7,13 @@ cannot be loaded ends the run: a result must not depend on whether an addition h
 from collections.abc import Callable, Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from replay_kit.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
+
 
 #: ``logs``: function ``open(path, input, config, wanted)`` that returns a ``LogFile``, or None for a file that is not its own.
 #: ``dialects``: ``Dialect`` of glider files. ``estimators``: function of an ``Ensemble`` and the ``EstimatorConfig`` that returns an
@@ -83,3 +84,16 @@ def _words(point: "EntryPoint") -> str:
         "" if point.dist is None else f" of the package {point.dist.name} {point.dist.version}"
     )
     return f"{point.group}: {point.name} = {point.value}{package}"
+
+
+ObjectiveName = Literal["time", "energy", "odds", "closest"]
+
+
+def is_objective(name: str) -> bool:
+    """Return whether an objective has a name."""
+    return name in get_args(ObjectiveName) or name in names_of("objectives")
+
+
+def objective_names() -> tuple[str, ...]:
+    """Return the names of all objectives: the project's own, then those that installed packages add."""
+    return (*get_args(ObjectiveName), *names_of("objectives"))

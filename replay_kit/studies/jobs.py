@@ -14,8 +14,7 @@ from replay_kit.core.errors import (
     MeasurementError,
     PlanError,
 )
-from replay_kit.core.progress import Progress, silent
-from replay_kit.core.tasks import each_call
+from replay_kit.core.progress import Progress, each_call, silent
 
 Value = TypeVar("Value")
 

@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.evidence import bootstrap_interval
+from replay_kit.core.evidence import bootstrap_interval, coverage, crps_gaussian
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.gaussian import coverage, crps_gaussian
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator import Estimator, build_estimator
 from replay_kit.estimator.baselines import BASELINES, build_baseline

@@ -13,7 +13,7 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import read_record
 from replay_kit.show import Result, open_result
 from replay_kit.show.report import report_html
-from replay_kit.show.report.several import several_html
+from replay_kit.show.report.pages import several_html
 from replay_kit.workflows.sound import sound_result
 
 _RECOVERED = "The result is damaged or cut short: this shows what could be recovered."

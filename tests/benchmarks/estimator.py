@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.basis.modes import build_basis

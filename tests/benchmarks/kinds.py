@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig, ForecastConfig, load_config
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import lsqr
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig, ForecastConfig, RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic

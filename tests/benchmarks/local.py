@@ -13,8 +13,8 @@ import numpy as np
 
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.depth_means import depth_means
+from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build_estimator

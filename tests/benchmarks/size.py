@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.flow.netcdf import to_dataset
 from replay_kit.core.grid import Ensemble, Grid

@@ -3,8 +3,7 @@
 import numpy as np
 import scipy.linalg
 
-from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.flow.functions import depth_weights, velocity_kernel
 from tests.reference import lattice
 
 

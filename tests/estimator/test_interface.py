@@ -6,8 +6,8 @@ from inspect import isfunction
 import numpy as np
 import pytest
 
+from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Flag, Reason

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.observation import Flag, Label, LinearMeasurement, Source
 from replay_kit.estimator import build_estimator

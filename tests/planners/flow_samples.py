@@ -8,9 +8,13 @@ import numpy as np
 
 from planners import MissionPlan, MissionRequest, NoGo, plan_mission
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalKernel, NodeKernel, velocity_kernel
+from replay_kit.core.flow.functions import (
+    DepthFunctions,
+    HorizontalKernel,
+    NodeKernel,
+    velocity_kernel,
+)
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.plan import Place

@@ -8,7 +8,7 @@ import pytest
 
 from planners.flow import field_function, latent_over_time
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.functions import HorizontalKernel, velocity_kernel
 from tests.planners.flow_samples import eddying_flow, random_points
 
 CASES = [

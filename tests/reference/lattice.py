@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from replay_kit.core.flow.horizontal import NodeKernel, velocity_kernel
+from replay_kit.core.flow.functions import NodeKernel, velocity_kernel
 
 # nearest lattice lines that count, on either side of a place
 _NEAR = 9

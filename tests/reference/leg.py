@@ -11,8 +11,8 @@ from planners.shooting.frames import frame_function
 from planners.shooting.schedule import DRIFT_STEPS
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 
 
 def stage_latent(latent: Array, levels: Array, functions: DepthFunctions, depths: Array) -> Array:

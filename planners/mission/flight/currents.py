@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from planners.flow import graph_key, latent_over_time
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import NodeKernel
+from replay_kit.core.flow.functions import NodeKernel, depth_weights
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 
 #: A current that does not change, or its flows at increasing times.

@@ -25,7 +25,7 @@ from planners.mission.search.passage import Water, currents_through, longest_tim
 from planners.mission.solve.attempt import Bound, Limit
 from planners.mission.task import LEAST_DIVE, MissionTask, YoDepths
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.functions import depth_weights
 
 # What a bound is multiplied by, for the error of the lattice against Zermelo's rays: in currents up to a share of the vehicle's speed on
 # the way, where the rays were 0.12 % before the front at most, in faster ones, 0.7 %, and in strong ones.

@@ -28,9 +28,8 @@ from replay_kit.core.paths import Address, check_folder, check_paths
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from replay_kit.config.fleet import FleetTable
     from replay_kit.workflows.fleet.cluster import Cluster
-    from replay_kit.workflows.fleet.missions import Mission
+    from replay_kit.workflows.fleet.missions import FleetTable, Mission
     from replay_kit.workflows.fleet.run import Outcome
 
 
@@ -139,7 +138,7 @@ def fleet(
 
 def _table(missions: tuple[Path, ...], inputs: Inputs) -> "tuple[FleetTable, Path]":
     """Return the table, and the folder that its paths are relative to."""
-    from replay_kit.config.fleet import FleetTable, MissionEntry, load_fleet
+    from replay_kit.workflows.fleet.missions import FleetTable, MissionEntry, load_fleet
 
     if [path.suffix.lower() for path in missions] == [".toml"]:
         if inputs.ensemble:

@@ -113,8 +113,7 @@ def status(
 
     each = [read_status(path, moment) for path in results]
     if not reporting.current().quiet and str(answer.json_file) != "-":
-        from replay_kit.show.status.brief import brief_text
-        from replay_kit.show.status.text import status_text
+        from replay_kit.show.status.text import brief_text, status_text
 
         show = status_text if reporting.current().verbose else brief_text
         width = (
@@ -247,7 +246,7 @@ def plot(
 
     from replay_kit.core.atomic import atomic_file
     from replay_kit.show.plots import Chosen, drawn
-    from replay_kit.show.plots.style import saved
+    from replay_kit.show.plots.panel import saved
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:

@@ -23,14 +23,13 @@ from numpy.typing import ArrayLike, NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.covariance import quadratic_form, root_of, sums_for, symmetric
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.factors import (
     CovarianceFactors,
     FactoredCovariance,
     WeightCovariance,
     covariance_of_sum,
 )
-from replay_kit.core.flow.horizontal import HorizontalFunctions
+from replay_kit.core.flow.functions import DepthFunctions, HorizontalFunctions, depth_weights
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.horizontal import HorizontalKernel
+from replay_kit.core.flow.functions import HorizontalKernel
 
 # Spacing of the lattice in kernel lengths: 0.9 cells where the kernel has two.
 _SPACING = 0.45

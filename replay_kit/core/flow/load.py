@@ -14,11 +14,15 @@ import xarray as xr
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.covariance import HybridCovariance
-from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution, ProcessModel, constant
 from replay_kit.core.flow.factors import CovarianceFactors, half_size, whole_of
-from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel
+from replay_kit.core.flow.functions import (
+    DepthFunctions,
+    HorizontalFunctions,
+    HorizontalKernel,
+    NodeKernel,
+)
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
 from replay_kit.core.flow.lossless import (

@@ -27,7 +27,7 @@ from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, Encoding, described
 from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.factors import CovarianceFactors, half_of
 from replay_kit.core.flow.field import FlowField
-from replay_kit.core.flow.horizontal import HorizontalFunctions, NodeKernel
+from replay_kit.core.flow.functions import HorizontalFunctions, NodeKernel
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.sealed import sealed

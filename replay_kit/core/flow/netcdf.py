@@ -11,8 +11,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.cf import Encoding, described, encoded, encoding_of
 from replay_kit.core.flow.covariance import quadratic_form
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.field import FlowField
+from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.flow.lossless import history, write_dataset
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Grid

@@ -6,9 +6,8 @@ import numpy as np
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalFunctions
+from replay_kit.core.flow.functions import DepthFunctions, HorizontalFunctions, depth_weights
 from replay_kit.core.grid import Grid
 from replay_kit.estimator.basis.embedding import embed
 from replay_kit.estimator.basis.modes import default_functions, fit_residual

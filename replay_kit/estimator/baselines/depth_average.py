@@ -7,8 +7,8 @@ import numpy as np
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines.columns import HATS
 from replay_kit.estimator.interface import Estimator

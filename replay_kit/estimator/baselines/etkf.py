@@ -24,8 +24,8 @@ import numpy as np
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.evidence import normalised_square
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.gaussian import normalised_square
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.baselines.columns import FlowColumns, embed_columns, flow_of_ensemble
 from replay_kit.estimator.baselines.profiles import (

@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.horizontal import HorizontalKernel, NodeKernel, velocity_kernel
+from replay_kit.core.flow.functions import HorizontalKernel, NodeKernel, velocity_kernel
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines.columns import HATS
 from replay_kit.estimator.basis.modes import Basis

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.gaussian import normalised_square
+from replay_kit.core.evidence import normalised_square
+from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, LinearMeasurement, Measurement, usable
 from replay_kit.estimator.baselines.columns import HATS, FlowColumns

@@ -17,9 +17,14 @@ from numpy.typing import NDArray
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel
+from replay_kit.core.flow.functions import (
+    DepthFunctions,
+    HorizontalFunctions,
+    HorizontalKernel,
+    NodeKernel,
+    depth_weights,
+)
 from replay_kit.core.flow.lattice import lattice_over
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config.time import TimeConfig
+from replay_kit.config.estimation import TimeConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.evolution import ProcessModel
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.flow.local import Oscillation
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import LinearMeasurement, Measurement

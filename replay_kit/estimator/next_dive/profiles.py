@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 
 # m/s and m, factors of 2 apart: what stays, what a dive shares, their length in depth, the error of a bin
 _STAYING = (0.05, 0.1, 0.2)

@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.evidence import normalised_square
 from replay_kit.core.flow.covariance import HybridCovariance, Reduction, symmetric
-from replay_kit.core.gaussian import normalised_square
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior, PriorSettings
 
 #: The variances that are averaged over, and their weights before the log.

@@ -19,9 +19,8 @@ import scipy.linalg
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.gaussian import coverage, crps_gaussian
-from replay_kit.core.progress import counted
-from replay_kit.core.tasks import each_call
+from replay_kit.core.evidence import coverage, crps_gaussian
+from replay_kit.core.progress import counted, each_call
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.prior.amplitude import fit_amplitude

@@ -6,12 +6,11 @@ from itertools import islice
 
 import numpy as np
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
-from replay_kit.core.frozen import replace
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator.basis.modes import build_basis, mean_variance

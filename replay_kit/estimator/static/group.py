@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Grid

@@ -19,8 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from replay_kit.core.arrays import Array
-from replay_kit.core.frozen import replace
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.amplitude import (

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Decision
 

@@ -6,9 +6,8 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from replay_kit.config.gating import GatingConfig
-from replay_kit.core.arrays import Array
-from replay_kit.core.frozen import replace
+from replay_kit.config.estimation import GatingConfig
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator.basis.modes import Basis

@@ -22,7 +22,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.basis.modes import Basis
 

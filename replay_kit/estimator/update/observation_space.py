@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.covariance import Reduction
-from replay_kit.core.frozen import replace
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.growing_cholesky import GrowingCholesky

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
-from replay_kit.core.frozen import replace
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.observation import Flag, GroupTotals, Innovation, reasons_of
 from replay_kit.estimator.update.gate import SOFTENED
 from replay_kit.estimator.update.grouping import mean_time

@@ -23,9 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.covariance import Reduction
-from replay_kit.core.frozen import replace
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior

@@ -32,10 +32,9 @@ import numpy as np
 import scipy.linalg
 from scipy.linalg import solve_triangular
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.covariance import Levels, Reduction, symmetric
 from replay_kit.core.flow.factors import CovarianceFactors, half_size, n_stored
-from replay_kit.core.frozen import replace
 from replay_kit.estimator.prior.amplitude import ScaledPrior, hybrid_parts
 from replay_kit.estimator.prior.conditioned import (
     ConditionedPrior,

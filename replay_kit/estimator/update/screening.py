@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
-from replay_kit.core.frozen import replace
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_local
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.observation import (

@@ -22,7 +22,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.update.biases import NAMES, scale_jacobian
 from replay_kit.estimator.update.gate import Gates, gate_innovations

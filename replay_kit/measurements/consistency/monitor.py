@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from replay_kit.core.arrays import replace
 from replay_kit.core.errors import Finding
-from replay_kit.core.frozen import replace
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements.consistency import checks, findings, headings
 from replay_kit.measurements.consistency.causes import (

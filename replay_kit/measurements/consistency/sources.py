@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from replay_kit.core.frozen import replace
+from replay_kit.core.arrays import replace
 from replay_kit.core.observation import PathMean
 from replay_kit.measurements.consistency.pairs import Pair, PairStatistics
 

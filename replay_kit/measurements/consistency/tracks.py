@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from replay_kit.core.frozen import replace
+from replay_kit.core.arrays import replace
 from replay_kit.core.observation import VehicleState
 from replay_kit.measurements.consistency.sources import metres_per_degree
 

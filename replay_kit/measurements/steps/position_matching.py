@@ -13,7 +13,7 @@ from operator import attrgetter
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.frozen import replace
+from replay_kit.core.arrays import replace
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import NO_RAW_VALUES, Observation, RawValues, Source, VehicleState

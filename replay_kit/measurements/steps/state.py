@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.frozen import replace
+from replay_kit.core.arrays import replace
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState

@@ -12,8 +12,7 @@ import gsw
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
-from replay_kit.core.frozen import replace
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.observation import Measurement, Observation, VehicleState
 
 # degrees; gravity there is the mean of the equator's and the pole's, so that a depth is off by 0.27 % at most

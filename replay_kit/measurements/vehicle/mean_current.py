@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.frozen import replace
+from replay_kit.core.arrays import replace
 from replay_kit.core.observation import Fix, PathMean, Source, VehicleState
 from replay_kit.measurements.vehicle.dead_reckoning import (
     Path,

@@ -20,8 +20,7 @@ from replay_kit.show.figures.along_track import (
 from replay_kit.show.figures.in_print import date_axis, drawing_of
 from replay_kit.show.figures.trust import trust_charts
 from replay_kit.show.figures.values import Axis, Chart, Mark
-from replay_kit.show.plots.panel import Chosen, Panel, Panels, missing
-from replay_kit.show.plots.style import colorbar, colormap
+from replay_kit.show.plots.panel import Chosen, Panel, Panels, colorbar, colormap, missing
 
 
 def dive_panels(contents: Contents, chosen: Chosen) -> Panels:

@@ -27,8 +27,15 @@ from replay_kit.show.figures.map_layers import (
 from replay_kit.show.figures.on_canvas import Extent
 from replay_kit.show.figures.values import Layer, Mark
 from replay_kit.show.numbers import nice
-from replay_kit.show.plots.panel import CONTOUR_LABEL, Chosen, Panel, Panels, missing
-from replay_kit.show.plots.style import colorbar, colormap
+from replay_kit.show.plots.panel import (
+    CONTOUR_LABEL,
+    Chosen,
+    Panel,
+    Panels,
+    colorbar,
+    colormap,
+    missing,
+)
 
 # Most arrows along the longer side of a map.
 _ARROWS = 24

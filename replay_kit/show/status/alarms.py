@@ -1,14 +1,101 @@
-"""What of a result should wake a person."""
+"""What a person should do by a result: what should wake them, and what to steer now, with the reason where that has changed."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from replay_kit.core.text import time_text
+from replay_kit.core.geodesy import distance
+from replay_kit.core.plan import plan_legs
+from replay_kit.core.text import place_text, time_text
 from replay_kit.results.outcome.verdict import plan_alarm, run_alarms
 from replay_kit.show.status import figures
 from replay_kit.show.status.held import Held
+
+# Changes that are worth a reason [degrees].
+_SMALL_TURN = 2.0
+# A current is a surprise when it is this many times the expected difference from the estimate.
+_SURPRISE = 2.0
+
+
+def command_text(plan: Any, leg: Mapping[str, float]) -> str:
+    """Return what to steer: of a mission until the next surfacing, with its end as the waypoint.
+
+    Args:
+        plan: ``replay_kit.Plan``.
+        leg: That is flown next; empty for a glide.
+    """
+    heading, angle = (
+        leg.get("heading_deg", plan.heading_deg),
+        leg.get("glide_angle_deg", plan.glide_angle_deg),
+    )
+    if not math.isfinite(heading):
+        return f"no command: {plan.message}"
+    words = f"{heading:.0f}° true, glide angle {angle:.0f}°"
+    if not leg:
+        return f"{words}, {plan.speed:.2f} m/s through water"
+    return (
+        f"{words}, to {leg['depth_m']:.0f} m; for {place_text(leg['longitude'], leg['latitude'])}"
+    )
+
+
+def change_of(held: Held) -> tuple[str, ...]:
+    """Return how the command differs from that of the plan before, and why; nothing for the first plan."""
+    if len(held.plans) < 2:
+        return ()
+    before, now = held.plans
+    old, new = (
+        _heading(before, now.timestamp.ToNanoseconds()),
+        _heading(now, now.timestamp.ToNanoseconds()),
+    )
+    if not (math.isfinite(old) and math.isfinite(new)):
+        turned = f"was {before.status}, is {now.status}"
+    else:
+        turn = (new - old + 180.0) % 360.0 - 180.0
+        turned = (
+            "unchanged"
+            if abs(turn) < _SMALL_TURN
+            else f"was {old:.0f}°: {abs(turn):.0f}° to the {'right' if turn > 0.0 else 'left'}"
+        )
+    reasons = list(_reasons(held, before, now))
+    if turned == "unchanged" and not reasons:
+        return ("unchanged since the plan before",)
+    return (
+        f"{turned}; because {', '.join(reasons) if reasons else 'the estimate changed a little'}",
+    )
+
+
+def _reasons(held: Held, before: Any, now: Any) -> Iterator[str]:
+    moved = float(
+        distance(before.goal.longitude, before.goal.latitude, now.goal.longitude, now.goal.latitude)
+    )
+    if moved > 1.0:
+        yield f"the goal moved {moved / 1e3:.1f} km"
+    if before.status != now.status:
+        yield f"the plan was {before.status} and is {now.status}"
+    since = before.timestamp.ToNanoseconds()
+    outcomes = [one for one in held.outcomes if one.timestamp.ToNanoseconds() >= since]
+    if outcomes:
+        one = outcomes[-1]
+        when = f"{abs(one.delay) / 60.0:.0f} min {'late' if one.delay >= 0.0 else 'early'}"
+        yield f"it surfaced {one.distance / 1e3:.1f} km toward {one.direction_deg:.0f}° of the prediction, {when}"
+    found = figures.dive_current(held)
+    if (
+        found is not None
+        and found.time_ns >= since
+        and found.difference > _SURPRISE * found.expected
+    ):
+        yield f"the current differed {100.0 * found.difference:.0f} cm/s from the estimate"
+
+
+def _heading(plan: Any, time_ns: int) -> float:
+    """Return the heading that a plan has for a time: that of its leg, or its only one [degrees]; NaN for a failed plan."""
+    since = (time_ns - plan.timestamp.ToNanoseconds()) / 1e9
+    for leg in plan_legs(figures.statistics_of(plan)):
+        if since < leg["surfacing_s"]:
+            return float(leg["heading_deg"])
+    return float(plan.heading_deg) if plan.status != "failed" else math.nan
+
 
 _SECOND = 1_000_000_000
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.gaussian import coverage, crps_gaussian
+from replay_kit.core.evidence import coverage, crps_gaussian
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator.evolving import EvolvingEstimator
 from replay_kit.studies.bench.frame import Figure, Lost, of_case

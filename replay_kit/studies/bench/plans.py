@@ -11,7 +11,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import NodeKernel
+from replay_kit.core.flow.functions import NodeKernel
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import embed_member

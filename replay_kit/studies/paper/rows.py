@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines import average_over_depth
 from replay_kit.estimator.basis.slices import ensemble_slices

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.tasks import called_by
+from replay_kit.core.progress import called_by
 from replay_kit.workflows.fleet.cluster import Cluster, open_cluster
 from replay_kit.workflows.replay.inputs.provenance import package_versions
 

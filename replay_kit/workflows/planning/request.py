@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from replay_kit.config.plan import PlanRequest
 from replay_kit.core.errors import ConfigError, PlanError
-from replay_kit.core.objective import is_objective, objective_names
+from replay_kit.core.extensions import is_objective, objective_names
 
 if TYPE_CHECKING:
     from planners import Line, Mooring, Weights

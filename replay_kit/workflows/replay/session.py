@@ -12,10 +12,9 @@ from itertools import repeat
 from typing import Any
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.frozen import replace
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from replay_kit.core.frozen import replace
+from replay_kit.core.arrays import replace
 from replay_kit.core.observation import (
     NO_RAW_VALUES,
     Measurement,

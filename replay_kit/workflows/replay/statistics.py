@@ -4,9 +4,9 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from replay_kit.core.arrays import replace
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.evidence import Evidence
-from replay_kit.core.frozen import replace
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import LinearMeasurement, PathMean, kind_of

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.functions import HorizontalKernel, velocity_kernel
 from replay_kit.core.flow.lattice import WINDOW, lattice_over
 from tests.reference import lattice as slow
 

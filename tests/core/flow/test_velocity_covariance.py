@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.flow.load import load
 from replay_kit.estimator.static.filter import build_estimator
 from tests import synthetic

@@ -9,8 +9,12 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import Kernel
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.functions import (
+    DepthFunctions,
+    HorizontalKernel,
+    depth_weights,
+    velocity_kernel,
+)
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.baselines import build_baseline
 from replay_kit.estimator.baselines.etkf import build_letkf

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator

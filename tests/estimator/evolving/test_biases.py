@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import GatingConfig
-from replay_kit.config.time import TimeConfig
-from replay_kit.core.flow.depth import depth_weights
+from replay_kit.config.estimation import GatingConfig, TimeConfig
+from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_local
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.smoother import smoothed_states

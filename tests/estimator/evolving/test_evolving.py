@@ -6,9 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator

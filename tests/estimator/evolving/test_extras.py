@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config.time import TimeConfig
+from replay_kit.config.estimation import TimeConfig
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.build import state_space

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.estimator.next_dive.profiles import Bins, ColumnModel, joined
 
 DEEPEST = 60.0

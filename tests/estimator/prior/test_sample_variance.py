@@ -12,8 +12,8 @@ import pytest
 
 from planners.mission.flights import surfacing_ellipses
 from planners.mission.solve.half_planes import SafetyMargin, tolerance_factor
+from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.baselines.etkf import build_etkf, build_letkf
 from replay_kit.estimator.baselines.whole_flows import build_naive

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis.slices import ensemble_slices

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.static.likelihood import predict_jointly

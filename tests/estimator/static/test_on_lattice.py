@@ -4,7 +4,7 @@ import numpy as np
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import NodeKernel
+from replay_kit.core.flow.functions import NodeKernel
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator

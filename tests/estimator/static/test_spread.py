@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.observation import PathMean, Source

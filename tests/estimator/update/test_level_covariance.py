@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.flow.covariance import quadratic_form, sums_for
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.factors import covariance_of_sum
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import FilterState, build_estimator
 from replay_kit.estimator.baselines import build_named

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.flow.factors import CovarianceFactors
 from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local
 from replay_kit.core.observation import PathMean, Reason, Source

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.factors import n_stored
+from replay_kit.core.flow.functions import depth_weights
 from replay_kit.estimator import FilterState, build_estimator
 from replay_kit.estimator.prior.conditioned import FullCovariancePrior
 from replay_kit.estimator.update import reduced_subspace, representation

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import GatingConfig
-from replay_kit.config.time import TimeConfig
+from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving

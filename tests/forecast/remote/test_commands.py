@@ -126,9 +126,8 @@ def test_another_year_or_ocean_is_said_before_the_margin_is_measured(tmp_path):
 
 
 def test_a_fleet_fetches_what_its_missions_share_once(tmp_path, ensemble, monkeypatch):
-    from replay_kit.config.fleet import load_fleet
     from replay_kit.workflows.fetch import with_local_forecasts
-    from replay_kit.workflows.fleet.missions import missions_of
+    from replay_kit.workflows.fleet.missions import load_fleet, missions_of
 
     files = Files(zarr_objects(ensemble, zarr_format=2))
     with serving(files):

@@ -9,8 +9,8 @@ from planners.front.current import shares_of_levels
 from planners.learning.closed_loop import mean_currents, slices
 from planners.learning.comparison import _spaced
 from planners.learning.loops import Survey
+from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.flow.depth_means import depth_means
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving

@@ -9,7 +9,7 @@ from planners import MissionSettings, plan_mission
 from planners.shooting.program import solve_mission
 from planners.shooting.spline import FlowSpline, spline_of
 from planners.shooting.stream import stream_of
-from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.flow.lattice import lattice_over
 from tests.planners.flow_samples import eddying_flow, request_between
 

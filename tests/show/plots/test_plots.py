@@ -18,7 +18,7 @@ from replay_kit.show.figures.in_print import date_axis
 from replay_kit.show.numbers import nice
 from replay_kit.show.plots import ENDINGS, KINDS, Chosen, drawn
 from replay_kit.show.plots.current_map import _degrees_text
-from replay_kit.show.plots.style import colormap, saved
+from replay_kit.show.plots.panel import colormap, saved
 from tests.results.cases import (
     across_the_antimeridian,
     at_80_north,

@@ -13,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from replay_kit.show.plots import drawn
-from replay_kit.show.plots.style import saved
+from replay_kit.show.plots.panel import saved
 from tests.results.cases import write
 from tests.synthetic_flow import synthetic_flow
 

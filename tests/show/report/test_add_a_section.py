@@ -3,7 +3,7 @@
 import replay_kit as rk
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page.section import Figure, Section
-from replay_kit.show.report import page as report
+from replay_kit.show.report import pages as report
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, text_of
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.evolving import build_evolving

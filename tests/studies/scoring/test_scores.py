@@ -7,7 +7,7 @@ import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.gaussian import coverage, crps_gaussian
+from replay_kit.core.evidence import coverage, crps_gaussian
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
 from replay_kit.studies.scoring import score

@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-from replay_kit.config.fleet import load_fleet
 from replay_kit.config.run import RunConfig
 from replay_kit.forecast import read_truth
 from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.fleet.missions import Mission, missions_of
+from replay_kit.workflows.fleet.missions import Mission, load_fleet, missions_of
 from tests import synthetic
 
 TABLE = """

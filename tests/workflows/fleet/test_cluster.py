@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.tasks import called_by, each_call
+from replay_kit.core.progress import called_by, each_call
 from replay_kit.workflows.fleet.cluster import LostCallError, open_cluster
 from replay_kit.workflows.fleet.expected import Expected, grown, in_all_s
 from replay_kit.workflows.fleet.run import run_fleet

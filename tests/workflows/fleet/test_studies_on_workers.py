@@ -5,10 +5,10 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
+from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.tasks import called_by
+from replay_kit.core.progress import called_by
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.studies.bench.dives import DiveJob, run_dives
 from replay_kit.studies.bench.faults import FaultJob, run_faults

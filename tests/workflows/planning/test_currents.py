@@ -19,9 +19,9 @@ from planners import (
 )
 from planners.mission.flights import fly_mission
 from planners.mission.timing import first_legs
+from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.plan import departures_of
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution, ProcessModel, constant, sample_through

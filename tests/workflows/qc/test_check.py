@@ -7,8 +7,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import RunConfig, load_config
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.measurements.quality.qartod import Check

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import OutputConfig, RunConfig
-from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.plan import Place
 from replay_kit.core.sealed import read_store, write_store

@@ -31,7 +31,7 @@ from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show import open_result
 from replay_kit.show.plots import Chosen
-from replay_kit.show.plots.plan import plan_panels
+from replay_kit.show.plots.plots import plan_panels
 from replay_kit.show.report.sections.waypoint import editing
 from replay_kit.show.status.figures import statistics_of
 from replay_kit.show.status.held import read_held

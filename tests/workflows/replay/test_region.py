@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.config.gating import GatingConfig
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import (
     EVERYWHERE,
     EstimatorConfig,

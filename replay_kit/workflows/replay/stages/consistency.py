@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, is_dataclass
 from typing import Any
 
 from replay_kit.config.run import RunConfig
+from replay_kit.core.arrays import replace
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError
-from replay_kit.core.frozen import replace
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement, PathMean, VehicleState, kind_of
 from replay_kit.measurements.consistency import findings

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from replay_kit.core.arrays import Array
-from replay_kit.core.frozen import replace
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.observation import (
     Innovation,
     LinearMeasurement,

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.config.run import OutputConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.frozen import replace
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState

@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.frozen import replace
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation, PathMean, usable

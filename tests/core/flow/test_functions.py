@@ -1,7 +1,14 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.functions import (
+    DepthFunctions,
+    HorizontalKernel,
+    depth_weights,
+    velocity_kernel,
+)
 from tests.reference.estimator import kernel_3d
 
 KERNEL = HorizontalKernel(9_000.0, 11_000.0, 0.2)
@@ -49,3 +56,40 @@ def test_velocity_is_the_rotated_gradient_of_the_stream_function(column):
     v = -(psi(POINTS + np.array([step, 0])) - psi(POINTS - np.array([step, 0]))) / (2 * step)
     ours = velocity_kernel(KERNEL, POINTS, NODES)[:, column]
     np.testing.assert_allclose(ours, np.concatenate([u, v]), atol=1e-8 * np.abs(ours).max() + 1e-10)
+
+
+LEVELS = np.array([2.5, 40.0, 120.0, 500.0])
+HAT, GAUSSIAN = DepthFunctions("hat", 100.0), DepthFunctions("gaussian", 100.0)
+
+
+@given(st.lists(st.floats(-10.0, 900.0), min_size=1, max_size=20))
+def test_hats_reproduce_linear_profiles_and_stay_constant_beyond_the_levels(depths):
+    depth = np.array(depths)
+    weights = depth_weights(HAT, depth, LEVELS)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(weights @ LEVELS, np.interp(depth, LEVELS, LEVELS), rtol=1e-12)
+
+
+def test_hats_are_the_identity_at_the_levels():
+    np.testing.assert_array_equal(depth_weights(HAT, LEVELS, LEVELS), np.eye(4))
+
+
+def test_one_level_holds_everywhere():
+    np.testing.assert_array_equal(
+        depth_weights(HAT, np.array([0.0, 77.0]), np.array([10.0])), [[1.0], [1.0]]
+    )
+
+
+@pytest.mark.parametrize("depth", [2.5, 33.0, 499.0])
+def test_gaussians_are_the_paper_s(depth):
+    expected = [np.exp(-0.5 * ((depth - level) / 100.0) ** 2) for level in LEVELS]
+    np.testing.assert_allclose(
+        depth_weights(GAUSSIAN, np.array([depth]), LEVELS)[0], expected, rtol=1e-13
+    )
+
+
+def test_gaussians_are_constant_above_the_first_level():
+    np.testing.assert_array_equal(
+        depth_weights(GAUSSIAN, np.array([0.0]), LEVELS),
+        depth_weights(GAUSSIAN, np.array([2.5]), LEVELS),
+    )

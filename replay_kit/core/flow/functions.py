@@ -1,16 +1,20 @@
-"""The incompressible kernel in the horizontal (Lee et al., arXiv 1901.09513; notation in ``replay_kit/core/README.md``).
+"""The functions that a flow is a sum of: the incompressible kernel in the horizontal, and functions of depth.
 
-A stream function with a Gaussian (squared-exponential) covariance k gives velocities u = dpsi/dy, v = -dpsi/dx with
+Of the kernel (Lee et al., arXiv 1901.09513; notation in ``replay_kit/core/README.md``) a stream
+function with a Gaussian (squared-exponential) covariance k gives velocities u = dpsi/dy, v = -dpsi/dx with
 
     K(x, x') = k [[(1 - dy^2/ly^2)/ly^2,  dx dy/(lx^2 ly^2)],
                   [ dx dy/(lx^2 ly^2),   (1 - dx^2/lx^2)/lx^2]],     d = x - x',  k = sigma^2 exp(-1/2 (dx^2/lx^2 + dy^2/ly^2)),
 
 and sigma = mu lx, so that K(x, x) = mu^2 I when lx = ly. Stacked vectors are all east, then all north.
+
+In depth ``hat`` is piecewise linear between levels. ``gaussian`` is the paper's squared exponential of length lz. Both are constant
+above the first level and below the last: the flow there is that of the nearest level.
 """
 
 from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -111,3 +115,39 @@ class NodeKernel:
         return np.asarray(
             (velocity_kernel(self.kernel, points, self.nodes) @ latent).reshape(2, len(points), -1)
         )
+
+
+@dataclass(frozen=True, slots=True)
+class DepthFunctions:
+    """Kind and length of the depth functions.
+
+    Attributes:
+        kind: ``hat`` or ``gaussian``.
+        length: lz [m]; not used by hats.
+    """
+
+    kind: Literal["hat", "gaussian"]
+    length: float
+
+
+def depth_weights(functions: DepthFunctions, depth: Array, levels: Array) -> Array:
+    """Return the value of each level's function at each depth, shape (n, Z).
+
+    Args:
+        functions: Kind and length.
+        depth: shape (n,) [m], positive down.
+        levels: shape (Z,) [m], increasing.
+    """
+    depth = np.clip(depth, levels[0], levels[-1])
+    if functions.kind == "gaussian":
+        return np.asarray(np.exp(-0.5 * ((depth[:, None] - levels) / functions.length) ** 2))
+    weights = np.zeros((depth.size, levels.size))
+    if levels.size == 1:
+        weights[:, 0] = 1.0
+        return weights
+    upper = np.clip(np.searchsorted(levels, depth, side="right") - 1, 0, levels.size - 2)
+    fraction = (depth - levels[upper]) / (levels[upper + 1] - levels[upper])
+    rows = np.arange(depth.size)
+    weights[rows, upper] = 1.0 - fraction
+    weights[rows, upper + 1] = fraction
+    return weights
