@@ -4,12 +4,12 @@ import io
 import json
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
-import xarray as xr
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
@@ -25,18 +25,34 @@ from replay_kit.core.flow.functions import (
 )
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
-from replay_kit.core.flow.lossless import (
-    EXACT_TIME,
-    FORMAT,
-    LATTICE,
-    NODE_KERNEL,
-    READ_VERSIONS,
-    SEALED_VERSION,
-)
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.inputs import claim_text, exceeds_claim, open_input
 from replay_kit.core.paths import as_path
 from replay_kit.core.sealed import unsealed
+
+FORMAT = "replay_kit.FlowEstimate"
+# since version 6 the file ends with its checksum
+# since version 5 covariances are halves, or factors; since version 4 the file says which horizontal functions the flow has, and a node
+# kernel's nodes; before, all were kernels of the grid's nodes; since version 3 it says how the flow changes with time; since version 2 time
+# is in seconds, with its nanoseconds in an attribute, and wet has the depth last; in version 1 time was an integer of nanoseconds, and the
+# depth came first
+FORMAT_VERSION = 6
+READ_VERSIONS = (1, 2, 3, 4, 5, 6)
+#: Since which version the file ends with its checksum.
+SEALED_VERSION = 6
+
+#: What ``horizontal_functions`` may be.
+NODE_KERNEL, LATTICE = "node kernel", "stream function lattice"
+EXACT_TIME = "nanoseconds_since_1970"
+
+
+@dataclass(frozen=True, slots=True)
+class _Content:
+    """What a file has, by name: its attributes, its arrays, and the exact times in nanoseconds as the arrays' attributes state them."""
+
+    attrs: Mapping[str, Any]
+    values: Mapping[str, Array]
+    exact: Mapping[str, str]
 
 
 def load(path: str | Path) -> FlowEstimate:
@@ -86,25 +102,27 @@ def _load(data: bytes, name: str) -> tuple[FlowEstimate, bool]:
     """Return the flow of a saved file's bytes, and whether their checksum was compared."""
     try:
         content = unsealed(data)
-        with xr.open_dataset(
-            io.BytesIO(data if content is None else content),
-            engine="h5netcdf",
-            decode_cf=False,
-            phony_dims="access",
-        ) as dataset:
+        # by the HDF5 library alone: xarray takes longer to load than a mission to plan
+        with h5py.File(io.BytesIO(data if content is None else content)) as file:
+            attrs = _attributes(file)
             kind, version = (
-                dataset.attrs.get("replay_kit_format"),
-                dataset.attrs.get("replay_kit_format_version"),
+                attrs.get("replay_kit_format"),
+                attrs.get("replay_kit_format_version"),
             )
             if kind == FORMAT and version in READ_VERSIONS:
                 if content is None and version >= SEALED_VERSION:
                     raise ValueError(
                         "its checksum is missing: it was cut, or written by another program"
                     )
-                size = sum(variable.nbytes for variable in dataset.variables.values())
-                if why := claim_text(size, len(data)):
+                if why := claim_text(sum(array.nbytes for array in file.values()), len(data)):
                     raise ValueError(why)
-                return from_lossless(dataset.load()), content is not None
+                values = {name: np.asarray(array[()]) for name, array in file.items()}
+                exact = {
+                    name: _attributes(array)[EXACT_TIME]
+                    for name, array in file.items()
+                    if EXACT_TIME in array.attrs
+                }
+                return _flow(_Content(attrs, values, exact)), content is not None
     # what the HDF5 library and the values of a damaged file without a checksum lead to has no end
     except Exception as error:
         raise ForecastError(
@@ -121,17 +139,29 @@ def _load(data: bytes, name: str) -> tuple[FlowEstimate, bool]:
     )
 
 
-def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
-    """Return the flow of a dataset that was read without decoding times.
+def _attributes(of: h5py.HLObject) -> dict[str, Any]:
+    """Return the attributes of a file or an array; numbers, which NetCDF has as arrays of one, as numbers."""
+    return {
+        name: value.item()
+        if isinstance(value, np.ndarray | np.generic) and value.size == 1
+        else value
+        for name, value in of.attrs.items()
+    }
+
+
+def _flow(content: _Content) -> FlowEstimate:
+    """Return the flow of what a file has.
 
     Raises:
         KeyError: Something is missing in it.
         ValueError: Its parts do not fit together.
     """
-    attrs = dataset.attrs
-    values = {
-        str(name): np.asarray(variable.values) for name, variable in dataset.variables.items()
-    }
+    attrs, values = content.attrs, content.values
+    wet = (
+        values["wet"]
+        if attrs["replay_kit_format_version"] == 1
+        else np.moveaxis(values["wet"], -1, 0)
+    )
     grid = Grid(
         projection=Projection(
             float(attrs["projection_longitude"]), float(attrs["projection_latitude"])
@@ -141,9 +171,7 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
         east=values["east"],
         north=values["north"],
         levels=values["depth"],
-        wet=np.ascontiguousarray(
-            dataset["wet"].transpose("depth", "y", "x").values.astype(np.bool_)
-        ),
+        wet=np.ascontiguousarray(wet.astype(np.bool_)),
     )
     latent = values["latent"]
     kind = attrs["depth_function_kind"]
@@ -159,21 +187,21 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
         latent=latent,
         modes=values.get("modes", np.empty((latent.shape[0], 0))),
         covariance=_covariance(values),
-        time_ns=_time_ns(dataset),
+        time_ns=_time_ns(content),
         later=constant if attrs.get("evolution") == "constant" else None,
         local=_local(attrs, values),
         about=json.loads(str(attrs.get("replay_kit_about", "{}"))),
     )
     if attrs.get("evolution") != "process":
         return flow
-    evolution = _evolution(dataset, values)
+    evolution = _evolution(content)
     # where nothing was observed the unknowns hold at any time, and the flow may have none
     at = int(evolution.process.times_ns[0]) if flow.time_ns is None else flow.time_ns
     return replace(evolution.flow(flow, at), time_ns=flow.time_ns, about=flow.about)
 
 
 def _horizontal(
-    attrs: Mapping[str, Any], values: dict[str, Array], grid: Grid
+    attrs: Mapping[str, Any], values: Mapping[str, Array], grid: Grid
 ) -> HorizontalFunctions:
     """Return the horizontal functions; before version 4 they were the kernel of the grid's nodes."""
     kernel = HorizontalKernel(
@@ -195,7 +223,7 @@ def _horizontal(
     )
 
 
-def _covariance(values: dict[str, Array]) -> Array | CovarianceFactors:
+def _covariance(values: Mapping[str, Array]) -> Array | CovarianceFactors:
     """Return the covariance of the weights; before version 5 it was the whole matrix."""
     if "weight_cov" in values or "modes" not in values:
         return _whole(values.get("weight_cov", np.empty((0, 0))))
@@ -216,14 +244,14 @@ def _whole(matrix: Array) -> Array:
     return whole_of(matrix) if matrix.ndim == 1 else matrix
 
 
-def _evolution(dataset: xr.Dataset, values: dict[str, Array]) -> Evolution:
-    attrs, mean, unknown_mean, cov = (
-        dataset.attrs,
+def _evolution(content: _Content) -> Evolution:
+    attrs, values = content.attrs, content.values
+    mean, unknown_mean, cov = (
         values["process_mean"],
         values["unknown_mean"],
         _whole(values["unknown_cov"]),
     )
-    times_ns = np.array(dataset["forecast_time"].attrs[EXACT_TIME].split(), dtype=np.int64)
+    times_ns = np.array(content.exact["forecast_time"].split(), dtype=np.int64)
     none = np.empty((0, *mean.shape[1:]))
     process = ProcessModel(
         times_ns=times_ns,
@@ -240,7 +268,7 @@ def _evolution(dataset: xr.Dataset, values: dict[str, Array]) -> Evolution:
     )
 
 
-def _oscillation(attrs: Mapping[str, Any], values: dict[str, Array]) -> Oscillation | None:
+def _oscillation(attrs: Mapping[str, Any], values: Mapping[str, Array]) -> Oscillation | None:
     """Return what oscillates beside the slow current; None where nothing is known to, as before it was saved."""
     if "oscillation_omega" not in values:
         return None
@@ -250,7 +278,7 @@ def _oscillation(attrs: Mapping[str, Any], values: dict[str, Array]) -> Oscillat
     )
 
 
-def _local(attrs: Mapping[str, Any], values: dict[str, Array]) -> LocalCurrent | None:
+def _local(attrs: Mapping[str, Any], values: Mapping[str, Array]) -> LocalCurrent | None:
     """Return the current beside the flow; None where none is known, as before it was saved."""
     if "local_time" not in attrs:
         return None
@@ -260,13 +288,9 @@ def _local(attrs: Mapping[str, Any], values: dict[str, Array]) -> LocalCurrent |
     return LocalCurrent(**parts, time_ns=int(attrs["local_time"]))
 
 
-def _time_ns(dataset: xr.Dataset) -> int | None:
+def _time_ns(content: _Content) -> int | None:
     """Return the exact time [ns, UTC] of either version; None for a flow that holds for no time."""
-    if "time" not in dataset.variables:
+    if "time" not in content.values:
         return None
-    time = dataset.variables["time"]
-    return (
-        int(time.values)
-        if dataset.attrs["replay_kit_format_version"] == 1
-        else int(time.attrs[EXACT_TIME])
-    )
+    first = content.attrs["replay_kit_format_version"] == 1
+    return int(content.values["time"] if first else content.exact["time"])

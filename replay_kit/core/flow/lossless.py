@@ -29,26 +29,12 @@ from replay_kit.core.flow.factors import CovarianceFactors, half_of
 from replay_kit.core.flow.field import FlowField
 from replay_kit.core.flow.functions import HorizontalFunctions, NodeKernel
 from replay_kit.core.flow.lattice import StreamFunctionLattice
+from replay_kit.core.flow.load import EXACT_TIME, FORMAT, FORMAT_VERSION, LATTICE, NODE_KERNEL
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.sealed import sealed
 from replay_kit.core.version import __version__
 
-FORMAT = "replay_kit.FlowEstimate"
-# since version 6 the file ends with its checksum
-# since version 5 covariances are halves, or factors; since version 4 the file says which horizontal functions the flow has, and a node
-# kernel's nodes; before, all were kernels of the grid's nodes; since version 3 it says how the flow changes with time; since version 2 time
-# is in seconds, with its nanoseconds in an attribute, and wet has the depth last; in version 1 time was an integer of nanoseconds, and the
-# depth came first
-FORMAT_VERSION = 6
-READ_VERSIONS = (1, 2, 3, 4, 5, 6)
-#: Since which version the file ends with its checksum.
-SEALED_VERSION = 6
-
-#: What ``horizontal_functions`` may be.
-NODE_KERNEL, LATTICE = "node kernel", "stream function lattice"
 _AXES = ("east", "north")
-
-EXACT_TIME = "nanoseconds_since_1970"
 
 #: Name to dimensions, array and meaning.
 _Values = dict[str, tuple[tuple[str, ...], Array, str]]
