@@ -37,8 +37,8 @@ _MODULES = {
         "logs": ("info", "qc", "convert"),
         "show": ("report", "status", "plot", "export", "layout"),
         "results": ("verify", "smooth"),
-        "twin": ("synthesize",),
-        "studies": ("paper",),
+        "ensemble": ("fit", "twin", "synthesize"),
+        "experiment": ("paper",),
     }.items()
     for name in names
 }
@@ -162,12 +162,9 @@ app = _group(
 )
 experiment = _group("experiment", "Studies: the tables of a paper on any ensemble.")
 # by their import paths, so that the modules of a command are loaded when it is called
-for _group_of, _module, _table in (
-    (app, "replay_kit.cli.commands", _COMMANDS),
-    (experiment, "replay_kit.cli.commands.experiment", _STUDIES),
-):
+for _group_of, _table in ((app, _COMMANDS), (experiment, _STUDIES)):
     for _name, (_, _help) in _table.items():
-        _where = f"{_module}.{_MODULES.get(_name, _name)}:{_name}"
+        _where = f"replay_kit.cli.commands.{_MODULES.get(_name, _name)}:{_name}"
         _group_of.command(_where, name=_name, help=_help)
 app.command(experiment)
 app.register_install_completion_command(

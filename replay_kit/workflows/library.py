@@ -28,13 +28,14 @@ from replay_kit.core.time import to_time_ns
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
 from replay_kit.show.opened import Result, as_pooled
-from replay_kit.workflows.in_memory.forecasts import is_forecast, write_forecast
 from replay_kit.workflows.in_memory.observations import is_observed, write_observed
 from replay_kit.workflows.in_memory.parts import (
     EstimatorBuilder,
     PriorBuilder,
     given,
+    is_forecast,
     planner_factory,
+    write_forecast,
 )
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.planning.currents import KnownCurrent

@@ -19,7 +19,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown, FlownDive
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Innovation, Measurement, PathMean, VehicleState
-from replay_kit.core.progress import Progress, silent
+from replay_kit.core.progress import Progress, Stopwatch, silent
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.smoother import smoothed_states
@@ -41,7 +41,6 @@ from replay_kit.workflows.replay.stages.consistency import MonitoringState, requ
 from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate, inputs_of
 from replay_kit.workflows.replay.stages.publishing import Weights, depth_slices, write
 from replay_kit.workflows.replay.statistics import RunStatistics
-from replay_kit.workflows.replay.stopwatch import Stopwatch
 from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used
 from replay_kit.workflows.replay.surfacings.forecasts import flown_of
 

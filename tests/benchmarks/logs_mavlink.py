@@ -18,7 +18,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.dataflash.reader import DataflashReader
 from replay_kit.logs.dataflash.records import HEAD, read_records
 from replay_kit.logs.mavlink.frames import read_frames
-from replay_kit.logs.shared.statistics import ReadStatistics
+from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.measurements import MAVLINK_NAMES
 from tests.benchmarks.measure import Row, peak_mb, row, runner, seconds
 from tests.logs.dataflash.dataflash_samples import dataflash

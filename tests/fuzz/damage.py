@@ -21,7 +21,7 @@ from replay_kit.logs.dataflash.reader import DataflashReader
 from replay_kit.logs.dataflash.records import read_records
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
-from replay_kit.logs.shared.statistics import ReadStatistics
+from replay_kit.logs.shared.blocks import ReadStatistics
 from tests.places import ROOT
 
 #: Topic, log time, publish time, sequence, payload.

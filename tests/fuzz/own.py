@@ -22,7 +22,7 @@ from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.sealed import read_store
 from replay_kit.logs import open_log
 from replay_kit.results import read_journal
-from replay_kit.workflows.follow.memory import Memory, read_memory, write_memory
+from replay_kit.workflows.follow.watch import Memory, read_memory, write_memory
 from replay_kit.workflows.replay.inputs.estimator import built
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob

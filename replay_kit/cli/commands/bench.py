@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from replay_kit.cli.commands.experiment.study import (
+from replay_kit.cli.commands.experiment import (
     ESTIMATOR,
     OneTruth,
     Outputs,

@@ -22,7 +22,7 @@ from replay_kit.estimator.baselines.columns import (
 )
 from replay_kit.estimator.baselines.profiles import ColumnBaseline, Predictions, ProfileBins, fit_of
 from replay_kit.estimator.basis.slices import ensemble_slices
-from replay_kit.estimator.update.evaluation import kalman_update
+from replay_kit.estimator.update.rows import kalman_update
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.update.evaluation import Assimilation
+from replay_kit.estimator.update.rows import Assimilation
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,13 +23,14 @@ import numpy as np
 from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.next_dive.mixture import Mixture, log_densities
-from replay_kit.estimator.next_dive.settings import (
+from replay_kit.estimator.next_dive.mixtures import (
     FLIGHT_BIAS,
     UNKNOWNS,
+    Mixture,
     Settings,
     flight_combinations,
     ground_combinations,
+    log_densities,
 )
 
 _NS = 1e9

@@ -18,7 +18,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.estimator.next_dive.filter import DiveMean, DiveModel, DiveState
-from replay_kit.estimator.next_dive.settings import FLIGHT_WHITES, local_combinations
+from replay_kit.estimator.next_dive.mixtures import FLIGHT_WHITES, local_combinations
 
 #: nats; least log evidence of an error over none.
 LEAST_EVIDENCE = 2.0

@@ -21,7 +21,7 @@ from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.next_dive.filter import INVERTED_STD, DiveMean
-from replay_kit.estimator.next_dive.mixture import Mixture, log_densities
+from replay_kit.estimator.next_dive.mixtures import Mixture, log_densities
 
 _HOUR, _DAY = 3600.0, 86_400.0
 _INSTANTS = 4

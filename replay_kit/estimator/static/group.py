@@ -16,7 +16,6 @@ from replay_kit.estimator.prior.amplitude import MeanAmplitude
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.static.state import FilterState, SpreadFit
 from replay_kit.estimator.update.biases import NAMES
-from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.group_step import (
     GroupColumn,
     GroupedEstimator,
@@ -27,7 +26,13 @@ from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.noise import BinNoise, bin_noise, compress, measurement_noise
 from replay_kit.estimator.update.observation_space import initial
 from replay_kit.estimator.update.posterior import Posterior
-from replay_kit.estimator.update.rows import ProfileRows, Rows, measurement_rows, places_of
+from replay_kit.estimator.update.rows import (
+    PredictedObservation,
+    ProfileRows,
+    Rows,
+    measurement_rows,
+    places_of,
+)
 from replay_kit.estimator.update.screening import ScreenedGroup, screen_group
 from replay_kit.estimator.update.superobservation import (
     Column,

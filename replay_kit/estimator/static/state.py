@@ -32,11 +32,10 @@ from replay_kit.estimator.prior.amplitude import (
 )
 from replay_kit.estimator.prior.centre import member_shares
 from replay_kit.estimator.prior.hybrid import HybridPrior, Prior
-from replay_kit.estimator.update.evaluation import Assimilation
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import Posterior
-from replay_kit.estimator.update.rows import Rows
+from replay_kit.estimator.update.rows import Assimilation, Rows
 
 # Numbers of measurements at which the amplitude is fitted.
 _COUNTS = (8, 16, 32, 48, 64, 96, 128)

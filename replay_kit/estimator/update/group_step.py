@@ -12,9 +12,9 @@ from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import Estimator, Stepped, each_stepped
-from replay_kit.estimator.update.evaluation import Assimilation
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.outcome import GroupResult, column_misfits
+from replay_kit.estimator.update.rows import Assimilation
 from replay_kit.estimator.update.screening import (
     ScreenedGroup,
     local_values,

@@ -18,7 +18,6 @@ import numpy as np
 from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.covariance import Reduction
 from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.growing_cholesky import GrowingCholesky
 from replay_kit.estimator.update.posterior import (
     Posterior,
@@ -29,7 +28,7 @@ from replay_kit.estimator.update.posterior import (
     prior_cross_covariances,
     rank_k_update,
 )
-from replay_kit.estimator.update.rows import ProfileRows
+from replay_kit.estimator.update.rows import PredictedObservation, ProfileRows
 
 # Profiles whose cross-covariances are kept: a dive has a few, after which its mean current takes all rows from the prior.
 _FEW = 8

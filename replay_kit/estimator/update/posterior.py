@@ -17,8 +17,7 @@ import scipy.linalg
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.covariance import Reduction
 from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.estimator.update.evaluation import PredictedObservation
-from replay_kit.estimator.update.rows import ProfileRows
+from replay_kit.estimator.update.rows import PredictedObservation, ProfileRows
 
 # A residual of G outside the directions is a new direction above this share of G; below it there is only rounding, which the modes of a
 # smooth kernel amplify.

@@ -26,7 +26,6 @@ import scipy.linalg
 from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.covariance import Reduction
 from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import (
     Posterior,
@@ -38,7 +37,7 @@ from replay_kit.estimator.update.posterior import (
     rank_k_update,
     tiled_product,
 )
-from replay_kit.estimator.update.rows import ProfileRows
+from replay_kit.estimator.update.rows import PredictedObservation, ProfileRows
 
 
 class Buffer:

@@ -43,7 +43,6 @@ from replay_kit.estimator.prior.conditioned import (
     full_covariance_prior,
 )
 from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.estimator.update.evaluation import PredictedObservation
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
 from replay_kit.estimator.update.posterior import (
     Posterior,
@@ -56,7 +55,7 @@ from replay_kit.estimator.update.reduced_subspace import (
     ReducedSubspacePosterior,
     to_reduced_subspace,
 )
-from replay_kit.estimator.update.rows import PathRows, Rows
+from replay_kit.estimator.update.rows import PathRows, PredictedObservation, Rows
 
 # Directions for each profile below which the reduced-subspace form is cheaper; at scattered places there are two.
 _FEW = 1.25

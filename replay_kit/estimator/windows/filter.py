@@ -19,8 +19,7 @@ from replay_kit.estimator.static.filter import ReducedBasisEstimator
 from replay_kit.estimator.static.state import FilterState
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.observation_space import initial
-from replay_kit.estimator.windows.geometry import next_window
-from replay_kit.estimator.windows.handover import learnt, velocities_at
+from replay_kit.estimator.windows.handover import learnt, next_window, velocities_at
 
 # Points of an overlap at most: every second or third row and column of a window's own.
 _POINTS = 600

@@ -30,8 +30,8 @@ from replay_kit.logs.adcp.records import (
     scan,
 )
 from replay_kit.logs.reader import Entry, LogFile
+from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import PING, Positions, numbers, stamp
-from replay_kit.logs.shared.statistics import ReadStatistics
 
 _SECOND_NS = 1_000_000_000
 _HALF_DAY_NS = 43_200 * _SECOND_NS

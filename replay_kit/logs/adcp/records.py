@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
-from replay_kit.logs.shared.blocks import Indices, chain, lose_gaps
-from replay_kit.logs.shared.statistics import ReadStatistics
+from replay_kit.logs.shared.blocks import Indices, ReadStatistics, chain, lose_gaps
 
 Bytes = NDArray[np.uint8]
 #: Where records begin and end, and their kinds, each of shape (n,).

@@ -11,6 +11,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs.dataflash.records import Records, read_records, scaled
 from replay_kit.logs.reader import LogFile
+from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.clock import (
     ClockFit,
     fit_clock,
@@ -19,7 +20,6 @@ from replay_kit.logs.shared.clock import (
     spikes_note,
     without_spikes,
 )
-from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: A stamp of more [microseconds], three years after the start, is damage.
 _MAX_BOOT_US = 10**14

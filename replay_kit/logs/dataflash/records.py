@@ -16,8 +16,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
-from replay_kit.logs.shared.blocks import Indices, chain, lose_gaps
-from replay_kit.logs.shared.statistics import ReadStatistics
+from replay_kit.logs.shared.blocks import Indices, ReadStatistics, chain, lose_gaps
 
 #: A record begins with two magic bytes and its type.
 HEAD = 3

@@ -16,11 +16,16 @@ from replay_kit.logs.glider.columns import Columns, joined, read_columns
 from replay_kit.logs.glider.currents import DiveMean, mean_currents
 from replay_kit.logs.glider.dialects import Dialect
 from replay_kit.logs.glider.files import GliderFile, open_glider_file, surface_kind
-from replay_kit.logs.glider.fixes import fixes_of
-from replay_kit.logs.glider.instruments import PROFILES, absolute_profiles, instrument_entries
+from replay_kit.logs.glider.instruments import (
+    PROFILES,
+    absolute_profiles,
+    fixes_of,
+    instrument_entries,
+)
 from replay_kit.logs.glider.missions import mission_of
 from replay_kit.logs.glider.rows import NetcdfRows
 from replay_kit.logs.reader import VALUES, Entry, LogFile
+from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import (
     FIX,
     by_variable,
@@ -29,7 +34,6 @@ from replay_kit.logs.shared.payloads import (
     number,
     stamp,
 )
-from replay_kit.logs.shared.statistics import ReadStatistics
 
 _NS = 1_000_000_000
 _DECIMATED_NS = 60 * _NS

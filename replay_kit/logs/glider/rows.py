@@ -12,8 +12,8 @@ from replay_kit.core.message import Message
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf
 from replay_kit.logs.reader import VALUES, LogFile
+from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers
-from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: First part of the topic, before the name of the time variable.
 TOPIC = "netcdf/"

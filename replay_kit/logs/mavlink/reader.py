@@ -14,8 +14,8 @@ from replay_kit.core.message import MAVLINK_FRAMES, LogReport, Message, RawChann
 from replay_kit.logs.mavlink.clock import StartClock, SystemTimes, header_time
 from replay_kit.logs.mavlink.frames import Frames, read_frames
 from replay_kit.logs.reader import LogFile
+from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.clock import ClockFit, spikes_note, without_spikes
-from replay_kit.logs.shared.statistics import ReadStatistics
 
 Unpack = Callable[[bytes], dict[str, Any]]
 

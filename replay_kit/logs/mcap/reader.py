@@ -26,8 +26,7 @@ from replay_kit.logs.mcap.scanner import MESSAGE, McapScanner
 from replay_kit.logs.mcap.summary import Channels, Make, read_summary
 from replay_kit.logs.mcap.survey import Survey, overview_of
 from replay_kit.logs.reader import LogFile, OnExtra
-from replay_kit.logs.shared.blocks import Block, Overview
-from replay_kit.logs.shared.statistics import ReadStatistics
+from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics
 
 _MAX_TIME_NS = 2**63 - 1
 _T = TypeVar("_T")

@@ -26,7 +26,7 @@ from replay_kit.logs.mcap.records import (
 from replay_kit.logs.mcap.salvage import Salvage, WholeChunk, goes_on
 from replay_kit.logs.mcap.summary import Channels, Make, read_summary
 from replay_kit.logs.mcap.survey import Columns, columns_of
-from replay_kit.logs.shared.statistics import ReadStatistics
+from replay_kit.logs.shared.blocks import ReadStatistics
 
 #: Fixed part of a message record: channel, sequence, log time, publish time. Unpacked here at once, because the library's
 #: reader takes each number with a call of its own and would be half of the reading time.

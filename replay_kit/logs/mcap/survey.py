@@ -28,8 +28,7 @@ from replay_kit.logs.mcap.records import (
     parse_chunk,
 )
 from replay_kit.logs.mcap.summary import Channels, Make, Summary, read_summary
-from replay_kit.logs.shared.blocks import Block, Overview, TopicExtent, block_of
-from replay_kit.logs.shared.statistics import ReadStatistics
+from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics, TopicExtent, block_of
 
 #: Opcode, length and fixed part of a message record.
 MESSAGE_START = np.dtype(

@@ -18,8 +18,8 @@ from replay_kit.core.message import Message
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import VALUES, LogFile
+from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import number, stamp
-from replay_kit.logs.shared.statistics import ReadStatistics
 
 SCHEMA, TOPIC = "replay_kit.DrifterFix", "/drifters"
 #: By quantity the names of its variable, the preferred first.

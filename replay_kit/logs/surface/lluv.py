@@ -16,8 +16,8 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import open_input
 from replay_kit.core.message import Message
 from replay_kit.logs.reader import VALUES, LogFile, unreadable
+from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers, stamp
-from replay_kit.logs.shared.statistics import ReadStatistics
 from replay_kit.logs.surface.totals import SCHEMA, depth_of
 
 #: First part of the topic, before the station's name.

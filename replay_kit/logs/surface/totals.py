@@ -18,8 +18,8 @@ from replay_kit.core.message import Message
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import VALUES, LogFile
+from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers, stamp
-from replay_kit.logs.shared.statistics import ReadStatistics
 
 SCHEMA, TOPIC = "replay_kit.RadarCurrents", "/radar/totals"
 _MHZ = re.compile(r"(\d+(?:\.\d+)?)\s*MHz", re.IGNORECASE)

@@ -9,12 +9,15 @@ import numpy as np
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
 from replay_kit.show.page import Section
 from replay_kit.studies.bench.frame import BenchResult, BenchRow
-from replay_kit.studies.reports.charts import LABELS, chart_figure, lines_by, one_chart
 from replay_kit.studies.reports.page import (
+    LABELS,
     PAGE,
     StudyReport,
+    chart_figure,
     criteria_html,
+    lines_by,
     list_html,
+    one_chart,
     study_page,
     tables_html,
     words_html,

@@ -7,7 +7,7 @@ import numpy as np
 from replay_kit.core.text import count_text
 from replay_kit.studies.paper.rows import ErrorRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables
-from replay_kit.studies.reports.charts import AVERAGED, LABELS, TRUTH
+from replay_kit.studies.reports.page import AVERAGED, LABELS, TRUTH
 from replay_kit.studies.reports.tables import grouped, number
 from replay_kit.studies.scoring import bootstrap_ratio
 

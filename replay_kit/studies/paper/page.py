@@ -9,16 +9,14 @@ from replay_kit.show.page import Section
 from replay_kit.studies.paper import findings
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables
-from replay_kit.studies.reports.charts import (
+from replay_kit.studies.reports.page import (
     LABELS,
+    PAGE,
+    StudyReport,
     chart_figure,
     lines_by,
     misses_chart,
     one_chart,
-)
-from replay_kit.studies.reports.page import (
-    PAGE,
-    StudyReport,
     study_page,
     tables_html,
     words_html,

@@ -36,7 +36,7 @@ from replay_kit.studies.paper.tables import (
     rungs,
     sparse_rows,
 )
-from replay_kit.studies.reports.charts import AVERAGED, TRUTH
+from replay_kit.studies.reports.page import AVERAGED, TRUTH
 from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,
     grid_observations,

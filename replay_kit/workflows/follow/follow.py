@@ -27,7 +27,7 @@ from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.show.status.held import Held
 from replay_kit.show.status.status import Status, status_of
-from replay_kit.workflows.follow import memory as remembered
+from replay_kit.workflows.follow import watch as remembered
 from replay_kit.workflows.follow.sources import read_goal, with_goal
 from replay_kit.workflows.follow.watch import (
     Clock,

@@ -25,8 +25,7 @@ from replay_kit.logs import open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
 from replay_kit.measurements.messages.suggest import NAMED, sample_key, suggested_entries
-from replay_kit.workflows.info.order import Order, TopicInfo
-from replay_kit.workflows.info.reading import count_alike, read_log
+from replay_kit.workflows.info.reading import Order, TopicInfo, count_alike, read_log
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from replay_kit.logs.shared.payloads import gather
 from replay_kit.measurements import NOT_A_KIND
 from replay_kit.results.losses import (
     coded,
+    iso_time,
     loss_json,
     loss_words,
     unchecked_lines,
@@ -29,8 +30,7 @@ from replay_kit.show.text import (
     short_times,
 )
 from replay_kit.workflows.info.inspect import LogInfo
-from replay_kit.workflows.info.order import TopicInfo
-from replay_kit.workflows.info.reading import late_and_gaps, topic_json
+from replay_kit.workflows.info.reading import TopicInfo
 
 
 def info_json(info: LogInfo) -> dict[str, Any]:
@@ -219,3 +219,40 @@ def next_command(
         f"Next: replay-kit info {given} ANOTHER_LOG",
         "ANOTHER_LOG is the log of this mission that has what is missing",
     ]
+
+
+# printed; all are in the JSON
+_MOST_GAPS = 5
+
+
+def topic_json(name: str, topic: TopicInfo) -> dict[str, Any]:
+    """Return a topic for JSON; what is not known is null."""
+    return {
+        "topic": name,
+        "schema": topic.schema,
+        "messages": topic.messages,
+        "first": iso(topic.first_ns),
+        "last": iso(topic.last_ns),
+        "late": topic.late,
+        "longest_gap_s": None if topic.gap_ns is None else topic.gap_ns / 1e9,
+    }
+
+
+def late_and_gaps(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
+    """Yield what is late, and the longest of the gaps that stand out."""
+    late = {name: topic.late for name, topic in topics.items() if topic.late}
+    if late:
+        which = ", ".join(f"{count} x {name}" for name, count in late.items())
+        yield f"Late, by more than the reorder window, so that a replay leaves them out: {which}"
+    gaps = sorted(
+        (
+            (topic.gap_ns or 0, name, topic.gap_from_ns or 0)
+            for name, topic in topics.items()
+            if topic.has_gap
+        ),
+        reverse=True,
+    )
+    for gap_ns, name, since_ns in gaps[:_MOST_GAPS]:
+        yield f"Gap: {name} has no message for {gap_ns * 1e-9:.0f} s from {iso_time(since_ns, 's')}"
+    if len(gaps) > _MOST_GAPS:
+        yield f"Gaps on {len(gaps) - _MOST_GAPS} more topics; --json has them"

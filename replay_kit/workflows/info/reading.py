@@ -1,23 +1,173 @@
-"""How much of a log is read to say what is in it: its index and first messages, or all, decoding what can be used."""
+"""How much of a log is read to say what is in it, its index and first messages or all; and the order of its messages in time."""
 
+import heapq
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import LogReport
+from replay_kit.logs.merge import FAR_NS, Settled, Settling
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.blocks import Block, Overview, block_of
 from replay_kit.measurements.messages.kinds import may_state
 from replay_kit.measurements.messages.suggest import NAMED
-from replay_kit.results.losses import iso_time
-from replay_kit.show.text import iso
-from replay_kit.workflows.info.order import TopicInfo
 
-# printed; all are in the JSON
-_MOST_GAPS = 5
+# of a topic's mean time between messages, and at least so long [ns], is a gap that is reported
+_TIMES_MEAN, _LEAST_GAP_NS = 10, 60_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """One topic of a log.
+
+    Attributes:
+        schema: Schema or message name.
+        messages: Number of messages in the log, decoded or not.
+        first_ns: Earliest time of a message [ns, UTC]; None when it is not known. Where all were read, messages that a replay sets aside
+            for stamps far from their neighbours' do not count, and after a jump of the clock times are corrected as there.
+        last_ns: Latest time of one.
+        late: Messages that a replay leaves out because they come later than the reorder window allows; None when not all were read.
+        gap_ns: Longest time from one message to the next that is newer than all before it [ns]; None when not all were read.
+        gap_from_ns: When that begins [ns, UTC].
+    """
+
+    schema: str = ""
+    messages: int = 0
+    first_ns: int | None = None
+    last_ns: int | None = None
+    late: int | None = 0
+    gap_ns: int | None = 0
+    gap_from_ns: int | None = None
+
+    @property
+    def has_gap(self) -> bool:
+        """Whether the longest gap stands out."""
+        if (
+            self.gap_ns is None
+            or self.first_ns is None
+            or self.last_ns is None
+            or self.messages < 2
+        ):
+            return False
+        mean_ns = (self.last_ns - self.first_ns) / (self.messages - 1)
+        return self.gap_ns >= max(_TIMES_MEAN * mean_ns, _LEAST_GAP_NS)
+
+    def extended(self, schema: str, time_ns: NDArray[np.int64], late: int) -> "TopicInfo":
+        """Return the topic with further messages, in the order of the log.
+
+        Args:
+            schema: Name of their schema.
+            time_ns: Their times, shape (n,), n at least 1 [ns, UTC].
+            late: How many of them are late.
+        """
+        before = int(time_ns[0]) if self.last_ns is None else self.last_ns
+        newest = np.maximum.accumulate(np.append(before, time_ns))
+        steps = np.diff(newest)
+        longest = int(np.argmax(steps))
+        first_ns = (
+            int(time_ns.min()) if self.first_ns is None else min(self.first_ns, int(time_ns.min()))
+        )
+        late += self.late or 0
+        found = replace(self, schema=schema, first_ns=first_ns, last_ns=int(newest[-1]), late=late)
+        if int(steps[longest]) > (self.gap_ns or 0):
+            found = replace(found, gap_ns=int(steps[longest]), gap_from_ns=int(newest[longest]))
+        return found
+
+
+class Order:
+    """The topics of a log, block by block."""
+
+    def __init__(self, window_s: float) -> None:
+        """Begin without a message.
+
+        Args:
+            window_s: How long a replay holds a message back to let older ones pass [s].
+        """
+        self._window_ns = round(window_s * 1e9)
+        self._topics: dict[str, TopicInfo] = {}
+        self._held = np.empty(0, np.int64)
+        self._yielded: int | None = None
+        self._settling: Settling[tuple[str, str]] = Settling()
+
+    @property
+    def topics(self) -> Mapping[str, TopicInfo]:
+        """By name, without the number of messages, some of which cannot be decoded."""
+        return dict(self._topics)
+
+    def add(self, block: Block) -> None:
+        """Take the next messages of the log."""
+        if not block.kind.size:
+            return
+        since = self._settling.steady_since()
+        if since is not None and np.all(
+            np.abs(np.diff(block.time_ns, prepend=np.int64(since))) <= FAR_NS
+        ):
+            self._settling.go_on(int(block.time_ns[-1]))
+            self._add(block.kinds, block.kind, block.time_ns)
+            return
+        for kind, time_ns in zip(block.kind.tolist(), block.time_ns.tolist(), strict=True):
+            topic, schema = block.kinds[kind]
+            self._add_settled(self._settling.take((topic, schema), time_ns, topic))
+
+    def finish(self) -> None:
+        """Take what still waited for its neighbours when the log ended."""
+        self._add_settled(self._settling.finish())
+
+    def _add_settled(self, judged: Iterable[Settled[tuple[str, str]]]) -> None:
+        for kind, time_ns, _ in judged:
+            if time_ns is not None:
+                self._add((kind,), np.zeros(1, np.intp), np.array([time_ns], np.int64))
+
+    def _add(
+        self, kinds: tuple[tuple[str, str], ...], kind: NDArray[np.intp], time_ns: NDArray[np.int64]
+    ) -> None:
+        """Take messages by their kinds and times."""
+        late = self._late(time_ns)
+        by_kind = np.argsort(kind, kind="stable")
+        ends = np.cumsum(np.bincount(kind, minlength=len(kinds)))
+        for (topic, schema), rows in zip(kinds, np.split(by_kind, ends[:-1]), strict=True):
+            if rows.size:
+                known = self._topics.get(topic, TopicInfo())
+                self._topics[topic] = known.extended(
+                    schema, time_ns[rows], int(np.count_nonzero(late[rows]))
+                )
+
+    def _late(self, time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which messages ``merge`` would leave out: older than one that it has let go, as all have that are a window old."""
+        held = np.append(self._held, time_ns)
+        newest = np.maximum.accumulate(held)
+        # for a message to be late it must be older than the newest before it by more than the window
+        if not np.any(held[1:] < newest[:-1] - self._window_ns):
+            let_go = held < newest[-1] - self._window_ns
+            self._held = held[~let_go]
+            if np.any(let_go):
+                self._yielded = max(
+                    int(held[let_go].max()),
+                    self._yielded if self._yielded is not None else -(2**63),
+                )
+            return np.zeros(time_ns.size, np.bool_)
+        return self._late_one_by_one(time_ns)
+
+    def _late_one_by_one(self, time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        held, late = self._held.tolist(), np.zeros(time_ns.size, np.bool_)
+        newest = max(held, default=-(2**63))
+        heapq.heapify(held)
+        yielded = -(2**63) if self._yielded is None else self._yielded
+        for k, time in enumerate(time_ns.tolist()):
+            if time < yielded:
+                late[k] = True
+                continue
+            heapq.heappush(held, time)
+            newest = max(newest, time)
+            while newest - held[0] > self._window_ns:
+                yielded = heapq.heappop(held)
+        self._held, self._yielded = np.array(held, np.int64), yielded
+        return late
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,36 +264,3 @@ def count_alike(
     for topic, reason in reasons.items():
         undecodable, _ = report.undecodable.get(topic, (0, ""))
         not_used[topic, reason] += max(0, report.read[topic] - undecodable - decoded[topic])
-
-
-def topic_json(name: str, topic: TopicInfo) -> dict[str, Any]:
-    """Return a topic for JSON; what is not known is null."""
-    return {
-        "topic": name,
-        "schema": topic.schema,
-        "messages": topic.messages,
-        "first": iso(topic.first_ns),
-        "last": iso(topic.last_ns),
-        "late": topic.late,
-        "longest_gap_s": None if topic.gap_ns is None else topic.gap_ns / 1e9,
-    }
-
-
-def late_and_gaps(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
-    """Yield what is late, and the longest of the gaps that stand out."""
-    late = {name: topic.late for name, topic in topics.items() if topic.late}
-    if late:
-        which = ", ".join(f"{count} x {name}" for name, count in late.items())
-        yield f"Late, by more than the reorder window, so that a replay leaves them out: {which}"
-    gaps = sorted(
-        (
-            (topic.gap_ns or 0, name, topic.gap_from_ns or 0)
-            for name, topic in topics.items()
-            if topic.has_gap
-        ),
-        reverse=True,
-    )
-    for gap_ns, name, since_ns in gaps[:_MOST_GAPS]:
-        yield f"Gap: {name} has no message for {gap_ns * 1e-9:.0f} s from {iso_time(since_ns, 's')}"
-    if len(gaps) > _MOST_GAPS:
-        yield f"Gaps on {len(gaps) - _MOST_GAPS} more topics; --json has them"

@@ -25,7 +25,7 @@ from replay_kit.core.errors import (
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.inputs import check_unchanged
 from replay_kit.core.message import Message
-from replay_kit.core.progress import Progress, silent
+from replay_kit.core.progress import Progress, Stopwatch, silent
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
@@ -74,7 +74,6 @@ from replay_kit.workflows.replay.shared import SharedEstimate
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
-from replay_kit.workflows.replay.stopwatch import Stopwatch
 from replay_kit.workflows.replay.store.checkpoint import (
     Checkpoint,
     CheckpointFile,

@@ -16,6 +16,7 @@ from replay_kit.core.arrays import Array, replace
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Observation, PathMean
+from replay_kit.core.progress import Stopwatch
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.next_dive.flight import local_current
@@ -42,7 +43,6 @@ from replay_kit.workflows.replay.stages.publishing import (
     write,
 )
 from replay_kit.workflows.replay.statistics import RunStatistics
-from replay_kit.workflows.replay.stopwatch import Stopwatch
 from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used
 from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,

@@ -17,6 +17,7 @@ from replay_kit.core.observation import (
     PathMean,
     VehicleState,
 )
+from replay_kit.core.progress import Stopwatch
 from replay_kit.estimator import Estimator
 from replay_kit.workflows.replay.stages.estimation import (
     Contributor,
@@ -25,7 +26,6 @@ from replay_kit.workflows.replay.stages.estimation import (
     assimilate_together,
     state_after,
 )
-from replay_kit.workflows.replay.stopwatch import Stopwatch
 
 #: Events that wait at most: a log may hold positions and nothing else.
 BUFFERED = 4096

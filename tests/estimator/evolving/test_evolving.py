@@ -13,7 +13,7 @@ from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.state_space import StateSpace
-from replay_kit.estimator.update.evaluation import kalman_update
+from replay_kit.estimator.update.rows import kalman_update
 from tests import synthetic
 from tests.estimator.runs import after
 from tests.reference import evolving as slow

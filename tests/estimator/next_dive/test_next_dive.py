@@ -7,11 +7,11 @@ import pytest
 from scipy.stats import chi2, multivariate_normal, multivariate_t
 
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, Mixture, Persistence, filter
-from replay_kit.estimator.next_dive.mixture import weighted_quantiles
-from replay_kit.estimator.next_dive.settings import (
+from replay_kit.estimator.next_dive.mixtures import (
     Settings,
     flight_combinations,
     ground_combinations,
+    weighted_quantiles,
 )
 from tests.reference import next_dive as slow
 

@@ -8,8 +8,7 @@ import pytest
 
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import nis_sentence
-from replay_kit.show.report.sections.answer import _depths
-from replay_kit.show.report.sections.warnings import found_warnings, next_steps
+from replay_kit.show.report.sections.answer import _depths, found_warnings, next_steps
 
 
 def test_notes_of_what_was_chosen_stand_apart():

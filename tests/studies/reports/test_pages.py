@@ -9,8 +9,7 @@ from replay_kit import __version__
 from replay_kit.show.figures.on_page import log_ticks
 from replay_kit.show.figures.values import Axis, Mark, Panel
 from replay_kit.studies.bench import page as bench
-from replay_kit.studies.reports.charts import chart_figure, misses_chart, one_chart
-from replay_kit.studies.reports.page import words_html
+from replay_kit.studies.reports.page import chart_figure, misses_chart, one_chart, words_html
 from replay_kit.studies.reports.tables import Table, to_csv
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, table, text_of

@@ -14,7 +14,6 @@ from replay_kit.core.plan import Place
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.show.status.alarms import Alarm
 from replay_kit.show.status.status import Status
-from replay_kit.workflows.follow.memory import Memory, read_memory, write_memory
 from replay_kit.workflows.follow.sources import (
     Source,
     change_words,
@@ -29,13 +28,16 @@ from replay_kit.workflows.follow.sources import (
 )
 from replay_kit.workflows.follow.watch import (
     Clock,
+    Memory,
     Watched,
     alarm_line,
     key_of,
     look_again,
     new_alarms,
     notify,
+    read_memory,
     standing,
+    write_memory,
 )
 from replay_kit.workflows.replay.store.followed import (
     FollowedStates,

@@ -9,8 +9,8 @@ import pytest
 from replay_kit.core.message import Message
 from replay_kit.logs import merge
 from replay_kit.logs.shared.blocks import block_of, blocks_of
-from replay_kit.workflows.info.order import Order, TopicInfo
-from replay_kit.workflows.info.reading import late_and_gaps
+from replay_kit.workflows.info.listing import late_and_gaps
+from replay_kit.workflows.info.reading import Order, TopicInfo
 
 SECOND = 10**9
 

@@ -1,16 +1,180 @@
-"""The answer in words: what was measured, the sentences of the summary, what was not used, what to do next."""
+"""The answer in words: what was measured, the sentences of the summary, what was not used, what looks wrong, what to do next."""
 
 from collections.abc import Iterator
+from html import escape
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import severity_word
 from replay_kit.core.text import count_text, time_text
+from replay_kit.results.outcome.verdict import MOST_NIS
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.numbers import Sentence, sentence
+from replay_kit.results.views.slices import calibration
+from replay_kit.show.numbers import Sentence, number, sentence
 from replay_kit.show.page.section import Section, items_html
-from replay_kit.show.report.sections.warnings import next_steps
 from replay_kit.show.words import estimate_sentences, found_sentences
+
+#: Notes of a run that only state what was read and chosen.
+_NEUTRAL = (
+    *(
+        "modes a level",
+        "prior: ",
+        "no goal was given",
+        "could not be decoded",
+        "members: ",
+        "variance of the prior multiplied",
+    ),
+    *(
+        "the recorder's stamps are",
+        "since its start against",
+        "were read by their names",
+        "each counted once",
+    ),
+    "no declination was added to them",
+)
+
+
+_KINDS = {"stop": "Stop", "care": "Care", "note": "Note"}
+
+
+def warnings_html(contents: Contents) -> str:
+    """Return what a reader should look into, sorted: what stops, what asks for care, what only tells how the log was read."""
+    rows = [
+        f'<li class="{kind}"><b>{_KINDS[kind]}</b> {text}</li>'
+        for wanted in _KINDS
+        for kind, text in found_warnings(contents)
+        if kind == wanted
+    ]
+    return f'<ul class="warnings">{"".join(rows)}</ul>' if rows else "<p>No problems detected.</p>"
+
+
+def found_warnings(contents: Contents) -> list[tuple[str, str]]:
+    """Return what a reader should look into, each with its kind and as an escaped sentence."""
+    outcome = contents.outcome
+    tests = (_losses, _bias, _rejections, _surfacings)
+    notes = outcome.notes
+    care = [text for test in tests if (text := test(contents))]
+    care += [escape(_sentence(note)) for note in notes if not _is_neutral(note)]
+    events = contents.result.events
+    told = dict.fromkeys(events["message"][events["level"].isin(["warning", "error"])])
+    said = [text for text in told if text not in notes]
+    care += [escape(_sentence(text)) for text in said]
+    severity = {one["name"]: severity_word(one["severity"]) for one in outcome.consistency}
+    alarms = [
+        (
+            "stop"
+            if one.about in ("unsafe", "failed") or severity.get(one.about) == "contradiction"
+            else "care",
+            escape(_sentence(one.text)),
+        )
+        for one in outcome.alarms
+        # what was found with the last message alone is no event
+        if one.kind == "plan" or not any(text.startswith(one.about) for text in said)
+    ]
+    neutral = [("note", escape(_sentence(note))) for note in notes if _is_neutral(note)]
+    return [*alarms, *(("care", text) for text in care), *neutral]
+
+
+def next_steps(contents: Contents) -> list[str]:
+    """Return what to do next, as escaped sentences."""
+    outcome, plans, out = contents.outcome, contents.result.plans, []
+    plan = outcome.plan
+    if plan and (plan["status"] == "failed" or plan.get("heading_deg") is None):
+        why = "Nothing to steer" if plan["status"] == "reached" else "No plan was found"
+        out.append(f"{why}: {escape(plan['message'])}.")
+    elif not len(plans):
+        out.append("Name a goal with <code>--goal LON,LAT,DEPTH</code> to have the way planned.")
+    nis = outcome.nis_per_dof
+    if nis is not None and nis > MOST_NIS:
+        # mean currents have no bins whose quality could be tested
+        look = (
+            "Run <code>replay-kit qc</code> on the log and compare"
+            if contents.bins.time_ns.size
+            else "Compare"
+        )
+        out.append(
+            f"{look} the innovations below dive by dive: either the instrument is biased, or the "
+            "ensemble does not fit this place and time. Until then take the standard errors as too small."
+        )
+    if outcome.losses or outcome.late:
+        out.append(
+            "Recover the log from the vehicle again if you can: what was lost is named above."
+        )
+    if contents.estimate is None and contents.measured.count:
+        out.append(
+            "Replay the log again without <code>--no-estimate</code>, or to its end, for the current and its uncertainty."
+        )
+    return out or ["Nothing: the estimate agrees with what was measured."]
+
+
+def _is_neutral(note: str) -> bool:
+    return any(word in note for word in _NEUTRAL)
+
+
+def _sentence(text: str) -> str:
+    """Return a note as a sentence; the name of a file or variable at its beginning stays as it is."""
+    is_name = (
+        any(letter in text.split(maxsplit=1)[0] for letter in "._/") if text.strip() else False
+    )
+    return (text if is_name else text[:1].upper() + text[1:]) + ("" if text.endswith(".") else ".")
+
+
+def _losses(contents: Contents) -> str:
+    outcome = contents.outcome
+    lost = outcome.lost_pings
+    late, losses = outcome.late, outcome.losses
+    parts = [f"{len(losses)} damaged parts of the logs were lost"] if losses else []
+    if late:
+        parts.append(
+            f"{number('late', late, format(late, ','))} messages came later than the reorder window allows"
+        )
+    return " ".join(
+        [
+            *([f"{' and '.join(parts)}."] if parts else []),
+            *([escape(_sentence(lost))] if lost else []),
+        ]
+    )
+
+
+def _bias(contents: Contents) -> str:
+    bins = contents.measured.innovations
+    found = calibration(bins)
+    # the mean of many independent values would be this near to 0; profiles are not independent, hence the wide limit
+    if found.standardized.size < 50 or abs(found.mean) < 0.2:
+        return ""
+    east, north = (float(np.nanmean(bins[f"innovation_{axis}"])) for axis in ("east", "north"))
+    return (
+        f"The innovations have a mean of {100 * east:+.1f} cm/s east and {100 * north:+.1f} "
+        f"cm/s north: a bias of instrument or forecast."
+    )
+
+
+def _rejections(contents: Contents) -> str:
+    observations = contents.outcome.observations
+    total = observations["used"] + observations["rejected"]
+    if not total or observations["rejected"] <= 0.1 * total:
+        return ""
+    rejected = number(
+        "observations.rejected", observations["rejected"], f"{observations['rejected']:,}"
+    )
+    return f"{rejected} of {total:,} measurements were rejected."
+
+
+def _surfacings(contents: Contents) -> str:
+    surfacings = contents.outcome.surfacings
+    if (
+        not surfacings
+        or surfacings.get("inside_ellipse") is None
+        or surfacings["inside_ellipse"] >= 0.6
+    ):
+        return ""
+    share = surfacings["inside_ellipse"]
+    return (
+        f"Only {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} of the surfacings lie in the "
+        "ellipse predicted to hold "
+        "90 %: the vehicle did not fly these plans, or the current is less certain than stated."
+    )
 
 
 def words_section(contents: Contents) -> Section:

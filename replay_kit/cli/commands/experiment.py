@@ -1,4 +1,4 @@
-"""What the commands of all studies share: the truths, the output folder, and how a study is run and written."""
+"""``experiment paper``, the paper's study on any ensemble; and what commands of studies share: truths, folder, how one is run."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 from cyclopts import Parameter
 
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
-from replay_kit.cli.options import Answer, Ending, Ensemble, Processes, Truth, option
+from replay_kit.cli.options import (
+    PART_OF_FORECAST,
+    TO_INPUTS,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Answer,
+    Ending,
+    Ensemble,
+    Processes,
+    Truth,
+    option,
+)
+from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.config.run import ForecastConfig, RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_folder, check_paths, truth_path
@@ -17,6 +29,7 @@ from replay_kit.core.progress import Progress
 if TYPE_CHECKING:
     from replay_kit.core.grid import Ensemble as Members
     from replay_kit.studies.reports.page import StudyReport
+
 
 Result = TypeVar("Result")
 # Settings that the estimators of these studies have; name and preset are those that a study compares.
@@ -133,3 +146,60 @@ def run_study(
         console.print(f"Page: {outputs.out / 'index.html'}; open it in a browser.", soft_wrap=True)
     write_json(outputs.json_file, report.answer)
     return result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaperSizes:
+    """How much is computed."""
+
+    modes: Annotated[
+        str | None,
+        option(
+            "--modes",
+            "Most modes per level anywhere. Default: tables to the full rank, plans on 300; all: plans on it too.",
+            metavar="N|all",
+        ),
+    ] = None
+    pairs: Annotated[
+        int, option("--pairs", "Number of starts and targets of the glides.", least=1)
+    ] = 100
+    seed: Annotated[
+        int, option("--seed", "Seed of places, noise, starts and targets.", least=0)
+    ] = 0
+
+
+@takes_settings(*PART_OF_FORECAST, file=False)
+def paper(
+    *,
+    truths: Annotated[OneTruth, TO_INPUTS],
+    outputs: Annotated[Report, TO_OUTPUTS],
+    settings: Settings,
+    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
+    sizes: Annotated[PaperSizes, TO_OPTIONS] = PaperSizes(),
+) -> int:
+    """Return 0."""
+    truths.check("experiment paper")
+    config = settings.load(estimator={"modes": sizes.modes})
+
+    from replay_kit.studies.paper import PaperJob, page, run_paper
+
+    check_outputs(truths.files, outputs, page.FILES)
+    most = None if sizes.modes is None else config.estimator.modes
+    job = PaperJob(
+        leave_out=truths.leave_out,
+        most_modes=most,
+        plan_modes=config.estimator.modes,
+        pairs=sizes.pairs,
+        seed=sizes.seed,
+    )
+    members, withheld = truths.read(config.forecast)
+    # at once, so that a folder that cannot be made is reported before the work
+    outputs.out.mkdir(exist_ok=True)
+    run_study(
+        page.report_of,
+        lambda advance: run_paper(members, withheld, config.estimator, job, advance),
+        outputs,
+        config,
+        processes,
+    )
+    return 0

@@ -1,1 +1,0 @@
-"""``experiment``: one file a study."""
