@@ -12,7 +12,7 @@ Each name is imported when it is first asked for.
 
 from typing import TYPE_CHECKING
 
-from replay_kit.core.on_demand import on_demand
+from replay_kit.core.extensions import on_demand
 from replay_kit.core.version import __version__
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ __getattr__ = on_demand(
         "Place": "core.plan",
         "Plan": "core.plan",
         "ReplayKitError": "core.errors",
-        "Result": "show.opened",
+        "Result": "show.notebook",
         "RunConfig": "config.run",
         "observations": "measurements",
         "open_ensemble": "workflows.library",

@@ -9,9 +9,9 @@ from planners.mission.odds import MissionOdds
 from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
-from replay_kit.core.geojson import collection_text, cut_at_antimeridian, feature, positions
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Odds, Plan
+from replay_kit.core.region import collection_text, cut_at_antimeridian, feature, positions
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.core.text import csv_text
 

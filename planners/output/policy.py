@@ -10,8 +10,8 @@ import numpy as np
 from planners.mission.policy import Policy
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.geojson import collection_text, cut_at_antimeridian, feature, positions
 from replay_kit.core.grid import Projection
+from replay_kit.core.region import collection_text, cut_at_antimeridian, feature, positions
 from replay_kit.core.text import csv_text
 
 _FORMS = (".csv", ".json", ".geojson")

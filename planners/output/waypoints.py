@@ -11,7 +11,7 @@ import numpy as np
 
 from planners.mission.waypoints import Waypoints
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geojson import collection_text, cut_at_antimeridian, feature, positions
+from replay_kit.core.region import collection_text, cut_at_antimeridian, feature, positions
 from replay_kit.core.text import csv_text
 
 

@@ -86,7 +86,7 @@ class _Kept(io.StringIO):
 
 def console_beside(*answers: Path | None) -> "Console":
     """Return where tables and messages go: standard output, or standard error when an answer takes that; wide in a pipe."""
-    from replay_kit.cli.terminal import SafeConsole
+    from replay_kit.show.text import SafeConsole
 
     stream = (
         sys.stderr if any(path is not None and str(path) == "-" for path in answers) else sys.stdout

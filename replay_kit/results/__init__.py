@@ -2,13 +2,13 @@
 
 from typing import TYPE_CHECKING
 
-from replay_kit.core.on_demand import on_demand
+from replay_kit.core.extensions import on_demand
 
 if TYPE_CHECKING:
     from replay_kit.results.compare import Difference, Recorded, first_difference, read_recorded
     from replay_kit.results.journal import Journal, read_journal
-    from replay_kit.results.mcap_reader import read_estimate
     from replay_kit.results.mcap_writer import ResultWriter
+    from replay_kit.results.readback import read_estimate
     from replay_kit.results.schemas import CONTRACT_VERSION
     from replay_kit.results.topics import Digest
 
@@ -36,7 +36,7 @@ __getattr__ = on_demand(
         "Recorded": "compare",
         "ResultWriter": "mcap_writer",
         "first_difference": "compare",
-        "read_estimate": "mcap_reader",
+        "read_estimate": "readback",
         "read_journal": "journal",
         "read_recorded": "compare",
     },

@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding, ReplayKitError, finding_json
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
-from replay_kit.core.geojson import collection_text, feature, positions
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Innovation, VehicleState
 from replay_kit.core.plan import Plan, leg_statistics
+from replay_kit.core.region import collection_text, feature, positions
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome, SurfacingOutcome, planned_ellipses
 from replay_kit.results.flight_correction import mean_current_values
 from replay_kit.results.schemas import encode

@@ -23,7 +23,6 @@ from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
 from replay_kit.results.columns import shared, single_columns, table_of
 from replay_kit.results.flight_correction import named_by_contract
-from replay_kit.results.mcap_reader import read_estimate, read_windows
 from replay_kit.results.measurements import (
     Measured,
     Tables,
@@ -33,6 +32,7 @@ from replay_kit.results.measurements import (
     measurement_tables,
 )
 from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.readback import read_estimate, read_windows
 from replay_kit.results.schemas import decode
 from replay_kit.results.topics import (
     CONFIG_NAME,

@@ -2,11 +2,11 @@
 
 from typing import TYPE_CHECKING
 
-from replay_kit.core.on_demand import on_demand
+from replay_kit.core.extensions import on_demand
 
 if TYPE_CHECKING:
-    from replay_kit.show.opened import Result, open_result
+    from replay_kit.show.notebook import Result, open_result
 
 __all__ = ["Result", "open_result"]
 
-__getattr__ = on_demand(globals(), {"Result": "opened", "open_result": "opened"})
+__getattr__ = on_demand(globals(), {"Result": "notebook", "open_result": "notebook"})

@@ -3,10 +3,13 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from replay_kit.core.text import printable
 from replay_kit.results.losses import iso_time
 
 # Columns that a cell which is never folded has at most.
@@ -133,3 +136,11 @@ def not_used_lines(not_used: Mapping[str, Mapping[str, int]], whole: bool = True
         alike = list(those)
         names = [row[0] for row in folded((topic, "", reason) for topic, _, _ in alike)]
         yield f"Not used: {sum(int(count) for _, count, _ in alike)} x {', '.join(names)}: {reason}"
+
+
+class SafeConsole(Console):
+    """A console that shows control characters in texts, such as those of names in a log, and obeys none of them."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Return a text to be laid out: of a printed line, and of each cell and heading of a table."""
+        return super().render_str(printable(text), **options)

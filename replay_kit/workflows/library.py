@@ -27,7 +27,7 @@ from replay_kit.core.progress import Progress, silent
 from replay_kit.core.time import to_time_ns
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
-from replay_kit.show.opened import Result, as_pooled
+from replay_kit.show.notebook import Result, as_pooled
 from replay_kit.workflows.in_memory.observations import is_observed, write_observed
 from replay_kit.workflows.in_memory.parts import (
     EstimatorBuilder,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from replay_kit.core.geojson import cut_at_antimeridian, feature
+from replay_kit.core.region import cut_at_antimeridian, feature
 
 RING = [[178.0, -1.0], [182.0, -1.0], [182.0, 3.0], [178.0, 3.0], [178.0, -1.0]]
 

@@ -10,8 +10,8 @@ import pandas as pd
 from replay_kit.core.arrays import Array
 from replay_kit.core.colors import LIGHT, SYMBOLS
 from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.geojson import Feature, collection_text, feature, positions
 from replay_kit.core.grid import Projection
+from replay_kit.core.region import Feature, collection_text, feature, positions
 from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.track import outlines_of, thinned
 

@@ -7,7 +7,7 @@ flies it through samples of the estimate; ``outputs`` writes it.
 
 from typing import TYPE_CHECKING
 
-from replay_kit.core.on_demand import on_demand
+from replay_kit.core.extensions import on_demand
 
 if TYPE_CHECKING:
     from replay_kit.workflows.planning.adapters import GlidePlanner, MissionPlanner, planner_of

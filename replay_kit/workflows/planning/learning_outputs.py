@@ -12,8 +12,8 @@ from rich.console import Console
 from planners.learning.values import LearnPlan
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.geojson import collection_text, feature
 from replay_kit.core.plan import Plan
+from replay_kit.core.region import collection_text, feature
 from replay_kit.core.text import csv_text, time_text
 from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.learning import Learnt
