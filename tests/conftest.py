@@ -10,7 +10,8 @@ import pytest
 
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.estimator.prior import fit
-from tests.remembered import score_member
+from replay_kit.estimator.static import filter as static_filter
+from tests.remembered import fitted_kernels, score_member
 from tests.synthetic_flow import synthetic_flow
 
 
@@ -25,7 +26,8 @@ def flow() -> FlowEstimate:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _members_are_scored_once():
+def _a_prior_is_fitted_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fit, "_score_member", score_member)
+        patch.setattr(static_filter, "fitted_kernels", fitted_kernels)
         yield

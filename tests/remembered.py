@@ -1,36 +1,36 @@
-"""The fit of a prior, a fifth of a small replay's time: many tests replay over the same ensemble, whose members are scored once."""
+"""The fits of a prior, half of a small replay's set-up: many tests replay over the same ensemble, to which each is fitted once."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
-import numpy as np
-
-from replay_kit.core.arrays import Array
 from replay_kit.estimator.basis.shifts import ShiftedModes
-from replay_kit.estimator.prior import fit
+from replay_kit.estimator.prior import centre, fit
 from replay_kit.estimator.prior.fit import Members
-from replay_kit.estimator.prior.hybrid import PriorSettings
-
-_found: dict[tuple[object, ...], Array] = {}
 
 
-@functools.wraps(fit._score_member)
-def score_member(
-    members: Members,
-    modes: ShiftedModes,
-    member: int,
-    settings: PriorSettings,
-    shares: Sequence[float],
-) -> Array:
-    """Return what the function of this name returns, computed once for the same arguments."""
-    arrays = tuple(
-        array.tobytes() for array in (members.weights, members.velocity_modes, members.nodes)
-    )
-    key = (*arrays, members.weights.shape, member, settings, tuple(shares))
-    if key not in _found:
-        _found[key] = score_member.__wrapped__(members, modes, member, settings, shares)
-    return np.copy(_found[key])
+def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function of members and settings that computes what it returns once for the same arguments."""
+    found: dict[tuple[object, ...], Any] = {}
+
+    @functools.wraps(function)
+    def once(members: Members, *args: Any) -> Any:
+        arrays = members.weights, members.velocity_modes, members.nodes
+        # shifted modes are those of the members by the settings
+        rest = (arg for arg in args if not isinstance(arg, ShiftedModes))
+        key = (
+            *(array.tobytes() for array in arrays),
+            members.weights.shape,
+            *(tuple(arg) if isinstance(arg, Sequence) else arg for arg in rest),
+        )
+        if key not in found:
+            found[key] = function(members, *args)
+        return found[key]
+
+    # a recording of which test executes which line empties every cache before each test
+    once.cache_clear = found.clear  # type: ignore[attr-defined]
+    return once
 
 
-# a recording of which test executes which line empties every cache before each test
-score_member.cache_clear = _found.clear  # type: ignore[attr-defined]
+score_member = remembered(fit._score_member)
+fitted_kernels = remembered(centre.fitted_kernels)
