@@ -16,9 +16,8 @@ from planners.glide.solve import plan
 from planners.glide.transcription import GlideSettings
 from planners.mission.flight.pilot import Pilot
 from planners.mission.flights import MonteCarloSummary, fly_scenarios
-from planners.mission.odds import MissionOdds, mission_odds, with_odds
+from planners.mission.odds import MissionOdds, mission_odds, plan_for_odds, with_odds
 from planners.mission.plan import plan_line, plan_mission, plan_mooring
-from planners.mission.reserve import plan_for_odds
 from planners.mission.scenarios import plan_scenarios
 from planners.mission.timing import best_departure, cut_at_horizon, plan_departures
 from planners.mission.values import (

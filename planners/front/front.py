@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
-from planners.front.current import Complex, CurrentLattice
+from planners.front.current import Complex, CurrentLattice, Route, edge_durations
 from planners.front.obstacles import Obstacles
-from planners.front.route import Route, edge_durations
 from replay_kit.core.arrays import Array
 
 Numbers = NDArray[np.intp]

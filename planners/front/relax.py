@@ -4,10 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from planners.front.current import Complex
+from planners.front.current import Complex, Route, edge_durations
 from planners.front.front import Sea
 from planners.front.obstacles import as_complex
-from planners.front.route import Route, edge_durations
 from replay_kit.core.arrays import Array
 
 # Pieces of a stretch, doubled until each is no longer than so many lattice lines, and sweeps over the points between them.

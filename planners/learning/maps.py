@@ -4,9 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from planners.learning.choose import Aim
 from planners.learning.comparison import best_mower, compared
-from planners.learning.loops import Survey
+from planners.learning.loops import Aim, Survey
 from planners.learning.mapping import Mapping, look_ahead, refined
 from planners.learning.rows import (
     Combined,

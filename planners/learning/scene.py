@@ -7,10 +7,9 @@ import shapely
 from numpy.typing import NDArray
 
 from planners.front.current import Complex, shares_of_levels
-from planners.learning.choose import Aim
 from planners.learning.closed_loop import mean_currents, slices
 from planners.learning.current import Currents
-from planners.learning.loops import Survey, clear_lines
+from planners.learning.loops import Aim, Survey, clear_lines
 from planners.learning.rows import Combined, rows_at, together
 from planners.learning.values import LearnLeg, LearnRequest, LearnSettings, ValueMap
 from planners.mission.task import MissionTask, mission_task

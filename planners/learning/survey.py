@@ -7,9 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.front.current import Complex
-from planners.learning.choose import Aim, allowed_errors, search
 from planners.learning.closed_loop import Flown, Sea, Stretch, drawn_sea, fly_after, slices
-from planners.learning.loops import SCOUTING, WAITING, Survey, clear, shapes, timed
+from planners.learning.loops import (
+    SCOUTING,
+    WAITING,
+    Aim,
+    Survey,
+    allowed_errors,
+    clear,
+    search,
+    shapes,
+    timed,
+)
 from planners.learning.rows import rows_at
 from planners.learning.scene import Scene, dives_of, leg_of, scene_of, value_map
 from planners.learning.transit import Transit, end_sensitivity, path_of, plan_transit

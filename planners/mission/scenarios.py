@@ -18,13 +18,13 @@ from scipy.special import bdtr
 from planners.mission.flight.currents import Currents, Flow, Sample
 from planners.mission.flight.pilot import Pilot
 from planners.mission.flights import MonteCarloSummary, currents_of_estimate
-from planners.mission.reserve import Trial, as_whole, judged, with_more_legs
-from planners.mission.result import to_plan
+from planners.mission.odds import Trial, as_whole, judged, with_more_legs
+from planners.mission.plan import to_plan
 from planners.mission.search.search import solve_attempts
 from planners.mission.solve.attempt import Attempt, best_of, is_feasible
 from planners.mission.solve.goals import aimed_at, with_n_legs
-from planners.mission.solve.half_planes import SafetyMargin
 from planners.mission.solve.legs import solve_with_margin
+from planners.mission.solve.optimum import SafetyMargin
 from planners.mission.task import MissionTask, mission_task
 from planners.mission.values import MissionPlan, MissionRequest
 

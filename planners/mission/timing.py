@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from planners.mission.flight.currents import Flow
-from planners.mission.result import to_plan
+from planners.mission.plan import to_plan
 from planners.mission.search.search import solve_attempts
 from planners.mission.task import apogee_depths, mission_task
 from planners.mission.values import Found, MissionPlan, MissionRequest

@@ -4,8 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.shooting.frames import GIVEN, SIGMA, FrameMap
-from planners.shooting.layout import EACH, Layout, hessian_scatter, jacobian_scatter
+from planners.shooting.layout import (
+    EACH,
+    GIVEN,
+    SIGMA,
+    FrameMap,
+    Layout,
+    hessian_scatter,
+    jacobian_scatter,
+)
 from planners.shooting.paths import Derivatives, Paths, Starts, derive, derive_twice, fly_paths
 from planners.shooting.schedule import Schedule
 from planners.shooting.stream import Stream

@@ -1,6 +1,6 @@
 """The paths of a mission's legs by the midpoint method, all legs at once, with exact first and second derivatives.
 
-A leg from place x in a frame (``frames.py``) passes known depths: with g = rho + tau (P - x) + kappa u(P, t) per metre of depth, a step of
+A leg from place x in a frame (``layout.py``) passes known depths: with g = rho + tau (P - x) + kappa u(P, t) per metre of depth, a step of
 h metres leads from P to P + h g(M), M = P + h / 2 g(P). All that a leg depends on is q: where it begins, heading, glide angle and, in a
 current that changes, when it begins. With A = dg/dP and b = dg/dq at each stage the derivatives obey
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.shooting.frames import COUNT, GIVEN, KAPPA, RHO, SIGMA, STRETCH, TAU
+from planners.shooting.layout import COUNT, GIVEN, KAPPA, RHO, SIGMA, STRETCH, TAU
 from planners.shooting.schedule import Schedule
 from planners.shooting.stream import Stream
 from replay_kit.core.arrays import Array

@@ -12,9 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from planners.shooting.frames import FrameMap
 from planners.shooting.functions import MissionCase, MissionFunctions
-from planners.shooting.layout import EACH, Layout
+from planners.shooting.layout import EACH, FrameMap, Layout
 from planners.solver import HOUR, KM, MOST_ITERATIONS, OPTIONS, WARM, Recent, one_at_a_time
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array

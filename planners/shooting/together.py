@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planners.shooting.frames import FrameMap
+from planners.shooting.layout import FrameMap
 from planners.shooting.paths import Starts, derive, fly_paths
 from planners.shooting.schedule import Schedule
 from planners.shooting.stream import Stream

@@ -34,8 +34,7 @@ from replay_kit.forecast.names import (
     without_partner,
 )
 from replay_kit.forecast.pairs import OpenedFile, Part, pair_files
-from replay_kit.forecast.starts import rule_of, start_of
-from replay_kit.forecast.times import runs_of
+from replay_kit.forecast.times import rule_of, runs_of, start_of
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
 _FOREIGN = (

@@ -7,7 +7,7 @@ import numpy as np
 
 from planners.flow import _field
 from planners.mission.flight.legs import fly_midpoints
-from planners.shooting.frames import frame_function
+from planners.shooting.layout import frame_function
 from planners.shooting.schedule import DRIFT_STEPS
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array

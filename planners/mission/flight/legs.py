@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from planners.mission.flight.currents import Currents
-from planners.shooting.frames import frame_function
+from planners.shooting.layout import frame_function
 from planners.shooting.schedule import DRIFT_STEPS
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array

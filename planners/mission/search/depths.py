@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from planners.front.current import Route
 from planners.front.obstacles import as_complex
-from planners.front.route import Route
 from planners.mission.search.passage import Water, passage_past_goals, water_of
 from planners.mission.search.search import likely_legs, solve_attempts
 from planners.mission.search.turning import Cut, solve_cut

@@ -6,11 +6,16 @@ from math import inf
 import numpy as np
 import shapely
 
-from planners.front.current import CurrentLattice, current_lattice, shares_of_levels, spacing_over
+from planners.front.current import (
+    CurrentLattice,
+    Route,
+    current_lattice,
+    shares_of_levels,
+    spacing_over,
+)
 from planners.front.front import sea_of, spread
 from planners.front.obstacles import as_complex, obstacles_of
 from planners.front.relax import relax
-from planners.front.route import Route
 from planners.mission.task import MissionTask
 from planners.route.hazards import Ring
 from planners.shooting.program import MissionGuess

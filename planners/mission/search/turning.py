@@ -6,7 +6,7 @@ from math import inf
 
 import numpy as np
 
-from planners.front.route import Route
+from planners.front.current import Route
 from planners.mission.search.course import along_route
 from planners.mission.search.passage import Water, initial_guess, longest_time, passage_past_goals
 from planners.mission.solve.attempt import Attempt, Bound, GoalSteps, is_feasible

@@ -5,20 +5,21 @@ from functools import lru_cache
 
 import numpy as np
 
-from planners.front.route import Route
+from planners.front.current import Route
 from planners.mission.flight.currents import Currents
 from planners.mission.flight.legs import Flight, Legs, fly_legs
 from planners.mission.solve.attempt import Attempt, GoalSteps, LegsProblem, ranking_key
 from planners.mission.solve.check import check
-from planners.mission.solve.half_planes import (
+from planners.mission.solve.optimum import (
+    MET,
     SafetyMargin,
     following_walls,
+    optimum,
     standing_walls,
     with_margin,
 )
-from planners.mission.solve.optimum import MET, optimum
 from planners.mission.task import REFINED, MissionTask, refine_steps, turns_of
-from planners.shooting.frames import FrameMap
+from planners.shooting.layout import FrameMap
 from planners.shooting.program import MissionGuess, MissionSolution
 from planners.shooting.schedule import DRIFT_STEPS, schedule_of
 from planners.shooting.stream import stream_of

@@ -13,8 +13,14 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Flag, Label, LinearMeasurement, Source, VehicleState
-from replay_kit.measurements.section.casts import Cast, without_spikes
-from replay_kit.measurements.section.faults import LAG, fault_of_units, has_lag, is_fouled
+from replay_kit.measurements.section.casts import (
+    LAG,
+    Cast,
+    fault_of_units,
+    has_lag,
+    is_fouled,
+    without_spikes,
+)
 from replay_kit.measurements.section.hydrography import Profile, Section, section_of
 from replay_kit.measurements.section.thermal_wind import (
     EQUATOR,

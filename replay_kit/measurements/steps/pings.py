@@ -32,8 +32,8 @@ from replay_kit.measurements.steps.position_matching import (
     refuse,
 )
 from replay_kit.measurements.steps.state import MeasurementState, Step, at_depth
+from replay_kit.measurements.vehicle.dead_reckoning import waits_until
 from replay_kit.measurements.vehicle.dives import depth_of_pressure
-from replay_kit.measurements.vehicle.vessel_velocity import waits_until
 
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8

@@ -22,7 +22,7 @@ from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
 from replay_kit.measurements.ping.profile import profiles_of, transducer_depths
 from replay_kit.measurements.quality.ping import PingBlock, checks, flags_of, is_nortek
-from replay_kit.measurements.vehicle.vessel_velocity import Fixes, fixes_around, vessel_velocity
+from replay_kit.measurements.vehicle.dead_reckoning import Fixes, fixes_around, vessel_velocity
 
 # m/s; by which a glider's velocity on one leg departs from its mean over the dive: the place at a share s of a dive of T seconds, taken on
 # the straight way between its ends, is off by this times T s (1 - s)

@@ -27,9 +27,9 @@ from replay_kit.measurements.messages.water import DrifterFix
 from replay_kit.measurements.ping.adcp_ping import Orientation, PlatformVelocity
 from replay_kit.measurements.steps.position_matching import PlacedPing, WaitingPing, place, ready
 from replay_kit.measurements.vehicle import mean_current as currents
+from replay_kit.measurements.vehicle.dead_reckoning import Fixes, append_fix
 from replay_kit.measurements.vehicle.dives import depth_of_pressure, is_submerged
 from replay_kit.measurements.vehicle.mean_current import Dives, MeanCurrent
-from replay_kit.measurements.vehicle.vessel_velocity import Fixes, append_fix
 
 if TYPE_CHECKING:
     from replay_kit.measurements.section.lines import SectionLine

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from planners.flow import graph_key
-from planners.mission.flight.currents import Flow, Sample
+from planners.mission.flight.currents import Flow, Sample, is_noticed, with_local
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -19,7 +19,6 @@ from replay_kit.core.flow.evolution import Evolution, ProcessModel, sample_throu
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
 from replay_kit.core.text import time_text
 from replay_kit.estimator.basis.embedding import embed
-from replay_kit.workflows.planning.local import is_noticed, with_courses
 
 _NS = 1_000_000_000
 # Days from the one time of a current within which a mission may begin: a month later its eddies are others.
@@ -173,9 +172,7 @@ class KnownCurrent:
             return ()
         drawn = self._samples(begin_ns, seconds, count, seed)
         return (
-            drawn
-            if self.local is None
-            else with_courses(drawn, self.local, begin_ns, seconds, seed)
+            drawn if self.local is None else with_local(drawn, self.local, begin_ns, seconds, seed)
         )
 
     def _samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Flow]:

@@ -10,6 +10,7 @@ import numpy as np
 from planners.learning.maps import plan_map
 from planners.learning.survey import plan_survey
 from planners.learning.values import Box, LearnPlan, LearnRequest, LearnSettings, OtherProfiles
+from planners.mission.flight.currents import local_notes
 from planners.mission.values import MissionSettings
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
@@ -22,7 +23,6 @@ from replay_kit.results.views.record import read_planned_legs
 from replay_kit.workflows.planning.adapters import MissionPlanner, with_origin
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
-from replay_kit.workflows.planning.local import local_notes
 
 # Hours of a survey where none are stated, and samples.
 _SURVEY_H, _SAMPLES = 24.0, 200

@@ -25,7 +25,7 @@ from planners import (
     waypoints_of,
     with_odds,
 )
-from planners.mission.flight.currents import Flow, Sample
+from planners.mission.flight.currents import Flow, Sample, local_notes
 from planners.mission.policy import Policy, policy_of
 from planners.mission.timing import to_its_end
 from planners.mission.waypoints import Waypoints
@@ -45,7 +45,6 @@ from replay_kit.workflows.planning.adapters import (
     without_odds,
 )
 from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
-from replay_kit.workflows.planning.local import local_notes
 from replay_kit.workflows.planning.request import check_samples, line_of, mooring_of, objective_of
 
 # An area counts that holds within so many times the duration of a mission, as samples of it may last longer.

@@ -11,8 +11,15 @@ from rich.console import Console
 
 from planners.mission.policy import Policy
 from planners.mission.waypoints import Waypoints
-from planners.output.mission import as_plan, legs_table, to_csv, to_geojson, to_json
-from planners.output.policy import policy_json, policy_text
+from planners.output.mission import (
+    as_plan,
+    legs_table,
+    policy_json,
+    policy_text,
+    to_csv,
+    to_geojson,
+    to_json,
+)
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig

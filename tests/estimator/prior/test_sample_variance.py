@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from planners.mission.flights import surfacing_ellipses
-from planners.mission.solve.half_planes import SafetyMargin, tolerance_factor
+from planners.mission.solve.optimum import SafetyMargin, tolerance_factor
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build_estimator

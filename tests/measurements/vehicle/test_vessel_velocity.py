@@ -8,7 +8,7 @@ from scipy.stats import linregress
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.measurements.vehicle.vessel_velocity import (
+from replay_kit.measurements.vehicle.dead_reckoning import (
     append_fix,
     fixes_around,
     vessel_velocity,

@@ -5,11 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners.front.current import CurrentLattice, current_lattice, shares_of_levels
+from planners.front.current import CurrentLattice, current_lattice, edge_durations, shares_of_levels
 from planners.front.front import Route, sea_of, spread
 from planners.front.obstacles import directions_around, obstacles_of
 from planners.front.relax import _swept, _times, relax
-from planners.front.route import edge_durations
 from planners.route.hazards import Ring
 from tests.planners.flow_samples import eddying_flow
 from tests.reference.front import arrivals, current_at, edge_duration, touches

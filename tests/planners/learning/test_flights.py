@@ -5,9 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.learning.choose import Aim, allowed_errors, refine, search
 from planners.learning.closed_loop import Flown, Stretch, drawn_sea, fly_after, fly_survey, slices
-from planners.learning.loops import SCOUTING, WAITING, clear, shapes, timed
+from planners.learning.loops import (
+    SCOUTING,
+    WAITING,
+    Aim,
+    allowed_errors,
+    clear,
+    refine,
+    search,
+    shapes,
+    timed,
+)
 from planners.learning.rows import rows_at
 from planners.learning.transit import (
     _solved,

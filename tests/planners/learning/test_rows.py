@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from planners.front.current import shares_of_levels
-from planners.learning.choose import Aim
 from planners.learning.current import currents_of
-from planners.learning.loops import Survey, shapes, timed
+from planners.learning.loops import Aim, Survey, shapes, timed
 from planners.learning.rows import (
     covariance,
     gains,

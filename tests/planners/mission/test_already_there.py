@@ -14,10 +14,9 @@ from planners import (
     plan_scenarios,
     waypoints_of,
 )
-from planners.front.current import CurrentLattice
+from planners.front.current import CurrentLattice, Route
 from planners.front.front import sea_of
 from planners.front.relax import relax
-from planners.front.route import Route
 from planners.mission.timing import cut_at_horizon
 from planners.output.mission import as_plan
 from replay_kit.core.arrays import Array

@@ -14,7 +14,7 @@ from planners import (
     plan_mission,
     plan_mooring,
 )
-from planners.front.route import Route
+from planners.front.current import Route
 from planners.mission.flight.legs import Flight
 from planners.mission.search.turning import _cut
 from planners.mission.solve.check import check, clearances

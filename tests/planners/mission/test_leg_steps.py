@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, plan_mission
-from planners.front.route import Route
+from planners.front.current import Route
 from planners.mission.flight.currents import currents_of, currents_of_samples
 from planners.mission.flight.legs import Legs, fly_legs, fly_midpoints, fly_steps
 from planners.mission.solve.attempt import GoalSteps

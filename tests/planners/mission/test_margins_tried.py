@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, MonteCarloSummary, plan_scenarios
-from planners.mission import flights, reserve, scenarios
+from planners.mission import flights, odds, scenarios
 from planners.mission.flights import points_at, summarise_flights
 from planners.mission.scenarios import _widen_margin, most_violations_allowed
 from planners.mission.search.search import solve_attempts
-from planners.mission.solve.half_planes import SafetyMargin
+from planners.mission.solve.optimum import SafetyMargin
 from planners.mission.task import mission_task
 from tests.planners.flow_samples import place, uniform_flow
 
@@ -41,7 +41,7 @@ def outcomes(monkeypatch, problem, *clear):
         return problem[1]
 
     monkeypatch.setattr(scenarios, "solve_attempts", lambda *_: [problem[1]])
-    monkeypatch.setattr(reserve, "summarise_flights", judged)
+    monkeypatch.setattr(odds, "summarise_flights", judged)
     monkeypatch.setattr(scenarios, "_widen_margin", wider)
     return asked
 

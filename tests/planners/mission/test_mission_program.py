@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionSettings
-from planners.front.route import Route
+from planners.front.current import Route
 from planners.mission.flight.legs import Flight
 from planners.mission.solve.attempt import GoalSteps, LegsProblem
 from planners.mission.solve.legs import _points_along

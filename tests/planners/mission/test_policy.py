@@ -11,7 +11,7 @@ import pytest
 
 from planners import MissionSettings, plan_mission
 from planners.mission.policy import policy_of
-from planners.output.policy import policy_json, policy_text
+from planners.output.mission import policy_json, policy_text
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, Weights
-from planners.mission.result import to_plan
+from planners.mission.plan import to_plan
 from planners.mission.search.search import solve_attempts
 from planners.mission.solve.attempt import (
     best_of,

@@ -22,7 +22,7 @@ from planners.mission.scenarios import most_violations_allowed, passes_binomial_
 from planners.mission.search.search import solve_attempts
 from planners.mission.solve.check import bends, check, clearances
 from planners.mission.solve.goals import with_n_legs
-from planners.mission.solve.half_planes import SafetyMargin, tolerance_factor
+from planners.mission.solve.optimum import SafetyMargin, tolerance_factor
 from planners.mission.task import mission_task, turns_of
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError

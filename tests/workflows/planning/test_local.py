@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, mission_odds, plan_mission
-from planners.mission.flight.currents import LocalSample, currents_of_samples
+from planners.mission.flight.currents import (
+    LocalSample,
+    currents_of_samples,
+    is_noticed,
+    local_notes,
+)
 from planners.mission.flights import currents_of_estimate as currents_around
 from planners.mission.flights import fly_mission
 from replay_kit.core.errors import PlanError
@@ -14,7 +19,6 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.planning.local import is_noticed, local_notes
 from tests.planners.flow_samples import place, uniform_flow
 from tests.workflows.planning.test_currents import evolving
 
