@@ -49,7 +49,7 @@ def truth():
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory, truth):
-    return write_array(tmp_path_factory.mktemp("logs"), truth, 3, pings=40, late_s=600)
+    return write_array(tmp_path_factory.mktemp("logs"), truth, 3, pings=24, late_s=600)
 
 
 @pytest.fixture(scope="module")
@@ -170,13 +170,13 @@ def test_the_value_of_a_vehicle_is_the_difference_to_a_replay_without_it(result,
 
 def test_a_turned_compass_is_the_fault_of_its_own_vehicle(tmp_path, truth):
     faults = {1: Faults("platform", 0.02, heading_bias_deg=40.0)}
-    logs = write_array(tmp_path, truth, 3, pings=150, faults=faults, seed=1)
+    logs = write_array(tmp_path, truth, 2, pings=100, faults=faults, seed=1)
     with pytest.warns(UserWarning, match="sg2: compass or instrument turned"):
         found = rk.replay(logs, ENSEMBLE, settings=SETTINGS)
     each = {name: values["consistency"] for name, values in found.outcome.vehicles.items()}
     assert "compass or instrument turned" in {found["name"] for found in each["sg2"]}
     # a forecast that is not of this sea may be doubted, a sound vehicle is not
-    others = {found["name"] for found in each["sg1"] + each["sg3"]}
+    others = {found["name"] for found in each["sg1"]}
     assert others <= {findings.FORECAST, findings.ENSEMBLE}
     assert 6 in found.outcome.exit_codes
 
@@ -186,7 +186,7 @@ def test_an_interrupted_replay_goes_on_to_the_same_bytes(logs, tmp_path):
     replay(whole, CONFIG, planner_of)
     job = job_of(logs, tmp_path / "result.mcap", checkpoint=tmp_path / "checkpoint")
     with pytest.raises(Killed):
-        run_until(job, CONFIG, 200)
+        run_until(job, CONFIG, 120)
     assert (tmp_path / "checkpoint").exists()
     run_until(job, CONFIG, None)
     assert (tmp_path / "result.mcap").read_bytes() == (tmp_path / "whole.mcap").read_bytes()
