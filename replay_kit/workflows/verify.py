@@ -43,8 +43,8 @@ from replay_kit.workflows.replay.inputs.provenance import (
     with_bathymetry,
 )
 from replay_kit.workflows.replay.inputs.region import REGION_RECORD, from_record
-from replay_kit.workflows.replay.referee import RIVAL
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.scoring import RIVAL
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
 _VERSIONS = "replay_kit.versions"

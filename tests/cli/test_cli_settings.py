@@ -11,7 +11,7 @@ from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError
 from replay_kit.studies.bench.run import DIVE_METHODS, TASKS
-from replay_kit.studies.scoring import METHODS
+from replay_kit.studies.jobs import METHODS
 from tests.command import invoke
 from tests.places import ROOT
 

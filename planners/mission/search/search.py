@@ -31,10 +31,12 @@ from dataclasses import replace
 import numpy as np
 
 from planners.mission.search.bound import bound_of
-from planners.mission.search.course import Target, along_route, habit
 from planners.mission.search.passage import (
     Passage,
+    Target,
     Water,
+    along_route,
+    habit,
     initial_guess,
     is_beside,
     longest_time,

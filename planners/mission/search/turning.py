@@ -7,8 +7,13 @@ from math import inf
 import numpy as np
 
 from planners.front.current import Route
-from planners.mission.search.course import along_route
-from planners.mission.search.passage import Water, initial_guess, longest_time, passage_past_goals
+from planners.mission.search.passage import (
+    Water,
+    along_route,
+    initial_guess,
+    longest_time,
+    passage_past_goals,
+)
 from planners.mission.solve.attempt import Attempt, Bound, GoalSteps, is_feasible
 from planners.mission.solve.legs import solve_legs
 from planners.mission.task import LEAST_DIVE, MissionTask

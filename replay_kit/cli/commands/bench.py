@@ -174,7 +174,7 @@ def _job(has_dives: bool, known: Known, asked: Asked) -> "BenchJob":
         chosen_tasks,
     )
     from replay_kit.studies.bench.surveys import TASK, SurveyJob
-    from replay_kit.studies.scoring import METHODS
+    from replay_kit.studies.jobs import METHODS
 
     tasks = chosen_tasks(asked.task, has_dives)
     of_dives = tuple(task for task in tasks if task in DIVE_TASKS)

@@ -121,7 +121,7 @@ class Velocities:
         Raises:
             EstimatorError: There is no point, or the time of one is not known.
         """
-        from replay_kit.core.flow.og1 import trajectory
+        from replay_kit.core.flow.netcdf import trajectory
 
         return trajectory(self._columns(), platform, stated, self.about)
 

@@ -22,10 +22,9 @@ from replay_kit.results.views.along_track import (
     mean_currents,
 )
 from replay_kit.results.views.history import EstimateHistory, Series, mean_to_depth, series_of
-from replay_kit.results.views.last_plan import LastPlan, last_plan, published_seabed
 from replay_kit.results.views.record import RunRecord, outcome_of_result, read_record
 from replay_kit.results.views.slices import CurrentSlices, on_grid, published_slices, slices_of
-from replay_kit.results.views.track import Track, track_of
+from replay_kit.results.views.track import LastPlan, Track, last_plan, published_seabed, track_of
 
 #: Profiles shown along the track; more are thinned.
 PROFILES_SHOWN = 600

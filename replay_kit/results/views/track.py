@@ -1,16 +1,28 @@
-"""Where the vehicle was, and the ellipses of where it was predicted to surface."""
+"""The way of a vehicle: where it was, the ellipses of where it was predicted to surface, and the last plan.
 
+Of the plan: its track over the bottom, what it costs, how likely it arrives, and what it keeps out of.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.grid import Projection
-from replay_kit.core.surfacing import Ellipse
+from replay_kit.core.grid import Projection, Seabed
+from replay_kit.core.plan import Area, plan_legs
+from replay_kit.core.surfacing import Ellipse, planned_ellipses
+from replay_kit.results.result import ResultFile
+from replay_kit.results.slices import grid_cells
+from replay_kit.results.views.record import plan_statistics
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,3 +112,144 @@ def outlines_of(surfacings: Any, projection: Projection) -> list[Array]:
         ).outline(projection)
         for row in rows.itertuples()
     ]
+
+
+_ODDS = ("reached", "reached_held", "safe", "miss_median", "miss_90_percent")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LastPlan:
+    """The last plan of a result.
+
+    Attributes:
+        row: Its single values, the last row of ``Result.plans``.
+        track: Its rows of ``Result.plan_tracks``; none where it failed.
+        east: shape (n,) [m], local frame, of the track.
+        north: shape (n,) [m], local frame.
+        start: shape (2,) [m], local frame.
+        goal: shape (2,) [m], local frame.
+        statistics: What the solver did, by name.
+        legs: Of a mission; none of a glide.
+        ellipses: Outlines of the ellipses of its surfacings, each shape (k, 2) [m], the last point the first.
+        areas: That it keeps out of.
+    """
+
+    row: Any
+    track: pd.DataFrame
+    east: Array
+    north: Array
+    start: Array
+    goal: Array
+    statistics: Mapping[str, str]
+    legs: Sequence[Mapping[str, Any]]
+    ellipses: Sequence[Array]
+    areas: Sequence[Area]
+
+    @property
+    def along(self) -> Array:
+        """Distance along the track [m], shape (n,)."""
+        return np.concatenate(
+            [
+                np.zeros(min(1, self.east.size)),
+                np.cumsum(np.hypot(np.diff(self.east), np.diff(self.north))),
+            ]
+        )
+
+    @property
+    def bottom(self) -> Array | None:
+        """Depth of the bottom under the track [m], shape (n,); None without a bathymetry."""
+        depth = self.track["bottom"].to_numpy(np.float64)
+        return depth if np.isfinite(depth).any() else None
+
+    @property
+    def energy(self) -> float | None:
+        """[J]; None when the result does not hold it."""
+        return _known(self.row["energy"])
+
+    @property
+    def battery(self) -> float | None:
+        """Energy that the vehicle has [J]; None when it was not stated."""
+        return _known(self.row["battery"])
+
+    @property
+    def odds(self) -> Mapping[str, float] | None:
+        """Figures of its flights through samples: ``n_samples``, shares and misses [m]; None without samples."""
+        count = _known(self.row["odds_n_samples"])
+        return (
+            None
+            if count is None
+            else {
+                "n_samples": int(count),
+                **{name: float(self.row[f"odds_{name}"]) for name in _ODDS},
+            }
+        )
+
+
+def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
+    """Return the last plan of a result; None without plans.
+
+    Args:
+        result: The result.
+        projection: Its local frame.
+    """
+    if not len(result.plans):
+        return None
+    row, tracks = result.plans.iloc[-1], result.plan_tracks
+    track = tracks[tracks["plan"] == len(result.plans) - 1]
+    east, north = to_local(projection, track["longitude"], track["latitude"])
+    start, goal = (
+        np.array(to_local(projection, row[f"{end}_longitude"], row[f"{end}_latitude"]))
+        for end in ("start", "goal")
+    )
+    with result.path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        # an unfinished result has none, one of an earlier version that of each plan
+        drawn = [found[-1] for found in reader.iter_decoded_messages(topics="/plan/geojson")]
+    statistics = plan_statistics(result)
+    legs = plan_legs(statistics)
+    ellipses = [ellipse.outline(projection) for ellipse in planned_ellipses(legs)]
+    return LastPlan(
+        row,
+        track,
+        east,
+        north,
+        start,
+        goal,
+        statistics,
+        legs,
+        ellipses,
+        _areas(json.loads(drawn[-1].geojson)) if drawn else [],
+    )
+
+
+def published_seabed(path: Path) -> Seabed | None:
+    """Return the bottom around the region that a result holds; None without one."""
+    with path.open("rb") as file:
+        for _, _, _, value in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages(topics="/plan/seabed"):
+            east, north, fields = grid_cells(value)
+            return Seabed(east, north, fields["depth"])
+    return None
+
+
+def _areas(geojson: Mapping[str, Any]) -> list[Area]:
+    features = [
+        feature for feature in geojson["features"] if feature["properties"].get("kind") == "no_go"
+    ]
+    return [
+        Area(
+            feature["properties"]["name"],
+            feature["properties"]["surface_only"],
+            tuple(
+                (longitude, latitude)
+                for longitude, latitude in feature["geometry"]["coordinates"][0][:-1]
+            ),
+        )
+        for feature in features
+    ]
+
+
+def _known(value: float) -> float | None:
+    """Return a number above 0; None for what is unknown, 0 in results of earlier versions."""
+    return float(value) if np.isfinite(value) and value > 0.0 else None

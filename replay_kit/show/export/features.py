@@ -12,8 +12,7 @@ from replay_kit.core.colors import LIGHT, SYMBOLS
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.region import Feature, collection_text, feature, positions
-from replay_kit.results.views.last_plan import LastPlan
-from replay_kit.results.views.track import outlines_of, thinned
+from replay_kit.results.views.track import LastPlan, outlines_of, thinned
 
 #: Tables that have places on a map.
 FEATURES = ("series", "track", "surfacings", "plans")

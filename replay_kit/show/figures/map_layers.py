@@ -10,9 +10,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.colors import SYMBOLS
 from replay_kit.core.geodesy import to_local
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.slices import CurrentSlices
-from replay_kit.results.views.track import outlines_of, thinned
+from replay_kit.results.views.track import LastPlan, outlines_of, thinned
 from replay_kit.show.figures.plan import plan_table
 from replay_kit.show.figures.values import Layer, Mark, until
 from replay_kit.show.numbers import nice

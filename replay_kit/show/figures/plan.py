@@ -6,8 +6,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.last_plan import LastPlan
-from replay_kit.results.views.track import thinned
+from replay_kit.results.views.track import LastPlan, thinned
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
 
 _POINTS = 3000

@@ -14,8 +14,8 @@ from replay_kit.core.plan import ORIGIN
 from replay_kit.core.time import parse_time
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.results.views.track import LastPlan
 from replay_kit.show.figures.in_print import drawing_of
 from replay_kit.show.figures.map_layers import hazard_layer, plan_layer, surfacing_layer
 from replay_kit.show.figures.on_canvas import Extent

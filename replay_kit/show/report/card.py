@@ -10,8 +10,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
 from replay_kit.core.plan import ORIGIN
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.steering import Arrival
+from replay_kit.results.views.track import LastPlan
 from replay_kit.show.numbers import (
     clock_text,
     error_text,

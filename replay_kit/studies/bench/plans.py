@@ -16,9 +16,8 @@ from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import embed_member
 from replay_kit.studies.bench.frame import Figure, Lost, of_case
-from replay_kit.studies.jobs import Advance, check_positive, each_counted
+from replay_kit.studies.jobs import Advance, build_method, check_positive, each_counted
 from replay_kit.studies.reports.tables import NAN
-from replay_kit.studies.scoring import build_method
 from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import Field, build_field
 from replay_kit.studies.twins.truths import (

@@ -19,8 +19,7 @@ from replay_kit.studies.bench.plans import TASK as PLAN_TASK
 from replay_kit.studies.bench.plans import PlanJob, run_plans
 from replay_kit.studies.bench.records import DIVE_TASKS
 from replay_kit.studies.bench.surveys import TASK, SurveyJob, run_surveys
-from replay_kit.studies.jobs import check_names
-from replay_kit.studies.scoring import METHODS
+from replay_kit.studies.jobs import METHODS, check_names
 
 TASKS = (*DIVE_TASKS, TASK, *FAULT_TASKS, PLAN_TASK)
 #: Methods of tasks on dives.

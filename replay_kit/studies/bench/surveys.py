@@ -17,15 +17,19 @@ from replay_kit.estimator import Estimator
 from replay_kit.studies.bench.frame import Figure, Lost, of_case
 from replay_kit.studies.jobs import (
     EXPECTED_FAILURES,
+    METHODS,
     Advance,
+    Score,
+    bound,
+    build_method,
     check_counts,
     check_names,
     check_not_negative,
     check_positive,
     each_counted,
     reason_of,
+    score,
 )
-from replay_kit.studies.scoring import METHODS, Score, bound, build_method, score
 from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import Case, cases

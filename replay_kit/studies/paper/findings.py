@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from replay_kit.core.text import count_text
+from replay_kit.studies.jobs import bootstrap_ratio
 from replay_kit.studies.paper.rows import ErrorRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables
 from replay_kit.studies.reports.page import AVERAGED, LABELS, TRUTH
 from replay_kit.studies.reports.tables import grouped, number
-from replay_kit.studies.scoring import bootstrap_ratio
 
 # Cases from which an interval of 90 % decides a comparison: of four not even all on one side are that unlikely by chance.
 _LEAST_CASES = 5

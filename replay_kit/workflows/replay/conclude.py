@@ -22,8 +22,7 @@ from replay_kit.workflows.replay.checks import require_usable
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.opened import Prepared, open_truth
 from replay_kit.workflows.replay.inputs.provenance import cited
-from replay_kit.workflows.replay.referee import name_of, rival_inputs
-from replay_kit.workflows.replay.scoring import score_against_truth
+from replay_kit.workflows.replay.scoring import name_of, rival_inputs, score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stages.consistency import conclusions
 from replay_kit.workflows.replay.stages.forecast_file import check_file

@@ -68,7 +68,7 @@ from replay_kit.workflows.replay.inputs.provenance import (
 )
 from replay_kit.workflows.replay.inputs.scan import check_span
 from replay_kit.workflows.replay.inputs.vehicles import by_tracks, check_places, identified
-from replay_kit.workflows.replay.referee import check_against, rival_inputs, rivals
+from replay_kit.workflows.replay.scoring import check_against, rival_inputs, rivals
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.shared import SharedEstimate
 from replay_kit.workflows.replay.stages.consistency import checked_speeds

@@ -1,7 +1,8 @@
-"""An estimate against a known truth, at the truth's wet grid points."""
+"""Scores: of an estimate against a known truth at its wet points, and of other forecasts by how likely the same log is under each."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,12 +10,15 @@ from scipy.spatial import cKDTree
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import MeasurementError
+from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.core.paths import Paths
 from replay_kit.estimator import embed_member
-from replay_kit.results.outcome.run import TruthScore
+from replay_kit.forecast import ensemble_files
+from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
+from replay_kit.workflows.replay.inputs.job import Against, ReplayJob
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,3 +145,80 @@ def _ensemble_mean_at(
         ensemble.source,
     )
     return embed_member(mean, 0, config).velocity(*at.place)
+
+
+#: Begin the keys of the rivals' files among the inputs.
+RIVAL = "against"
+
+
+def check_against(job: ReplayJob) -> None:
+    """Check that other forecasts can be compared.
+
+    Raises:
+        ConfigError: The logs are followed, or two forecasts are the same files.
+        ForecastError: A file is missing.
+    """
+    if job.against and job.following is not None:
+        raise ConfigError(
+            "--against: expected a finished log, got one that is followed; compare forecasts when it has ended"
+        )
+    seen = {tuple(sorted(path.resolve() for path in ensemble_files(job.ensemble)))}
+    for each in job.against:
+        if missing := [path for path in ensemble_files(each) if not path.exists()]:
+            raise ForecastError(f"{missing[0]}: file not found; check --against")
+        files = tuple(sorted(path.resolve() for path in ensemble_files(each)))
+        if files in seen:
+            raise ConfigError(
+                f"--against: expected another ensemble each time, got {name_of(each)} again; give each once"
+            )
+        seen.add(files)
+
+
+def rivals(job: ReplayJob, run: Callable[[ReplayJob], ReplaySummary]) -> Iterator[Rival]:
+    """Yield the evidence of a job's log under each of the other forecasts.
+
+    Args:
+        job: The run that they are compared with.
+        run: Replays a job.
+
+    Raises:
+        ForecastError: The estimate from one states no density of the measurements.
+    """
+    for each in job.against:
+        name = name_of(each)
+        alone = replace(
+            job,
+            ensemble=each,
+            out=None,
+            goal=None,
+            netcdf=None,
+            save_estimate=None,
+            truth=None,
+            checkpoint=None,
+            region=None,
+            against=(),
+        )
+        evidence = run(alone).evidence
+        if evidence is None:
+            raise ForecastError(
+                f"{name}: this estimator states no density of the measurements, so there is no evidence to compare"
+            )
+        yield Rival(name, evidence)
+
+
+def name_of(ensemble: Paths) -> str:
+    """Return the name of an ensemble's file, without its folder; of several the first one's and their number."""
+    files = ensemble_files(ensemble)
+    return files[0].name if len(files) == 1 else f"{files[0].name} and {len(files) - 1} more"
+
+
+def rival_inputs(against: Sequence[Against]) -> dict[str, Path]:
+    """Return the files of other forecasts by the keys of a result's inputs: ``against0``, or ``against0_1`` of several."""
+    out: dict[str, Path] = {}
+    for number, each in enumerate(against):
+        files = ensemble_files(each)
+        out |= {
+            f"{RIVAL}{number}" if len(files) == 1 else f"{RIVAL}{number}_{i}": path
+            for i, path in enumerate(files)
+        }
+    return out

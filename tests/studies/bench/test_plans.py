@@ -15,7 +15,7 @@ from replay_kit.estimator import embed_member
 from replay_kit.studies.bench import plans as odds
 from replay_kit.studies.bench.frame import rows_of
 from replay_kit.studies.bench.plans import JudgedMission, PlanJob, as_sample, draw_missions
-from replay_kit.studies.scoring import bootstrap_ratio
+from replay_kit.studies.jobs import bootstrap_ratio
 from replay_kit.studies.twins.field import build_field
 from tests import synthetic
 

@@ -12,7 +12,7 @@ from replay_kit.studies.bench import surveys
 from replay_kit.studies.bench.frame import Figure, Lost, results_of, rows_of
 from replay_kit.studies.bench.page import to_json
 from replay_kit.studies.bench.surveys import SurveyJob, run_surveys
-from replay_kit.studies.scoring import METHODS, bound, build_method
+from replay_kit.studies.jobs import METHODS, bound, build_method
 from replay_kit.studies.twins.adcp import IDEAL_ERROR_STD, random_observations
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import cases, leave_out, most_distant

@@ -19,6 +19,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
+from replay_kit.studies.jobs import bootstrap_median, bound, build_method, miss_figures
 from replay_kit.studies.paper import (
     PaperJob,
     findings,
@@ -43,7 +44,6 @@ from replay_kit.studies.paper.rows import (
 )
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
 from replay_kit.studies.reports.tables import rows_to_csv
-from replay_kit.studies.scoring import bootstrap_median, bound, build_method, miss_figures
 from replay_kit.studies.twins import truths
 from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,

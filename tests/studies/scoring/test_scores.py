@@ -10,7 +10,7 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.evidence import coverage, crps_gaussian
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
-from replay_kit.studies.scoring import score
+from replay_kit.studies.jobs import score
 from replay_kit.workflows.replay.scoring import rms_length, scored_points
 from tests import synthetic
 from tests.reference import baselines as slow

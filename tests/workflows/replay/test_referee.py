@@ -11,7 +11,7 @@ from replay_kit.forecast import read_truth
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs.job import Following, ReplayJob
-from replay_kit.workflows.replay.referee import check_against
+from replay_kit.workflows.replay.scoring import check_against
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.command import invoke

@@ -7,8 +7,7 @@ from html import escape
 import numpy as np
 
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.last_plan import LastPlan
-from replay_kit.results.views.track import thinned
+from replay_kit.results.views.track import LastPlan, thinned
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.plan import profile_chart, surfacing_chart
 from replay_kit.show.numbers import fixed, leg_number, number, sentence

@@ -11,7 +11,6 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.steering import (
     LEAST_DIVE,
     STEPS,
@@ -22,7 +21,7 @@ from replay_kit.results.views.steering import (
     fly_to_waypoints,
     gridded_currents,
 )
-from replay_kit.results.views.track import thinned
+from replay_kit.results.views.track import LastPlan, thinned
 from replay_kit.show.page.section import column, pack
 
 _SAMPLES, _SEED = 16, 0
