@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from replay_kit.cli import reporting
-from replay_kit.core.atomic import atomic_file, stored
+from replay_kit.core.atomic import stored, write_whole
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.paths import is_stream
 from replay_kit.core.progress import Progress, shown_by, silent
@@ -190,8 +190,7 @@ def write_text(path: Path | None, text: str) -> None:
         with stored(path), _opened_stream(path) as stream:
             stream.write(text)
     else:
-        with atomic_file(path) as file:
-            file.write(text.encode())
+        write_whole(path, text)
 
 
 def _opened_stream(path: Path) -> TextIO:

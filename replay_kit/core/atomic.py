@@ -15,6 +15,12 @@ from replay_kit.core.errors import ConfigError, ReplayKitError
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, text as UTF-8, completely or not at all; errors are those of ``atomic_file``."""
+    with atomic_file(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+
+
 @contextmanager
 def atomic_file(path: Path, check: Callable[[Path], None] | None = None) -> Iterator[BinaryIO]:
     """Yield a binary file named ``PATH.part`` that is renamed to PATH when the block ends.

@@ -15,9 +15,11 @@ DARK = {
     **{"one": "#6db9e8", "two": "#f29a5c", "three": "#9fb0bd", "four": "#dc8cc0"},
     **{"ink": "#e6edf3", "soft": "#a3b1bd", "land": "#4c4a45", "paper": "#11181f"},
 }
-#: In figures of a paper (Okabe and Ito, 2008), which differ in lightness too.
+#: Colours of lines that colour-blind readers tell apart too (Okabe and Ito, 2008): they differ in lightness.
+LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+#: In figures of a paper.
 PRINT = {
-    **{"one": "#0072B2", "two": "#D55E00", "three": "#009E73", "four": "#CC79A7"},
+    **dict(zip(("one", "two", "three", "four"), LINES, strict=False)),
     **{"ink": "#111820", "soft": "#7f8890", "land": "#c9c5bd", "paper": "#ffffff"},
 }
 #: Of marks on coloured fields in print; of areas to keep out of.

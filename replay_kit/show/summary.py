@@ -51,7 +51,7 @@ def print_summary(outcome: Outcome, console: Console, verbose: bool = False) -> 
         print_lines(console, _closing_lines(outcome))
         if verbose:
             for name, values in outcome.vehicles.items():
-                console.print(f"\n{name}", soft_wrap=True)
+                console.print(f"\n{name}")
                 print_summary(outcome_from(values), console, verbose)
         return
     rows = [

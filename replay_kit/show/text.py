@@ -20,7 +20,7 @@ _NUMBER = re.compile(r"\d+")
 def print_lines(console: Console, lines: Iterable[str]) -> None:
     """Print lines that the terminal wraps, so that a pipe has them whole."""
     for line in lines:
-        console.print(line, soft_wrap=True)
+        console.print(line)
 
 
 def print_table(
@@ -35,7 +35,7 @@ def print_table(
         rows: Cells; columns of numbers alone stand to the right.
     """
     if title is not None:
-        console.print(title, soft_wrap=True)
+        console.print(title)
     cells = [list(row) for row in rows]
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for k, column in enumerate(columns):
@@ -140,6 +140,11 @@ def not_used_lines(not_used: Mapping[str, Mapping[str, int]], whole: bool = True
 
 class SafeConsole(Console):
     """A console that shows control characters in texts, such as those of names in a log, and obeys none of them."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print; the terminal wraps lines of text, so that a pipe has them whole."""
+        whole = all(isinstance(each, str) for each in objects)
+        super().print(*objects, soft_wrap=whole, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Return a text to be laid out: of a printed line, and of each cell and heading of a table."""

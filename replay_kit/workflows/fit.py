@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.progress import announce, counted
@@ -76,8 +76,7 @@ sample_share = {fitted.chosen.sample_share}
 shift_distance = {fitted.chosen.shift:.1f}
 localisation_radius = {fitted.chosen.radius:.1f}
 """
-    with atomic_file(path) as file:
-        file.write(text.encode())
+    write_whole(path, text)
 
 
 def fit_json(fitted: Fitted) -> dict[str, Any]:
@@ -98,7 +97,7 @@ def print_fit(fitted: Fitted, console: Console) -> None:
     chosen = (
         f"Chosen: sample share {share}, members shifted by {shift} km, taper to zero at {radius} km"
     )
-    console.print(f"{chosen}; correlation length {fitted.length / 1e3:.1f} km", soft_wrap=True)
+    console.print(f"{chosen}; correlation length {fitted.length / 1e3:.1f} km")
 
 
 def _figures(settings: PriorSettings) -> tuple[str, str, str]:

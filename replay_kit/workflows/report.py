@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.atomic import write_whole
 from replay_kit.core.paths import check_paths
 from replay_kit.results import CONTRACT_VERSION
 from replay_kit.results.outcome.run import ReplaySummary
@@ -50,8 +50,7 @@ def report(
 def _write(path: Path, text: str) -> int:
     """Write a page, and return its size in bytes."""
     page = text.encode()
-    with atomic_file(path) as file:
-        file.write(page)
+    write_whole(path, page)
     return len(page)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.atomic import write_whole
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.vehicles import part_path, vehicles_in, write_part
 from replay_kit.show.status.held import Held, read_held
@@ -67,8 +67,7 @@ def write_pages(
     for name, page in pages.items():
         write_page(statuses[name], page, refresh_s)
     names = {name: page.name for name, page in pages.items()}
-    with atomic_file(path) as file:
-        file.write(several_page(statuses, outcome, names, refresh_s).encode())
+    write_whole(path, several_page(statuses, outcome, names, refresh_s))
 
 
 def write_page(status: Status, path: Path, refresh_s: int = 60) -> None:
@@ -77,5 +76,4 @@ def write_page(status: Status, path: Path, refresh_s: int = 60) -> None:
     Raises:
         ConfigError: The page cannot be written.
     """
-    with atomic_file(path) as file:
-        file.write(status_page(status, refresh_s).encode())
+    write_whole(path, status_page(status, refresh_s))

@@ -354,17 +354,14 @@ def verdict_json(verdict: Verdict) -> dict[str, Any]:
 def print_verdict(verdict: Verdict, console: Console) -> None:
     """Print whether the result was made again, or where not."""
     if verdict.same:
-        console.print(
-            f"{verdict.result}: made again bit for bit, {verdict.messages} messages", soft_wrap=True
-        )
+        console.print(f"{verdict.result}: made again bit for bit, {verdict.messages} messages")
     if (first := verdict.difference) is not None:
         console.print(
             f"{verdict.result}: message {first.index} differs: {first.topic} at {first.time_ns} ns",
-            soft_wrap=True,
         )
         for field in first.fields:
-            console.print(f"  {field}  (recorded | made again)", soft_wrap=True)
+            console.print(f"  {field}  (recorded | made again)")
     for name in verdict.others:
-        console.print(f"{verdict.result}: differs: {name}", soft_wrap=True)
+        console.print(f"{verdict.result}: differs: {name}")
     for note in verdict.notes:
-        console.print(f"note: {note}", soft_wrap=True)
+        console.print(f"note: {note}")

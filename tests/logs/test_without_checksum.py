@@ -4,10 +4,10 @@ from io import StringIO
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.logs import open_log
+from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.info.listing import info_json, print_info
@@ -73,7 +73,7 @@ def test_info_and_convert_say_what_no_checksum_covers(tmp_path, kind, what):
     )
     for show, value in ((print_info, found), (print_converted, summary)):
         text = StringIO()
-        show(value, Console(file=text, width=400))
+        show(value, SafeConsole(file=text, width=400))
         assert (line in text.getvalue()) is (what is not None)
     assert info_json(found)["unchecked"] == dict(read.unchecked)
     told = [

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from replay_kit.core.errors import Finding
 from replay_kit.core.plan import Odds
@@ -20,6 +19,7 @@ from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
 from replay_kit.show.status.text import status_text
 from replay_kit.show.summary import print_summary
+from replay_kit.show.text import SafeConsole
 from tests.results.result_samples import CONFIG, METADATA
 from tests.show.status.held_samples import held
 from tests.synthetic_flow import synthetic_flow
@@ -88,7 +88,7 @@ def test_a_plan_that_must_not_be_flown_is_the_first_alarm_wherever_it_is_shown(
         == said
     )
     printed = io.StringIO()
-    print_summary(outcome_of(made), Console(file=printed, width=400))
+    print_summary(outcome_of(made), SafeConsole(file=printed, width=400))
     assert printed.getvalue().splitlines()[0] == f"ALARM: {said}"
 
 

@@ -5,7 +5,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from rich.console import Console
 
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results.losses import code_of
@@ -13,6 +12,7 @@ from replay_kit.results.outcome.from_run import outcome_of, outcomes_json, plan_
 from replay_kit.results.outcome.run import DiveRow, ReplaySummary, TopicRow
 from replay_kit.show.summary import print_summary
 from replay_kit.show.text import (
+    SafeConsole,
     fold_names,
     folded,
     iso,
@@ -29,7 +29,7 @@ START = 17_851 * DAY
 
 def printed(work, width: int = 80) -> list[str]:
     said = io.StringIO()
-    work(Console(file=said, width=width))
+    work(SafeConsole(file=said, width=width))
     return [line.rstrip() for line in said.getvalue().splitlines()]
 
 

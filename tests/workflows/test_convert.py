@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from rich.console import Console
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError
@@ -15,7 +14,7 @@ from replay_kit.logs import merge, open_log
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import observations
-from replay_kit.show.text import iso
+from replay_kit.show.text import SafeConsole, iso
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from tests.command import invoke
@@ -216,7 +215,7 @@ def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path):
         "why": "there is no frame for a message without a schema",
     }
     assert {"topic": "/plan", "messages": 1, **plan} in convert_json(summary)["left_out"]
-    console = Console(record=True, file=StringIO())
+    console = SafeConsole(record=True, file=StringIO())
     print_converted(summary, console)
     assert "Excluded: 2 x /adcp: of each its beam_unit_vectors" in console.export_text()
 

@@ -135,7 +135,7 @@ def twin(
         )
         made = make_twin(sea, simulated, files.out, files.overwrite)
     console_beside(None).print(
-        f"{files.out}: {made.pings} pings over {made.duration / 3600.0:.1f} h", soft_wrap=True
+        f"{files.out}: {made.pings} pings over {made.duration / 3600.0:.1f} h"
     )
     return 0
 

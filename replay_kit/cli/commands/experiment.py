@@ -138,12 +138,12 @@ def run_study(
             keep_json(outputs.json_file, report.answer)
     console = console_beside(outputs.json_file)
     for note in notes:
-        console.print(f"Note: {note}", soft_wrap=True)
+        console.print(f"Note: {note}")
     report.print(console)
     if outputs.out is not None:
         if report.beside:
-            console.print(f"{outputs.out}: {report.beside}", soft_wrap=True)
-        console.print(f"Page: {outputs.out / 'index.html'}; open it in a browser.", soft_wrap=True)
+            console.print(f"{outputs.out}: {report.beside}")
+        console.print(f"Page: {outputs.out / 'index.html'}; open it in a browser.")
     write_json(outputs.json_file, report.answer)
     return result
 

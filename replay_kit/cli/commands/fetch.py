@@ -85,11 +85,11 @@ def fetch(
         found = fetch_request(request)
     for path in found.files:
         how = "received" if found.asked else "fetched before"
-        console.print(f"{path}: {how}, {path.stat().st_size / 1e6:.4g} MB", soft_wrap=True)
+        console.print(f"{path}: {how}, {path.stat().st_size / 1e6:.4g} MB")
     if outputs.out is not None:
         with part_named(outputs.out):
             copy_whole(found.files[0], outputs.out)
-        console.print(f"Copy: {outputs.out}", soft_wrap=True)
+        console.print(f"Copy: {outputs.out}")
     answer = [{"file": str(path), **(record_of(path) or {})} for path in found.files]
     write_json(outputs.json_file, {"received": found.asked, "files": answer})
     return 0
@@ -102,7 +102,7 @@ def _price(request: Any, console: "Console") -> dict[str, Any]:
 
     rows = price(request)
     for row in rows:
-        console.print(cost_text(row), soft_wrap=True)
+        console.print(cost_text(row))
     return {"received": False, "addresses": rows}
 
 

@@ -160,7 +160,7 @@ def _texts(paths: tuple[Path, ...]) -> tuple[str, ...]:
 def _name(cluster: "Cluster", console: "Console") -> None:
     """Name the scheduler, and its page where it has one."""
     page = f"; dashboard: {cluster.dashboard}" if cluster.dashboard else ""
-    console.print(f"Scheduler: {cluster.address}, {cluster.size} workers{page}", soft_wrap=True)
+    console.print(f"Scheduler: {cluster.address}, {cluster.size} workers{page}")
 
 
 def _dry_run(
@@ -208,7 +208,7 @@ def _answer(outcomes: "tuple[Outcome, ...]", outputs: Outputs, console: "Console
 
     write_page(outcomes, outputs.out / PAGE)
     print_fleet(outcomes, console)
-    console.print(f"{outputs.out}: {TABLE}, a result of each mission", soft_wrap=True)
-    console.print(f"Page: {outputs.out / PAGE}; open it in a browser.", soft_wrap=True)
+    console.print(f"{outputs.out}: {TABLE}, a result of each mission")
+    console.print(f"Page: {outputs.out / PAGE}; open it in a browser.")
     write_json(outputs.json_file, fleet_json(outcomes))
     return exit_code(outcomes)

@@ -116,7 +116,7 @@ class Following:
             raise ConfigError("--goal-file: --goal is given too; leave one of them out")
 
         def tell(text: str) -> None:
-            console.print(text, soft_wrap=True)
+            console.print(text)
 
         options = FollowOptions(
             states=self.states(job.out),

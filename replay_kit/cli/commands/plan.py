@@ -192,7 +192,7 @@ def _mission(config: "RunConfig", outputs: Outputs) -> int:
         # after the files, which a reader of the first lines alone would end; and also where one cannot be written
         print_mission(planned, console, config.plan.battery)
     if withheld:
-        console.print(f"{unsafe}; no other file is written without --write-unsafe", soft_wrap=True)
+        console.print(f"{unsafe}; no other file is written without --write-unsafe")
     return planned.on.exit_code if unsafe is None else _UNSAFE
 
 

@@ -285,5 +285,5 @@ def _answer(outputs: Outputs, summary: "ReplaySummary", console: "Console") -> N
         from replay_kit.workflows.report import report
 
         report(outputs.out, outputs.page, outputs.overwrite, summary)
-        console.print(f"Report: {outputs.page}; open it in a browser.", soft_wrap=True)
+        console.print(f"Report: {outputs.page}; open it in a browser.")
     write_json(outputs.json_file, outcome.to_json())

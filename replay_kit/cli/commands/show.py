@@ -244,7 +244,7 @@ def plot(
     at = None if look.at is None else (longitude, latitude, depth)
     time_ns = None if look.time is None else _time_of(look.time, "--time")
 
-    from replay_kit.core.atomic import atomic_file
+    from replay_kit.core.atomic import write_whole
     from replay_kit.show.plots import Chosen, drawn
     from replay_kit.show.plots.panel import saved
     from replay_kit.workflows.report import opened
@@ -253,8 +253,7 @@ def plot(
         of = contents if figure == "map" and look.vehicle is None else contents.of(look.vehicle)
         chosen = Chosen(at, look.depth, time_ns)
         content = saved(drawn(of, figure, chosen, look.columns), out.suffix.lower())
-    with atomic_file(out) as file:
-        file.write(content)
+    write_whole(out, content)
     return _told(contents, f"Figure: {out}")
 
 
@@ -333,6 +332,5 @@ def layout(
     count = write_layout(result, out)
     console_beside().print(
         f"{out}: {count} panels; import it in Foxglove or Lichtblick, and open {result} there.",
-        soft_wrap=True,
     )
     return 0

@@ -22,7 +22,7 @@ import xarray as xr
 from xarray.backends import H5NetCDFStore
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.atomic import write_whole
 from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, Encoding, described
 from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.factors import CovarianceFactors, half_of
@@ -296,8 +296,7 @@ def save(flow: FlowField, path: Path) -> None:
         ConfigError: The file cannot be written.
     """
     data = save_bytes(flow)
-    with atomic_file(Path(path)) as file:
-        file.write(data)
+    write_whole(Path(path), data)
 
 
 def save_bytes(flow: FlowField) -> bytes:
@@ -315,8 +314,7 @@ def write_dataset(dataset: xr.Dataset, path: Path, encoding: Encoding) -> None:
     """
     # made in memory, since the HDF5 library crashes the process when a disk is full
     data = _bytes(dataset, encoding)
-    with atomic_file(path) as file:
-        file.write(data)
+    write_whole(path, data)
 
 
 def _bytes(dataset: xr.Dataset, encoding: Encoding) -> bytes:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.atomic import write_whole
 from replay_kit.core.colors import DARK, SYMBOLS, scale
 from replay_kit.core.errors import LogError
 from replay_kit.results.topics import topics_of
@@ -39,8 +39,7 @@ def write_layout(result: Path, out: Path) -> int:
     topics = topics_of(result)
     require_topics(topics, str(result))
     layout = layout_of(topics)
-    with atomic_file(out) as file:
-        file.write(layout_text(layout).encode())
+    write_whole(out, layout_text(layout))
     return len(layout["configById"])
 
 

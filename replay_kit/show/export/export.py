@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import pandas as pd
 
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.text import csv_cell
@@ -183,8 +183,7 @@ def export(
         about = {} if contents.estimate is None else contents.estimate.about
         write_netcdf(tables, contents.projection, path, about)
     else:
-        with atomic_file(path) as file:
-            file.write(_text(tables, ending, contents).encode())
+        write_whole(path, _text(tables, ending, contents))
     return {name: len(rows) for name, rows in tables.items()}
 
 

@@ -1,6 +1,5 @@
 """Missions and their dives: logs, the sections of a public data set, and the frozen missions of a folder, known by their hashes."""
 
-import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Fix, Measurement, Observation, PathMean, usable
 from replay_kit.logs import merge
 from replay_kit.measurements import Event, events_of
+from replay_kit.workflows.replay.inputs.provenance import file_hash
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,
@@ -106,7 +106,7 @@ def frozen_missions(folder: Path, config: RunConfig) -> tuple[list[Mission], lis
             absent.append(entry["name"])
             continue
         for name, expected in entry["files"].items():
-            if (got := _sha256(paths[name])) != expected:
+            if (got := file_hash(paths[name])) != expected:
                 raise MeasurementError(
                     f"{paths[name]}: expected SHA-256 {expected}, got {got}; take the file from {entry['origin']}"
                 )
@@ -119,12 +119,8 @@ def frozen_missions(folder: Path, config: RunConfig) -> tuple[list[Mission], lis
 
 def mission_of(logs: Sequence[Path], config: RunConfig) -> Mission:
     """Return the mission of some logs, see ``read_dives``."""
-    hashes = {path.name: _sha256(path) for path in logs if path.is_file()}
+    hashes = {path.name: file_hash(path) for path in logs if path.is_file()}
     return Mission(" ".join(path.name for path in logs), read_dives(logs, config), hashes)
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def read_dives(logs: Sequence[Path], config: RunConfig) -> tuple[Dive, ...]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.colors import LINES
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
 from replay_kit.show.page import Figure, Section, page_html
@@ -60,7 +61,7 @@ class StudyReport:
         """Print it for people."""
         print_tables(console, self.tables)
         for text in self.words:
-            console.print(text, soft_wrap=True, markup=False)
+            console.print(text)
 
     def write(self, out: Path) -> None:
         """Write its files into a folder that exists, each whole or not at all; existing ones are replaced."""
@@ -157,17 +158,7 @@ def _option(value: Any) -> str:
     )
 
 
-# Okabe and Ito's colours, which colour-blind readers can tell apart too.
-_COLORS = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "ink",
-    "#CC79A7",
-    "#E69F00",
-    "#56B4E9",
-    "#8C8C8C",
-)
+_COLORS = (*LINES[:3], "ink", *LINES[3:], "#8C8C8C")
 TRUTH, AVERAGED = "truth", "depth_averaged_truth"
 #: Names of flows in tables and legends.
 LABELS = {

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from rich.console import Console
 from rich.table import Table as ConsoleTable
 
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.atomic import write_whole
 from replay_kit.core.text import csv_cell
 from replay_kit.core.version import __version__
 
@@ -187,5 +187,4 @@ def met_text(met: bool | None) -> str:
 def write_files(out: Path, contents: Mapping[str, str | bytes]) -> None:
     """Write files by name into a folder that exists, each whole or not at all; existing ones are replaced."""
     for name, content in contents.items():
-        with atomic_file(out / name) as file:
-            file.write(content.encode() if isinstance(content, str) else content)
+        write_whole(out / name, content)

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.cf import described
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
@@ -185,14 +185,12 @@ def write_ensemble(
             "latitude": plain,
             "longitude": plain,
         }
-        with atomic_file(path) as file:
-            file.write(
-                bytes(
-                    dataset.to_netcdf(
-                        None, format="NETCDF3_64BIT", engine="scipy", encoding=encoding
-                    )
-                )
-            )
+        write_whole(
+            path,
+            bytes(
+                dataset.to_netcdf(None, format="NETCDF3_64BIT", engine="scipy", encoding=encoding)
+            ),
+        )
     return pair
 
 

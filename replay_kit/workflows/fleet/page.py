@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.atomic import write_whole
+from replay_kit.core.colors import LINES
 from replay_kit.core.text import csv_cell
 from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.show.figures.on_page import figure_of
@@ -70,8 +71,7 @@ def write_table(outcomes: Sequence[Outcome], path: Path) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(rows[0])
     writer.writerows([csv_cell(cell) for cell in row.values()] for row in rows)
-    with atomic_file(path) as file:
-        file.write(text.getvalue().encode())
+    write_whole(path, text.getvalue())
 
 
 def fleet_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -142,8 +142,7 @@ def _number(value: float | None, factor: float = 1.0, digits: int = 1) -> str:
     return "" if value is None else f"{factor * value:.{digits}f}"
 
 
-# Okabe and Ito's colours, which colour-blind readers can tell apart too.
-_COLORS, _SYMBOLS = ("#8C8C8C", "#0072B2", "#009E73"), ("diamond", "circle", "square")
+_COLORS, _SYMBOLS = ("#8C8C8C", LINES[0], LINES[2]), ("diamond", "circle", "square")
 _ERRORS = {
     "prior forecast": "rms_ensemble_m_s",
     "before each update": "rms_before_m_s",
@@ -161,8 +160,7 @@ _SOUND = (0.5, 2.0)
 
 def write_page(outcomes: Sequence[Outcome], path: Path) -> None:
     """Write the page, whole or not at all."""
-    with atomic_file(path) as file:
-        file.write(fleet_page(outcomes).encode())
+    write_whole(path, fleet_page(outcomes))
 
 
 def fleet_page(outcomes: Sequence[Outcome]) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
@@ -119,8 +119,7 @@ def _run(mission: Mission, made: Path, identity: str) -> Outcome:
         **answer,
     }
     record["record_sha256"] = _digest(record)
-    with atomic_file(made.with_suffix(".json")) as file:
-        file.write((json.dumps(record, indent=1, allow_nan=False) + "\n").encode())
+    write_whole(made.with_suffix(".json"), json.dumps(record, indent=1, allow_nan=False) + "\n")
     # after the result: a record says that the result is complete
     os.replace(made.with_suffix(".json"), mission.record)
     return Outcome(mission.name, answer, digest, exit_code=summary.exit_code)

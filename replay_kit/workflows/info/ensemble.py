@@ -69,9 +69,9 @@ def print_ensemble(found: Description, console: Console) -> None:
         table.add_row("levels", f"{grid.levels.size}, {grid.levels[0]:g} to {grid.levels[-1]:g} m")
         table.add_row("speed", f"{np.sqrt(2.0) * ensemble.component_rms:.3f} m/s rms")
     console.print(table)
-    console.print(f"Use: {found.use}", soft_wrap=True)
+    console.print(f"Use: {found.use}")
     for note in () if ensemble is None else ensemble.notes:
-        console.print(f"Note: {note}", soft_wrap=True)
+        console.print(f"Note: {note}")
 
 
 _AXES = {"grid": "along the grid, turned to true east and north", "true": "true east and north"}

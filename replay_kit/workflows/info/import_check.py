@@ -316,16 +316,14 @@ def import_check_json(found: ImportCheck) -> dict[str, Any]:
 def print_import_check(found: ImportCheck, console: Console) -> None:
     """Print what a check found."""
     for finding in found.findings:
-        console.print(finding_line(finding_json(finding)), soft_wrap=True)
+        console.print(finding_line(finding_json(finding)))
     if found.profiles and not found.findings:
         console.print(
             f"Import check: {found.profiles} profiles look sound against the ensemble",
-            soft_wrap=True,
         )
     if found.undetermined:
         console.print(
             f"Import check: the profiles do not determine whether {', or '.join(found.undetermined)}",
-            soft_wrap=True,
         )
     if found.note:
-        console.print(f"Import check: {found.note}", soft_wrap=True)
+        console.print(f"Import check: {found.note}")

@@ -36,9 +36,9 @@ _COLUMNS = (
 def print_learning(learnt: Learnt, console: Console) -> None:
     """Print a plan that learns: its answer, the candidates, and the commands from surfacing to surfacing."""
     plan = learnt.plan
-    console.print(f"{plan.status}: {plan.message}", soft_wrap=True)
+    console.print(f"{plan.status}: {plan.message}")
     for note in plan.notes:
-        console.print(f"note: {note}", soft_wrap=True)
+        console.print(f"note: {note}")
     columns = (
         "candidate",
         f"predicted error [{plan.unit}]",

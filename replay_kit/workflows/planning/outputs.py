@@ -40,24 +40,23 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
     made, figures = planned.plan, planned.samples
     if planned.departures:
         _print_departures(planned, console)
-    console.print(f"{made.status}: {made.message}", soft_wrap=True)
+    console.print(f"{made.status}: {made.message}")
     for note in planned.notes:
-        console.print(f"note: {note}", soft_wrap=True)
+        console.print(f"note: {note}")
     if len(made.headings_deg) == 0:
         return
     energy = energy_sentence(made.energy, None if battery is None else battery * 1e6)
     console.print(f"{made.duration / 3600.0:.2f} h, {energy}, {len(made.headings_deg)} legs")
     if planned.waypoints is not None:
-        console.print(planned.waypoints.message, soft_wrap=True)
+        console.print(planned.waypoints.message)
     if planned.policy is not None:
-        console.print(planned.policy.message, soft_wrap=True)
+        console.print(planned.policy.message)
     if figures is not None:
         moored = made.settings.weights.closest == 0.0
         off = "farthest from the mooring" if moored else "miss"
         console.print(
             f"in the samples: {off} in the median {figures['miss_median_m']:.0f} m, 90 % within {figures['miss_90_percent_m']:.0f} m; with "
             f"headings held 90 % within {figures['miss_90_percent_held_m']:.0f} m",
-            soft_wrap=True,
         )
     columns = (
         "leg",

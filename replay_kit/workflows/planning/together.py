@@ -210,7 +210,7 @@ def print_together(made: Together, console: Console) -> None:
     for goal in made.left:
         console.print(f"goal {goal}: no glider goes there")
     for row in separation_rows(made):
-        console.print(_apart(row), soft_wrap=True)
+        console.print(_apart(row))
 
 
 def _cells(made: Together, name: str, one: PlannedMission) -> tuple[str, ...]:

@@ -98,7 +98,6 @@ def print_quality(report: QualityReport, console: Console) -> None:
     if report.late:
         console.print(
             f"LOST: {report.late} messages came later than the reorder window allows; widen logs.reorder_window",
-            soft_wrap=True,
         )
 
 
@@ -127,7 +126,6 @@ def _print_topic(
     )
     console.print(
         f"Bins: {good} good, {suspect} suspect ({use}), {failed} failed, {missing} missing",
-        soft_wrap=True,
     )
     lines = [f"Pings that lose every bin: {len(topic.lost)}"] if topic.lost else []
     for ping in topic.lost[:_LOST_SHOWN]:

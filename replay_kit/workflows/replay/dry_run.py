@@ -104,5 +104,4 @@ def print_dry_run(result: DryRun, console: Console) -> None:
         f"on {rows} x {columns} points and {len(levels)} levels ({levels[0]:g} to {levels[-1]:g} m): "
         f"{result.modes} modes a level, a state of {result.state_size} weights. "
         f"Expected: {result.memory_mb:.0f} MB, {result.seconds:.0f} s for the updates. Nothing was written.",
-        soft_wrap=True,
     )

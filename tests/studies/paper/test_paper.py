@@ -12,13 +12,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 import planners
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
+from replay_kit.show.text import SafeConsole
 from replay_kit.studies.jobs import bootstrap_median, bound, build_method, miss_figures
 from replay_kit.studies.paper import (
     PaperJob,
@@ -535,7 +535,7 @@ def test_files_say_the_same_numbers(study, folder):
 def test_console_and_report_show_the_rows(study, folder):
     tables = study[0]
     words = io.StringIO()
-    report_of(study[0]).print(Console(file=words, width=200))
+    report_of(study[0]).print(SafeConsole(file=words, width=200))
     written = (folder / "report.md").read_text()
     for row in (*tables.table1, *tables.table2):
         for text in (words.getvalue(), written):

@@ -7,9 +7,9 @@ import sys
 from dataclasses import replace
 
 import pytest
-from rich.console import Console
 
 from replay_kit.core.errors import ForecastError
+from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.fleet.page import exit_code, fleet_page, print_fleet, row_of
 from replay_kit.workflows.fleet.run import Outcome, failure, run_fleet, run_mission
 from replay_kit.workflows.planning import planner_of
@@ -213,7 +213,7 @@ def test_a_plan_that_does_not_arrive_comes_first_in_the_table_and_on_the_page(ca
         f"the plan is unreachable: {message}",
         None,
     ]
-    print_fleet(outcomes, Console(width=200))
+    print_fleet(outcomes, SafeConsole(width=200))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"ALARM: b: the plan is unreachable: {message}"
     assert [line.split()[2:] for line in lines[3:5]] == [

@@ -5,9 +5,9 @@ import json
 from dataclasses import replace
 
 import pytest
-from rich.console import Console
 
 from replay_kit.config.run import load_config
+from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.info.listing import print_info
 from tests.command import invoke
@@ -94,7 +94,9 @@ def test_every_note_of_the_reader_and_what_is_damaged_or_unchecked_is_printed(lo
         "unchecked": {"chunks": 3},
     }
     text = io.StringIO()
-    print_info(replace(found, report=replace(found.report, **told)), Console(file=text, width=200))
+    print_info(
+        replace(found, report=replace(found.report, **told)), SafeConsole(file=text, width=200)
+    )
     for words in (
         "Note: the clock was set twice",
         "Cannot be decoded: 7 x /raw: no schema",

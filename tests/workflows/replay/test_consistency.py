@@ -66,6 +66,11 @@ def faulty(ocean, name):
     return path
 
 
+def with_settings(**tables):
+    """The configuration with other tables of settings."""
+    return CONFIG.model_copy(update={name: getattr(RunConfig(**tables), name) for name in tables})
+
+
 def run(ocean, log, config=CONFIG, **job):
     summary, _ = replay(
         ReplayJob((log,), ocean / "ensemble.nc", ocean / "out.mcap", overwrite=True, **job), config
@@ -144,16 +149,12 @@ def test_two_sources_that_contradict_each_other_are_both_kept(ocean):
         run(
             ocean,
             log,
-            CONFIG.model_copy(
-                update={"consistency": RunConfig(consistency={"on_failure": "stop"}).consistency}
-            ),
+            with_settings(consistency={"on_failure": "stop"}),
         )
     ignored = run(
         ocean,
         log,
-        CONFIG.model_copy(
-            update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency}
-        ),
+        with_settings(consistency={"on_failure": "ignore"}),
     )
     assert (ignored.findings, ignored.exit_code) == ((), 0)
     assert ignored.doubts[0] == "no consistency check was made (consistency.on_failure)"
@@ -181,18 +182,14 @@ def test_a_wrong_unit_ends_the_run_unless_it_is_stated(ocean, summary_of):
     ) as error:
         run(ocean, log)
     assert error.value.exit_code == 3
-    stated = CONFIG.model_copy(
-        update={"measurements": RunConfig(measurements={"velocity_unit": "cm/s"}).measurements}
-    )
+    stated = with_settings(measurements={"velocity_unit": "cm/s"})
     sound, mended = summary_of(), run(ocean, log, stated)
     assert mended.findings == ()
     assert mended.rms_after == pytest.approx(sound.rms_after, rel=1e-9)
 
 
 def test_an_odd_unit_that_is_stated_is_told_and_used(ocean):
-    stated = CONFIG.model_copy(
-        update={"measurements": RunConfig(measurements={"velocity_unit": "m/s"}).measurements}
-    )
+    stated = with_settings(measurements={"velocity_unit": "m/s"})
     summary = run(ocean, faulty(ocean, "cm/s"), stated)
     assert summary.findings[0].name == "unit of the velocities"
     assert summary.exit_code == 6
@@ -209,9 +206,7 @@ def test_dead_profiles_are_dropped_and_counted(summary_of):
 
 def test_a_dead_instrument_without_anything_else_is_no_log(ocean):
     log = faulty(ocean, "all zero")
-    no_means = CONFIG.model_copy(
-        update={"measurements": RunConfig(measurements={"without": ("dac",)}).measurements}
-    )
+    no_means = with_settings(measurements={"without": ("dac",)})
     with pytest.raises(MeasurementError, match=rf"{PINGS} ADCP pings, none usable: .* bins dead"):
         run(ocean, log, no_means)
 
@@ -221,9 +216,7 @@ def test_profiles_at_impossible_depths_are_not_used(ocean, name):
     summary = run(ocean, faulty(ocean, name))
     assert [finding.name for finding in summary.findings] == ["depths above the surface"]
     assert summary.profiles_rejected == PINGS
-    no_means = CONFIG.model_copy(
-        update={"measurements": RunConfig(measurements={"without": ("dac",)}).measurements}
-    )
+    no_means = with_settings(measurements={"without": ("dac",)})
     alone = run(ocean, faulty(ocean, name), no_means)
     assert (alone.profiles_used, alone.exit_code) == (0, 6)
     assert (
@@ -273,9 +266,7 @@ def test_an_ensemble_in_another_unit_is_refused_unless_checks_are_ignored(ocean,
         answer["consistency"][0]["likely_cause"]
         == "velocities in cm/s or knots that the file calls m/s"
     )
-    ignoring = CONFIG.model_copy(
-        update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency}
-    )
+    ignoring = with_settings(consistency={"on_failure": "ignore"})
     assert replay(job, ignoring)[0].exit_code == 0
 
 
@@ -398,7 +389,7 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
 ):
     log = tmp_path / "other.mcap"
     write_mcap_log(log, list(in_other_water(open_log(ocean / "glider.mcap").messages(), 0)))
-    moved = CONFIG.model_copy(update={"forecast": RunConfig(forecast={"place": place}).forecast})
+    moved = with_settings(forecast={"place": place})
     summary = run(ocean, log, moved)
     (finding,) = summary.findings
     assert (finding.name, finding.severity, summary.exit_code) == (

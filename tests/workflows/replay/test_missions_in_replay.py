@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from rich.console import Console
 
 import replay_kit as rk
 from planners import MissionRequest, plan_mission
@@ -38,6 +37,7 @@ from replay_kit.show.status.held import read_held
 from replay_kit.show.status.status import status_of
 from replay_kit.show.status.text import status_text
 from replay_kit.show.summary import print_summary
+from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.planning import MissionPlanner, planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
@@ -136,7 +136,7 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
     )
     assert figures["inside_ellipse"] == np.mean([outcome.inside_ellipse for outcome in outcomes])
     said = io.StringIO()
-    print_summary(outcome_of(summary), Console(file=said, width=200))
+    print_summary(outcome_of(summary), SafeConsole(file=said, width=200))
     words = f"{len(outcomes)} predicted by the plan before; median distance {figures['distance_median_m']:.0f} m"
     lines = [line for line in said.getvalue().splitlines() if "urfacings: " in line]
     assert [line.partition(":")[0] for line in lines] == [
