@@ -199,9 +199,9 @@ class Follower:
             self._vehicle_of,
         )
         sources, said, changed = look_again(watched, self._memory.sources)
-        self._remember(sources=sources)
         for text in said:
-            self._say(text)
+            self._options.tell(text)
+        self._remember(sources=sources, said=(*self._memory.said, *said))
         return changed
 
     def _vehicle_of(self, path: Path) -> str:
@@ -225,17 +225,15 @@ class Follower:
         if goal is None:
             return False
         before = self._memory.goals
-        self._remember(
-            goals=with_goal(
-                before, goal, max((held.last_ns for held in self._held.values()), default=0)
-            )
+        goals = with_goal(
+            before, goal, max((held.last_ns for held in self._held.values()), default=0)
         )
-        if before and before[-1][1] != goal:
-            self._say(
-                f"the goal moved to {place_text(goal.longitude, goal.latitude)}, {goal.depth:g} m"
-            )
-            return True
-        return False
+        if not before or before[-1][1] == goal:
+            self._remember(goals=goals)
+            return False
+        place = place_text(goal.longitude, goal.latitude)
+        self._say(f"the goal moved to {place}, {goal.depth:g} m", goals=goals)
+        return True
 
     def _replay(self) -> None:
         """Replay the files that are used; those that are new and make it fail are set aside."""
@@ -277,14 +275,10 @@ class Follower:
             try:
                 self._run(kept)
             except _UNUSABLE as reason:
-                source = self._memory.sources[path]
-                self._remember(
-                    sources={
-                        **self._memory.sources,
-                        path: replace(source, aside=f"makes the replay fail: {reason}"),
-                    }
-                )
-                self._say(f"{path.name} not used: it makes the replay fail: {reason}")
+                why = f"makes the replay fail: {reason}"
+                source = replace(self._memory.sources[path], aside=why)
+                sources = {**self._memory.sources, path: source}
+                self._say(f"{path.name} not used: it {why}", sources=sources)
 
     def _run(self, used: tuple[Path, ...]) -> None:
         """Replay some files, and read what the result holds."""
@@ -374,19 +368,20 @@ class Follower:
 
     def _archive(self, name: str) -> None:
         """Keep the result with the forecast that was replaced."""
-        kept = ""
+        kept, number = "", self._memory.archives
         if self._out.is_file():
-            number = self._memory.archives + 1
+            number += 1
             target = self._out.with_name(f"{self._out.stem}.forecast{number}.mcap")
             target.unlink(missing_ok=True)
             try:
                 os.link(self._out, target)
             except OSError:
                 shutil.copyfile(self._out, target)
-            self._remember(archives=number)
             kept = f"; the result with the one before is kept as {target.name}"
         self._say(
-            f"a newer forecast: {name}, before it {self._memory.forecast}; all measurements so far go into it too{kept}"
+            f"a newer forecast: {name}, before it {self._memory.forecast}; all measurements so far go into it too{kept}",
+            archives=number,
+            forecast=name,
         )
 
     def _answer(self) -> None:
@@ -414,11 +409,11 @@ class Follower:
                 continue
             self._remember(given=(*self._memory.given, key_of(alarm, name)))
 
-    def _say(self, text: str, once: bool = False) -> None:
-        """Tell a person, and keep it for the record; a second time only where it is not said ``once``."""
+    def _say(self, text: str, once: bool = False, **changes: object) -> None:
+        """Tell a person, and keep it for the record with what changed, which a kill cannot part; ``once``: not if it was said lately."""
         if not once or text not in self._memory.said[-20:]:
             self._options.tell(text)
-            self._remember(said=(*self._memory.said, text))
+            self._remember(said=(*self._memory.said, text), **changes)
 
     def _remember(self, **changes: object) -> None:
         """Change what is remembered, on the disk too."""

@@ -12,7 +12,7 @@ import pytest
 
 from replay_kit import open_result
 from replay_kit.core.errors import ForecastError
-from replay_kit.workflows.follow.watch import read_memory
+from replay_kit.workflows.follow.watch import read_memory, write_memory
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay import replay as replaying
 from replay_kit.workflows.replay.inputs import estimator as basis
@@ -108,6 +108,26 @@ def test_a_follower_that_is_killed_again_and_again_goes_on_and_loses_nothing(
     sea.follow()
     assert kills == len(dives)
     assert same(sea, tmp_path)
+
+
+def test_what_is_said_of_a_file_outlives_a_kill_as_soon_as_the_file_is_known(
+    ocean, dives, tmp_path
+):
+    sea = Sea(ocean, tmp_path, goal=None)
+    sea.put(dives[0].name, dives[0].data)()
+
+    def killed(*given: object) -> None:
+        write_memory(*given)
+        raise Killed
+
+    with (
+        mock.patch("replay_kit.workflows.follow.follow.write_memory", side_effect=killed),
+        pytest.raises(Killed),
+    ):
+        sea.follow()
+    left = read_memory(sea.options.states)
+    assert [path.name for path in left.sources] == [dives[0].name]
+    assert [text.split()[0] for text in left.said] == [dives[0].name]
 
 
 @pytest.mark.full
