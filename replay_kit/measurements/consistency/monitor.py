@@ -42,9 +42,6 @@ from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSumm
 # After any of these the instrument's depth is known to be wrong, or its time.
 _OF_DEPTHS = {findings.DEPTH, findings.DEPTHS, findings.CLOCK}
 
-# s; below, what a clock may lag without being found is not worth a note
-_LEAST_LAG = 60.0
-
 #: What is checked.
 Checked = VehicleState | Observation | PathMean
 
@@ -159,7 +156,7 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
             "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell; "
             "headings beside a way with turns, the clock)"
         )
-    elif lag > _LEAST_LAG:
+    else:
         found.append(f"a lag of the instrument's clock below {lag:.0f} s")
     if any(isinstance(each, Beams) and each.variances for one in instruments for each in one.pings):
         found.append(
