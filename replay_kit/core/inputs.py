@@ -3,9 +3,15 @@
 import errno
 import os
 import stat
-from collections.abc import Iterable, Mapping
+import sys
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
+
+if sys.platform == "linux":
+    import resource
 
 from replay_kit.core.errors import LogError
 
@@ -60,7 +66,7 @@ def exceeds_claim(path: Path, size: int) -> str:
     """
     needed = (size - _FREE) / _RATIO
     # what is on a server has limits of its own
-    return "" if needed <= 0.0 or not path.exists() else claim_text(size, _bytes(path, needed))
+    return "" if needed <= 0.0 or not path.exists() else claim_text(size, held(path, needed))
 
 
 def claim_text(size: int, held: int) -> str:
@@ -70,7 +76,7 @@ def claim_text(size: int, held: int) -> str:
     return f"it claims {size / 1e6:.0f} MB of values in a file of {held / 1e6:.3f} MB, more than {_RATIO} times its bytes"
 
 
-def _bytes(path: str | os.PathLike[str], enough: float) -> int:
+def held(path: str | os.PathLike[str], enough: float) -> int:
     """Return the bytes of a file, or of the files below a folder, of which no more are counted than are enough."""
     if not os.path.isdir(path):
         status = os.stat(path)
@@ -79,10 +85,62 @@ def _bytes(path: str | os.PathLike[str], enough: float) -> int:
     total = 0
     with os.scandir(path) as entries:
         for entry in entries:
-            total += _bytes(entry.path, enough - total)
+            total += held(entry.path, enough - total)
             if total >= enough:
                 break
     return total
+
+
+# What a decoder may take beside what it is to return, and a thread for its stack [bytes].
+_ROOM, _STACK = 3 << 23, 1 << 23
+# s
+_LINGERS = 5.0
+# The limits that held before any reader began who has not ended, once for each of them.
+_before, _changing = list[tuple[int, int]](), threading.Lock()
+
+
+@contextmanager
+def unpacking(size: int = 0, threads: int = 0) -> Iterator[None]:
+    """Let this process grow by no more than a decoder needs, since no header says what compressed bytes become.
+
+    One that needs more ends with an ``OSError`` or a ``MemoryError``. Only Linux tells what a process has; elsewhere nothing is limited.
+
+    Args:
+        size: What is read takes in memory [bytes].
+        threads: How many may be started for it.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    with _changing:
+        now = resource.getrlimit(resource.RLIMIT_DATA)
+        has = int(Path("/proc/self/statm").read_text().split()[5]) * resource.getpagesize()
+        most, hard = _before[0] if _before else now
+        limit = (now[0] if _before else has) + _ROOM + 4 * size + threads * _STACK
+        resource.setrlimit(resource.RLIMIT_DATA, (limit if most < 0 else min(limit, most), hard))
+        _before.append((most, hard))
+    lasts = 0.0
+    try:
+        yield
+    except MemoryError:
+        # so that its other threads, which nothing stops, end by the limit too
+        lasts = _LINGERS if threads else 0.0
+        raise
+    finally:
+        if lasts:
+            later = threading.Timer(lasts, _unlimited)
+            later.daemon = True
+            later.start()
+        else:
+            _unlimited()
+
+
+def _unlimited() -> None:
+    """Let a reader's limit go; what another one still needs stays."""
+    with _changing:
+        before = _before.pop()
+        if not _before:
+            resource.setrlimit(resource.RLIMIT_DATA, before)
 
 
 #: Device, number on it, size [bytes], time of the last change [ns].

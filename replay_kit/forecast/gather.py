@@ -1,28 +1,101 @@
 """Members brought together on the first one's grid, as one array, which lies on disk where it is larger than memory."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+import xarray as xr
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import IN_MEMORY, Array, release
+from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
+from replay_kit.core.inputs import claim_text, held
 from replay_kit.core.text import count_text
 from replay_kit.forecast.depths import depths_text, to_levels
 from replay_kit.forecast.grid import (
+    Block,
     bilinear,
     centre_longitude,
     find_cells,
     grid_to_local,
     true_to_local,
 )
-from replay_kit.forecast.layout import Layout
+from replay_kit.forecast.layout import Layout, U, V
+from replay_kit.forecast.members import no_water
 from replay_kit.forecast.selection import Selected
-from replay_kit.forecast.window import Window, window_size
+from replay_kit.forecast.variables import chunk_bytes, unpacked
+from replay_kit.forecast.window import Window, block_of, window_size
 
 # Members read, and turned, at once [bytes].
-_GROUP = 1 << 28
+_GROUP, _TURNED = 1 << 28, 1 << 24
+# What is read without having been looked at [bytes], and per byte of the files: land alone takes less room than that.
+_UNSEEN, _USUAL = 1 << 22, 12
+# Values in water per byte of the files; and bytes that are looked at together, unless a chunk has more, up to the most of one.
+_IN_WATER, _PART, _CHUNK = 32, 1 << 23, 1 << 26
+
+
+def check_content(
+    fields: Sequence[Selected], layout: Layout, config: ForecastConfig, size: float, times: int
+) -> None:
+    """Raise ForecastError where members are more than their files can tell: bytes that repeat take a thousandth of their room.
+
+    Args:
+        fields: The members at one time.
+        layout: Of the first file.
+        config: Region.
+        size: What their currents take in memory [bytes].
+        times: How many such are read, in all.
+    """
+    parts = {field.part.paths: field.part.ds[U].size for field in fields}
+    paths = {path for part in parts for path in part}
+    # what is on a server has limits of its own
+    if not all(path.exists() for path in paths):
+        return
+    where, claimed = str(fields[0].part.paths[0]), size * times
+    stored = sum(held(path, claimed) for path in paths)
+    why = claim_text(int(claimed), stored)
+    # of the files' bytes those of these fields
+    own = int(stored * min(1.0, size / (16 * sum(parts.values()))))
+    if not why and size > _UNSEEN + _USUAL * own:
+        why = _why_repeated(fields, layout, block_of(layout, config, where), own)
+    if why:
+        raise ForecastError(
+            f"{where}: its currents cannot be read: {why}; choose less with --region and --levels, or mend the file"
+        )
+
+
+def _why_repeated(fields: Sequence[Selected], layout: Layout, block: Block, stored: int) -> str:
+    """Return why members cannot be told by so many bytes; empty where most of them is land, which takes no room."""
+    water = 0
+    for field in fields:
+        for name, dims in ((U, layout.u_dims), (V, layout.v_dims)):
+            whole = field.ds[name]
+            if (chunk := chunk_bytes(whole)) > _CHUNK:
+                return f"{chunk / 1e6:.0f} MB of them are packed as one, which take {stored / 1e6:.3f} MB in all"
+            for columns in block[1]:
+                cut = whole.isel({dims[0]: block[0], dims[1]: columns})
+                for part in _parts(cut, max(_PART, chunk)):
+                    values = unpacked(part)
+                    new = np.isfinite(values[..., 1:]) & (values[..., 1:] != values[..., :-1])
+                    water += 8 * int(np.count_nonzero(new))
+            if water > _UNSEEN + _IN_WATER * stored:
+                return f"more than {water / 1e6:.0f} MB of values in water in {stored / 1e6:.3f} MB of a file: they repeat"
+    if not water:
+        raise no_water(str(fields[0].part.paths[0]))
+    return ""
+
+
+def _parts(values: xr.DataArray, most: int) -> Iterator[xr.DataArray]:
+    """Yield a variable in parts of no more than so many bytes in memory, along its first dimensions."""
+    dim = next((dim for dim in values.dims if values.sizes[dim] > 1), None)
+    if 8 * values.size <= most or dim is None:
+        yield values
+        return
+    step = max(1, most * values.sizes[dim] // (8 * values.size))
+    for start in range(0, values.sizes[dim], step):
+        yield from _parts(values.isel({dim: slice(start, start + step)}), most)
 
 
 def in_groups(field: Selected, layout: Layout, config: ForecastConfig) -> list[Selected]:
@@ -63,7 +136,7 @@ class MemberStore:
 
         Args:
             velocity: shape (E, 2, Z, J, I) [m/s], to be filled in order.
-            window: Grid and axes of members that are still to be turned.
+            window: Grid and axes of members that are still to be turned; it needs none of its own.
             projection: The local frame.
         """
         self._velocity, self._window, self._projection = velocity, window, projection
@@ -74,9 +147,11 @@ class MemberStore:
         if turned:
             self._velocity[self._filled : self._filled + len(values)] = values
         else:
-            self._waiting.append((self._filled, values))
-            if sum(each.nbytes for _, each in self._waiting) > _GROUP // 2:
-                self._turn()
+            step = max(1, _TURNED * len(values) // max(1, values.nbytes))
+            for at in range(0, len(values), step):
+                self._waiting.append((self._filled + at, values[at : at + step]))
+                if sum(each.nbytes for _, each in self._waiting) >= _TURNED // 2:
+                    self._turn()
         self._filled += len(values)
 
     def finished(self) -> Array:

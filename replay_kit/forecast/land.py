@@ -40,13 +40,15 @@ def never_changing(values: Array, constants: Iterable[float]) -> NDArray[np.bool
     Zeros count from the sea bed up, in columns that are dry there: a level that is at rest everywhere is no land.
 
     Args:
-        values: shape (E, Z, J, I).
+        values: shape (E, Z, J, I), of which one member after the other is looked at.
         constants: 0, and what a fill value becomes that packing cannot hold.
     """
     found = np.zeros(values.shape[1:], dtype=bool)
     for constant in constants:
-        # unpacked in single or double precision; one step of the packing is far more
-        same = np.all(np.abs(values - constant) <= 1e-6 * abs(constant), axis=0)
+        same = np.ones(values.shape[1:], dtype=bool)
+        for member in values:
+            # unpacked in single or double precision; one step of the packing is far more
+            same &= np.abs(member - constant) <= 1e-6 * abs(constant)
         if constant == 0.0:
             below = np.logical_and.accumulate(same[::-1], axis=0)[::-1]
             at_rest = same.all(axis=(1, 2), keepdims=True)

@@ -10,6 +10,7 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import large_array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.inputs import unpacking
 from replay_kit.core.paths import Paths
 from replay_kit.core.progress import announce
 from replay_kit.forecast.axes import AxesCheck, check_axes
@@ -17,6 +18,7 @@ from replay_kit.forecast.blocks import Block, Collection, open_collection
 from replay_kit.forecast.files import size_text
 from replay_kit.forecast.gather import (
     MemberStore,
+    check_content,
     in_groups,
     in_local_frame,
     is_alike,
@@ -86,8 +88,9 @@ def read_members(
     config: ForecastConfig,
     near_ns: int | None,
     place_at: tuple[float, float] | None,
+    times: int = 1,
 ) -> Reading:
-    """Return the chosen part of an opened ensemble, and how it was understood; see ``read_ensemble``.
+    """Return the chosen part of an opened ensemble, and how it was understood; see ``read_ensemble``, for one of so many times.
 
     Raises:
         ForecastError: As in ``read_ensemble``.
@@ -100,7 +103,7 @@ def read_members(
         raise ForecastError(
             f"{found.source}: an ensemble needs at least 2 members, got {count}{ways(found)}"
         )
-    reading = read_selection(selection, config, place_at, found.source, found.notes)
+    reading = read_selection(selection, config, place_at, found.source, found.notes, times)
     made_from = found.rule.kind if found.rule.kind in MADE else ""
     return replace(reading, ensemble=replace(reading.ensemble, made_from=made_from))
 
@@ -189,14 +192,17 @@ def read_selection(
     place_at: tuple[float, float] | None,
     source: str,
     earlier: tuple[str, ...],
+    times: int = 1,
 ) -> Reading:
-    """Return the fields of a selection as members on the grid of the first.
+    """Return the fields of a selection, one of so many that are read, as members on the grid of the first.
 
     Raises:
         ForecastError: As in ``read_ensemble``.
     """
     layout = layout_of(selection.fields[0].part, selection.fields[0].ds, config)
-    large = _large(selection, layout, config)
+    size = _size(selection, layout, config)
+    check_content(selection.fields, layout, config, size, times)
+    large = _large(size)
     fields = [part for field in selection.fields for part in in_groups(field, layout, config)]
     first = fields[0]
     window, notes = read_window(first, layout, config), [*selection.notes, *large]
@@ -204,12 +210,13 @@ def read_selection(
         window.longitude, window.latitude, window.levels, np.ones(0, bool), None
     ).projection
     count = sum(1 if field.extra else len(field.labels) for field in fields)
-    members, moved = (
-        MemberStore(large_array((count, *window.velocity.shape[1:])), window, projection),
-        0,
-    )
+    own, moved = window.velocity, 0
+    # the members are in memory once, as they are turned
+    window = replace(window, velocity=own[:0])
+    members = MemberStore(large_array((count, *own.shape[1:])), window, projection)
     far = np.zeros(window.levels.size, dtype=bool)
-    members.add(window.velocity, turned=False)
+    members.add(own, turned=False)
+    del own
     around = config.model_copy(update={"region": region_around(window)})
     for field in fields[1:]:
         last = (
@@ -253,20 +260,26 @@ def read_selection(
     return Reading(ensemble, layout, check, first.part)
 
 
-def _large(selection: Selection, layout: Layout, config: ForecastConfig) -> tuple[str, ...]:
-    """Return a note on currents that take much memory, and announce it before they are read; nothing of others."""
+def _size(selection: Selection, layout: Layout, config: ForecastConfig) -> float:
+    """Return what the currents of a selection take in memory [bytes], as if all its files were like the first."""
     first, count = selection.fields[0], sum(len(field.labels) for field in selection.fields)
     size = (
         window_size(first.ds, layout, config, str(first.part.paths[0])) * count / len(first.labels)
     )
     if config.levels is not None and (depth := find_depth(first.ds, first.ds[U].dims)) is not None:
         size *= min(1.0, len(config.levels) / first.ds.sizes[depth])
+    return size
+
+
+def _large(size: float) -> tuple[str, ...]:
+    """Return a note on currents that take much memory [bytes], and announce it before they are read; nothing of others."""
     if not (said := size_text(size)):
         return ()
     announce(f"reading the forecast{said}")
     return (f"the forecast is large{said}",)
 
 
+@unpacking()
 def layout_of(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
     """Return the horizontal arrangement of a file, with the axes of its velocities as the configuration states them."""
     layout = lay_out(ds, part.current, str(part.paths[0]))
@@ -275,6 +288,7 @@ def layout_of(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
     return replace(layout, axes=config.axes, why=f"--axes {config.axes}")
 
 
+@unpacking()
 def _same_grid(one: Part, other: Part) -> bool:
     """Return whether two files have the same horizontal grid, by its size and the ends of its coordinates."""
     if one.ds is other.ds or one.paths == other.paths:

@@ -9,6 +9,7 @@ import numpy as np
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.inputs import exceeds_claim
 from replay_kit.core.paths import Paths
 from replay_kit.forecast.blocks import Collection, open_collection
 from replay_kit.forecast.layout import U
@@ -45,7 +46,9 @@ def read_series(
         if len(chosen) < 2:
             return without_copies((read_members(found, config, near_ns, place_at).ensemble,))
         series = [
-            read_members(found, config.model_copy(update=choice), None, place_at).ensemble
+            read_members(
+                found, config.model_copy(update=choice), None, place_at, len(chosen)
+            ).ensemble
             for choice in chosen
         ]
         where = found.source
@@ -132,6 +135,8 @@ def read_changing_truth(
             raise ForecastError(
                 f"{name}: a truth that changes needs leads or times; the file has neither as a dimension"
             )
+        if why := exceeds_claim(Path(name), 16 * ds[U].size // found.blocks[0].count):
+            raise ForecastError(f"{name}: cannot be read: {why}; mend the file")
     if config.lead is not None or (lead is None and config.time is not None):
         raise ForecastError(
             f"{name}: a truth that changes goes through all leads and times; choose none of them"

@@ -1,5 +1,7 @@
 """Variables of a file in the part of it that is used, with their dimensions in one order."""
 
+import math
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -9,6 +11,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.inputs import unpacking
 from replay_kit.forecast.grid import Block
 from replay_kit.forecast.layout import Layout, V
 from replay_kit.forecast.names import sizes_text
@@ -112,10 +115,7 @@ class Source:
         if levels is not None and levels[0] in part.dims:
             part = part.isel({levels[0]: _as_slice(levels[1])})
         rows, columns = _with_faces(self.block[0], faces[0]), self._columns(faces[1])
-        pieces = [
-            np.asarray(part.isel({dims[0]: rows, dims[1]: piece}).values, dtype=np.float64)
-            for piece in columns
-        ]
+        pieces = [unpacked(part.isel({dims[0]: rows, dims[1]: piece})) for piece in columns]
         values = pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=-1)
         if levels is None or levels[0] not in wanted:
             values = np.expand_dims(values, -3)
@@ -133,6 +133,19 @@ class Source:
             slice(max(start - turn * period, 0), min(stop - turn * period, period))
             for turn in turns
         ]
+
+
+def chunk_bytes(part: xr.DataArray) -> int:
+    """Return what one chunk of a variable takes in memory [bytes], which is unpacked for any part of it."""
+    return 8 * math.prod(part.encoding.get("chunksizes") or part.encoding.get("chunks") or ())
+
+
+def unpacked(part: xr.DataArray) -> Array:
+    """Return the values of a part of a variable; the decoder may take no more memory than these and its chunks need."""
+    # several threads decode a Zarr store
+    threads = 0 if "chunksizes" in part.encoding else min(32, (os.cpu_count() or 1) + 4)
+    with unpacking(8 * part.size + 4 * chunk_bytes(part), threads):
+        return np.asarray(part.values, dtype=np.float64)
 
 
 def _with_faces(part: slice, first: int | None) -> slice:

@@ -21,7 +21,7 @@ from replay_kit.forecast.members import WARNING
 from replay_kit.forecast.names import SEA_LEVEL, Axes, Current, find_depth
 from replay_kit.forecast.s_levels import find_s_coordinate, from_s_levels
 from replay_kit.forecast.selection import Selected
-from replay_kit.forecast.variables import AT_CENTRES, Source
+from replay_kit.forecast.variables import AT_CENTRES, Source, chunk_bytes
 
 _SPEED_UNITS = {
     **dict.fromkeys(
@@ -102,7 +102,7 @@ def read_window(field: Selected, layout: Layout, config: ForecastConfig) -> Wind
         ForecastError: Nothing is inside the region, or units, depths or dimensions are not those expected.
     """
     ds, where = field.ds, str(field.part.paths[0])
-    block = _block(layout, config, where)
+    block = block_of(layout, config, where)
     _check_size(ds, layout, block, where)
     longitude, latitude = _coordinates(layout, block)
     if min(longitude.shape) < 2:
@@ -129,7 +129,7 @@ def read_window(field: Selected, layout: Layout, config: ForecastConfig) -> Wind
             f"{where}: the currents have {got} points, the coordinates {expected}; give each forecast alone, with the file of its own grid"
         )
     if mask is not None:
-        velocity = np.where(mask, velocity, np.nan)
+        velocity[..., ~np.broadcast_to(mask, velocity.shape[2:])] = np.nan
     sea_level = _surface(source)
     if s_coordinate is not None:
         h = source.read(s_coordinate.h, layout.centre_dims, AT_CENTRES, None)[0, 0]
@@ -147,7 +147,7 @@ def read_window(field: Selected, layout: Layout, config: ForecastConfig) -> Wind
 
 def window_size(ds: xr.Dataset, layout: Layout, config: ForecastConfig, where: str) -> int:
     """Return what the velocities inside the region take in memory [bytes]; the arguments are those of ``read_window``."""
-    (rows, columns), component = _block(layout, config, where), ds[U]
+    (rows, columns), component = block_of(layout, config, where), ds[U]
     points = (rows.stop - rows.start) * sum(part.stop - part.start for part in columns)
     return int(
         16
@@ -156,7 +156,8 @@ def window_size(ds: xr.Dataset, layout: Layout, config: ForecastConfig, where: s
     )
 
 
-def _block(layout: Layout, config: ForecastConfig, where: str) -> Block:
+def block_of(layout: Layout, config: ForecastConfig, where: str) -> Block:
+    """Return the rows and columns of a file's cells that lie in the region; the arguments are those of ``read_window``."""
     x, y = layout.places
     if config.region is None:
         return layout.rows, (layout.columns,)
@@ -184,7 +185,7 @@ def _check_size(ds: xr.Dataset, layout: Layout, block: Block, where: str) -> Non
             raise ForecastError(
                 f"{where}: expected numbers, {shown} holds values of the type {part.dtype}; give a forecast of currents"
             )
-        if why := exceeds_claim(Path(where), 8 * points * fields):
+        if why := exceeds_claim(Path(where), max(8 * points * fields, chunk_bytes(part))):
             raise ForecastError(
                 f"{where}: {shown} cannot be read: {why}; choose less with --region and --levels, or mend the file"
             )
@@ -264,12 +265,13 @@ def _speeds(values: Array, source: Source, component: str, name: str | None) -> 
         raise ForecastError(
             f"{source.where}: {name} is in '{unit}'; expected m s-1 or cm s-1: convert it, and set its attribute units"
         )
-    values = values * _SPEED_UNITS[unit]
-    with np.errstate(invalid="ignore"):
-        odd = np.abs(values) > _NO_SPEED
-    if odd.any():
-        values[odd] = np.nan
-    return values, int(odd.sum())
+    values, odd = values * _SPEED_UNITS[unit], 0
+    for member in values:
+        with np.errstate(invalid="ignore"):
+            beyond = np.abs(member) > _NO_SPEED
+        member[beyond] = np.nan
+        odd += int(beyond.sum())
+    return values, odd
 
 
 def _surface(source: Source) -> Array | None:

@@ -1,13 +1,17 @@
 """Inputs that are small on the disk and large when they are read: compressed, never written, nested, or made anew by their reader."""
 
 import gzip
+import shutil
 import sqlite3
 import zlib
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 
 import h5py
+import numcodecs
 import numpy as np
+import xarray as xr
 
 from tests.places import SAMPLES
 from tests.planners.flow_samples import eddying_flow
@@ -38,20 +42,109 @@ def _gzip(block: bytes, size: int) -> Attack:
     )
 
 
-def _of_zeros(file: h5py.File, name: str, shape: Sequence[int], part: Sequence[int]) -> None:
-    """Add an array of zeros that are all written, and take a thousandth of their room."""
+@cache
+def _packed(size: int, known: bytes) -> bytes:
+    """Return compressed bytes that repeat some known ones up to a size."""
+    packer, block = zlib.compressobj(), known * (1_000_000 // len(known))
+    whole, rest = divmod(size, len(block))
+    parts = [packer.compress(block) for _ in range(whole)]
+    return b"".join([*parts, packer.compress(block[:rest]), packer.flush()])
+
+
+def _of_zeros(
+    file: h5py.File,
+    name: str,
+    shape: Sequence[int],
+    part: Sequence[int],
+    chunk: int = 0,
+    known: bytes = b"\0" * 4,
+) -> None:
+    """Add an array that repeats known bytes, all written, in a thousandth of their room; its chunks may unpack to more bytes."""
     data = file.create_dataset(name, shape, "f4", chunks=tuple(part), compression="gzip")
-    packed = zlib.compress(bytes(4 * int(np.prod(part))))
+    packed = _packed(chunk or 4 * int(np.prod(part)), known)
     for at in np.ndindex(*(-(-size // step) for size, step in zip(shape, part, strict=True))):
         data.id.write_direct_chunk(tuple(np.multiply(at, part).tolist()), packed)
 
 
-def _glider(folder: Path) -> list[str]:
-    with h5py.File(folder / "p0170001.nc", "w") as file:
-        file.attrs["platform"] = "Seaglider"
-        for name in ("time", "depth", "latitude", "longitude", "ctd_depth", "log_gps_time"):
-            _of_zeros(file, name, (200_000_000,), (5_000_000,))
-    return ["info", str(folder / "p0170001.nc")]
+def _columns(names: str, sizes: Sequence[int], part: Sequence[int], chunk: int = 0) -> Attack:
+    """Return the reading of a log of zeros under some names, whose chunks may unpack to more bytes."""
+
+    def attack(folder: Path) -> list[str]:
+        with h5py.File(folder / "p0170001.nc", "w") as file:
+            file.attrs["platform"] = "Seaglider"
+            for name in names.split():
+                _of_zeros(file, name, sizes, part, chunk)
+                if "time" in name:
+                    file[name].attrs["units"] = "seconds since 2020-01-01"
+        return ["info", "--full", str(folder / "p0170001.nc")]
+
+    return attack
+
+
+# Bytes to which a chunk of a few values unpacks.
+_ENDLESS = 2_000_000_000
+_WAVES = np.sin(np.arange(5000.0)).astype("f4").tobytes()
+_GLIDER = "time depth latitude longitude ctd_depth log_gps_time"
+_DRIFTER = "time latitude longitude drogue_status"
+_RADAR = "time lat lon u v u_err v_err"
+_AXES = {"lat": (-41.0, -39.0), "lon": (151.0, 154.0), "depth": (0.0, 500.0)}
+
+
+def field(
+    sizes: dict[str, int], known: bytes = b"\0" * 4, chunk: int = 0, spare: int = 0
+) -> Callable[[Path], Path]:
+    """Return what writes fields of some sizes by dimension, each horizontal one a chunk of known bytes, beside bytes of no use.
+
+    Args:
+        sizes: By dimension; without members and times depths of a bottom.
+        known: Bytes that are repeated.
+        chunk: What one unpacks to [bytes]; 0 for its size.
+        spare: Bytes that cannot be packed.
+    """
+    names = ("u", "v") if len(sizes) > 2 else ("elevation",)
+
+    def make(folder: Path) -> Path:
+        shape = tuple(sizes.values())
+        part = (1,) * (len(shape) - 2) + shape[-2:]
+        with h5py.File(folder / "field.nc", "w") as file:
+            for dim, size in sizes.items():
+                least, most = _AXES.get(dim, (0.0, size - 1.0))
+                file.create_dataset(dim, data=np.linspace(least, most, size)).make_scale(dim)
+            if "time" in sizes:
+                file["time"].attrs["units"] = "hours since 2020-01-01"
+            for name in names:
+                _of_zeros(file, name, shape, part, chunk, known)
+                file[name].attrs["units"] = "m s-1" if len(names) > 1 else "m"
+                for axis, dim in zip(file[name].dims, sizes, strict=True):
+                    axis.attach_scale(file[dim])
+            file.create_dataset(
+                "spare", data=np.random.default_rng(1).integers(256, size=spare, dtype="u1")
+            )
+        return folder / "field.nc"
+
+    return make
+
+
+def _store(folder: Path) -> Path:
+    """Write a Zarr store of a few values whose chunks unpack to 2 GB."""
+    small = field({"member": 3, "depth": 2, "lat": 8, "lon": 8})(folder)
+    with xr.open_dataset(small, engine="h5netcdf", phony_dims="access") as data:
+        own = {"compressors": (numcodecs.Zlib(),), "chunks": (1, 1, 8, 8)}
+        data.drop_encoding().to_zarr(
+            folder / "e.zarr", zarr_format=2, encoding={"u": own, "v": own}
+        )
+    bomb = _packed(_ENDLESS, bytes(4))
+    for chunk in (folder / "e.zarr").glob("[uv]/*.*.*"):
+        chunk.write_bytes(bomb)
+    return folder / "e.zarr"
+
+
+def _replayed(make: Callable[[Path], Path]) -> Attack:
+    return lambda folder: replay_of(folder, "--ensemble", str(make(folder)))
+
+
+def _bottom(make: Callable[[Path], Path]) -> Attack:
+    return lambda folder: _plan(folder, "--bathymetry", str(make(folder)))
 
 
 def replay_of(folder: Path, *options: str) -> list[str]:
@@ -127,7 +220,36 @@ BOMBS: dict[str, Attack] = {
     "radials: 60 MB of empty lines": info_of(
         "radials.ruv", lambda: b"%CTF: 1.00\n" + b"\n" * 60_000_000
     ),
-    "NetCDF glider: 5 GB of zeros": _glider,
+    "NetCDF glider: 5 GB of zeros": _columns(_GLIDER, (200_000_000,), (5_000_000,)),
+    "NetCDF glider: 24 MB of zeros": _columns(_GLIDER, (500_000,), (500_000,)),
+    "NetCDF glider: a chunk of 2 GB": _columns(_GLIDER, (1000,), (1000,), _ENDLESS),
+    "drifters: 5 GB of zeros": _columns(_DRIFTER, (160_000_000,), (5_000_000,)),
+    "drifters: 32 MB of zeros": _columns(_DRIFTER, (1_000_000,), (1_000_000,)),
+    "drifters: a chunk of 2 GB": _columns(_DRIFTER, (1000,), (1000,), _ENDLESS),
+    "radar: 5 GB of zeros": _columns(_RADAR, (100, 1000, 1000), (1, 1000, 1000)),
+    "radar: a chunk of 2 GB": _columns(_RADAR, (2, 10, 10), (1, 10, 10), _ENDLESS),
+    "forecast: 6 GB of zeros, members": _replayed(
+        field({"member": 400, "depth": 1, "lat": 1000, "lon": 1000})
+    ),
+    "forecast: 6 GB of zeros, times": _replayed(
+        field({"time": 400, "member": 2, "depth": 1, "lat": 700, "lon": 700})
+    ),
+    "forecast: 500 MB of zeros in 6 MB": _replayed(
+        field({"member": 20, "depth": 5, "lat": 560, "lon": 560}, spare=5_000_000)
+    ),
+    "forecast: 500 MB that repeat in 6 MB": _replayed(
+        field({"member": 20, "depth": 5, "lat": 560, "lon": 560}, _WAVES, spare=5_000_000)
+    ),
+    "forecast: a chunk of 2 GB": _replayed(
+        field({"member": 3, "depth": 2, "lat": 8, "lon": 8}, chunk=_ENDLESS)
+    ),
+    "forecast: chunks of 2 GB in Zarr": _replayed(_store),
+    "forecast: chunks of 2 GB in a zipped Zarr": _replayed(
+        lambda folder: Path(shutil.make_archive(str(folder / "z"), "zip", _store(folder)))
+    ),
+    "bathymetry: 4 GB of zeros": _bottom(field({"lat": 31_000, "lon": 32_000})),
+    "bathymetry: 30 MB that repeat": _bottom(field({"lat": 1900, "lon": 1900}, _WAVES)),
+    "bathymetry: a chunk of 2 GB": _bottom(field({"lat": 20, "lon": 20}, chunk=_ENDLESS)),
     "areas: 100,000 nested lists": _areas(
         "areas.json", lambda: _AREA + b"[" * 100_000 + b"]" * 100_000 + b"}"
     ),

@@ -1,8 +1,15 @@
 """A few hostile inputs in processes of their own; the others are tested where they are read."""
 
+import resource
+
+import numpy as np
 import pytest
 
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ForecastError
+from replay_kit.forecast import read_ensemble
 from tests.fuzz.attacks import ATTACKS
+from tests.fuzz.bombs import field
 from tests.fuzz.hostile import MOST_MB, MOST_S, measured
 
 # of each kind of file one whose cost was not in one decoder
@@ -21,6 +28,20 @@ def test_a_hostile_input_ends_soon_and_small(tmp_path, name):
     assert took.megabytes < MOST_MB
     # processor time, which other work on the machine does not lengthen
     assert took.seconds < MOST_S
+
+
+def test_bytes_that_become_more_than_they_may_are_refused_and_no_limit_stays(tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    small = {"member": 3, "depth": 2, "lat": 8, "lon": 8}
+    waves = np.sin(np.arange(50.0)).astype("f4").tobytes()
+    for words, make in (
+        ("OSError", field(small, chunk=150_000_000)),
+        ("they repeat", field({"member": 8, "depth": 2, "lat": 200, "lon": 200}, waves)),
+        ("all 3 members are identical", field(small, waves)),
+    ):
+        with pytest.raises(ForecastError, match=words):
+            read_ensemble(make(tmp_path), ForecastConfig())
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
 
 
 @pytest.mark.full

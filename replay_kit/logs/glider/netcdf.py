@@ -1,8 +1,10 @@
 """Variables of a NetCDF file, classic or NetCDF-4, as stored; only those asked for are read."""
 
+import math
 import mmap
 import struct
 from collections.abc import Callable, Collection, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,7 @@ from scipy.io import netcdf_file
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
-from replay_kit.core.inputs import exceeds_claim, open_input
+from replay_kit.core.inputs import exceeds_claim, open_input, unpacking
 
 _ATTRIBUTES = (
     *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),
@@ -174,7 +176,7 @@ def _read_hdf5(path: Path, choose: Choose) -> NetcdfFile:
     if (heap := endless_heap(path)) is not None:
         raise ValueError(f"the texts from byte {heap} on are damaged")
     # neither through xarray nor through h5netcdf, which look up the dimensions of each of the thousand variables: ten times as long
-    with h5py.File(path, "r") as file:
+    with h5py.File(path, "r") as file, ExitStack() as stack:
         group = file.get("Data/Average", file)
         attributes = {
             key: _plain(value)
@@ -184,8 +186,11 @@ def _read_hdf5(path: Path, choose: Choose) -> NetcdfFile:
         }
         held = {name: item for name in group if isinstance(item := group[name], h5py.Dataset)}
         chosen = {name: held[name] for name in choose(held, attributes) if name in held}
-        if why := exceeds_claim(path, sum(_ITEM * item.size for item in chosen.values())):
+        # a part of a chunk is unpacked with all of it
+        claimed = sum(_ITEM * max(v.size, math.prod(v.chunks or ())) for v in chosen.values())
+        if why := exceeds_claim(path, claimed):
             raise ValueError(why)
+        stack.enter_context(unpacking(claimed))
         variables = {
             name: Stored(
                 _stored(item),

@@ -3,6 +3,7 @@
 # xarray, which is slow to load, is needed for a file alone
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import inside_grid, to_local, unwrap_longitude
 from replay_kit.core.grid import Grid, Projection, Seabed
-from replay_kit.core.inputs import exceeds_claim, open_input
+from replay_kit.core.inputs import exceeds_claim, open_input, unpacking
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,8 +58,8 @@ _LEVELS = (
 )
 _LONGITUDES = ("longitude", "lon", "nav_lon", "lon_rho", "x")
 _LATITUDES = ("latitude", "lat", "nav_lat", "lat_rho", "y")
-# Points kept beyond the ends of a region.
-_BEYOND = 2
+# Points kept beyond the ends of a region; and looked at together, about.
+_BEYOND, _TOGETHER = 2, 20_000
 _UNITS = {
     "m": 1.0,
     "meter": 1.0,
@@ -93,10 +94,23 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
         open_input(path).close()
         # of a root that is damaged h5netcdf leaves a file half open, which is complained of later
         with h5py.File(path, "r") as file:
-            len(file.attrs)
-        with xr.open_dataset(path, engine="h5netcdf") as opened:
+            arrays = [
+                item for item in file.values() if isinstance(item, h5py.Dataset) and item.size
+            ]
+            # axes are read at once, and a chunk with any of its values
+            axes = sum(item.size for item in arrays if item.ndim == 1)
+            claimed = 8 * max(axes, *(math.prod(item.chunks or ()) for item in arrays), 0)
+        if why := exceeds_claim(path, claimed):
+            raise ForecastError(f"{path}: cannot read the bathymetry: {why}; mend the file")
+        with (
+            unpacking(claimed),
+            xr.open_dataset(path, engine="h5netcdf", phony_dims="access") as opened,
+        ):
             return _in_region(path, opened.squeeze(), region)
-    except (OSError, ValueError, LookupError, RuntimeError, TypeError, OverflowError) as error:
+    except (
+        *(OSError, ValueError, LookupError, RuntimeError, TypeError, OverflowError),
+        MemoryError,
+    ) as error:
         raise ForecastError(f"{path}: cannot read the bathymetry: {error}") from error
 
 
@@ -109,12 +123,12 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     ]
     if len(axes) < 2:
         raise _nothing_found(path, dataset)
+    _check_claim(path, axes[0], axes[1])
     cut = _window(axes[0], axes[1], region)
     # the cut is what is read
     dataset = dataset.isel(cut)
     variable = variable.isel(cut)
-    if why := exceeds_claim(path, 8 * variable.size):
-        raise ForecastError(f"{path}: cannot read {variable.name}: {why}; mend the file")
+    _check_claim(path, variable)
     axes = [axis.isel(cut, missing_dims="ignore") for axis in axes]
     values = np.asarray(variable, dtype=np.float64) * _scale(path, variable) * (-1.0 if up else 1.0)
     low = _lowest_water(path, dataset, variable)
@@ -137,14 +151,19 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     return Bathymetry(longitude, latitude, values, lowest)
 
 
+def _check_claim(path: Path, *arrays: xr.DataArray) -> None:
+    """Raise ForecastError where arrays are larger than the file can be meant to hold."""
+    if why := exceeds_claim(path, sum(8 * array.size for array in arrays)):
+        raise ForecastError(f"{path}: cannot read {arrays[0].name}: {why}; mend the file")
+
+
 def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array | None:
     """Return the lowest level of the water at any time, of the shape of the depths [m]; None where the file has none on their points."""
     for wanted in _LEVELS:
         for name, level in dataset.data_vars.items():
             called = wanted in (str(level.attrs.get("standard_name", "")), str(name).lower())
             if called and set(depth.dims) <= set(level.dims):
-                if why := exceeds_claim(path, 8 * level.size):
-                    raise ForecastError(f"{path}: cannot read {name}: {why}; mend the file")
+                _check_claim(path, level)
                 times = level.transpose(..., *depth.dims).to_numpy().reshape(-1, *depth.shape)
                 low = np.fmin.reduce(times.astype(np.float64), axis=0) * _scale(path, level)
                 return low if np.isfinite(low).any() else None
@@ -193,9 +212,10 @@ def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
     """Return what about a bathymetry a user of it in a region should know: gaps, cells wider than the forecast's, water not covered."""
     east, north = to_local(grid.projection, bathymetry.longitude, bathymetry.latitude)
     known, notes = np.isfinite(east) & np.isfinite(north), list[str]()
-    inside = known & inside_grid(
-        grid, np.where(known, east, np.inf), np.where(known, north, np.inf)
-    )
+    # some rows at a time: each of their points takes the room of many
+    rows = np.array_split(np.arange(len(known)), 1 + known.size // _TOGETHER)
+    east_of, north_of = (np.where(known, axis, np.inf) for axis in (east, north))
+    inside = known & np.concatenate([inside_grid(grid, east_of[at], north_of[at]) for at in rows])
     if bathymetry.lowest_water is not None:
         low, high = bathymetry.lowest_water
         notes.append(
