@@ -154,12 +154,13 @@ class NetcdfFile:
         return int(stated) if known else None
 
 
-def open_netcdf(path: Path, choose: Choose) -> NetcdfFile:
+def open_netcdf(path: Path, choose: Choose, rows: slice = slice(None)) -> NetcdfFile:
     """Return the variables of a file that are chosen, loaded.
 
     Args:
         path: The file.
         choose: Says which variables are read; texts of variable length are read as bytes.
+        rows: Of variables with several dimensions, those of the first that are read.
 
     Raises:
         LogError: The file cannot be read as NetCDF.
@@ -167,12 +168,12 @@ def open_netcdf(path: Path, choose: Choose) -> NetcdfFile:
     try:
         with open_input(path) as file:
             classic = file.read(3) == b"CDF"
-        return _read_classic(path, choose) if classic else _read_hdf5(path, choose)
+        return (_read_classic if classic else _read_hdf5)(path, choose, rows)
     except _UNREADABLE as error:
         raise LogError(f"{path}: cannot be read as NetCDF: {error}; is the file whole?") from error
 
 
-def _read_hdf5(path: Path, choose: Choose) -> NetcdfFile:
+def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
     if (heap := endless_heap(path)) is not None:
         raise ValueError(f"the texts from byte {heap} on are damaged")
     # neither through xarray nor through h5netcdf, which look up the dimensions of each of the thousand variables: ten times as long
@@ -193,7 +194,7 @@ def _read_hdf5(path: Path, choose: Choose) -> NetcdfFile:
         stack.enter_context(unpacking(claimed))
         variables = {
             name: Stored(
-                _stored(item),
+                _stored(item, rows if item.ndim > 1 else ...),
                 {key: _plain(item.attrs[key]) for key in _ATTRIBUTES if key in item.attrs},
                 _dims(group, name, item),
             )
@@ -204,12 +205,12 @@ def _read_hdf5(path: Path, choose: Choose) -> NetcdfFile:
     return NetcdfFile(path, attributes, variables, tuple(held))
 
 
-def _stored(item: h5py.Dataset) -> NDArray[Any]:
+def _stored(item: h5py.Dataset, part: Any) -> NDArray[Any]:
     """Return a variable's values, texts of variable length as bytes."""
     return np.asarray(
-        item[...]
+        item[part]
         if item.dtype.kind != "O"
-        else np.char.encode(np.asarray(item.asstr(errors="replace")[...], str), "utf-8")
+        else np.char.encode(np.asarray(item.asstr(errors="replace")[part], str), "utf-8")
     )
 
 
@@ -229,7 +230,7 @@ def _plain(value: Any) -> Any:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
-def _read_classic(path: Path, choose: Choose) -> NetcdfFile:
+def _read_classic(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
     # the private mapping is the only one that tells attributes from methods
     with netcdf_file(path, "r", mmap=False) as file:
         attributes = {key: _plain(value) for key, value in file._attributes.items()}
@@ -239,7 +240,11 @@ def _read_classic(path: Path, choose: Choose) -> NetcdfFile:
             if name in file.variables
         }
         variables = {
-            name: Stored(np.array(v.data), dict(v._attributes), tuple(v.dimensions))
+            name: Stored(
+                np.array(v.data[rows if v.data.ndim > 1 else ...]),
+                dict(v._attributes),
+                tuple(v.dimensions),
+            )
             for name, v in chosen.items()
         }
         return NetcdfFile(path, attributes, variables, tuple(file.variables))

@@ -83,8 +83,8 @@ from replay_kit.workflows.replay.store.checkpoint import (
 )
 from replay_kit.workflows.replay.store.followed import FollowedStates
 
-# Messages that are decoded and tested together.
-_BLOCK = 128
+# Messages that are decoded and tested together; one with thousands of vectors, 2 MB, is the last of its block.
+_BLOCK, _LARGE = 128, "replay_kit.RadarCurrents"
 # Of one vehicle, or of several.
 AnySession = Session | ArraySession
 # Objects made before those are looked for that hold each other: a replay makes none, and to look takes a tenth of its loop.
@@ -336,7 +336,7 @@ def _loop(
     measurements = for_region(session.config, inputs.forecasts.ensemble).measurements
     while True:
         with session.clock.stage("read"):
-            block = list(islice(stream.messages, _BLOCK))
+            block = list(_block(stream.messages))
         if not block:
             check_span(inputs.job.logs, session.config, session.last_ns if count else None)
             break
@@ -344,10 +344,10 @@ def _loop(
             _begin_result(session, inputs, block[0].time_ns)
         with session.clock.stage("measure"):
             steps = _interpreted(states, block, inputs, measurements)
-        pings = [
-            one.summarised(event for of, _, events in steps if of == number for event in events)
-            for number, one in enumerate(sessions)
-        ]
+        by_vehicle: dict[int, list[Event]] = {}
+        for number, _, events in steps:
+            by_vehicle.setdefault(number, []).extend(events)
+        pings = {of: sessions[of].summarised(events) for of, events in by_vehicle.items()}
         for message, (number, states[number], events) in zip(block, steps, strict=True):
             count += 1
             session.last_ns = message.time_ns
@@ -366,6 +366,14 @@ def _loop(
         one.statistics = one.statistics.with_order(merged, readers[0].input)
 
 
+def _block(messages: Iterator[Message]) -> Iterator[Message]:
+    """Yield the messages of the next block."""
+    for message in islice(messages, _BLOCK):
+        yield message
+        if message.schema == _LARGE:
+            return
+
+
 def _interpreted(
     states: Sequence[MeasurementState],
     block: Sequence[Message],
@@ -376,10 +384,12 @@ def _interpreted(
     if not inputs.job.vehicles:
         (state,) = states
         return [(0, *one) for one in interpret_block(state, block, config)]
-    owners = inputs.owners
+    by_vehicle: dict[int, list[int]] = {}
+    for k, message in enumerate(block):
+        by_vehicle.setdefault(inputs.owners[message.input], []).append(k)
     found: dict[int, tuple[int, MeasurementState, Sequence[Event]]] = {}
-    for number, state in enumerate(states):
-        own = [k for k, message in enumerate(block) if owners[message.input] == number]
+    for number, own in by_vehicle.items():
+        state = states[number]
         read = [k for k in own if block[k].schema != END]
         steps = interpret_block(state, [block[k] for k in read], config)
         for k, (after, events) in zip(read, steps, strict=True):

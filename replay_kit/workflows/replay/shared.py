@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from replay_kit.core.arrays import replace
 from replay_kit.core.observation import (
     NO_RAW_VALUES,
+    LinearMeasurement,
     Measurement,
     Observation,
     PathMean,
@@ -164,9 +165,11 @@ class SharedEstimate:
     def _take(self, number: int, event: Input) -> None:
         """Put an event into the block, and assimilate it when it is complete."""
         self._buffer.append((number, event))
-        self._n_observations += isinstance(event, Measurement)
         block = self.vehicles[number].estimator.block_size
-        if self._n_observations == block or len(self._buffer) == BUFFERED:
+        # after values at many places the state has a covariance of its own, tens of megabytes: of a block all states are held
+        large = isinstance(event, LinearMeasurement) and not event.at_one_place
+        self._n_observations += block if large else isinstance(event, Measurement)
+        if self._n_observations >= block or len(self._buffer) == BUFFERED:
             self.assimilate()
 
     def assimilate(self, last: bool = False) -> None:
@@ -184,9 +187,13 @@ class SharedEstimate:
                 if isinstance(event, Measurement)
             ]
         self._buffer, self._n_observations = [], 0
+        by_vehicle: dict[int, list[Step]] = {}
+        for number, step in steps:
+            by_vehicle.setdefault(number, []).append(step)
         for number, (vehicle, state) in enumerate(zip(self.vehicles, states, strict=True)):
             vehicle.estimation = state
-            vehicle.after_steps([step for of, step in steps if of == number])
+            if number in by_vehicle:
+                vehicle.after_steps(by_vehicle[number])
         for number, step in steps:
             self.vehicles[number].follow_up(step)
         self.vehicles[0].after_block()
