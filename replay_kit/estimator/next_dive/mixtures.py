@@ -138,6 +138,8 @@ def _of_axes(*axes: Iterable[float]) -> Settings:
 _POINTS = 48
 # Bins of the radii: each has some hundreds of the points of all combinations of settings.
 _BINS = 1024
+# Logarithm of the least weight of a Gaussian that moves a radius: thousands of them hold less than a millionth.
+_LEAST_LOG_WEIGHT = -25.0
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -184,12 +186,16 @@ class Mixture:
         rank = (np.arange(_POINTS) + 0.5) / _POINTS
         angle = _GOLDEN_ANGLE * np.arange(_POINTS)
         unit = np.sqrt(-2.0 * np.log1p(-rank)) * np.array([np.cos(angle), np.sin(angle)])
-        points = self.means[:, :, None] - self.mean[:, None] + np.linalg.cholesky(self.covs) @ unit
+        kept = self.log_weights > _LEAST_LOG_WEIGHT
+        root = np.linalg.cholesky(self.covs[kept])
+        points = self.means[kept, :, None] - self.mean[:, None] + root @ unit
         whitened = np.linalg.inv(np.linalg.cholesky(self.cov)) @ points.transpose(1, 0, 2).reshape(
             2, -1
         )
         return weighted_quantiles(
-            np.hypot(*whitened), np.repeat(np.exp(self.log_weights) / _POINTS, _POINTS), shares
+            np.hypot(*whitened),
+            np.repeat(np.exp(self.log_weights[kept]) / _POINTS, _POINTS),
+            shares,
         )
 
 
