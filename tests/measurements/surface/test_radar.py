@@ -1,0 +1,50 @@
+"""The field of what radars show beside an estimate: the fit finds what it was drawn from, and it errs by what it states."""
+
+import numpy as np
+import pytest
+
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Projection
+from replay_kit.measurements.messages.water import RadarCurrents
+from replay_kit.measurements.surface.radar import ResidualField
+
+TRUE = ResidualField(0.07, 20e3, 0.3)
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """Vectors 6 km apart of four times, what they are beside an estimate."""
+    rng = np.random.default_rng(3)
+    longitude, latitude = (
+        each.ravel()
+        for each in np.meshgrid(-72.8 + 0.07 * np.arange(15), 39.9 + 0.054 * np.arange(15))
+    )
+    x, y = to_local(Projection(-72.3, 40.3), longitude, latitude)
+    apart = np.hypot(x[:, None] - x, y[:, None] - y)
+    stated = rng.uniform(0.08, 0.12, x.size)
+    seen = RadarCurrents(longitude, latitude, np.zeros((x.size, 2)), stated, None, 2.0, 3600.0, 1e3)
+    own = TRUE.error_factor * stated
+    covariance = TRUE.std**2 * np.exp(-apart / TRUE.length)
+    covariance += np.outer(own, own) * np.exp(-apart / 1e3)
+    root = np.linalg.cholesky(covariance)
+    return [(seen, root @ rng.standard_normal((x.size, 2))) for _ in range(4)]
+
+
+def test_the_likeliest_field_is_near_that_of_the_draws(drawn):
+    found = ResidualField.likeliest(drawn)
+    # lengths and shares of errors are tried in steps of 1.4 and 2
+    assert found.std == pytest.approx(TRUE.std, rel=0.25)
+    assert 10e3 < found.length < 40e3
+    assert 0.1 < found.error_factor < 0.6
+
+
+def test_withheld_vectors_are_predicted_within_what_is_stated(drawn):
+    off = []
+    for seen, residual in drawn:
+        hidden = np.arange(len(residual)) % 2 == 0
+        found, std = TRUE.between(
+            seen.part(~hidden), residual[~hidden], seen.longitude[hidden], seen.latitude[hidden]
+        )
+        error = np.hypot(std, TRUE.error_factor * seen.error_std[hidden])
+        off.append((found - residual[hidden]) / error[:, None])
+    assert 0.87 < np.mean(np.abs(np.concatenate(off)) < 1.645) < 0.96
