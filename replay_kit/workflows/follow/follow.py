@@ -27,7 +27,6 @@ from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.show.status.held import Held
 from replay_kit.show.status.status import Status, status_of
-from replay_kit.workflows.follow import watch as remembered
 from replay_kit.workflows.follow.sources import read_goal, with_goal
 from replay_kit.workflows.follow.watch import (
     Clock,
@@ -39,7 +38,9 @@ from replay_kit.workflows.follow.watch import (
     new_alarms,
     notify,
     of_vehicle,
+    read_memory,
     standing,
+    write_memory,
 )
 from replay_kit.workflows.replay.inputs.estimator import built
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
@@ -128,7 +129,7 @@ class Follower:
             clock,
         )
         self._out = job.out
-        self._memory = remembered.read_memory(options.states)
+        self._memory = read_memory(options.states)
         self._good = set(self._memory.used)
         self._forecast: tuple[dict[Path, Stamp], Forecasts, object] | None = None
         self._built: tuple[Forecasts, Estimator[Any]] | None = None
@@ -420,4 +421,4 @@ class Follower:
         changed = replace(self._memory, **changes)  # type: ignore[arg-type]
         if changed != self._memory:
             self._memory = changed
-            remembered.write_memory(self._options.states, changed)
+            write_memory(self._options.states, changed)

@@ -121,7 +121,7 @@ def test_what_is_said_of_a_file_outlives_a_kill_as_soon_as_the_file_is_known(
         raise Killed
 
     with (
-        mock.patch("replay_kit.workflows.follow.watch.write_memory", side_effect=killed),
+        mock.patch("replay_kit.workflows.follow.follow.write_memory", side_effect=killed),
         pytest.raises(Killed),
     ):
         sea.follow()
