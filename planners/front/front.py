@@ -2,9 +2,10 @@
 
 Label setting (Dijkstra 1959) in buckets no wider than the least edge of the lattice, as in Delta-stepping (Meyer and Sanders 2003): all
 points of a bucket spread at once. Edges lead from a lattice point to those within five lines whose step is in its lowest terms, in 80
-directions, and between points off the lattice and all points within five lines. Edges take as long as ``edges.py`` says when they begin at
-the label of their point. Where the vehicle is faster than the current, to depart later is never to arrive earlier, so that this is exact on
-the lattice. Elsewhere an edge may open later: with ``waits`` a point that the front has reached spreads again at each time of the current.
+directions, and between points off the lattice and all points within five lines. They take as long as ``edge_durations`` says when they
+begin at the label of their point. Where the vehicle is faster than the current, to depart later is never to arrive earlier, so that this is
+exact on the lattice. Elsewhere an edge may open later: with ``waits`` a point that the front has reached spreads again at each time of the
+current.
 """
 
 from dataclasses import dataclass

@@ -15,9 +15,9 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.show import open_result
 from replay_kit.show.report.sections.answer import found_warnings
 from replay_kit.show.status.held import read_held
+from replay_kit.show.status.lines import status_text
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
-from replay_kit.show.status.text import status_text
 from replay_kit.show.summary import print_summary
 from replay_kit.show.text import SafeConsole
 from tests.results.result_samples import CONFIG, METADATA

@@ -113,7 +113,7 @@ def status(
 
     each = [read_status(path, moment) for path in results]
     if not reporting.current().quiet and str(answer.json_file) != "-":
-        from replay_kit.show.status.text import brief_text, status_text
+        from replay_kit.show.status.lines import brief_text, status_text
 
         show = status_text if reporting.current().verbose else brief_text
         width = (

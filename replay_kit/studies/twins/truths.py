@@ -92,7 +92,7 @@ def cases(ensemble: Ensemble, truth: Ensemble | None, which: str | None) -> Iter
         ConfigError: Both or none are given, or the member does not exist.
     """
     if (truth is None) == (which is None):
-        raise ConfigError("accuracy: give one of --truth and --leave-out")
+        raise ConfigError("give one of --truth and --leave-out")
     if truth is not None:
         yield Case(None, truth, ensemble)
     elif which == "most-distant":

@@ -13,8 +13,8 @@ from replay_kit.show.numbers import Shown
 from replay_kit.show.report import report_html
 from replay_kit.show.report.pages import SECTIONS
 from replay_kit.show.status.held import read_held
+from replay_kit.show.status.lines import brief_lines
 from replay_kit.show.status.status import status_of
-from replay_kit.show.status.text import brief_lines
 from replay_kit.show.words import estimate_sentences, further_sentences
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, figures, text_of, unpacked

@@ -20,9 +20,9 @@ from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import alarms_of, change_of
 from replay_kit.show.status.held import Fix, _positions
+from replay_kit.show.status.lines import age_text, brief_text, status_text
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
-from replay_kit.show.status.text import age_text, brief_text, status_text
 from tests.places import ROOT
 from tests.show.status.held_samples import HOUR_NS, START_NS, held, mean_current, plan
 

@@ -34,8 +34,8 @@ from replay_kit.show.plots.plots import plan_panels
 from replay_kit.show.report.sections.waypoint import editing
 from replay_kit.show.status.figures import statistics_of
 from replay_kit.show.status.held import read_held
+from replay_kit.show.status.lines import status_text
 from replay_kit.show.status.status import status_of
-from replay_kit.show.status.text import status_text
 from replay_kit.show.summary import print_summary
 from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.planning import MissionPlanner, planner_of
