@@ -23,6 +23,9 @@ from replay_kit.core.observation import (
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 
+# Number of a dive whose mean current has come, after which a measurement of it begins it anew.
+_ENDED = -1
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimationState:
@@ -151,7 +154,17 @@ def assimilate_together(
                 std = _dive_std(start, estimator, before, event, innovation)
                 found = Assimilation(innovation, of_dive, next(weights), std)
                 steps.append((vehicle, Step(event, before, current, found)))
-    return [replace(state, current=current) for state in states], steps
+                if std is not None and len(vehicles) > 1:
+                    # of many vehicles each would keep the state that its last dive began with, tens of megabytes
+                    states[vehicle] = replace(states[vehicle], dive=_ENDED)
+    return [
+        replace(
+            state,
+            current=current,
+            dive_start=current if state.dive == _ENDED else state.dive_start,
+        )
+        for state in states
+    ], steps
 
 
 def state_after(
