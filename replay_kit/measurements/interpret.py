@@ -36,7 +36,7 @@ from replay_kit.measurements.messages.vehicle import Depth, Dvl, Pose, Position,
 from replay_kit.measurements.messages.water import Ctd, DrifterFix, RadarCurrents
 from replay_kit.measurements.ping.adcp_ping import Orientation
 from replay_kit.measurements.steps import pings, water
-from replay_kit.measurements.steps.pings import take_stated_ping
+from replay_kit.measurements.steps.pings import read_pings, take_stated_ping
 from replay_kit.measurements.steps.position_matching import (
     PlacedPing,
     WaitingPing,
@@ -170,8 +170,8 @@ def interpret_block(
 ) -> list[tuple[MeasurementState, list[Event]]]:
     """Return the state after each message and the events that it completes, as ``interpret`` does one by one.
 
-    The profiles of a block are tested together, which takes a tenth of the time; what is found does not depend on how messages are cut
-    into blocks.
+    The pings of a block are read together, and its profiles tested together, which takes a tenth of the time; what is found does not
+    depend on how messages are cut into blocks.
 
     Args:
         state: Before the first message.
@@ -179,8 +179,8 @@ def interpret_block(
         config: How messages become observations.
     """
     states, blocks = [], []
-    for message in messages:
-        state, events = _step(state, message, config)
+    for message, stated in zip(messages, _stated(messages, config), strict=True):
+        state, events = _step(state, message, stated, config)
         states.append(state)
         blocks.append(events)
     return list(zip(states, _kept(observed(blocks, config), config), strict=True))
@@ -191,10 +191,39 @@ def _kept(blocks: list[list[Event]], config: MeasurementConfig) -> list[list[Eve
     return [without(events, config.without) for events in blocks] if config.without else blocks
 
 
-def _step(state: MeasurementState, message: Message, config: MeasurementConfig) -> Step:
+def _stated(messages: Sequence[Message], config: MeasurementConfig) -> list[Statement | Component]:
+    """Return what each message of a block states, whatever was before it; pings are read together."""
+    found = [_statement(message, config) for message in messages]
+    read = iter(read_pings([one for one in found if isinstance(one, StatedPing)], config))
+    return [next(read) if isinstance(one, StatedPing) else one for one in found]
+
+
+def _statement(message: Message, config: MeasurementConfig) -> Statement | Component:
+    """Return what a message states, or why it is not used; a mapping goes before a known kind."""
+    try:
+        if (entry := _entry(message, config)) is not None:
+            return _by_mapping(message, entry)
+        repeated = pings.duplicate_reason(message.payload, config)
+        return repeated or statement(message) or NOT_A_KIND
+    except MeasurementError as error:
+        return str(error)
+    except MALFORMED as error:
+        return malformed(error)
+
+
+def _entry(message: Message, config: MeasurementConfig) -> TopicMap | None:
+    return next((entry for entry in config.map if _covers(entry, message)), None)
+
+
+def _step(
+    state: MeasurementState,
+    message: Message,
+    stated: Statement | Component,
+    config: MeasurementConfig,
+) -> Step:
     state, events = _expire(state, message.time_ns, config)
     try:
-        after, more = _interpret(state, message, config)
+        after, more = _interpret(state, message, stated, config)
     except MeasurementError as error:
         after, more = state, [Skipped(message.topic, str(error))]
     except MALFORMED as error:
@@ -235,14 +264,15 @@ def _ended(
     return [event for ping in pings for event in place(ping, state.fix, None, state.track, config)]
 
 
-def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> Step:
-    entry = (
-        next((entry for entry in config.map if _covers(entry, message)), None)
-        if config.map
-        else None
-    )
-    # a mapping goes before a known kind
-    system = mavlink.system_of(message) if entry is None else None
+def _interpret(
+    state: MeasurementState,
+    message: Message,
+    stated: Statement | Component,
+    config: MeasurementConfig,
+) -> Step:
+    system = mavlink.system_of(message)
+    if system is not None and _entry(message, config) is not None:
+        system = None
     if system is not None and state.system not in (None, system):
         return state, [
             Skipped(
@@ -250,13 +280,8 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
                 f"MAVLink system {system}, but system {state.system} is used; choose with system in [logs]",
             )
         ]
-    if entry is None and (repeated := pings.duplicate_reason(message.payload, config)):
-        return state, [Skipped(message.topic, repeated)]
-    stated: Statement | Component | None = (
-        statement(message) if entry is None else _by_mapping(message, entry)
-    )
-    if stated is None or isinstance(stated, str):
-        return state, [Skipped(message.topic, stated or NOT_A_KIND)]
+    if isinstance(stated, str):
+        return state, [Skipped(message.topic, stated)]
     if system is not None and state.system is None and type(stated) in _STATES_POSITION:
         state = replace(state, system=system)
     source = Source(message.input, message.topic, message.position, message.time_ns)

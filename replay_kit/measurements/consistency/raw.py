@@ -23,23 +23,33 @@ _WORDS = {
 }
 
 
-def raw_values(velocity: Array, along_beams: bool = False) -> RawValues:
-    """Return what is remembered of a ping's velocities, shape (n, k), NaN where missing; the depth of its pressure comes later."""
-    known = velocity[:, :2]
-    finite = np.isfinite(known)
-    if not finite.all():
-        known = known[finite.all(axis=1)]
-    elif len(known) >= _LEAST_CELLS and known[0, 0] != known[1, 0]:
+def raw_values(velocities: Array, along_beams: bool = False) -> list[RawValues]:
+    """Return what is remembered of pings' velocities, shape (s, n, k), NaN where missing; the depth of their pressure comes later."""
+    textures, living = np.diff(velocities, 2, axis=1), np.zeros(len(velocities), np.bool_)
+    if velocities.shape[1] >= _LEAST_CELLS:
         # as of all pings of a living instrument but a few
-        return RawValues("varied", _digest(velocity), np.diff(velocity, 2, axis=0), along_beams)
+        known = np.isfinite(velocities[..., :2]).all(axis=(1, 2))
+        living = known & (velocities[:, 0, 0] != velocities[:, 1, 0])
+    return [
+        RawValues("varied", _digest(velocity), texture, along_beams)
+        if is_living
+        else _odd_values(velocity, texture, along_beams)
+        for velocity, texture, is_living in zip(velocities, textures, living.tolist(), strict=True)
+    ]
+
+
+def _odd_values(velocity: Array, texture: Array, along_beams: bool) -> RawValues:
+    """Return what is remembered of a ping's velocities, shape (n, k), that may be dead."""
+    known = velocity[:, :2]
+    known = known[np.isfinite(known).all(axis=1)]
     zero = len(known) >= _LEAST_ZEROS and not known.any()
     if len(known) < _LEAST_CELLS and not zero:
         return NO_RAW_VALUES
     kind: Literal["varied", "constant", "zero"] = (
         "constant" if (known == known[0]).all() else "varied"
     )
-    texture = np.diff(velocity, 2, axis=0) if len(velocity) >= _LEAST_CELLS else None
-    return RawValues("zero" if zero else kind, _digest(velocity), texture, along_beams)
+    shape = texture if len(velocity) >= _LEAST_CELLS else None
+    return RawValues("zero" if zero else kind, _digest(velocity), shape, along_beams)
 
 
 def _digest(velocity: Array) -> bytes:
@@ -65,9 +75,7 @@ class RawHistory:
         if not raw.digest:
             return self, ""
         # the same ping from two logs is a duplicate, which the estimator drops
-        stale = any(
-            digest == raw.digest and other_ns != time_ns for other_ns, digest in self.digests
-        )
+        stale = {ns for ns, digest in self.digests if digest == raw.digest} - {time_ns}
         wrong = _WORDS.get(raw.kind, _WORDS["stale"] if stale else "")
         digests = (*self.digests, (time_ns, raw.digest))[-_COMPARED:]
         return RawHistory(

@@ -94,16 +94,50 @@ def known_word(payload: Mapping[str, Any], name: str, known: Sequence[str]) -> s
     return value
 
 
-def velocity_cells(payload: Mapping[str, Any], earth: bool) -> Array:
-    """Return the components of each cell of a ping's velocity, shape (n, at least 3) [m/s]; protobuf carries them flat.
+def velocity_cells(
+    payloads: Sequence[Mapping[str, Any]], systems: Sequence[str]
+) -> list[Array | MeasurementError]:
+    """Return the components of each cell of pings' velocities, shape (n, at least 3) [m/s]; protobuf carries them flat.
+
+    Of cells that are not as many as ``n_cells``, or of which one has not the components that it must have, what is wrong is returned. In
+    earth coordinates a cell has east and north, or is missing as a whole.
 
     Args:
-        payload: ``velocity`` and ``n_cells`` of it are read.
-        earth: Whether a cell has east and north, or is missing as a whole.
+        payloads: ``velocity``, ``n_cells`` and ``coordinate_system`` of them are read.
+        systems: The coordinate systems that are known.
+    """
+    listed = [payload.get("velocity") for payload in payloads]
+    counts = {whole_number(payload.get("n_cells")) for payload in payloads}
+    try:
+        # most pings list as many components for each of as many cells
+        plain = np.array(listed, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        plain = np.empty(0)
+    if plain.ndim == 3 and plain.shape[2] >= 2 and counts == {plain.shape[1]}:
+        return list(_padded(plain))
+    if len(payloads) > 1:
+        return [cells for payload in payloads for cells in velocity_cells([payload], systems)]
+    try:
+        return [_padded(_cells_of(payload, systems)) for payload in payloads]
+    except MeasurementError as error:
+        return [error]
+
+
+def _padded(velocity: Array) -> Array:
+    """Return velocities, shape (..., n, k), with at least three components, NaN where one is not finite or missing."""
+    known = np.where(np.isfinite(velocity), velocity, np.nan)
+    *shape, width = velocity.shape
+    missing = np.full((*shape, max(_FEWEST_COMPONENTS - width, 0)), np.nan)
+    return np.concatenate([known, missing], axis=-1) if missing.size else known
+
+
+def _cells_of(payload: Mapping[str, Any], systems: Sequence[str]) -> Array:
+    """Return the velocities of a ping whose cells are flat, missing, or of different lengths, shape (n, k).
 
     Raises:
-        MeasurementError: The cells are not as many as ``n_cells``, or one has not the components that it must have.
+        MeasurementError: As ``velocity_cells`` returns it.
     """
+    earth = word(payload.get("coordinate_system"), systems) == "earth"
     raw, n_cells = payload.get("velocity"), whole_number(payload.get("n_cells"))
     if not isinstance(raw, list | tuple) or n_cells is None or n_cells < 1:
         raise MeasurementError(
@@ -121,14 +155,7 @@ def velocity_cells(payload: Mapping[str, Any], earth: bool) -> Array:
         raise MeasurementError(
             f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells"
         )
-    # most pings list as many components for each cell
-    alike = set(map(type, raw)) == {list} and min(map(len, raw)) >= 2
-    found = rows(raw if alike else [_components(cell, earth) for cell in raw])
-    if found.shape[1] >= _FEWEST_COMPONENTS:
-        return found
-    velocity = np.full((n_cells, max(found.shape[1], _FEWEST_COMPONENTS)), np.nan)
-    velocity[:, : found.shape[1]] = found
-    return velocity
+    return rows([_components(cell, earth) for cell in raw])
 
 
 def _is_flat(raw: Sequence[Any], n_cells: int) -> bool:

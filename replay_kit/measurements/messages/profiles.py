@@ -9,9 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from replay_kit.core.observation import RawValues
 from replay_kit.measurements.messages.adcp_ping import COORDINATE_SYSTEMS
 from replay_kit.measurements.messages.fields import number, whole_number
 from replay_kit.measurements.messages.vehicle import Position, checked
+from replay_kit.measurements.ping.adcp_ping import AdcpPing
 
 #: Schema of our own pings.
 PING_SCHEMA = "replay_kit.AdcpPing"
@@ -41,11 +43,13 @@ class StatedPing:
         payload: Fields of a ``replay_kit.AdcpPing``.
         position: Where the vehicle was, when the same message says so.
         place: Where a mooring or a drifter measured, which tells nothing of the vehicle; None of a vehicle's own profile.
+        read: The ping and what is remembered of its velocities, or why it cannot be used; None before the payload was read.
     """
 
     payload: Mapping[str, Any]
     position: Position | None = None
     place: Position | None = None
+    read: tuple[AdcpPing, RawValues] | str | None = None
 
 
 def adcp_ping(payload: Mapping[str, Any]) -> StatedPing | str:

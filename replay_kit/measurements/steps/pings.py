@@ -1,17 +1,20 @@
 """A ping's way through the measurement step: whether it counts, what makes it absolute, where it was."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from itertools import groupby
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.arrays import replace
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.observation import Source, VehicleState
+from replay_kit.core.observation import RawValues, Source, VehicleState
 from replay_kit.measurements.consistency.raw import raw_values
 from replay_kit.measurements.events import Event, Skipped, Used
-from replay_kit.measurements.messages.adcp_ping import parse_ping
+from replay_kit.measurements.messages.adcp_ping import parse_ping, parse_pings
 from replay_kit.measurements.messages.mavlink import Key, PingFrame, assemble, is_complete
 from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.messages.vehicle import Dvl, horizontal, water_track
@@ -58,6 +61,26 @@ def duplicate_reason(payload: Mapping[str, Any], config: MeasurementConfig) -> s
     return _INVERTED if payload.get("computed_from") else ""
 
 
+def read_pings(stated: Sequence[StatedPing], config: MeasurementConfig) -> list[StatedPing]:
+    """Return pings with their payloads read: many take little more time than one."""
+    # in no dive where a mooring measured
+    payloads = [one.payload if one.place is None else {**one.payload, "dive": 0} for one in stated]
+    pings = parse_pings(payloads, config.reference)
+    good = [in_metres_per_second(ping, config) for ping in pings if isinstance(ping, AdcpPing)]
+    raw = list[RawValues]()
+    for (_, along_beams), alike in groupby(good, _form):
+        raw += raw_values(np.array([ping.velocity for ping in alike]), along_beams)
+    read = zip(good, raw, strict=True)
+    return [
+        replace(one, read=next(read) if isinstance(ping, AdcpPing) else str(ping))
+        for one, ping in zip(stated, pings, strict=True)
+    ]
+
+
+def _form(ping: AdcpPing) -> tuple[tuple[int, ...], bool]:
+    return ping.velocity.shape, ping.coordinate_system == "beam"
+
+
 def take_stated_ping(
     state: MeasurementState,
     stated: StatedPing,
@@ -66,20 +89,20 @@ def take_stated_ping(
     n_messages: int = 1,
 ) -> Step:
     """Return the state after the messages, mostly one, that carry a profile, and the events."""
-    if stated.place is None:
-        return _take_payload(state, stated.payload, source, n_messages, config)
-    # where a mooring measured tells nothing of the vehicle: its ping is taken as if nothing else were known, and in no dive
-    place = VehicleState(
-        source.time_ns,
-        stated.place.longitude,
-        stated.place.latitude,
-        stated.place.depth,
-        False,
-        source,
-    )
-    alone = MeasurementState(fix=place, depth=place.depth)
-    _, events = _take_payload(alone, {**stated.payload, "dive": 0}, source, n_messages, config)
-    return state, events
+    read = stated.read or read_pings([stated], config)[0].read
+    if not isinstance(read, tuple):
+        return state, [Skipped(source.topic, str(read))] * n_messages
+    known, place = state, stated.place
+    if place is not None:
+        # where a mooring measured tells nothing of the vehicle: its ping is taken as if nothing else were known
+        where = place.longitude, place.latitude, place.depth
+        fix = VehicleState(source.time_ns, *where, False, source)
+        known = MeasurementState(fix=fix, depth=place.depth)
+    try:
+        after, events = resolve_ping(known, read, source, n_messages, config)
+    except MeasurementError as error:
+        return state, [Skipped(source.topic, str(error))] * n_messages
+    return after if place is None else state, events
 
 
 def take_ping_frame(
@@ -92,9 +115,8 @@ def take_ping_frame(
     pings[frame.key] = {**pings.get(frame.key, {}), frame.name: frame}
     if is_complete(pings[frame.key]):
         frames = pings.pop(frame.key)
-        return _take_payload(
-            replace(state, frames=pings), assemble(frames), source, len(frames), config
-        )
+        whole = StatedPing(assemble(frames))
+        return take_stated_ping(replace(state, frames=pings), whole, source, config, len(frames))
     events: list[Event | PlacedPing] = []
     if len(pings) > _OPEN_PINGS:
         oldest = next(iter(pings))
@@ -126,54 +148,36 @@ def take_dvl(
         is None
     ):
         return state, [Skipped(source.topic, _NO_BOTTOM)]
-    return resolve_ping(state, ping, source, 1, config)
+    (raw,) = raw_values(ping.velocity[None])
+    return resolve_ping(state, (ping, raw), source, 1, config)
 
 
-def in_metres_per_second(ping: AdcpPing, unit: str | None) -> AdcpPing:
+def in_metres_per_second(ping: AdcpPing, config: MeasurementConfig) -> AdcpPing:
     """Return a ping whose velocities are in a unit that its message does not state, with all of them in m/s.
 
     Args:
         ping: The ping; errors and the platform's velocity that it states are in m/s.
-        unit: As in ``MeasurementConfig.velocity_unit``; None for m/s.
+        config: The unit.
     """
+    unit = config.velocity_unit
     return ping if unit in (None, "m/s") else replace(ping, velocity=ping.velocity * _UNITS[unit])
-
-
-def _take_payload(
-    state: MeasurementState,
-    payload: Mapping[str, Any],
-    source: Source,
-    n_messages: int,
-    config: MeasurementConfig,
-) -> Step:
-    try:
-        ping = in_metres_per_second(parse_ping(payload, config.reference), config.velocity_unit)
-        return resolve_ping(
-            state,
-            with_attitude(ping, state.orientation, source.time_ns),
-            source,
-            n_messages,
-            config,
-        )
-    except MeasurementError as error:
-        return state, [Skipped(source.topic, str(error))] * n_messages
 
 
 def resolve_ping(
     state: MeasurementState,
-    ping: AdcpPing,
+    read: tuple[AdcpPing, RawValues],
     source: Source,
     n_messages: int,
     config: MeasurementConfig,
 ) -> Step:
-    """Take in a whole ping, which gives as many ``Used`` or ``Skipped`` as messages carried it.
+    """Take in a whole ping with the values before any rotation: as many ``Used`` or ``Skipped`` as messages carried it.
 
     A vessel's ping that does not state its motion waits for the fixes after it, too.
 
     Raises:
         MeasurementError: The ping does not say what turns its velocities to the earth's axes.
     """
-    raw = raw_values(ping.velocity, ping.coordinate_system == "beam")
+    ping = with_attitude(read[0], state.orientation, source.time_ns)
     ping = with_bottom_track(ping, state.bottom, source.time_ns, config.max_speed)
     ping = earth_referenced(ping, config)
     absolute = ping.reference == "earth"
@@ -182,7 +186,7 @@ def resolve_ping(
     )
     if until_ns == source.time_ns and is_unwanted(ping, config):
         return state, refuse(
-            WaitingPing(ping, source, state.depth, 0, n_messages, until_ns, raw), RELATIVE
+            WaitingPing(ping, source, state.depth, 0, n_messages, until_ns, read[1]), RELATIVE
         )
     last_depth = state.depth
     if not math.isfinite(state.depth) and math.isfinite(
@@ -192,7 +196,7 @@ def resolve_ping(
         state = replace(at_depth(state, depth, config), depth=float("nan"))
     dive = state.dive if ping.dive is None else ping.dive
     in_dive = state.submerged and state.fix is not None
-    waiting = WaitingPing(ping, source, last_depth, dive, n_messages, until_ns, raw, in_dive)
+    waiting = WaitingPing(ping, source, last_depth, dive, n_messages, until_ns, read[1], in_dive)
     if state.fix is not None and state.fix.time_ns == source.time_ns == until_ns:
         return state, observe(waiting, state.fix, None, config)
     return replace(state, waiting=add(state.waiting, waiting)), []

@@ -9,11 +9,11 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import RawValues, Reason
 from replay_kit.logs import open_log
 from replay_kit.measurements import initial_state, interpret
-from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency import findings, raw
 from replay_kit.measurements.consistency.checks import DepthCounts, SpeedCounts
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check, unused
 from replay_kit.measurements.consistency.position_checks import PositionRun
-from replay_kit.measurements.consistency.raw import RawHistory, raw_values
+from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.summary import (
     EnsembleSpeeds,
     ensemble_speeds,
@@ -37,6 +37,11 @@ def ping(velocity, depth=None, std=0.01):
 
 def noise(seed=0, cells=6):
     return np.random.default_rng(seed).standard_normal((cells, 3))
+
+
+def raw_values(velocity):
+    (values,) = raw.raw_values(velocity[None])
+    return values
 
 
 def test_raw_values_tell_dead_cells_from_living_ones():

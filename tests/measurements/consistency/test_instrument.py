@@ -21,7 +21,7 @@ def pings(number, noise=0.05, stated=0.05, seed=0, **raw):
         depth = 60.0 * (k % 6) + 10.0 * np.arange(1.0, CELLS + 1.0)
         velocity = np.stack([0.1 + 1e-4 * depth, -5e-5 * depth], axis=1)
         velocity = velocity + noise * rng.standard_normal((CELLS, 2))
-        raw_of = replace(raw_values(velocity), **raw)
+        raw_of = replace(*raw_values(velocity[None]), **raw)
         yield profile(velocity, depth, stated, k * STEP_NS, raw=raw_of)
 
 
@@ -52,7 +52,7 @@ def stuck(noise, begin=10):
             yield each
         else:
             velocity = kept + noise * rng.standard_normal(kept.shape)
-            yield replace(each, velocity=velocity, raw=raw_values(velocity))
+            yield replace(each, velocity=velocity, raw=raw_values(velocity[None])[0])
 
 
 def test_an_instrument_that_repeats_one_shape_with_noise_is_named_with_the_time():
