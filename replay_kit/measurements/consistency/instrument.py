@@ -188,7 +188,9 @@ class Stuck:
 
     def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
         """Return that the instrument repeats itself, if it does."""
-        if findings.DEAD in named or len(self.products) < _LEAST_ALIKE:
+        # what was compared before has been judged
+        compared = len(self.products) >= _LEAST_ALIKE and self.products[-1][0] == ping.time_ns
+        if findings.DEAD in named or not compared:
             return None
         # by the latest comparisons alone: those before were of a living instrument
         latest = self.products[-_LEAST_ALIKE:]

@@ -15,6 +15,7 @@ Positions and profiles may repeat; times that do not grow make no pair.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 
@@ -32,8 +33,8 @@ _DIVE_STD, _OTHER_STD = 0.035, 0.1
 _COVERED, _LEAST_COVERED = 100.0, 0.75
 Vector = tuple[float, float]
 
-# Pings remembered for the mean currents to come.
-_MOST_PINGS = 1024
+# Pings remembered for the mean currents to come, and how many are moved at once: moving all with each ping takes as long as a check.
+_MOST_PINGS, _TOGETHER = 1024, 32
 _SEMI_MAJOR, _ECCENTRICITY_SQUARED = 6378137.0, 0.00669437999014
 
 
@@ -75,7 +76,8 @@ class SourceStatistics:
         blocks: The same of relative profiles, half an hour each.
         motion: Pairs of changes of the relative velocity and of the platform's.
         track: Pairs of the platform's stated velocity and that of its positions.
-        pings: Latest pings, oldest first.
+        latest: Latest pings, oldest first.
+        earlier: Those before them, by ``_TOGETHER``.
         last: The ping from which the next motion is counted.
         before: Relative velocity and the platform's at the ping before that; None before the second.
         through_water: Whether positions under water are dead-reckoned without a current.
@@ -87,32 +89,34 @@ class SourceStatistics:
     blocks: PairStatistics = field(default_factory=lambda: _pairs(_OTHER_STD))
     motion: PairStatistics = field(default_factory=lambda: _pairs(_OTHER_STD))
     track: PairStatistics = field(default_factory=lambda: _pairs(_OTHER_STD))
-    pings: tuple[NearMean, ...] = ()
+    latest: tuple[NearMean, ...] = ()
+    earlier: tuple[tuple[NearMean, ...], ...] = ()
     last: NearMean | None = None
     before: tuple[Vector, Vector] | None = None
     through_water: bool = False
 
     def after_ping(self, ping: NearMean) -> "SourceStatistics":
         """Return the statistics after a ping, which gives the motion of the platform at the one before it."""
-        last, pings = self.last, (*self.pings[-_MOST_PINGS + 1 :], ping)
+        last, latest, earlier = self.last, (*self.latest, ping), self.earlier
+        if len(latest) == _TOGETHER:
+            latest, earlier = (), (*earlier[-_MOST_PINGS // _TOGETHER :], latest)
+        after = replace(self, latest=latest, earlier=earlier)
         if last is not None and 0 <= ping.time_ns - last.time_ns < _SHORTEST * 1e9:
-            return replace(self, pings=pings)
+            return after
         over_ground = None if last is None else track_velocity(last, ping)
         if last is None or over_ground is None:
-            return replace(self, pings=pings, last=ping, before=None)
+            return replace(after, last=ping, before=None)
         platform, track, motion = last.platform or over_ground, self.track, self.motion
         if last.platform is not None:
             track = track.with_pair(Pair(*platform, *over_ground, 0.5, last.time_ns))
         if last.relative or self.through_water:
-            return replace(self, pings=pings, last=ping, track=track, before=None)
+            return replace(after, last=ping, track=track, before=None)
         relative = _difference(last.velocity, platform)
         if self.before is not None:
             # neighbouring changes share a ping
             changes = _difference(relative, self.before[0]), _difference(self.before[1], platform)
             motion = motion.with_pair(Pair(*changes[0], *changes[1], 0.5, last.time_ns))
-        return replace(
-            self, pings=pings, last=ping, track=track, motion=motion, before=(relative, platform)
-        )
+        return replace(after, last=ping, track=track, motion=motion, before=(relative, platform))
 
     def after_mean(self, mean: PathMean) -> "SourceStatistics":
         """Return the statistics after a mean current or a drift."""
@@ -121,7 +125,8 @@ class SourceStatistics:
             int(mean.path_time_ns[0]) - about_ns,
             int(mean.path_time_ns[-1]) + about_ns,
         )
-        pings = [ping for ping in self.pings if start_ns <= ping.time_ns <= end_ns]
+        known = [*chain(*self.earlier), *self.latest][-_MOST_PINGS:]
+        pings = [ping for ping in known if start_ns <= ping.time_ns <= end_ns]
         absolute = [ping for ping in pings if not ping.relative]
         if mean.kind == "drift":
             profiles = _mean([ping.velocity for ping in absolute]) if absolute else None

@@ -24,7 +24,7 @@ REGION_RECORD = "replay_kit.found_region"
 #: Correlation lengths between the log's positions and the side of the region found from them.
 MARGIN_LENGTHS = 4.0
 #: The states of a run; the head has the part of the forecast that was found, so that the continued run reads the same.
-CHECKPOINT = Kind("checkpoint", 11, "delete it to begin anew")
+CHECKPOINT = Kind("checkpoint", 12, "delete it to begin anew")
 # Points a level of a forecast that is taken whole, and the share of a larger one from which on it is.
 _SMALL, _MOST = 1200, 2.0 / 3.0
 # Side of a window in correlation lengths, and its points at least, where the settings state none.
