@@ -6,6 +6,7 @@ Poses are in the frame ``map``: local east, local north, up, so z = -depth.
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import lru_cache
 from typing import Any, Literal
 
 import foxglove.messages as fox
@@ -297,6 +298,8 @@ def pose(x: float, y: float, z: float, rotation: fox.Quaternion) -> fox.Pose:
     return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=rotation)
 
 
+# a vehicle keeps its heading from one position to the next
+@lru_cache(maxsize=8)
 def orientation(east: float, north: float, up: float) -> fox.Quaternion:
     """Return the rotation that turns the x axis to a direction, without roll: yaw 0 = east, counter-clockwise, then nose up."""
     yaw, down = 0.5 * math.atan2(north, east), -0.5 * math.atan2(up, math.hypot(east, north))

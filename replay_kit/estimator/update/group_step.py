@@ -49,7 +49,7 @@ def stack_of(screened: ScreenedGroup, basis: Basis, reference: Array, factors: F
         levels = one.at_values(basis.depth_weights(one.depth))[at]
         about = own - levels @ reference @ components.T, components
         return stack_of_one(one, at, about, factors(one, at), basis.grid)
-    depth = np.stack([each.depth for each in profiles])
+    depth = np.array([each.depth for each in profiles])
     depths, back = np.unique(np.where(used, depth, 0.0), return_inverse=True)
     known = (basis.depth_weights(depths) @ reference)[back.reshape(depth.shape)]
     values = local_velocities(profiles, used, basis.grid) - known

@@ -34,7 +34,7 @@ def screen(
     """
     measurements = [each.linear for each in observations]
     flags, reasons, depth, value, error_std = (
-        np.stack([getattr(each, name) for each in measurements])
+        np.array([getattr(each, name) for each in measurements])
         for name in ("flags", "reasons", "value_depth", "value", "error_std")
     )
     (first, *others) = measurements
@@ -221,10 +221,8 @@ def is_duplicate(last: LinearMeasurement | None, observation: Measurement) -> bo
 
 def _places(measurements: Sequence[LinearMeasurement]) -> tuple[Array, Array]:
     """Return longitude and latitude of measurements, shape (n,) each [degrees]."""
-    places = np.empty((2, len(measurements)))
-    for k, each in enumerate(measurements):
-        places[:, k] = each.middle
-    return places[0], places[1]
+    longitude, latitude = np.array([*zip(*(each.middle for each in measurements), strict=True)])
+    return longitude, latitude
 
 
 def local_values(
@@ -247,7 +245,7 @@ def local_velocities(
 ) -> Array:
     """Return the velocities of profiles along the local axes, shape (n, m, 2) [m/s]; 0 of bins that are not used."""
     longitude, latitude = _places(profiles)
-    velocity = np.where(used[..., None], np.stack([each.value for each in profiles]), 0.0)
+    velocity = np.where(used[..., None], np.array([each.value for each in profiles]), 0.0)
     turned = rotate_to_local(
         grid.projection, longitude[:, None], latitude[:, None], *np.moveaxis(velocity, -1, 0)
     )
@@ -265,7 +263,7 @@ def relative_velocities(
     elif first.reference == "absolute" or len(first.components) < 2:
         return None
     velocity = np.where(
-        used[..., None], np.stack([each.value for each in profiles]) - platform[:, None], 0.0
+        used[..., None], np.array([each.value for each in profiles]) - platform[:, None], 0.0
     )
     mean = velocity.sum(axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]
     return np.column_stack(rotate_to_local(grid.projection, *_places(profiles), *mean.T))

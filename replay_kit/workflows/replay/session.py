@@ -20,7 +20,7 @@ from replay_kit.core.progress import Stopwatch
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.next_dive.flight import local_current
-from replay_kit.measurements import Event
+from replay_kit.measurements import Event, Skipped, Used
 from replay_kit.measurements.consistency.monitor import Checked
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 from replay_kit.results import ResultWriter
@@ -186,11 +186,8 @@ class Session:
         if self.config.consistency.on_failure == "ignore":
             return repeat(PingSummary())
         with self.clock.stage("check"):
-            return iter(
-                summaries(
-                    [event for event in events if isinstance(event, Observation)], self._speeds
-                )
-            )
+            profiles = [event for event in events if isinstance(event, Observation)]
+            return iter(summaries(profiles, self._speeds))
 
     def take_message(
         self, time_ns: int, events: Sequence[Event], pings: Iterator[PingSummary]
@@ -212,6 +209,8 @@ class Session:
         if len(self._uncounted) >= BUFFERED:
             self._count()
         for given in events:
+            if isinstance(given, Used | Skipped):
+                continue
             if (
                 isinstance(given, PathMean)
                 and given.beside_profiles
@@ -352,7 +351,8 @@ class Session:
     def _expect(self, expected: tuple[ForecastState, tuple[DiveOutcome, ...]]) -> None:
         """Take up the state of the forecasts of surfacings, and write the outcomes of those that came."""
         self.forecasts, outcomes = expected
-        self._write(outcomes)
+        if outcomes:
+            self._write(outcomes)
 
     def _write(self, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
