@@ -1,6 +1,8 @@
 """Ensemble and truth files (CF and native NetCDF, Zarr) to ``Ensemble`` values."""
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import large_array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.inputs import unpacking
+from replay_kit.core.inputs import held, unpacking
 from replay_kit.core.paths import Paths
 from replay_kit.core.progress import announce
 from replay_kit.forecast.axes import AxesCheck, check_axes
@@ -40,6 +42,9 @@ from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
 from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.selection import Selection, select
 from replay_kit.forecast.window import read_window, window_size
+
+# Bytes of coordinates in memory per byte of a file.
+_COORDINATES = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,20 +284,32 @@ def _large(size: float) -> tuple[str, ...]:
     return (f"the forecast is large{said}",)
 
 
-@unpacking()
 def layout_of(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
     """Return the horizontal arrangement of a file, with the axes of its velocities as the configuration states them."""
-    layout = lay_out(ds, part.current, str(part.paths[0]))
+    with _coordinates_of(part):
+        layout = lay_out(ds, part.current, str(part.paths[0]))
     if config.axes == "auto":
         return layout
     return replace(layout, axes=config.axes, why=f"--axes {config.axes}")
 
 
-@unpacking()
+def _coordinates_of(part: Part) -> AbstractContextManager[None]:
+    """Return the limit of what the coordinates of a file may take, by its bytes: they are a part of them."""
+    # what is on a server has limits of its own
+    if not all(path.exists() for path in part.paths):
+        return nullcontext()
+    return unpacking(_COORDINATES * sum(held(path, inf) for path in part.paths))
+
+
 def _same_grid(one: Part, other: Part) -> bool:
     """Return whether two files have the same horizontal grid, by its size and the ends of its coordinates."""
     if one.ds is other.ds or one.paths == other.paths:
         return True
+    with _coordinates_of(other):
+        return _same_coordinates(one, other)
+
+
+def _same_coordinates(one: Part, other: Part) -> bool:
     for name, variable in other.ds.variables.items():
         if any(
             mark in str(name).lower()

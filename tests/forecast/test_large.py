@@ -5,6 +5,7 @@ import os
 
 import numpy as np
 import pytest
+import xarray as xr
 from numpy.testing import assert_array_equal
 
 from replay_kit.config.run import EstimatorConfig
@@ -66,3 +67,21 @@ def test_a_full_disk_is_told_before_anything_is_read(nothing_fits, monkeypatch):
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(ReplayKitError, match=r"needs 0\.0 GB.*No space left.*TMPDIR"):
         arrays.large_array((10, 100))
+
+
+@pytest.mark.parametrize("zlib", [False, True])
+def test_a_small_part_of_a_large_curvilinear_grid_is_read(tmp_path, zlib):
+    y, x = np.mgrid[:1400, :1500]
+    longitude, latitude = -20.0 + 0.01 * x + 3e-4 * y, 30.0 + 0.01 * y - 2e-4 * x
+    noise = np.random.default_rng(1).normal(0.0, 0.05, x.shape)
+    current = (0.2 * np.sin(x / 90.0) * np.cos(y / 70.0) + noise).astype(np.float32)
+    fields = {
+        name: (("member", "y", "x"), np.stack([current, 0.9 * current]), {"units": "m s-1"})
+        for name in ("uo", "vo")
+    }
+    places = {"nav_lon": (("y", "x"), longitude), "nav_lat": (("y", "x"), latitude)}
+    packed = {name: {"zlib": zlib, "complevel": 1} for name in (*fields, *places)}
+    xr.Dataset(fields, places).to_netcdf(path := tmp_path / "e.nc", encoding=packed)
+    ensemble = read_with(path, region=(-15.0, 35.0, -14.5, 35.5))
+    assert ensemble.velocity.shape[0] == 2
+    assert ensemble.grid.east.size < 4000

@@ -102,10 +102,9 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
             claimed = 8 * max(axes, *(math.prod(item.chunks or ()) for item in arrays), 0)
         if why := exceeds_claim(path, claimed):
             raise ForecastError(f"{path}: cannot read the bathymetry: {why}; mend the file")
-        with (
-            unpacking(claimed),
-            xr.open_dataset(path, engine="h5netcdf", phony_dims="access") as opened,
-        ):
+        with unpacking(claimed):
+            opened = xr.open_dataset(path, engine="h5netcdf", phony_dims="access")
+        with opened:
             return _in_region(path, opened.squeeze(), region)
     except (
         *(OSError, ValueError, LookupError, RuntimeError, TypeError, OverflowError),
@@ -130,14 +129,14 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     variable = variable.isel(cut)
     _check_claim(path, variable)
     axes = [axis.isel(cut, missing_dims="ignore") for axis in axes]
-    values = np.asarray(variable, dtype=np.float64) * _scale(path, variable) * (-1.0 if up else 1.0)
+    values = _values(variable) * _scale(path, variable) * (-1.0 if up else 1.0)
     low = _lowest_water(path, dataset, variable)
     values = values if low is None else values + np.where(np.isfinite(low), low, 0.0)
     if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
-        values = np.where(np.asarray(dataset["mask_rho"]) > 0.5, values, np.nan)
+        values = np.where(_values(dataset["mask_rho"]) > 0.5, values, np.nan)
     # continuous where the region lies across the seam of the file
-    longitude = unwrap_longitude(axes[0].to_numpy(), float(region.longitude.mean()))
-    latitude = np.asarray(axes[1], dtype=np.float64)
+    longitude = unwrap_longitude(_values(axes[0]), float(region.longitude.mean()))
+    latitude = _values(axes[1])
     if longitude.ndim == 1:
         # depths lie along the axes in the order of their dimensions
         values = values if variable.dims[0] == axes[1].dims[0] else values.T
@@ -149,6 +148,15 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
         )
     lowest = None if low is None else (float(np.nanmin(low)), float(np.nanmax(low)))
     return Bathymetry(longitude, latitude, values, lowest)
+
+
+def _values(array: xr.DataArray) -> Array:
+    """Return the values of a part of a file."""
+    from replay_kit.forecast.variables import (
+        unpacked,
+    )  # xarray loads slowly: without a file it is not needed
+
+    return unpacked(array)
 
 
 def _check_claim(path: Path, *arrays: xr.DataArray) -> None:
@@ -164,16 +172,16 @@ def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array
             called = wanted in (str(level.attrs.get("standard_name", "")), str(name).lower())
             if called and set(depth.dims) <= set(level.dims):
                 _check_claim(path, level)
-                times = level.transpose(..., *depth.dims).to_numpy().reshape(-1, *depth.shape)
-                low = np.fmin.reduce(times.astype(np.float64), axis=0) * _scale(path, level)
+                times = _values(level.transpose(..., *depth.dims)).reshape(-1, *depth.shape)
+                low = np.fmin.reduce(times, axis=0) * _scale(path, level)
                 return low if np.isfinite(low).any() else None
     return None
 
 
 def _window(longitude: xr.DataArray, latitude: xr.DataArray, region: Grid) -> dict[Hashable, Any]:
     """Return what to keep of each dimension: the points in a region, and two beyond."""
-    x = unwrap_longitude(longitude.to_numpy(), float(region.longitude.mean()))
-    y = np.asarray(latitude, dtype=np.float64)
+    x = unwrap_longitude(_values(longitude), float(region.longitude.mean()))
+    y = _values(latitude)
     ends = [
         (float(values.min()), float(values.max())) for values in (region.longitude, region.latitude)
     ]
