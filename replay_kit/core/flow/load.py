@@ -45,6 +45,8 @@ SEALED_VERSION = 6
 NODE_KERNEL, LATTICE = "node kernel", "stream function lattice"
 EXACT_TIME = "nanoseconds_since_1970"
 
+_NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
+
 
 @dataclass(frozen=True, slots=True)
 class _Content:
@@ -114,12 +116,13 @@ def _load(data: bytes, name: str) -> tuple[FlowEstimate, bool]:
                     raise ValueError(
                         "its checksum is missing: it was cut, or written by another program"
                     )
-                if why := claim_text(sum(array.nbytes for array in file.values()), len(data)):
+                arrays = _arrays(file)
+                if why := claim_text(sum(array.nbytes for array in arrays.values()), len(data)):
                     raise ValueError(why)
-                values = {name: np.asarray(array[()]) for name, array in file.items()}
+                values = {name: np.asarray(array[()]) for name, array in arrays.items()}
                 exact = {
                     name: _attributes(array)[EXACT_TIME]
-                    for name, array in file.items()
+                    for name, array in arrays.items()
                     if EXACT_TIME in array.attrs
                 }
                 return _flow(_Content(attrs, values, exact)), content is not None
@@ -137,6 +140,21 @@ def _load(data: bytes, name: str) -> tuple[FlowEstimate, bool]:
     raise ForecastError(
         f"{name}: flow format version {version}, but this replay-kit reads versions {known}; write it again"
     )
+
+
+def _arrays(file: h5py.File) -> dict[str, h5py.Dataset]:
+    """Return the variables of a file of NetCDF-4, in which a dimension without one is an array too and takes its name from another."""
+    return {
+        name.removeprefix("_nc4_non_coord_"): array
+        for name, array in file.items()
+        if not _is_dimension(array)
+    }
+
+
+def _is_dimension(array: h5py.Dataset) -> bool:
+    """Return whether an array is a dimension alone."""
+    name = _attributes(array).get("NAME", b"")
+    return isinstance(name, bytes) and name.startswith(_NO_VARIABLE)
 
 
 def _attributes(of: h5py.HLObject) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.evolution import Evolution, ProcessModel, constant, sample_through
 from replay_kit.core.flow.load import load, load_bytes
 from replay_kit.core.flow.lossless import save_bytes
+from tests.core.flow.test_local import LOCAL
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 HOUR = 3600 * 10**9
@@ -91,6 +92,14 @@ def test_a_saved_estimate_changes_with_time_as_in_memory(tmp_path, n_trajectorie
     )
     assert np.abs(flow.at(TIME_NS + 6 * HOUR).velocity(*AT) - flow.velocity(*AT)).max() > 0.1
     # and is the same when it is saved again
+    assert save_bytes(loaded) == save_bytes(flow)
+
+
+def test_a_current_beside_it_is_not_taken_for_its_corrections():
+    # the file has a dimension of the name that the corrections' array has
+    flow = replace(evolving(n_local=0), local=LOCAL)
+    loaded = load_bytes(save_bytes(flow), "flow")
+    assert_equal_flows(loaded, flow)
     assert save_bytes(loaded) == save_bytes(flow)
 
 

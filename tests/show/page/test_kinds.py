@@ -24,7 +24,7 @@ def test_ids_are_unique_and_figures_are_whole(kind, tmp_path, request):
 def test_every_module_that_makes_a_page_is_tried():
     modules = {
         path.parent.relative_to(ROOT / "replay_kit").as_posix()
-        for path in (ROOT / "replay_kit").rglob("page.py")
+        for path in (ROOT / "replay_kit").rglob("page*.py")
     }
     assert modules - SHARED == {kind.partition(",")[0] for kind in (*QUICK, *SLOW)}
 
