@@ -8,8 +8,10 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
+if TYPE_CHECKING:
+    import h5py
 if sys.platform == "linux":
     import resource
 
@@ -89,6 +91,25 @@ def held(path: str | os.PathLike[str], enough: float) -> int:
             if total >= enough:
                 break
     return total
+
+
+# what NetCDF names a dataset that holds a dimension's length alone
+_NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
+
+
+def plain_attribute(value: Any) -> Any:
+    """Return an attribute of HDF5 as NetCDF means it: an array of one is that one, and bytes are text."""
+    import numpy as np
+
+    value = np.ravel(value)[0] if np.size(value) == 1 else value
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return str(value) if isinstance(value, str) else value
+
+
+def is_dimension(item: "h5py.Dataset") -> bool:
+    """Return whether a dataset of HDF5 is a dimension of NetCDF without a variable."""
+    return str(plain_attribute(item.attrs.get("NAME", ""))).startswith(_NO_VARIABLE)
 
 
 # What a decoder may take beside what it is to return, and a thread for its stack [bytes].

@@ -1,11 +1,16 @@
 """What CF and ACDD ask of every dataset: what it is, where and when, what made it; times and fill values as files have them."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from replay_kit.core.version import __version__
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Of each variable of a file, as xarray takes it.
 Encoding = dict[str, dict[str, object]]

@@ -25,27 +25,24 @@ from replay_kit.core.flow.functions import (
 )
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
+from replay_kit.core.flow.lossless import (
+    EXACT_TIME,
+    FORMAT,
+    LATTICE,
+    NODE_KERNEL,
+    READ_VERSIONS,
+    SEALED_VERSION,
+)
 from replay_kit.core.grid import Grid, Projection
-from replay_kit.core.inputs import claim_text, exceeds_claim, open_input
+from replay_kit.core.inputs import (
+    claim_text,
+    exceeds_claim,
+    is_dimension,
+    open_input,
+    plain_attribute,
+)
 from replay_kit.core.paths import as_path
 from replay_kit.core.sealed import unsealed
-
-FORMAT = "replay_kit.FlowEstimate"
-# since version 6 the file ends with its checksum
-# since version 5 covariances are halves, or factors; since version 4 the file says which horizontal functions the flow has, and a node
-# kernel's nodes; before, all were kernels of the grid's nodes; since version 3 it says how the flow changes with time; since version 2 time
-# is in seconds, with its nanoseconds in an attribute, and wet has the depth last; in version 1 time was an integer of nanoseconds, and the
-# depth came first
-FORMAT_VERSION = 6
-READ_VERSIONS = (1, 2, 3, 4, 5, 6)
-#: Since which version the file ends with its checksum.
-SEALED_VERSION = 6
-
-#: What ``horizontal_functions`` may be.
-NODE_KERNEL, LATTICE = "node kernel", "stream function lattice"
-EXACT_TIME = "nanoseconds_since_1970"
-
-_NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,24 +144,13 @@ def _arrays(file: h5py.File) -> dict[str, h5py.Dataset]:
     return {
         name.removeprefix("_nc4_non_coord_"): array
         for name, array in file.items()
-        if not _is_dimension(array)
+        if not is_dimension(array)
     }
-
-
-def _is_dimension(array: h5py.Dataset) -> bool:
-    """Return whether an array is a dimension alone."""
-    name = _attributes(array).get("NAME", b"")
-    return isinstance(name, bytes) and name.startswith(_NO_VARIABLE)
 
 
 def _attributes(of: h5py.HLObject) -> dict[str, Any]:
-    """Return the attributes of a file or an array; numbers, which NetCDF has as arrays of one, as numbers."""
-    return {
-        name: value.item()
-        if isinstance(value, np.ndarray | np.generic) and value.size == 1
-        else value
-        for name, value in of.attrs.items()
-    }
+    """Return the attributes of a file or an array."""
+    return {name: plain_attribute(value) for name, value in of.attrs.items()}
 
 
 def _flow(content: _Content) -> FlowEstimate:

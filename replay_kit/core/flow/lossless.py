@@ -12,14 +12,14 @@ Of symmetric matrices the file has the lower half, row by row. The covariance of
 numbers (``factors.py``).
 """
 
+from __future__ import annotations
+
 import json
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import h5netcdf
 import numpy as np
-import xarray as xr
-from xarray.backends import H5NetCDFStore
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.atomic import write_whole
@@ -29,11 +29,27 @@ from replay_kit.core.flow.factors import CovarianceFactors, half_of
 from replay_kit.core.flow.field import FlowField
 from replay_kit.core.flow.functions import HorizontalFunctions, NodeKernel
 from replay_kit.core.flow.lattice import StreamFunctionLattice
-from replay_kit.core.flow.load import EXACT_TIME, FORMAT, FORMAT_VERSION, LATTICE, NODE_KERNEL
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.sealed import sealed
 from replay_kit.core.version import __version__
 
+if TYPE_CHECKING:
+    import xarray as xr
+
+FORMAT = "replay_kit.FlowEstimate"
+# since version 6 the file ends with its checksum
+# since version 5 covariances are halves, or factors; since version 4 the file says which horizontal functions the flow has, and a node
+# kernel's nodes; before, all were kernels of the grid's nodes; since version 3 it says how the flow changes with time; since version 2 time
+# is in seconds, with its nanoseconds in an attribute, and wet has the depth last; in version 1 time was an integer of nanoseconds, and the
+# depth came first
+FORMAT_VERSION = 6
+READ_VERSIONS = (1, 2, 3, 4, 5, 6)
+#: Since which version the file ends with its checksum.
+SEALED_VERSION = 6
+
+#: What ``horizontal_functions`` may be.
+NODE_KERNEL, LATTICE = "node kernel", "stream function lattice"
+EXACT_TIME = "nanoseconds_since_1970"
 _AXES = ("east", "north")
 
 #: Name to dimensions, array and meaning.
@@ -55,6 +71,8 @@ def history(made_by: str, flow: FlowField) -> str:
 
 def to_lossless(flow: FlowField) -> xr.Dataset:
     """Return the flow as the dataset from which ``load`` makes an equal one."""
+    import xarray as xr  # loads slowly, and who reads a saved flow needs it not
+
     kind, of_functions, numbers_of_functions = _horizontal(flow.horizontal)
     grid, evolution = flow.grid, flow.later.trimmed() if isinstance(flow.later, Evolution) else None
     # NetCDF has no dimension of length zero that is not unlimited: a flow without uncertainty has neither modes nor weight_cov.
@@ -323,6 +341,9 @@ def _bytes(dataset: xr.Dataset, encoding: Encoding) -> bytes:
     ``to_netcdf`` would take a lock named after the buffer's address from the scheduler, where the process is a worker of Dask. Addresses
     are used again by other missions, and the scheduler then no longer knows the lock. No other thread sees the buffer.
     """
+    import h5netcdf
+    from xarray.backends import H5NetCDFStore
+
     buffer = BytesIO()
     with h5netcdf.File(buffer, "w") as file:
         dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)

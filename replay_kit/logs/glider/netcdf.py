@@ -16,7 +16,13 @@ from scipy.io import netcdf_file
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
-from replay_kit.core.inputs import exceeds_claim, open_input, unpacking
+from replay_kit.core.inputs import (
+    exceeds_claim,
+    is_dimension,
+    open_input,
+    plain_attribute,
+    unpacking,
+)
 
 _ATTRIBUTES = (
     *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),
@@ -30,7 +36,6 @@ _ATTRIBUTES = (
         "sample_dimension",
     ),
 )
-_NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"  # what NetCDF names a dataset that holds a dimension's length alone
 _UNREADABLE = (
     OSError,
     ValueError,
@@ -180,7 +185,7 @@ def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
     with h5py.File(path, "r") as file, ExitStack() as stack:
         group = file.get("Data/Average", file)
         attributes = {
-            key: _plain(value)
+            key: plain_attribute(value)
             for part in (file.get("Config"), file)
             if part is not None
             for key, value in part.attrs.items()
@@ -195,12 +200,12 @@ def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
         variables = {
             name: Stored(
                 _stored(item, rows if item.ndim > 1 else ...),
-                {key: _plain(item.attrs[key]) for key in _ATTRIBUTES if key in item.attrs},
+                {key: plain_attribute(item.attrs[key]) for key in _ATTRIBUTES if key in item.attrs},
                 _dims(group, name, item),
             )
             for name, item in chosen.items()
             if (item.dtype.kind in "iufbS" or h5py.check_string_dtype(item.dtype))
-            and not str(_plain(item.attrs.get("NAME", ""))).startswith(_NO_VARIABLE)
+            and not is_dimension(item)
         }
     return NetcdfFile(path, attributes, variables, tuple(held))
 
@@ -224,16 +229,10 @@ def _dims(file: Any, name: str, item: Any) -> tuple[str, ...]:
     return (name,) if item.ndim == 1 else ("",) * item.ndim
 
 
-def _plain(value: Any) -> Any:
-    """Return an attribute of HDF5 as NetCDF means it: an array of one is that one, and bytes are text."""
-    value = np.ravel(value)[0] if np.size(value) == 1 else value
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-
-
 def _read_classic(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
     # the private mapping is the only one that tells attributes from methods
     with netcdf_file(path, "r", mmap=False) as file:
-        attributes = {key: _plain(value) for key, value in file._attributes.items()}
+        attributes = {key: plain_attribute(value) for key, value in file._attributes.items()}
         chosen = {
             name: file.variables[name]
             for name in choose(file.variables, attributes)
