@@ -15,13 +15,19 @@ from replay_kit.core.inputs import exceeds_claim
 from replay_kit.core.text import count_text
 from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.grid import Block, region_block
-from replay_kit.forecast.land import constant_land, mask_at_centres, to_centres
 from replay_kit.forecast.layout import Layout, U, V
 from replay_kit.forecast.members import WARNING
 from replay_kit.forecast.names import SEA_LEVEL, Axes, Current, find_depth
 from replay_kit.forecast.s_levels import find_s_coordinate, from_s_levels
 from replay_kit.forecast.selection import Selected
-from replay_kit.forecast.variables import AT_CENTRES, Source, chunk_bytes
+from replay_kit.forecast.variables import (
+    AT_CENTRES,
+    Source,
+    chunk_bytes,
+    constant_land,
+    mask_at_centres,
+    to_centres,
+)
 
 _SPEED_UNITS = {
     **dict.fromkeys(

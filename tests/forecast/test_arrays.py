@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.forecast.depths import at_depths, reach, to_levels
 from replay_kit.forecast.grid import bilinear, find_cells, region_block
-from replay_kit.forecast.land import never_changing, to_centres
 from replay_kit.forecast.s_levels import SCoordinate
+from replay_kit.forecast.variables import never_changing, to_centres
 
 
 def test_faces_to_centres_by_which_of_them_are_water():

@@ -264,13 +264,13 @@ def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs) -> "ReplayJob
 def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "Console") -> int:
     """Report what would be used; return the exit code."""
     from replay_kit.workflows.planning import planner_of
-    from replay_kit.workflows.replay import dry_run as dry
+    from replay_kit.workflows.replay.dry_run import dry_run, dry_run_json, print_dry_run
 
     with progress() as advance:
         advance(0, 0, "reading the forecast and the logs")
-        result = dry.dry_run(job, config, planner_of)
-    dry.print_dry_run(result, console)
-    write_json(outputs.json_file, dry.dry_run_json(result))
+        result = dry_run(job, config, planner_of)
+    print_dry_run(result, console)
+    write_json(outputs.json_file, dry_run_json(result))
     return 0
 
 

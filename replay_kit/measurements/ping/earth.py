@@ -13,8 +13,14 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
-from replay_kit.measurements.ping import frames
 from replay_kit.measurements.ping.adcp_ping import AdcpPing, BottomTrack, PlatformVelocity
+from replay_kit.measurements.ping.frames import (
+    Axes,
+    noise_gain,
+    nortek_rotation,
+    teledyne_rotation,
+    to_earth,
+)
 
 _CONVENTIONS = ("teledyne", "nortek")
 # m/s; of a bottom-track ping that states none: makers state 3 to 30 mm/s for a single one
@@ -59,10 +65,10 @@ def earth_referenced(ping: AdcpPing, config: MeasurementConfig) -> AdcpPing:
             "heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination"
         )
     axes = _axes(ping, declination)
-    velocity, error_velocity = frames.to_earth(ping.velocity, axes)
+    velocity, error_velocity = to_earth(ping.velocity, axes)
     if moves and bottom is not None:
         ((east, north, _),), std = (
-            -frames.to_earth(bottom.velocity[None], replace(axes, cells=None))[0],
+            -to_earth(bottom.velocity[None], replace(axes, cells=None))[0],
             bottom.error_std,
         )
         stated = PlatformVelocity(
@@ -73,7 +79,7 @@ def earth_referenced(ping: AdcpPing, config: MeasurementConfig) -> AdcpPing:
         )
     if moves and stated is not None:
         velocity = velocity + np.array([stated.east, stated.north, 0.0])
-    gain = frames.noise_gain(axes.vectors) if axes.along_beams and axes.vectors is not None else 1.0
+    gain = noise_gain(axes.vectors) if axes.along_beams and axes.vectors is not None else 1.0
     return replace(
         ping,
         coordinate_system="earth",
@@ -139,11 +145,11 @@ def _declination(ping: AdcpPing, config: MeasurementConfig) -> float | None:
     )
 
 
-def _axes(ping: AdcpPing, declination: float) -> frames.Axes:
+def _axes(ping: AdcpPing, declination: float) -> Axes:
     """Return what turns a ping's velocities to true east, north, up; beams' vectors only where beams are solved or bins mapped."""
     system, attitude = ping.coordinate_system, ping.attitude
     if system == "earth":
-        return frames.Axes(frames.teledyne_rotation(declination, 0.0, 0.0))
+        return Axes(teledyne_rotation(declination, 0.0, 0.0))
     level = system == "ship" and attitude.tilt_applied
     pitch, roll = (0.0, 0.0) if level else (attitude.pitch, attitude.roll)
     if not np.isfinite(attitude.heading + pitch + roll):
@@ -159,12 +165,12 @@ def _axes(ping: AdcpPing, declination: float) -> frames.Axes:
     vectors = _vectors(ping) if along_beams or to_map else None
     cells = _even_cells(ping) if to_map else None
     if system != "ship" and attitude.convention == "nortek":
-        rotation = frames.nortek_rotation(heading, pitch, roll, ping.orientation == "down")
+        rotation = nortek_rotation(heading, pitch, roll, ping.orientation == "down")
     else:
-        rotation = frames.teledyne_rotation(
+        rotation = teledyne_rotation(
             heading, pitch, roll, ping.orientation == "up" and not level, attitude.euler_pitch
         )
-    return frames.Axes(rotation, along_beams, vectors, cells)
+    return Axes(rotation, along_beams, vectors, cells)
 
 
 def _can_map(ping: AdcpPing) -> bool:
