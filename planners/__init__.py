@@ -11,27 +11,32 @@
 * ``waypoints_of`` reduces a mission to a list of few waypoints.
 """
 
-from planners.glide.candidate import fly
-from planners.glide.solve import plan
-from planners.glide.transcription import GlideSettings
-from planners.mission.flight.pilot import Pilot
-from planners.mission.flights import MonteCarloSummary, fly_scenarios
-from planners.mission.odds import MissionOdds, mission_odds, plan_for_odds, with_odds
-from planners.mission.plan import plan_line, plan_mission, plan_mooring
-from planners.mission.scenarios import plan_scenarios
-from planners.mission.timing import best_departure, cut_at_horizon, plan_departures
-from planners.mission.values import (
-    Line,
-    MissionPlan,
-    MissionRequest,
-    MissionSettings,
-    Mooring,
-    Weights,
-)
-from planners.mission.waypoints import Waypoints, waypoints_of
-from planners.route.bottom import Bathymetry
-from planners.route.hazards import NoGo
-from planners.vehicle import Glider, SteadyFlight, fit_flight
+from typing import TYPE_CHECKING
+
+from replay_kit.core.extensions import on_demand
+
+if TYPE_CHECKING:
+    from planners.glide.candidate import fly
+    from planners.glide.solve import plan
+    from planners.glide.transcription import GlideSettings
+    from planners.mission.flight.pilot import Pilot
+    from planners.mission.flights import MonteCarloSummary, fly_scenarios
+    from planners.mission.odds import MissionOdds, mission_odds, plan_for_odds, with_odds
+    from planners.mission.plan import plan_line, plan_mission, plan_mooring
+    from planners.mission.scenarios import plan_scenarios
+    from planners.mission.timing import best_departure, cut_at_horizon, plan_departures
+    from planners.mission.values import (
+        Line,
+        MissionPlan,
+        MissionRequest,
+        MissionSettings,
+        Mooring,
+        Weights,
+    )
+    from planners.mission.waypoints import Waypoints, waypoints_of
+    from planners.route.bottom import Bathymetry
+    from planners.route.hazards import NoGo
+    from planners.vehicle import Glider, SteadyFlight, fit_flight
 
 __all__ = [
     "Bathymetry",
@@ -65,3 +70,35 @@ __all__ = [
     "waypoints_of",
     "with_odds",
 ]
+
+# a place outside of an estimate is refused without casadi
+__getattr__ = on_demand(
+    globals(),
+    {
+        name: module
+        for module, names in {
+            "glide.candidate": ("fly",),
+            "glide.solve": ("plan",),
+            "glide.transcription": ("GlideSettings",),
+            "mission.flight.pilot": ("Pilot",),
+            "mission.flights": ("fly_scenarios", "MonteCarloSummary"),
+            "mission.odds": ("mission_odds", "plan_for_odds", "with_odds", "MissionOdds"),
+            "mission.plan": ("plan_line", "plan_mission", "plan_mooring"),
+            "mission.scenarios": ("plan_scenarios",),
+            "mission.timing": ("best_departure", "cut_at_horizon", "plan_departures"),
+            "mission.values": (
+                "Line",
+                "MissionPlan",
+                "MissionRequest",
+                "MissionSettings",
+                "Mooring",
+                "Weights",
+            ),
+            "mission.waypoints": ("waypoints_of", "Waypoints"),
+            "route.bottom": ("Bathymetry",),
+            "route.hazards": ("NoGo",),
+            "vehicle": ("fit_flight", "Glider", "SteadyFlight"),
+        }.items()
+        for name in names
+    },
+)

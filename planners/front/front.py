@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from planners.front.current import Complex, CurrentLattice, Route, edge_durations
 from planners.front.obstacles import Obstacles
+from planners.route.region import widened
 from replay_kit.core.arrays import Array
 
 Numbers = NDArray[np.intp]
@@ -120,7 +120,7 @@ class Front:
         met = np.zeros(current.values.shape[1:], dtype=bool)
         met[::divisions, ::divisions] = useful.reshape(current.shape)
         # beside points that are reached, too: what stops the front
-        met = maximum_filter(met, size=2 * divisions + 1)
+        met = widened(met, divisions)
         times = np.flatnonzero(
             (np.append(current.times[1:], np.inf) > begins)
             & (np.append(-np.inf, current.times[:-1]) < until)
@@ -223,7 +223,7 @@ def _near(current: CurrentLattice, obstacles: Obstacles) -> NDArray[np.bool_]:
     )
     outline[rows, columns] = True
     # a point of the outline is no farther from its lattice point than one line, nor from the next point of the outline
-    return np.asarray(maximum_filter(outline, size=2 * (_REACH + 2) + 1).ravel())
+    return widened(outline, _REACH + 2).ravel()
 
 
 def spread(sea: Sea, seeds: Numbers, begins: Array, until: float, goals: Numbers) -> Front:
@@ -265,9 +265,8 @@ def _strong(sea: Sea) -> NDArray[np.bool_]:
     """Return the points from which an edge may open later: the current near them is faster than the vehicle at some time."""
     found = np.ones(sea.places.size, dtype=bool)
     divisions = sea.current.divisions
-    strong = maximum_filter(
-        np.max(np.abs(sea.current.values), axis=0) > 0.98 * sea.speed,
-        size=2 * _REACH * divisions + 1,
+    strong = widened(
+        np.max(np.abs(sea.current.values), axis=0) > 0.98 * sea.speed, _REACH * divisions
     )
     strong = strong[::divisions, ::divisions]
     found[: strong.size] = strong.ravel()

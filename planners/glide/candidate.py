@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planners.glide.transcription import Glide, GlideTask, approach, solve_glide
-from planners.route.region import locate, region_of
+from planners.route.region import Region, locate
 from planners.track import Track, fly_glide, fractions_of_duration, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -196,7 +196,7 @@ def fly(flow: FlowEstimate, plan: Plan) -> tuple[Array, Array, float]:
     Raises:
         PlanError: The plan's start or goal is outside the flow's region or on land there.
     """
-    region = region_of(flow.grid)
+    region = Region(flow.grid)
     start, goal = locate(region, plan.start, "start"), locate(region, plan.goal, "goal")
     duration = _LONGER * plan.duration
     if plan.status == "failed" or duration == 0.0:

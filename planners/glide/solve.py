@@ -17,7 +17,7 @@ from planners.glide.candidate import (
 from planners.glide.seeds import find_seeds
 from planners.glide.transcription import Glide, GlideSettings, GlideTask
 from planners.route.bottom import bottom_of
-from planners.route.region import locate, region_of
+from planners.route.region import Region, locate
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import true_north_halfway
 from replay_kit.core.plan import Place, Plan, PlanStatus
@@ -59,7 +59,7 @@ def plan(
         PlanError: The start or the goal is outside the region, above the surface, below the deepest level or the vehicle's limit, on land,
             or below the bottom less the clearance.
     """
-    region = region_of(flow.grid, settings.max_depth)
+    region = Region(flow.grid, settings.max_depth)
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
     bottom = (
         None

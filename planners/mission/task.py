@@ -14,7 +14,7 @@ from planners.mission.flight.currents import Currents, Flow, currents_of
 from planners.mission.values import MissionPlan, MissionRequest, MissionSettings
 from planners.route.bottom import DEPTH_TOLERANCE, Bathymetry, Bottom, bottom_of, fixed_rings
 from planners.route.hazards import NoGo, Ring, check_outside
-from planners.route.region import Region, locate, region_of
+from planners.route.region import Region, locate_all
 from planners.shooting.program import ReferencePath
 from planners.shooting.spline import FlowSpline, spline_of
 from planners.track import fractions_of_duration
@@ -194,20 +194,14 @@ def mission_task(flow: Flow, request: MissionRequest) -> MissionTask:
             the vehicle may go.
     """
     currents, settings = currents_of(flow), request.settings
-    region = region_of(currents.flow.grid, request.vehicle.max_depth)
+    region = Region(currents.flow.grid, request.vehicle.max_depth)
     _check_request(request, region)
-    names = (
-        ["goal"]
-        if len(request.goals) == 1
-        else [f"goal {k + 1}" for k in range(len(request.goals))]
-    )
-    start = locate(region, request.start, "start")
-    goals = np.array(
-        [locate(region, goal, name) for goal, name in zip(request.goals, names, strict=True)]
-    )
+    located = locate_all(region, request.start, request.goals)
+    start, *others = located.values()
+    goals = np.array(others)
     bottom = bottom_of(region, request.bathymetry, settings.clearance)
     rings = fixed_rings(region, request.no_go, bottom)
-    for name, point in zip(["start", *names], [start, *goals], strict=True):
+    for name, point in located.items():
         _check_place(rings, bottom, name, point)
     # a region that is less deep everywhere needs no search for how deep each dive may be
     depth = min(

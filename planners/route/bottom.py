@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 
 from planners.route.hazards import NoGo, Ring, no_go_rings
-from planners.route.region import Region
+from planners.route.region import Region, widened
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import outline, to_local
@@ -165,7 +164,7 @@ class Bottom:
         rings = []
         for grid in self.grids:
             shallow = grid.limit < depth
-            cells = np.argwhere(shallow & maximum_filter(~shallow, size=3, mode="constant"))
+            cells = np.argwhere(shallow & widened(~shallow, 1))
             name = grid.name or f"shallower than {depth + self.clearance:g} m"
             rings += [Ring(corners, False, name) for corners in grid.polygons(cells)]
         return tuple(rings)
@@ -240,9 +239,7 @@ def _cells_of(region: Region, bathymetry: Bathymetry, clearance: float) -> tuple
     low, high = (
         np.array([pick(region.grid.east), pick(region.grid.north)]) for pick in (np.min, np.max)
     )
-    inside = maximum_filter(
-        np.all((points >= low) & (points <= high), axis=-1), size=3, mode="constant"
-    )
+    inside = widened(np.all((points >= low) & (points <= high), axis=-1), 1)
     # a bathymetry coarser than the region has no point in it, and is kept whole
     rows, columns = (
         (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))

@@ -1,11 +1,13 @@
 """Where a glide may go: inside the grid's outline, between the surface and the deepest level, in water."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -13,23 +15,37 @@ from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.plan import Place
 
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 # Depths are compared to a millimetre, so that a path that ends on the surface or on the deepest level is inside.
 _DEPTH_MARGIN = 1e-3
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Region:
     """The water that a grid covers.
 
     Attributes:
         grid: The grid.
-        tree: Its horizontal points, for the nearest one.
         limit: Greatest depth of the vehicle [m].
     """
 
     grid: Grid
-    tree: cKDTree
     limit: float = inf
+
+    @cached_property
+    def _tree(self) -> "cKDTree":
+        from scipy.spatial import cKDTree
+
+        return cKDTree(np.column_stack([self.grid.east.ravel(), self.grid.north.ravel()]))
+
+    def _nearest(self, points: Array) -> NDArray[np.intp]:
+        if len(points) != 1:
+            return np.asarray(self._tree.query(points)[1])
+        # a start and a goal are looked at before scipy, which loads slowly
+        (east, north), grid = points[0], self.grid
+        return np.argmin(np.hypot(grid.east - east, grid.north - north), keepdims=True)[0]
 
     @property
     def deepest(self) -> float:
@@ -44,7 +60,7 @@ class Region:
 
     def wet(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points, shape (n, 3) [m], are water: the nearest grid point is, at the last level at or above their depth."""
-        nearest = self.tree.query(points[:, :2])[1]
+        nearest = self._nearest(points[:, :2])
         return np.asarray(
             self.grid.wet.reshape(self.grid.levels.size, -1)[self.level_at(points[:, 2]), nearest]
         )
@@ -57,7 +73,7 @@ class Region:
 
     def wet_by_level(self, points: Array) -> NDArray[np.bool_]:
         """Return whether horizontal points, shape (..., 2) [m], are water at each level, shape (Z, ...)."""
-        nearest = self.tree.query(points)[1]
+        nearest = self._nearest(points)
         return self.grid.wet.reshape(self.grid.levels.size, -1)[:, nearest]
 
     def inside_outline(self, points: Array) -> NDArray[np.bool_]:
@@ -89,6 +105,17 @@ class Region:
         )
 
 
+def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
+    """Return which entries, shape (J, I), have one that is set within a number of rows and columns."""
+    # as scipy's maximum_filter, which loads slowly
+    for axis in (0, 1):
+        around = [(by + 1, by) if axis == own else (0, 0) for own in (0, 1)]
+        count = np.cumsum(np.pad(mask, around), axis=axis, dtype=np.int32)
+        count = count.swapaxes(0, axis)
+        mask = (count[2 * by + 1 :] > count[: -2 * by - 1]).swapaxes(0, axis)
+    return mask
+
+
 def _parabola(points: Array, centre: Array) -> Array:
     tangent = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])
     normal = np.array([tangent[1], -tangent[0]])
@@ -99,11 +126,6 @@ def _parabola(points: Array, centre: Array) -> Array:
     fit[: degree + 1] = np.polynomial.polynomial.polyfit(along, out, degree)
     fit[0] += max(0.0, float(np.max(out - np.polynomial.polynomial.polyval(along, fit))))
     return np.concatenate([normal, tangent, fit])
-
-
-def region_of(grid: Grid, limit: float = inf) -> Region:
-    """Return the region that a grid covers, down to the greatest depth of a vehicle [m]."""
-    return Region(grid, cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])), limit)
 
 
 def locate(region: Region, place: Place, role: str) -> Array:
@@ -140,6 +162,17 @@ def locate(region: Region, place: Place, role: str) -> Array:
             f"{where} is on land in the forecast: the nearest grid point is dry there; choose a place in water {_bounds(region.grid)}"
         )
     return point
+
+
+def locate_all(region: Region, start: Place, goals: Sequence[Place]) -> dict[str, Array]:
+    """Return the start and the goals of a mission in the local frame, shape (3,) [m] each, by what they are called in errors.
+
+    Raises:
+        PlanError: One of them is not in the region's water, as for ``locate``.
+    """
+    names = [f"goal {k + 1}" for k in range(len(goals))] if len(goals) > 1 else ["goal"]
+    places = zip(["start", *names], [start, *goals], strict=True)
+    return {name: locate(region, place, name) for name, place in places}
 
 
 def _swapped(grid: Grid, place: Place) -> str:

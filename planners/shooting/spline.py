@@ -10,7 +10,6 @@ from hashlib import blake2b
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, PPoly
 from scipy.linalg import solve_banded
 
 from planners.flow import graph_key
@@ -73,12 +72,13 @@ class FlowSpline:
 
 def _basis() -> Array:
     """Return the B-splines of a cell as polynomials of the share of it, with their derivatives: shape (6, 4 * 6), powers first."""
-    pieces = PPoly.from_spline(BSpline.basis_element(np.arange(_WINDOW + 1.0)))
-    kept = np.flatnonzero(
-        (pieces.x[:-1] < pieces.x[1:]) & (pieces.x[:-1] >= 0.0) & (pieces.x[1:] <= _WINDOW)
-    )
-    # of the six that count in a cell, the one that begins first is in its last piece
-    basis = pieces.c[::-1, kept[::-1]]
+    # of those that count in a cell, the one that begins first is in its last piece; Cox and de Boor's recurrence, a degree at a time
+    basis = np.ones((1, 1))
+    for degree in range(1, _WINDOW):
+        begun, share = np.arange(degree, -1.0, -1.0), np.zeros((2, degree + 1, degree + 1))
+        share[0, :-1, 1:], share[1, :-1, :-1] = basis, basis
+        basis = (begun * share[0] + (degree + 1.0 - begun) * share[1]) / degree
+        basis[1:] += (share[0] - share[1])[:-1] / degree
     out = np.zeros((_WINDOW, ORDERS, _WINDOW))
     for order in range(ORDERS):
         out[: len(basis), order] = basis
@@ -141,7 +141,8 @@ def _spline(flow: FlowEstimate, latent: Array, points: int, low: Array, high: Ar
 
 def _coefficients(samples: Array) -> Array:
     """Return the coefficients, shape (n, ...), of splines that have given values, shape (n, ...), at equally spaced places."""
-    at_sites = BSpline.basis_element(np.arange(_WINDOW + 1.0))(np.arange(1.0, _WINDOW))
+    # at the beginning of a cell the last of its six is none
+    at_sites = _BASIS[0, :_DEGREE]
     bands = np.tile(at_sites[:, None], (1, len(samples)))
     each_side = len(at_sites) // 2
     return np.asarray(

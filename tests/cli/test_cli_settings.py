@@ -14,6 +14,7 @@ from replay_kit.studies.bench.run import DIVE_METHODS, TASKS
 from replay_kit.studies.jobs import METHODS
 from tests.command import invoke
 from tests.places import ROOT
+from tests.planners.flow_samples import eddying_flow
 
 # as a file and as options have them
 SAME = [
@@ -163,14 +164,30 @@ def test_a_plan_of_a_file_that_is_not_there_is_refused_before_the_planners_are_l
     )
 
 
+def test_a_plan_loads_no_more_than_it_needs(tmp_path):
+    flow = tmp_path / "flow.nc"
+    eddying_flow(1).save(flow)
+    line = f"plan {flow} --start=152.5,-40,0 --samples=0 --goal="
+    assert slow_libraries(f"{line}160,-40,0") == "['h5py', 'numpy']"
+    found = loaded(f"{line}152.55,-40,0")
+    slow = "scipy.interpolate scipy.ndimage scipy.optimize xarray mcap replay_kit.estimator"
+    assert not found.intersection(slow.split())
+    assert {"planners.front.front", "scipy.spatial"} <= found
+
+
 def slow_libraries(line: str) -> str:
     """Return which of the libraries that take long to load a command loads."""
+    slow = "numpy scipy xarray pandas matplotlib casadi h5py mcap pymavlink"
+    return str(sorted(loaded(line).intersection(slow.split())))
+
+
+def loaded(line: str) -> set[str]:
+    """Return the modules that a command loads."""
     code = (
         "import sys\nfrom replay_kit.cli.app import main\n"
-        "slow = {'numpy', 'scipy', 'xarray', 'pandas', 'matplotlib', 'casadi', 'h5py', 'mcap', 'pymavlink'}\n"
-        "try: main()\nexcept SystemExit: print(sorted(slow & sys.modules.keys()))"
+        "try: main()\nexcept SystemExit: print(*sys.modules)"
     )
-    return python("-c", code, *line.split()).splitlines()[-1]
+    return set(python("-c", code, *line.split()).splitlines()[-1].split())
 
 
 def python(*arguments: str, env: dict[str, str] | None = None) -> str:

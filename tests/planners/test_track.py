@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.route.region import region_of
+from planners.route.region import Region
 from planners.track import Track, fly_glide, fractions_of_duration
 from tests.planners.flow_samples import LEVELS, eddying_flow, still_flow
 
@@ -58,7 +58,7 @@ def test_closest_approach_is_continuous():
 
 def test_track_ends_where_it_leaves_the_region():
     flow = still_flow()
-    region = region_of(flow.grid)
+    region = Region(flow.grid)
     track = fly_glide(flow, np.zeros(3), np.array([0.3, 0.0, 0.0]), np.linspace(0.0, 4e5, 20))
     until = track.allowed_until(region.allowed)
     east = track.at(np.array([until]))[0, 0]
@@ -82,7 +82,7 @@ def test_a_track_ends_where_it_first_leaves_even_if_it_comes_back():
 def test_sides_keep_every_grid_point_inside(shape):
     grid = still_flow(shape=shape).grid
     points = np.column_stack([grid.east.ravel(), grid.north.ravel()]) / 1e3
-    for normal_east, normal_north, tangent_east, tangent_north, *fit in region_of(grid).sides():
+    for normal_east, normal_north, tangent_east, tangent_north, *fit in Region(grid).sides():
         along = points @ [tangent_east, tangent_north]
         beyond = points @ [normal_east, normal_north] - np.polynomial.polynomial.polyval(along, fit)
         assert beyond.max() <= 1e-9
@@ -124,7 +124,7 @@ def test_a_track_between_its_points_is_the_cubic_of_places_and_velocities():
 
 
 def test_regions_end_at_the_surface_and_the_deepest_level_to_a_millimetre():
-    region = region_of(still_flow().grid)
+    region = Region(still_flow().grid)
     depths = np.array([-0.002, -0.0005, 0.0, 399.0, 400.0005, 400.002])
     points = np.column_stack([np.zeros((6, 2)), depths])
     assert region.inside(points).tolist() == [False, True, True, True, True, False]
@@ -135,14 +135,14 @@ def test_regions_end_at_the_surface_and_the_deepest_level_to_a_millimetre():
 
 def test_a_level_holds_from_its_depth_to_the_next_and_so_does_its_land():
     grid = still_flow().grid
-    levels = region_of(grid).level_at(
+    levels = Region(grid).level_at(
         np.array([-1.0, 4.9, 5.0, 39.9, 40.0, 110.0, 399.9, 400.0, 999.0])
     )
     assert levels.tolist() == [0, 0, 0, 0, 1, 2, 3, 4, 4]
     # one column has land from 110 m down
     wet, row, column = grid.wet.copy(), 3, 4
     wet[2:, row, column] = False
-    region = region_of(replace(grid, wet=wet))
+    region = Region(replace(grid, wet=wet))
     here, beside = ((grid.east[row, at], grid.north[row, at]) for at in (column, column + 1))
     assert region.wet(
         np.array([[*here, 109.9], [*here, 110.0], [*here, 400.0], [*beside, 400.0]])
@@ -161,7 +161,7 @@ def test_the_sides_of_a_grid_of_two_by_two_are_its_edges_and_point_outwards():
     grid = still_flow(shape=(2, 2)).grid
     middle = np.array([grid.east.mean(), grid.north.mean()]) / 1e3
     corners = np.column_stack([grid.east.ravel(), grid.north.ravel()]) / 1e3
-    sides = region_of(grid).sides()
+    sides = Region(grid).sides()
     for normal_east, normal_north, tangent_east, tangent_north, *fit in sides:
         beyond = corners @ [normal_east, normal_north] - np.polynomial.polynomial.polyval(
             corners @ [tangent_east, tangent_north], fit

@@ -170,10 +170,14 @@ def plan(
 
 def _mission(config: "RunConfig", outputs: Outputs) -> int:
     """Plan a mission and write it; return the exit code."""
-    from replay_kit.workflows.planning.mission import make_mission
+    from replay_kit.workflows.planning.inputs import planned_on
 
     with progress():
-        planned = make_mission(config.plan, config.planner)
+        on = planned_on(config.plan, config.planner)
+        # the planners, after places that they have no current for
+        from replay_kit.workflows.planning.mission import make_mission
+
+        planned = make_mission(config.plan, config.planner, on)
 
     from replay_kit.workflows.planning.outputs import (
         mission_json,

@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpstrf
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
@@ -86,6 +85,9 @@ def root_of(cov: Array) -> Array:
         raise EstimatorError(
             "the estimate's covariance is not a number everywhere, so that no sample of it can be drawn"
         )
+    # loads slowly, and what draws no samples needs none
+    from scipy.linalg.lapack import dpotrf, dpstrf
+
     lower, fails = dpotrf(cov, lower=1)
     if not fails:
         return np.asarray(lower)

@@ -13,7 +13,7 @@ from planners.mission.flight.currents import Sample
 from planners.mission.flights import fly_mission, surfacing_ellipses
 from planners.mission.timing import first_legs
 from planners.output.mission import as_plan
-from planners.route.region import locate, region_of
+from planners.route.region import Region, locate
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.as_flown import AsFlown
@@ -127,7 +127,7 @@ class GlidePlanner:
 
     def check(self, flow: HasGrid, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region, on land or below the vehicle's limit."""
-        locate(region_of(flow.grid, self.settings.max_depth), goal, "goal")
+        locate(Region(flow.grid, self.settings.max_depth), goal, "goal")
 
     def with_odds(self) -> "GlidePlanner":
         """Return the planner: a glide has no odds."""
@@ -268,7 +268,7 @@ class MissionPlanner:
 
     def check(self, flow: HasGrid, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land, or a mission's dives do not fit."""
-        region = region_of(flow.grid, self.vehicle.max_depth)
+        region = Region(flow.grid, self.vehicle.max_depth)
         locate(region, goal, "goal")
         depth = self.bound(flow, (goal,))[0].settings.depth
         if not goal.depth <= depth <= region.deepest:

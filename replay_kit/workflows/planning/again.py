@@ -6,6 +6,7 @@ from pathlib import Path
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.results import Recorded
+from replay_kit.workflows.planning.inputs import planned_on
 from replay_kit.workflows.planning.learning import Learnt, make_learning
 from replay_kit.workflows.planning.learning_outputs import write_learning
 from replay_kit.workflows.planning.mission import PlannedMission, make_mission
@@ -41,7 +42,8 @@ def plan_again(recorded: Recorded, config: RunConfig, found: Mapping[str, Path],
     elif request.learns:
         planned = make_learning(request, config.planner)
     else:
-        planned = make_mission(request, config.planner)
+        on = planned_on(request, config.planner)
+        planned = make_mission(request, config.planner, on)
     if isinstance(planned, PlannedMission):
         write_mission(out, False, planned, config)
     else:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import LinearNDInterpolator
 
 from planners import Bathymetry
 from replay_kit.core.arrays import Array
@@ -337,6 +336,9 @@ def depth_along(bathymetry: Bathymetry, projection: Projection, track: Array) ->
 def _depth_at(bathymetry: Bathymetry, projection: Projection, east: Array, north: Array) -> Array:
     if east.size == 0:
         return np.full(east.shape, np.nan)
+    # loads slowly, and a plan without a bathymetry needs none
+    from scipy.interpolate import LinearNDInterpolator
+
     points = np.stack(to_local(projection, bathymetry.longitude, bathymetry.latitude), axis=-1)
     wanted = np.stack([east, north], axis=-1)
     cut = _around(points, wanted.reshape(-1, 2))

@@ -18,7 +18,6 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution, ProcessModel, sample_through
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
 from replay_kit.core.text import time_text
-from replay_kit.estimator.basis.embedding import embed
 
 _NS = 1_000_000_000
 # Days from the one time of a current within which a mission may begin: a month later its eddies are others.
@@ -337,6 +336,9 @@ def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) 
 
 def uniform_currents(flow: FlowEstimate) -> Array:
     """Return the latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2), of a flow's functions."""
+    # loads slowly, and a current without others beside it needs none
+    from replay_kit.estimator.basis.embedding import embed
+
     return embed(
         flow.horizontal,
         flow.nodes,

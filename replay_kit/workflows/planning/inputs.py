@@ -4,21 +4,23 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from planners import Bathymetry, NoGo
+from planners.route.region import Region, locate_all
 from replay_kit.config.plan import PlanRequest
+from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load_noted
 from replay_kit.core.grid import Grid
 from replay_kit.core.inputs import open_input
 from replay_kit.core.progress import announce
-from replay_kit.results import read_estimate
-from replay_kit.show.status.held import Held, read_held
-from replay_kit.workflows.planning.areas import area_notes, read_areas
-from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
-from replay_kit.workflows.planning.currents import KnownCurrent, known_current
-from replay_kit.workflows.sound import sound_result
+
+# the planners and what reads results load slowly: a place outside of an estimate is refused without them
+if TYPE_CHECKING:
+    from planners import Bathymetry, NoGo
+    from replay_kit.show.status.held import Held
+    from replay_kit.workflows.planning.currents import KnownCurrent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,10 +36,10 @@ class PlannedOn:
         exit_code: 4 where part of a file was lost, else 0.
     """
 
-    known: KnownCurrent
+    known: "KnownCurrent"
     flown: AsFlown | None
-    no_go: tuple[NoGo, ...]
-    bathymetry: Bathymetry | None
+    no_go: "tuple[NoGo, ...]"
+    bathymetry: "Bathymetry | None"
     notes: tuple[str, ...]
     exit_code: int = 0
 
@@ -47,25 +49,31 @@ class PlannedOn:
         return self.known.first.grid
 
 
-def planned_on(request: PlanRequest, flow_step: float) -> PlannedOn:
+def planned_on(request: PlanRequest, config: PlannerConfig) -> PlannedOn:
     """Return what a plan is made on, read from the files of its request.
 
     Args:
         request: What is asked for.
-        flow_step: Between the flows that an estimate which changes is planned on [s].
+        config: ``[planner]``.
 
     Raises:
-        ReplayKitError: A file cannot be read, or the files of the current do not follow each other.
+        ReplayKitError: A file cannot be read, the files of the current do not follow each other, or a place is not in their water.
     """
     announce("reading the estimate")
     files = [(path, read_flow(path)) for path in request.flows]
-    known, flown = read_known(files, flow_step)
-    region, bottom = known.first.grid, None
+    region, bottom = files[0][1].flow.grid, None
+    if not (request.learns or request.glider or request.mooring):
+        locate_all(Region(region, config.depth_limit), request.start_place, request.goals)
+    known, flown = read_known(files, config.flow_step)
     areas: tuple[NoGo, ...] = ()
     notes = tuple(note for _, file in files for note in file.notes)
     if request.no_go is not None:
+        from replay_kit.workflows.planning.areas import area_notes, read_areas
+
         areas, notes = read_areas(request.no_go), notes + area_notes(request.no_go, region)
     if request.bathymetry is not None:
+        from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
+
         bottom = read_bathymetry(request.bathymetry, region)
         notes += bathymetry_notes(bottom, region)
     exit_code = max(file.exit_code for _, file in files)
@@ -84,14 +92,14 @@ class FlowFile:
     """
 
     flow: FlowEstimate
-    held: Held | None
+    held: "Held | None"
     notes: tuple[str, ...]
     exit_code: int = 0
 
 
 def read_known(
     files: Sequence[tuple[Path, FlowFile]], flow_step: float
-) -> tuple[KnownCurrent, AsFlown | None]:
+) -> "tuple[KnownCurrent, AsFlown | None]":
     """Return what some files, one at least, know of the current, and how the vehicle flew by the last result among them, None without.
 
     The time of the vehicle's last fix is known where there is one file, a result.
@@ -103,6 +111,8 @@ def read_known(
     Raises:
         ReplayKitError: The files do not follow each other.
     """
+    from replay_kit.workflows.planning.currents import known_current
+
     known = known_current([(path, file.flow) for path, file in files], flow_step)
     results = [file.held for _, file in files if file.held is not None]
     if not results:
@@ -120,6 +130,10 @@ def read_flow(path: Path) -> FlowFile:
         ReplayKitError: The reader's error, when there is no such file or it holds no estimate.
     """
     if _is_result(path):
+        from replay_kit.results import read_estimate
+        from replay_kit.show.status.held import read_held
+        from replay_kit.workflows.sound import sound_result
+
         with sound_result(path) as sound:
             flow, held = read_estimate(sound.path), read_held(sound.path)
         return FlowFile(flow, held, sound.lines, sound.exit_code)

@@ -53,7 +53,7 @@ def make_learning(job: PlanRequest, config: PlannerConfig) -> Learnt:
         ForecastError: The bathymetry is unusable.
         LogError: A plan of others is unusable.
     """
-    on = planned_on(job, config.flow_step)
+    on = planned_on(job, config)
     known, seconds = on.known, _seconds(job)
     request, origin, notes = learn_request(job, config, on, job.start_place)
     begin_ns = request.start_time_ns

@@ -44,7 +44,7 @@ from replay_kit.workflows.planning.adapters import (
     with_origin,
     without_odds,
 )
-from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
+from replay_kit.workflows.planning.inputs import PlannedOn
 from replay_kit.workflows.planning.request import check_samples, line_of, mooring_of, objective_of
 
 # An area counts that holds within so many times the duration of a mission, as samples of it may last longer.
@@ -122,20 +122,18 @@ class PlannedMission:
         return None if self.odds is None else self.odds.ellipses
 
 
-def make_mission(job: PlanRequest, config: PlannerConfig) -> PlannedMission:
+def make_mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedMission:
     """Return the mission of a job, with its odds in samples of the estimate.
 
     Args:
         job: What is asked for, checked.
         config: ``[planner]`` with the command's options laid over it.
+        on: What its files hold.
 
     Raises:
         ConfigError: Options do not go together.
-        PlanError: A goal cannot be planned for, a file of areas is unusable, the files of the current do not follow each other, or a time
-            is outside of the forecast.
-        ForecastError: The bathymetry is unusable.
+        PlanError: A goal cannot be planned for, or a time is outside of the forecast.
     """
-    on = planned_on(job, config.flow_step)
     known = on.known
     count = sample_count(known.first, config.samples)
     check_samples(job, count, known.first.n_modes > 0)

@@ -69,7 +69,7 @@ def make_together(job: PlanRequest, config: PlannerConfig) -> Together:
         PlanError: A place cannot be planned for.
         ReplayKitError: A file cannot be read.
     """
-    on = planned_on(job, config.flow_step)
+    on = planned_on(job, config)
     return _surveys(job, config, on) if job.learns else _missions(job, config, on)
 
 

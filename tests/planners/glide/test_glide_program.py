@@ -7,7 +7,7 @@ import pytest
 
 from planners import GlideSettings, plan
 from planners.glide.transcription import Glide, GlideTask, solve_glide
-from planners.route.region import region_of
+from planners.route.region import Region
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_local
 from replay_kit.core.grid import Projection
 from tests.planners.flow_samples import eddying_flow, place, still_flow
@@ -21,7 +21,7 @@ from tests.planners.flow_samples import eddying_flow, place, still_flow
 def test_a_glide_ends_between_the_surface_and_the_deepest_level(goal_depth, deepest, ends_at):
     flow = still_flow()
     start, goal = np.array([-3e3, 1e3, 100.0]), np.array([4e3, 2e3, goal_depth])
-    region = region_of(replace(flow.grid, levels=flow.grid.levels * deepest / flow.levels[-1]))
+    region = Region(replace(flow.grid, levels=flow.grid.levels * deepest / flow.levels[-1]))
     task = GlideTask(flow, region, start, goal, GlideSettings(max_duration=2e5))
     way = goal - start
     guess = Glide(

@@ -12,7 +12,7 @@ from planners.glide.candidate import Candidate, fly_candidate
 from planners.glide.seeds import find_seeds, tabulate
 from planners.glide.solve import _remaining, explain
 from planners.glide.transcription import Glide, GlideTask
-from planners.route.region import region_of
+from planners.route.region import Region
 from planners.track import fly_glide, fractions_of_duration
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic, true_north_halfway
@@ -110,7 +110,7 @@ def test_a_start_beside_an_edge_or_a_coast_leaves_it(beside):
     flow = still_flow()
     grid, wet = flow.grid, flow.grid.wet.copy()
     wet[:, 3, :] = beside == "edge"
-    region = region_of(replace(grid, wet=wet))
+    region = Region(replace(grid, wet=wet))
     # 100 m from where water ends, and the nearest point of the table of the flow is beyond
     start = np.array(
         [
@@ -187,7 +187,7 @@ def test_the_deepest_level_and_the_surface_limit_a_goal_that_is_not_at_them(end,
     flow = uniform_flow(0.1, 0.0)
     begin, through = np.array([0.0, 0.0, 200.0]), np.array([0.1, 0.0, (end - 200.0) / 1e4])
     track = fly_glide(flow, begin, through, np.linspace(0.0, 1e4, 20))
-    task = GlideTask(flow, region_of(flow.grid), begin, np.array([9e3, 0.0, goal]), SETTINGS)
+    task = GlideTask(flow, Region(flow.grid), begin, np.array([9e3, 0.0, goal]), SETTINGS)
     flown = Candidate(Glide(0.0, 0.0, 1e4), 1e4, 1e4, 7e3, track)
     assert limit in explain(task, flown, 7e3, "unreachable")
 

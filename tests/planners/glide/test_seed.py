@@ -7,7 +7,7 @@ import pytest
 
 from planners.glide.seeds import _fans, _fly_all, find_seeds, tabulate
 from planners.glide.transcription import GlideSettings, GlideTask
-from planners.route.region import region_of
+from planners.route.region import Region
 from tests.planners.flow_samples import eddying_flow, still_flow
 
 SPEED, LONGEST = 0.3, 2e5
@@ -16,7 +16,7 @@ SPEED, LONGEST = 0.3, 2e5
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
 def test_the_table_is_the_flow_at_its_points_and_linear_or_constant_elsewhere(kind):
     flow = eddying_flow(3, kind)
-    table = tabulate(flow, region_of(flow.grid))
+    table = tabulate(flow, Region(flow.grid))
     assert np.all(table.spacing <= np.array([12e3, 10.8e3]) / 3.0)
     n_north, n_east = table.velocity.shape[2:]
     last = table.origin + table.spacing * [n_east - 1, n_north - 1]
@@ -47,7 +47,7 @@ def flow_with_land():
     wet = flow.grid.wet.copy()
     wet[1:, 3:5, 4:6] = False
     flow = replace(flow, grid=replace(flow.grid, wet=wet))
-    region = region_of(flow.grid)
+    region = Region(flow.grid)
     return flow, region, tabulate(flow, region)
 
 
@@ -89,7 +89,7 @@ def test_where_a_corner_of_a_cell_is_not_allowed_the_region_itself_is_asked():
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 300.0), (350.0, 50.0), (120.0, 120.0)])
 def test_one_fan_arrives_at_the_goal_s_depth_and_the_other_uses_the_water_there_is(begin, end):
     flow = eddying_flow(4, speed=0.25)
-    table = tabulate(flow, region_of(flow.grid))
+    table = tabulate(flow, Region(flow.grid))
     start, goal = np.array([-8e3, 0.0, begin]), np.array([9e3, 4e3, end])
     (rates, times), (steady, lasting) = _fans(table, start, goal, SPEED, LONGEST)
     if begin == end:
@@ -118,7 +118,7 @@ def test_one_fan_arrives_at_the_goal_s_depth_and_the_other_uses_the_water_there_
 
 def test_in_still_water_the_closest_approach_of_each_glide_is_that_of_a_straight_line():
     flow = still_flow()
-    table = tabulate(flow, region_of(flow.grid))
+    table = tabulate(flow, Region(flow.grid))
     start, goal = np.array([-9e3, 1e3, 0.0]), np.array([6e3, 3e3, 200.0])
     rng = np.random.default_rng(1)
     velocity = np.column_stack([rng.uniform(-0.25, 0.25, (40, 2)), rng.uniform(0.0, 0.004, 40)])
@@ -137,7 +137,7 @@ def test_in_still_water_the_closest_approach_of_each_glide_is_that_of_a_straight
 def test_a_glide_counts_until_it_leaves_the_water_and_not_after_it_is_back():
     flow = still_flow()
     edge = float(flow.grid.east.max())
-    table = tabulate(flow, region_of(flow.grid))
+    table = tabulate(flow, Region(flow.grid))
     start, goal = np.array([edge - 5e3, 0.0, 0.0]), np.array([edge + 50e3, 0.0, 0.0])
     time, distance = _fly_all(table, start, goal, np.array([[0.25, 0.0, 0.0]]), np.array([1e5]))
     # of 48 steps of 521 m the tenth ends beyond the edge
@@ -147,7 +147,7 @@ def test_a_glide_counts_until_it_leaves_the_water_and_not_after_it_is_back():
 
 def test_seeds_are_the_nearest_first_and_no_more_than_asked_for():
     flow = eddying_flow(6, speed=0.2)
-    region = region_of(flow.grid)
+    region = Region(flow.grid)
     start = np.array([-1e4, -6e3, 0.0])
     goal = np.array([9e3, 5e3, 250.0])
     task = GlideTask(flow, region, start, goal, GlideSettings(SPEED, max_duration=LONGEST))

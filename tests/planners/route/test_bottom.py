@@ -8,7 +8,7 @@ import pytest
 
 from planners.route.bottom import Bathymetry, Bottom, DepthCells, _cell_corners, bottom_of
 from planners.route.hazards import NoGo, Ring, first_crossing, no_go_rings
-from planners.route.region import region_of
+from planners.route.region import Region
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
@@ -70,13 +70,13 @@ def test_the_lowest_wet_level_is_the_limit_without_a_bathymetry():
     wet = GRID.wet.copy()
     wet[2:, :, :4] = False
     wet[:, 0, 0] = False
-    bottom = bottom_of(region_of(replace(GRID, wet=wet)), None, 20.0)
+    bottom = bottom_of(Region(replace(GRID, wet=wet)), None, 20.0)
     points = np.column_stack([GRID.east[[4, 4, 0], [2, 7, 0]], GRID.north[[4, 4, 0], [2, 7, 0]]])
     # levels are 5, 40, 110, 230 and 400 m
     assert bottom.limit_at(points).tolist() == [40.0, np.inf, -np.inf]
     everywhere = np.full(GRID.longitude.shape, 300.0)
     known = bottom_of(
-        region_of(replace(GRID, wet=wet)),
+        Region(replace(GRID, wet=wet)),
         Bathymetry(GRID.longitude, GRID.latitude, everywhere),
         20.0,
     )
@@ -87,7 +87,7 @@ def test_the_lowest_wet_level_is_the_limit_without_a_bathymetry():
 def test_between_points_of_a_bathymetry_the_shallowest_of_four_holds():
     depth = np.full(GRID.longitude.shape, 500.0)
     depth[3, 4] = 100.0
-    bottom = bottom_of(region_of(GRID), Bathymetry(GRID.longitude, GRID.latitude, depth), 20.0)
+    bottom = bottom_of(Region(GRID), Bathymetry(GRID.longitude, GRID.latitude, depth), 20.0)
     here = np.array([GRID.east[3, 4], GRID.north[3, 4]])
     assert bottom.limit_at(
         here + np.array([[9e2, 0.0], [-7e3, 0.0], [0.0, 8e3], [-12e3, 0.0]])
@@ -99,7 +99,7 @@ def test_water_that_the_bathymetry_does_not_cover_is_forbidden():
     bathymetry = Bathymetry(
         GRID.longitude[part], GRID.latitude[part], np.full(GRID.longitude[part].shape, 900.0)
     )
-    rings = all_rings(region_of(GRID), 300.0, bathymetry=bathymetry)
+    rings = all_rings(Region(GRID), 300.0, bathymetry=bathymetry)
     assert [ring.name for ring in rings] == [
         "the edge of the region that the forecast covers",
         "the edge of the bathymetry",
@@ -110,7 +110,7 @@ def test_water_that_the_bathymetry_does_not_cover_is_forbidden():
 
 def test_a_region_that_is_shallow_everywhere_has_no_ring_and_still_a_limit():
     shallow = Bathymetry(GRID.longitude, GRID.latitude, np.full(GRID.longitude.shape, 100.0))
-    bottom = bottom_of(region_of(GRID), shallow, 20.0)
+    bottom = bottom_of(Region(GRID), shallow, 20.0)
     assert (bottom.rings(300.0), bottom.deepest) == ((), 80.0)
     assert bottom.is_below(
         segment((0.0, 0.0), (500.0, 0.0)), np.array([[0.0, 300.0]]), np.zeros(1)
