@@ -111,11 +111,6 @@ class Ring:
         """Return which points, shape (n, 2) [m], the ring forbids."""
         return np.asarray(self.inside(points) != self.outside)
 
-    def nearest(self, points: Array) -> Array:
-        """Return the nearest point of the ring to each point, shape (n, 2) [m]."""
-        lines = shapely.shortest_line(self.line, shapely.points(points))
-        return np.asarray(shapely.get_coordinates(lines)[::2], dtype=np.float64)
-
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(np.concatenate([self.corners, *self.holes]))
@@ -240,7 +235,7 @@ def first_crossing(
     return name, number, share
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class NearRings:
     """One ring for each of some places, which keeps clear of it.
 
@@ -253,6 +248,14 @@ class NearRings:
     rings: tuple[Ring, ...]
     which: NDArray[np.intp]
     margin: float
+
+    @cached_property
+    def _shapes(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
+        """The line and the area of each ring, and whether its outside is forbidden."""
+        lines, areas = (
+            np.array([getattr(ring, name) for ring in self.rings]) for name in ("line", "area")
+        )
+        return lines, areas, np.array([ring.outside for ring in self.rings], dtype=bool)
 
     def clearance(self, points: Array) -> Array:
         """Return the distance of each point, shape (n, 2) [m], from its ring, shape (n,) [m]; negative inside, infinite without one."""
@@ -276,14 +279,22 @@ class NearRings:
         """
         # those without a ring forbid nothing
         planes, bend = np.tile([0.0, 0.0, _FAR], (len(points), 1)), np.zeros(len(points))
-        for number in np.unique(self.which[self.which >= 0]):
-            ring, at = self.rings[number], np.flatnonzero(self.which == number)
-            nearest, signed = ring.nearest(points[at]), ring.clearance(points[at])
-            counts = signed != 0.0
-            at, nearest, signed = at[counts], nearest[counts], signed[counts]
-            normal = (nearest - points[at]) / signed[:, None]
-            planes[at] = np.column_stack([normal, np.sum(normal * nearest, axis=1) - self.margin])
-            bend[at] = np.where(ring.is_corner(nearest), 1.0 / signed, 0.0)
+        kept = np.flatnonzero(self.which >= 0)
+        which = self.which[kept]
+        lines, areas, outside = (each[which] for each in self._shapes)
+        shortest = shapely.shortest_line(lines, shapely.points(points[kept]))
+        nearest = shapely.get_coordinates(shortest)[::2]
+        away = nearest - points[kept]
+        signed = np.hypot(*away.T)
+        signed[shapely.contains_xy(areas, *points[kept].T) != outside] *= -1.0
+        counts = signed != 0.0
+        at, which, nearest, signed = kept[counts], which[counts], nearest[counts], signed[counts]
+        normal = away[counts] / signed[:, None]
+        planes[at] = np.column_stack([normal, np.sum(normal * nearest, axis=1) - self.margin])
+        for number in np.unique(which):
+            own = which == number
+            corner = self.rings[number].is_corner(nearest[own])
+            bend[at[own]] = np.where(corner, 1.0 / signed[own], 0.0)
         return planes, bend
 
 

@@ -92,7 +92,8 @@ class MissionFunctions:
         """Prepare the sparsity of the derivatives; ``case`` is to be set before anything else is asked for."""
         self.layout, self._frames = layout, frames
         self.case: MissionCase | None = None
-        self._at, self._first_at = b"", b""
+        self._at, self._first_at, self._value_at = b"", b"", b""
+        self._value = 0.0, np.zeros(0)
         self._paths: Paths | None = None
         self._first: Derivatives | None = None
         self._limits: Limits | None = None
@@ -101,7 +102,8 @@ class MissionFunctions:
 
     def give(self, case: MissionCase) -> None:
         """Take the numbers of a mission."""
-        self.case, self._at, self._first_at, self._limits = case, b"", b"", None
+        self.case, self._limits = case, None
+        self._at, self._first_at, self._value_at = b"", b"", b""
 
     def _known(self) -> MissionCase:
         assert self.case is not None, "a case is given before the functions are called"
@@ -158,6 +160,12 @@ class MissionFunctions:
 
     def value(self, unknowns: Array) -> tuple[float, Array]:
         """Return the cost and the constraints."""
+        # IPOPT asks for either, and again beside their derivatives
+        if (key := unknowns.tobytes()) != self._value_at:
+            self._value_at, self._value = key, self._valued(unknowns)
+        return self._value
+
+    def _valued(self, unknowns: Array) -> tuple[float, Array]:
         case, layout, paths = self._known(), self.layout, self.paths(unknowns)
         legs, (slacks, miss) = unknowns[: layout.slack_at].reshape(-1, EACH), self._misses(unknowns)
         ends = (

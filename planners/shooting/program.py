@@ -213,10 +213,11 @@ class Program:
         if warm_start not in self._solvers:
             x = ca.MX.sym("x", self.functions.layout.n_unknowns)
             cost, constraints = self._value(x)
+            each, beside = MOST_ITERATIONS[warm_start]
             options = {
                 **OPTIONS,
                 **(WARM if warm_start else {}),
-                "ipopt.max_iter": MOST_ITERATIONS[warm_start],
+                "ipopt.max_iter": each * self.functions.layout.n_legs + beside,
                 "no_nlp_grad": True,
                 **self._derivatives,
             }

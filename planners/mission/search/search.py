@@ -46,11 +46,13 @@ from planners.mission.search.passage import (
 )
 from planners.mission.search.turning import approach_turning, solve_turning
 from planners.mission.solve.attempt import (
+    ENOUGH,
     Attempt,
     Bound,
     GoalSteps,
     Limit,
     best_of,
+    effort_of,
     goals_met,
     is_feasible,
     staying,
@@ -222,11 +224,9 @@ def _search(
     if settings.legs is not None or not passage.route.arrives or once or task.is_late:
         return attempts
     # half-planes have more room along a wider way, and often end in a better optimum
-    wider = (
-        _solver(task, water, widest_passage(task, water, rings, passage))
-        if is_beside(task, rings, passage)
-        else None
-    )
+    beside = is_beside(task, rings, passage)
+    way = widest_passage(task, water, rings, passage) if beside else passage
+    wider = None if way is passage else _solver(task, water, way)
     crosses = attempts[0].violation is not None
     widely = [wider(goal_legs_of(passed, likely), False)] if wider is not None and crosses else []
     attempts += widely
@@ -254,8 +254,9 @@ def _search(
         attempts.append(last)
     best = best_of(task, attempts)
     if (
-        wider is not None
+        beside
         and is_feasible(task, best)
+        and effort_of(attempts) < ENOUGH
         and best.flight.time[-1] > _DETOUR * passed[-1]
         and not task.is_late
     ):
@@ -264,7 +265,13 @@ def _search(
         if all(more != done.goals.legs[-1] for done in attempts):
             attempts.append(solve(add_leg(best.goals.legs, best.legs.angles), False))
             best = best_of(task, attempts)
-    if wider is not None and best not in widely and is_feasible(task, best) and not task.is_late:
+    if (
+        wider is not None
+        and best not in widely
+        and is_feasible(task, best)
+        and effort_of(attempts) < ENOUGH
+        and not task.is_late
+    ):
         attempts.append(wider(best.goals.legs, False))
     return attempts
 

@@ -14,7 +14,7 @@ from planners.mission.search.passage import (
     longest_time,
     passage_past_goals,
 )
-from planners.mission.solve.attempt import Attempt, Bound, GoalSteps, is_feasible
+from planners.mission.solve.attempt import ENOUGH, Attempt, Bound, GoalSteps, effort_of, is_feasible
 from planners.mission.solve.legs import solve_legs
 from planners.mission.task import LEAST_DIVE, MissionTask
 from planners.route.hazards import Ring
@@ -46,7 +46,7 @@ def solve_turning(task: MissionTask, water: Water, rings: tuple[Ring, ...]) -> l
         cut = _cut(task, route, passed, pace)
         if (
             cut is None
-            or (attempts and task.is_late)
+            or (attempts and (task.is_late or effort_of(attempts) > 2 * ENOUGH))
             or any(is_feasible(task, attempt) for attempt in attempts)
         ):
             break

@@ -1,5 +1,6 @@
 """One number of legs solved and flown, how attempts are ranked, and what no vehicle of their speed can do better."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -189,6 +190,15 @@ def excess_deviation(task: MissionTask, attempt: Attempt) -> float:
         if task.reference_path is None
         else max(0.0, attempt.deviation[0] - task.reference_path.limit)
     )
+
+
+#: Effort after which a mission that is feasible is left as it is, and twice that after which one that is not is given up.
+ENOUGH = 2500
+
+
+def effort_of(attempts: Sequence[Attempt]) -> int:
+    """Return IPOPT's iterations times legs: what attempts took, the same on any machine."""
+    return sum(attempt.iterations * len(attempt.legs.headings) for attempt in attempts)
 
 
 def is_feasible(task: MissionTask, attempt: Attempt) -> bool:

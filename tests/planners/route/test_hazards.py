@@ -12,8 +12,8 @@ from planners import MissionRequest, MissionSettings, NoGo, plan_mission
 from planners.mission.search.passage import passage_past_goals, water_of
 from planners.mission.task import mission_task
 from planners.route.bottom import Bathymetry
-from planners.route.hazards import Ring, first_crossing, no_go_rings
-from planners.route.region import region_of
+from planners.route.hazards import NearRings, Ring, first_crossing, no_go_rings
+from planners.route.region import Region
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
@@ -51,8 +51,9 @@ def test_a_ring_is_its_slow_twin_point_by_point(ring):
     np.testing.assert_allclose(
         ring.clearance(points), np.where(inside != ring.outside, -away, away), rtol=1e-10, atol=1e-9
     )
+    planes = NearRings((ring,), np.zeros(len(points), dtype=np.intp), 0.0).planes(points)[0]
     np.testing.assert_allclose(
-        np.linalg.norm(ring.nearest(points) - points, axis=1), away, rtol=1e-10, atol=1e-9
+        planes[:, 2] - np.sum(planes[:, :2] * points, axis=1), ring.clearance(points), atol=1e-8
     )
 
 
@@ -60,7 +61,7 @@ def test_land_and_shallows_are_the_dry_cells_beside_water():
     grid = still_flow().grid
     wet = grid.wet.copy()
     wet[:, 2:5, 3:6] = False
-    region = region_of(replace(grid, wet=wet))
+    region = Region(replace(grid, wet=wet))
     edge, *land = all_rings(region, 300.0)
     # of nine cells the middle one is beside none that is wet
     assert (edge.outside, len(land), {ring.name for ring in land}) == (True, 8, {"land"})
@@ -69,7 +70,7 @@ def test_land_and_shallows_are_the_dry_cells_beside_water():
     assert held.sum(axis=0).tolist() == [1, 1, 1, 1, 0, 1, 1, 1, 1]
     bottom = np.where(wet[0], 500.0, np.nan)
     shallows = all_rings(
-        region_of(grid), 300.0, bathymetry=Bathymetry(grid.longitude, grid.latitude, bottom)
+        Region(grid), 300.0, bathymetry=Bathymetry(grid.longitude, grid.latitude, bottom)
     )[1:]
     # of the four by four cells that have an unknown corner the inner four are beside none that is deep enough
     assert (len(shallows), {ring.name for ring in shallows}) == (12, {"shallower than 320 m"})
@@ -85,7 +86,7 @@ GRID = still_flow((7, 8)).grid
 def land(dry, levels=slice(None), depth=100.0):
     wet = GRID.wet.copy()
     wet[levels, *dry] = False
-    edge, *rings = all_rings(region_of(replace(GRID, wet=wet)), depth)
+    edge, *rings = all_rings(Region(replace(GRID, wet=wet)), depth)
     assert edge.name.startswith("the edge")
     return rings
 
