@@ -149,13 +149,13 @@ def _splines(count: int, finer: int) -> Array:
     for end, sign in (0, 1), (-1, -1):
         slopes[end, end], slopes[end, end + sign] = 1.0, 2.0
         sides[end] = 2.5 * change[end] + 0.5 * change[end + sign]
-    slopes = np.linalg.solve(slopes, sides)
+    slopes = np.asarray(np.linalg.solve(slopes, sides), dtype=np.float64)
     at = np.linspace(0.0, count - 1.0, finer)
     begin = np.minimum(at.astype(int), count - 2)
     share = (at - begin)[:, None]
     values, first, last = unit[begin], slopes[begin], slopes[begin + 1]
     bend, turn = first + last - 2.0 * change[begin], 3.0 * change[begin] - 2.0 * first - last
-    return values + share * (first + share * (turn + share * bend))
+    return np.asarray(values + share * (first + share * (turn + share * bend)))
 
 
 def shares_of_levels(flow: FlowEstimate, depth: float, drift_share: float) -> Array:

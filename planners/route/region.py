@@ -45,7 +45,7 @@ class Region:
             return np.asarray(self._tree.query(points)[1])
         # a start and a goal are looked at before scipy, which loads slowly
         (east, north), grid = points[0], self.grid
-        return np.argmin(np.hypot(grid.east - east, grid.north - north), keepdims=True)[0]
+        return np.array([np.argmin(np.hypot(grid.east - east, grid.north - north))])
 
     @property
     def deepest(self) -> float:
