@@ -52,6 +52,13 @@ def invoke(arguments: str | Sequence[str], columns: int = 160) -> Outcome:
     return Outcome(code, out.getvalue(), err.getvalue(), exception)
 
 
+def succeed(arguments: str | Sequence[str]) -> Outcome:
+    """Run ``replay-kit`` with arguments, or a line of them, which must end with exit code 0."""
+    done = invoke(arguments)
+    assert done.exit_code == 0, done.output
+    return done
+
+
 def run_command(folder: Path, arguments: str | Sequence[str]) -> CompletedProcess[str]:
     """Run ``replay-kit`` as a process would in a folder, on a terminal of 160 columns; return its exit code and what it printed."""
     out, err, command = io.StringIO(), io.StringIO(), ["replay-kit", *words_of(arguments)]

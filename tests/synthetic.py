@@ -39,22 +39,23 @@ def dataset(
             fields[:, member] += (
                 0.15 * np.stack([psi_y, -psi_x])[:, None] * np.exp(-levels / decay)[:, None, None]
             )
+    return as_forecast(fields, levels, latitude, longitude)
+
+
+def as_forecast(velocity, levels, latitude, longitude, first=0) -> xr.Dataset:
+    """A forecast's file of true components, shape (2, E, Z, J, I) [m/s]; its members are numbered from the first."""
     dims = ("member", "depth", "lat", "lon")
     return xr.Dataset(
         {
-            "uo": (
-                dims,
-                fields[0],
-                {"standard_name": "eastward_sea_water_velocity", "units": "m s-1"},
-            ),
-            "vo": (
-                dims,
-                fields[1],
-                {"standard_name": "northward_sea_water_velocity", "units": "m s-1"},
-            ),
+            name: (dims, part, {"standard_name": f"{way}ward_sea_water_velocity", "units": "m s-1"})
+            for name, way, part in zip(("uo", "vo"), ("east", "north"), velocity, strict=True)
         },
         {
-            "member": ("member", np.arange(n_members), {"standard_name": "realization"}),
+            "member": (
+                "member",
+                first + np.arange(len(velocity[0])),
+                {"standard_name": "realization"},
+            ),
             "depth": (
                 "depth",
                 levels,
@@ -66,9 +67,9 @@ def dataset(
     )
 
 
-def write_ocean(folder: Path, n_members: int) -> None:
+def write_ocean(folder: Path, n_members: int, shape=(6, 7)) -> None:
     """Write an ensemble, and a truth that is withheld from it, into a folder."""
-    ds = dataset(seed=4, n_members=n_members + 1, shape=(6, 7))
+    ds = dataset(seed=4, n_members=n_members + 1, shape=shape)
     ds.isel(member=slice(n_members)).to_netcdf(folder / "ensemble.nc", engine="scipy")
     ds.isel(member=n_members, drop=True).to_netcdf(folder / "truth.nc", engine="scipy")
 
@@ -107,6 +108,13 @@ def profile(grid, east, north, depth, velocity, std=0.05, time_ns=0, dive=0) -> 
         dive,
         source,
     )
+
+
+def wiggle(grid) -> Observation:
+    """A profile of many bins that a smooth field does not explain: its bins depend on each other."""
+    depth = np.arange(5.0, 220.0, 2.0)
+    velocity = 0.3 * np.column_stack([np.sin(depth / 12.0), np.cos(depth / 12.0)])
+    return profile(grid, 1e3, 2e3, depth, velocity)
 
 
 def random_profiles(grid, n, seed=0, std=0.05, speed=0.2) -> list[Observation]:

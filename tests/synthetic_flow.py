@@ -1,12 +1,13 @@
 """A random flow on a small grid, with land and a shallow corner."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import DepthFunctions, HorizontalKernel, NodeKernel
-from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Grid, Projection
 
 TIME_NS = 1_700_000_000_123_456_789
@@ -39,3 +40,11 @@ def synthetic_flow(
         covariance=0.01 * factor @ factor.T if n_modes else np.empty((0, 0)),
         time_ns=TIME_NS,
     )
+
+
+def regular(flow: FlowEstimate) -> FlowEstimate:
+    """Return a flow on a grid of meridians and parallels."""
+    longitude, latitude = np.meshgrid(np.linspace(4.8, 5.2, 7), np.linspace(61.9, 62.1, 5))
+    east, north = to_local(flow.grid.projection, longitude, latitude)
+    grid = replace(flow.grid, longitude=longitude, latitude=latitude, east=east, north=north)
+    return replace(flow, grid=grid, horizontal=replace(flow.horizontal, nodes=grid.nodes))

@@ -33,14 +33,7 @@ def repeated_tlog(data: bytes, copies: int) -> bytes:
     for frames in read_frames(BytesIO(data), ReadStatistics()):
         places.append(frames.start + frames.offset)
         stamps.append(frames.stamp_us)
-    place, stamp = np.concatenate(places), np.concatenate(stamps)
-    step = int(np.ptp(stamp)) + 1_000_000
-    out = np.tile(np.frombuffer(data, dtype=np.uint8), (copies, 1))
-    for n, copy in enumerate(out):
-        copy[place[:, None] + np.arange(8)] = (
-            (stamp + n * step).astype(">u8").view(np.uint8).reshape(-1, 8)
-        )
-    return out.tobytes()
+    return _repeated(data, copies, np.concatenate(places), np.concatenate(stamps), ">u8")
 
 
 def repeated_dataflash(data: bytes, copies: int) -> bytes:
@@ -59,13 +52,18 @@ def repeated_dataflash(data: bytes, copies: int) -> bytes:
                         values,
                     )
                 )
-    place = np.concatenate([place for place, _ in stamps])
-    stamp = np.concatenate([values for _, values in stamps])
-    step = np.uint64(np.ptp(stamp) + 1_000_000)
+    place, stamp = (np.concatenate(column) for column in zip(*stamps, strict=True))
+    return _repeated(data, copies, place, stamp, "<u8")
+
+
+def _repeated(data: bytes, copies: int, place: Any, stamp: Any, form: str) -> bytes:
+    """Stamps lie at some places, as numbers of a form."""
+    stamp = stamp.astype(np.int64)
+    step = np.ptp(stamp) + 1_000_000
     out = np.tile(np.frombuffer(data, dtype=np.uint8), (copies, 1))
     for n, copy in enumerate(out):
         copy[place[:, None] + np.arange(8)] = (
-            (stamp + np.uint64(n) * step).astype("<u8").view(np.uint8).reshape(-1, 8)
+            (stamp + n * step).astype(form).view(np.uint8).reshape(-1, 8)
         )
     return out.tobytes()
 

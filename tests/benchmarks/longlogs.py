@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.geodesy import rotate_to_geographic
@@ -16,6 +15,7 @@ from replay_kit.studies.twins.messages import measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, NS_PER_S, Mission, Pings, log_position
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
+from tests import synthetic
 from tests.benchmarks.measure import Row, alone, row, seconds
 from tests.benchmarks.scene import NOISE, Size, ensemble
 
@@ -52,19 +52,9 @@ def written(values: Ensemble, path: Path) -> Path:
     parts = rotate_to_geographic(
         grid.projection, grid.longitude, grid.latitude, values.velocity[:, 0], values.velocity[:, 1]
     )
-    axes = ("member", "depth", "latitude", "longitude")
-    names = {"uo": "eastward_sea_water_velocity", "vo": "northward_sea_water_velocity"}
-    xr.Dataset(
-        {
-            name: (axes, part, {"units": "m s-1", "standard_name": names[name]})
-            for name, part in zip(names, parts, strict=True)
-        },
-        {
-            "depth": ("depth", grid.levels, {"units": "m", "positive": "down"}),
-            "latitude": ("latitude", grid.latitude[:, 0], {"units": "degrees_north"}),
-            "longitude": ("longitude", grid.longitude[0], {"units": "degrees_east"}),
-        },
-    ).to_netcdf(path, engine="h5netcdf")
+    synthetic.as_forecast(parts, grid.levels, grid.latitude[:, 0], grid.longitude[0]).to_netcdf(
+        path, engine="h5netcdf"
+    )
     return path
 
 

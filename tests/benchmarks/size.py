@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from matplotlib.figure import Figure
 
 from replay_kit.config.estimation import GatingConfig
@@ -97,25 +96,13 @@ def ensemble(rows: int, columns: int, levels: int, members: int) -> Ensemble:
 def write_zarr(path: Path, rows: int, columns: int, levels: int, members: int) -> None:
     """Write an ensemble member by member, a chunk a member, in single precision as forecasts are."""
     grid = region(rows, columns, levels)
-    dims = ("member", "depth", "lat", "lon")
     for number in range(members):
         values = member(grid, number).astype(np.float32)[:, None]
-        fields = {
-            name: (
-                dims,
-                part,
-                {"standard_name": f"{where}ward_sea_water_velocity", "units": "m s-1"},
-            )
-            for name, where, part in zip(("uo", "vo"), ("east", "north"), values, strict=True)
-        }
-        coords = {
-            "member": ("member", [number], {"standard_name": "realization"}),
-            "depth": ("depth", grid.levels, {"units": "m", "positive": "down"}),
-            "lat": ("lat", grid.latitude[:, 0], {"units": "degrees_north"}),
-            "lon": ("lon", grid.longitude[0], {"units": "degrees_east"}),
-        }
+        dataset = synthetic.as_forecast(
+            values, grid.levels, grid.latitude[:, 0], grid.longitude[0], number
+        )
         more: dict[str, Any] = {"append_dim": "member"} if number else {"mode": "w"}
-        xr.Dataset(fields, coords).to_zarr(path, zarr_format=2, **more)
+        dataset.to_zarr(path, zarr_format=2, **more)
 
 
 def setup(make: Callable[[], Ensemble], modes: int) -> tuple[float, float, ReducedBasisEstimator]:

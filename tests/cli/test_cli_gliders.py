@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.planners.learning.scenes import static
 
 BOTH = "--glider=sg1=152.45,-39.66,0 --glider=sg2=152.55,-39.62,0"
@@ -22,9 +22,7 @@ def flow(tmp_path_factory):
 
 
 def run(line):
-    done = invoke(f"plan {line} {SMALL}")
-    assert done.exit_code == 0, done.output
-    return done
+    return succeed(f"plan {line} {SMALL}")
 
 
 def test_each_glider_has_a_goal_and_files_which_are_reproduced(flow, tmp_path):
@@ -44,8 +42,7 @@ def test_each_glider_has_a_goal_and_files_which_are_reproduced(flow, tmp_path):
         assert told["vehicles"][name]["message"] in said
         assert len((tmp_path / f"plan-{name}.csv").read_text().splitlines()) > 1
         assert json.loads((tmp_path / f"plan-{name}.geojson").read_text())["features"]
-        verified = invoke(f"verify {tmp_path}/plan-{name}.mcap --inputs {flow.parent}")
-        assert verified.exit_code == 0, verified.output
+        succeed(f"verify {tmp_path}/plan-{name}.mcap --inputs {flow.parent}")
 
 
 def test_goals_too_many_and_too_few_are_named_and_one_may_be_a_glider_s_own(flow):

@@ -5,10 +5,10 @@ import io
 import json
 
 import pytest
-from mcap.reader import make_reader
 
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.planners.learning.scenes import NOON, static, through_time
+from tests.results.result_samples import metadata_of
 
 START, THEN, GOAL = "--start=152.45,-39.66,0", "--then=152.62,-39.62,0", "--goal=152.8,-39.6,0"
 MAP = "static.nc --objective map"
@@ -53,8 +53,7 @@ def test_everything_a_survey_writes_agrees(survey):
     assert len(features) == len(table) + 1 == len(answer["legs"]) + 1
     # a static estimate is too sure, and says so
     assert any("does not change with time" in note for note in answer["notes"])
-    with (out / "plan.mcap").open("rb") as file:
-        records = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+    records = metadata_of(out / "plan.mcap")
     assert json.loads(records["learning"]["candidates"]) == answer["candidates"]
     assert int(records["mission"]["start_time_ns"]) == NOON
 
@@ -72,7 +71,7 @@ def test_a_second_glider_is_told_of_the_first(survey, flows):
 
 def test_the_report_shows_what_the_next_profile_is_worth(survey):
     out, _ = survey
-    assert invoke(f"report {out}/plan.mcap -o {out}/report.html").exit_code == 0
+    succeed(f"report {out}/plan.mcap -o {out}/report.html")
     page = (out / "report.html").read_text()
     assert "Value of the next profile" in page
     assert "waiting as long" in page

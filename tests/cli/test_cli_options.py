@@ -13,7 +13,7 @@ from replay_kit.cli.help import option_names, repeat_ensembles
 from replay_kit.config.run import LogConfig
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.places import ROOT, SAMPLES
 
 WRITTEN = {
@@ -185,8 +185,7 @@ def test_options_with_an_underscore_and_words_after_two_hyphens_are_no_unknown_o
 @pytest.fixture(scope="module")
 def log(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("log") / "A.TLOG"
-    made = invoke(f"twin --truth {ROOT}/sample_logs/truth.nc --pings 2 -o {out}")
-    assert made.exit_code == 0, made.exception
+    succeed(f"twin --truth {ROOT}/sample_logs/truth.nc --pings 2 -o {out}")
     return out
 
 
@@ -201,7 +200,7 @@ def test_upper_case_endings_choose_the_same_format(log, tmp_path):
 def test_answers_go_to_streams_and_logs_do_not(log, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for stream in ("-", "/dev/null"):
-        assert invoke(f"info {log} --json {stream}").exit_code == 0
+        succeed(f"info {log} --json {stream}")
     # a file that takes a device's name would replace it
     os.mkfifo("pipe.mcap")
     for stream in ("-", "/dev/null", "pipe.mcap"):
@@ -274,8 +273,7 @@ def test_short_and_long_names_are_one_option_and_flags_and_lists_may_come_again(
     said = refusal("replay log.mcap -o a.mcap --ensemble e.nc --out b.mcap")
     assert "--out: expected one value, got a.mcap and b.mcap" in said
     again = "--remap /a=/b --remap /c=/d --overwrite --overwrite"
-    done = invoke(f"convert {log} -o {tmp_path}/o.mcap {again}")
-    assert done.exit_code == 0, done.exception
+    succeed(f"convert {log} -o {tmp_path}/o.mcap {again}")
 
 
 def test_durations_of_options_take_units(tmp_path):
@@ -283,7 +281,7 @@ def test_durations_of_options_take_units(tmp_path):
     for k, interval in enumerate(("10min", "600")):
         out = tmp_path / f"{k}.mcap"
         words = f"--vehicle glider --pings 2 --interval {interval} -o {out}"
-        assert invoke(f"twin --truth {SAMPLES}/truth.nc {words}").exit_code == 0
+        succeed(f"twin --truth {SAMPLES}/truth.nc {words}")
         same.append(out.read_bytes())
     assert same[0] == same[1]
     done = invoke(["twin", "--truth", "t.nc", "--interval", "10 parsecs", "-o", "x.mcap"])

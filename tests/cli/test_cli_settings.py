@@ -12,7 +12,7 @@ from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError
 from replay_kit.studies.bench.run import DIVE_METHODS, TASKS
 from replay_kit.studies.jobs import METHODS
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.places import ROOT
 from tests.planners.flow_samples import eddying_flow
 
@@ -201,7 +201,7 @@ def python(*arguments: str, env: dict[str, str] | None = None) -> str:
 def test_completion_can_be_installed(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("SHELL", "/bin/bash")
-    assert invoke(["--install-completion"]).exit_code == 0
+    succeed("--install-completion")
     scripts = [
         path for path in tmp_path.rglob("*") if path.is_file() and "replay" in path.read_text()
     ]

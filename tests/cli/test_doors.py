@@ -24,7 +24,7 @@ from replay_kit.workflows.follow.sources import read_goal
 from replay_kit.workflows.planning.areas import read_areas
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.cli.test_cli_options import OPTIONS, refusal
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.places import SAMPLES
 
 _REPLAY, _PLAN = "replay log.mcap --ensemble e.nc -o out.mcap", "plan flow.nc --start 1,2,0"
@@ -119,7 +119,7 @@ def test_a_pipe_that_nobody_reads_a_device_that_is_full_and_a_folder_are_told(ho
 def test_a_pipe_that_is_read_has_the_answer(hostile):
     with ThreadPoolExecutor() as pool:
         read = pool.submit(Path("pipe").read_text)
-        assert invoke(f"info {SAMPLES / 'survey.mcap'} --json pipe").exit_code == 0
+        succeed(f"info {SAMPLES / 'survey.mcap'} --json pipe")
     assert json.loads(read.result())["logs"]
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from replay_kit.cli.app import _COMMANDS, _STUDIES, app
 from replay_kit.cli.help import layout
-from tests.command import invoke
+from tests.command import invoke, succeed
 
 COMMANDS = [(name,) for name in _COMMANDS] + [("experiment", name) for name in _STUDIES]
 
@@ -48,8 +48,7 @@ def test_names_and_descriptions_stand_in_columns():
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
 def test_no_line_is_wider_than_the_terminal_and_every_option_is_there(words):
-    done = invoke([*words, "--help-all"], columns=80)
-    assert done.exit_code == 0
+    done = succeed([*words, "--help-all"], columns=80)
     assert max(map(len, done.stdout.splitlines())) <= 80
     command = app
     for word in words:

@@ -10,7 +10,7 @@ import pytest
 from replay_kit.cli import reporting
 from replay_kit.cli.console import FORMAT_VERSION, progress
 from replay_kit.core.errors import ConfigError
-from tests.command import invoke, run_command
+from tests.command import invoke, run_command, succeed
 from tests.places import ROOT
 
 TRUTH = str(ROOT / "sample_logs" / "truth.nc")
@@ -24,14 +24,13 @@ class Terminal(io.StringIO):
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     made = tmp_path_factory.mktemp("log") / "survey.mcap"
-    assert invoke(f"twin --truth {TRUTH} --pings 3 -o {made} -q").exit_code == 0
+    succeed(f"twin --truth {TRUTH} --pings 3 -o {made} -q")
     return str(made)
 
 
 @pytest.fixture(scope="module")
 def usual(log):
-    done = invoke(f"info {log}", columns=80)
-    assert done.exit_code == 0
+    done = succeed(f"info {log}", columns=80)
     return done.stdout
 
 
@@ -50,10 +49,7 @@ def test_quiet_keeps_answers_that_are_asked_for_and_errors(log):
 
 def test_a_log_keeps_what_is_printed_with_the_time(log, usual, tmp_path):
     for more in ([], ["-q"]):
-        assert (
-            invoke(["--log", str(tmp_path / "a.log"), "info", log, *more], columns=80).exit_code
-            == 0
-        )
+        succeed(["--log", str(tmp_path / "a.log"), "info", log, *more], columns=80)
     run_command(tmp_path, "info absent.mcap --log a.log")
     lines = (tmp_path / "a.log").read_text().splitlines()
     assert all(re.match(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\dZ .", line) for line in lines)
@@ -88,7 +84,7 @@ def test_a_log_is_no_other_file_of_the_command(log, tmp_path):
 def test_one_run_does_not_report_as_the_one_before(log, tmp_path):
     invoke(f"info {log} -q -v")
     assert reporting.current() == reporting.Reporting(quiet=True, verbose=True)
-    invoke(["--version"])
+    invoke("--version")
     assert reporting.current() == reporting.Reporting()
     with pytest.raises(ConfigError):
         reporting.begin(reporting.Reporting(log=tmp_path))

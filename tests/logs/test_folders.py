@@ -11,7 +11,7 @@ from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.mcap.reader import McapReader
 from tests.logs.glider import glider_samples
 from tests.logs.log_samples import json_mcap
-from tests.places import DATA
+from tests.places import DATA, needs
 
 METADATA = """rosbag2_bagfile_information:
   version: 5
@@ -114,9 +114,7 @@ def test_another_package_may_read_a_form_of_its_own(tmp_path, monkeypatch):
         open_log(tmp_path / "a.xyz")
 
 
-@pytest.mark.skipif(
-    not (DATA / "seaglider").is_dir(), reason="../shared/data/seaglider is not there"
-)
+@needs(DATA / "seaglider")
 @pytest.mark.full
 def test_a_folder_of_real_dives_is_one_log_a_dive():
     logs = open_logs([DATA / "seaglider"], several_missions=True)

@@ -69,6 +69,18 @@ def eddying_flow(
     return replace(flow, latent=flow.latent * speed / np.sqrt(np.mean(np.sum(at_nodes**2, axis=1))))
 
 
+def uncertain_flow() -> FlowEstimate:
+    """Return an eddying flow of two modes with an uncertainty, so that it can be sampled."""
+    flow = eddying_flow(12)
+    modes = np.random.default_rng(0).standard_normal((len(flow.latent), 2))
+    return replace(
+        flow,
+        modes=modes * np.abs(flow.latent).max(),
+        covariance=0.01 * np.eye(2 * flow.levels.size),
+        time_ns=10**18,
+    )
+
+
 def uniform_flow(east: float, north: float) -> FlowEstimate:
     """Return a current that is uniform to a fraction of a percent over the inner grid, at all depths."""
     flow = still_flow(length=40e3)

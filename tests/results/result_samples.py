@@ -37,3 +37,9 @@ def decoded(path: Path) -> dict[str, list[tuple[int, Any]]]:
             assert message.log_time == message.publish_time
             out.setdefault(channel.topic, []).append((message.log_time, value))
     return out
+
+
+def metadata_of(path: Path) -> dict[str, dict[str, str]]:
+    """Return the metadata records of a result by their names."""
+    with path.open("rb") as file:
+        return {record.name: record.metadata for record in make_reader(file).iter_metadata()}

@@ -21,9 +21,9 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load
 from replay_kit.core.flow.lossless import save
 from replay_kit.core.flow.netcdf import write_grid
-from replay_kit.core.geodesy import to_local
 from replay_kit.studies.twins.ensemble import write_ensemble
 from tests.core.flow.test_evolution import evolving
+from tests.synthetic_flow import regular
 
 
 @pytest.fixture(scope="module")
@@ -57,14 +57,6 @@ def messages(result: Result) -> list[str]:
     )
     own = result.msgs if passed < total and not result.children else []
     return [*own, *(message for child in result.children for message in messages(child))]
-
-
-def regular(flow: FlowEstimate) -> FlowEstimate:
-    """Return a flow on a grid of meridians and parallels."""
-    longitude, latitude = np.meshgrid(np.linspace(4.8, 5.2, 7), np.linspace(61.9, 62.1, 5))
-    east, north = to_local(flow.grid.projection, longitude, latitude)
-    grid = replace(flow.grid, longitude=longitude, latitude=latitude, east=east, north=north)
-    return replace(flow, grid=grid, horizontal=replace(flow.horizontal, nodes=grid.nodes))
 
 
 @pytest.mark.parametrize("n_modes", [0, 4])

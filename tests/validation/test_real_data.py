@@ -15,9 +15,9 @@ from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
-from tests.places import DATA
+from tests.places import DATA, needs
 
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not on this machine")
+pytestmark = needs(DATA)
 
 
 @pytest.mark.full

@@ -16,7 +16,7 @@ from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert
 from tests.fuzz.damage import sound_messages
 from tests.logs.log_samples import SHARED, json_mcap, tlog
-from tests.places import ROOT
+from tests.places import ROOT, needs
 
 # each example writes the files of the one folder anew
 trips = settings(
@@ -94,7 +94,7 @@ def test_mcap_to_mcap(tmp_path, channels, messages, attachments, notes, compress
     assert content((tmp_path / "out.mcap").read_bytes()) == content(out.getvalue())
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs are not on this machine")
+@needs(SHARED)
 def test_real_and_conformance_files(tmp_path):
     files = (
         sorted((SHARED / "mcap-conformance").rglob("*.mcap"))[::13]
@@ -131,7 +131,7 @@ def test_a_telemetry_log_comes_back_from_mcap(tmp_path, entries, noise):
 
 
 @pytest.mark.parametrize("name", ["ardusub/small.tlog"])
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs are not on this machine")
+@needs(SHARED)
 def test_a_real_telemetry_log_comes_back(tmp_path, name):
     data = (SHARED / name).read_bytes()[:200_000]
     (tmp_path / "in.tlog").write_bytes(data)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import xarray as xr
-from mcap.reader import make_reader
 
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.forecast.forms import save
 from tests.places import SAMPLES
+from tests.results.result_samples import metadata_of
 
 
 @pytest.fixture(scope="module")
@@ -19,18 +19,18 @@ def members(tmp_path_factory):
     return folder
 
 
+def records_of(out, files, more=""):
+    """The metadata of the result of a short replay on an ensemble of some files."""
+    words = (
+        f"{' '.join(map(str, files))} -o {out} --levels 5,150 --modes 2 --end 2018-11-16T03:00:00Z"
+    )
+    succeed(f"replay {SAMPLES}/glider.mcap --ensemble {words} {more}")
+    return metadata_of(out)
+
+
 def test_a_result_names_its_members_and_is_made_again(members, tmp_path):
     out = tmp_path / "out.mcap"
-    words = ["--levels", "5,150", "--modes", "2", "--end", "2018-11-16T03:00:00Z"]
-    files = sorted(map(str, members.glob("*.nc")))
-    done = invoke(
-        ["replay", str(SAMPLES / "glider.mcap"), "--ensemble", *files, "-o", str(out), *words]
-    )
-    assert done.exit_code == 0, done.output
-    with out.open("rb") as stream:
-        records = {
-            record.name: dict(record.metadata) for record in make_reader(stream).iter_metadata()
-        }
+    records = records_of(out, sorted(members.glob("*.nc")))
     assert records["replay_kit.members"] == {"0": "mem000.nc", "1": "mem001.nc", "2": "mem002.nc"}
     inputs = records["replay_kit.inputs"]
     assert [inputs[f"ensemble{k}"].split()[0] for k in range(3)] == [
@@ -38,8 +38,7 @@ def test_a_result_names_its_members_and_is_made_again(members, tmp_path):
         "mem001.nc",
         "mem002.nc",
     ]
-    again = invoke(f"verify {out} --inputs {members} --inputs {SAMPLES}")
-    assert again.exit_code == 0, again.output
+    succeed(f"verify {out} --inputs {members} --inputs {SAMPLES}")
 
 
 @pytest.mark.parametrize("products", [2, 1])
@@ -59,32 +58,7 @@ def test_files_of_one_product_belong_together_when_a_result_is_made_again(
                     folder / f"{folder.name}_{day}.nc",
                 )
     out = tmp_path / "out.mcap"
-    words = [
-        "--levels",
-        "5,150",
-        "--modes",
-        "2",
-        "--end",
-        "2018-11-16T03:00:00Z",
-        "--members",
-        "models",
-    ]
-    done = invoke(
-        [
-            "replay",
-            str(SAMPLES / "glider.mcap"),
-            "--ensemble",
-            *map(str, folders),
-            "-o",
-            str(out),
-            *words,
-        ]
-    )
-    assert done.exit_code == 0, done.output
-    with out.open("rb") as stream:
-        records = {
-            record.name: dict(record.metadata) for record in make_reader(stream).iter_metadata()
-        }
+    records = records_of(out, folders, "--members models")
     inputs = {
         key: value.split()[0]
         for key, value in records["replay_kit.inputs"].items()
@@ -97,38 +71,17 @@ def test_files_of_one_product_belong_together_when_a_result_is_made_again(
     }
     assert inputs == expected
     assert len(records["replay_kit.members"]) == 2
-    searched = [word for folder in (*folders, SAMPLES) for word in ("--inputs", str(folder))]
-    again = invoke(["verify", str(out), *searched])
-    assert again.exit_code == 0, again.output
+    searched = " ".join(f"--inputs {folder}" for folder in (*folders, SAMPLES))
+    succeed(f"verify {out} {searched}")
     # each file for itself is another product of it
-    files = [str(folder / f"{folder.name}_{day}.nc") for folder in folders for day in range(2)]
-    apart = invoke(
-        [
-            "replay",
-            str(SAMPLES / "glider.mcap"),
-            "--ensemble",
-            *files,
-            "-o",
-            str(tmp_path / "apart.mcap"),
-            *words,
-        ]
-    )
-    assert apart.exit_code == 0
+    files = [folder / f"{folder.name}_{day}.nc" for folder in folders for day in range(2)]
+    records_of(tmp_path / "apart.mcap", files, "--members models")
     assert (tmp_path / "apart.mcap").read_bytes() != out.read_bytes()
 
 
 def test_one_field_is_no_ensemble_and_what_could_make_one_is_said(members, tmp_path):
     out = str(tmp_path / "out.mcap")
-    done = invoke(
-        [
-            "replay",
-            str(SAMPLES / "glider.mcap"),
-            "--ensemble",
-            str(members / "mem000.nc"),
-            "-o",
-            out,
-        ]
-    )
+    done = invoke(f"replay {SAMPLES}/glider.mcap --ensemble {members}/mem000.nc -o {out}")
     assert done.exit_code == 3
     assert "no member dimension" in done.output
     assert "give several files, of other times, starts or members, with --ensemble" in done.output

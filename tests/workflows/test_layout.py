@@ -17,7 +17,7 @@ from replay_kit.results.layout.layout import layout_of
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.workflows.replay.interrupted import make_ocean
 
 CONFIG = RunConfig(
@@ -154,7 +154,7 @@ def test_the_tree_splits_the_screen_and_the_vehicle_s_frame_is_there_through_the
 
 def test_the_command_writes_the_attachment_s_layout_for_any_result(result, tmp_path):
     out = tmp_path / "layout.json"
-    assert invoke(f"layout {result} -o {out}").exit_code == 0
+    succeed(f"layout {result} -o {out}")
     assert json.loads(out.read_text()) == held(result)[1]
     refused = invoke(f"layout sample_logs/glider.mcap -o {tmp_path}/no.json")
     assert refused.exit_code == 3
@@ -168,8 +168,7 @@ def test_the_command_writes_the_attachment_s_layout_for_any_result(result, tmp_p
 
 def test_the_status_of_a_result_is_told_written_and_given_as_numbers(result, tmp_path):
     page, figures = tmp_path / "status.html", tmp_path / "status.json"
-    done = invoke(f"status {result} --html {page} --json {figures} --now 2018-11-17T00:00:00Z")
-    assert done.exit_code == 0
+    done = succeed(f"status {result} --html {page} --json {figures} --now 2018-11-17T00:00:00Z")
     assert max(map(len, done.stdout.splitlines())) <= 80
     assert "Steer" in done.stdout
     assert "location.reload()" in page.read_text()

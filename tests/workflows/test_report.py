@@ -12,7 +12,7 @@ from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.show import open_result
 from replay_kit.workflows.report import page_of, report
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.places import SAMPLES
 from tests.show.report.conftest import page, replayed, result_path  # noqa: F401 - fixtures
 from tests.show.report.html_of import elements, text_of
@@ -21,8 +21,7 @@ SHORT = ["--end", "2018-11-16T02:00:00Z", "--levels", "5,150", "--modes", "5"]
 
 
 def test_the_command_names_the_page(result_path, page, tmp_path):
-    outcome = invoke(f"report {result_path} -o {tmp_path}/page.html")
-    assert outcome.exit_code == 0
+    outcome = succeed(f"report {result_path} -o {tmp_path}/page.html")
     assert (tmp_path / "page.html").read_text() == page
     assert (
         f"Report: {tmp_path / 'page.html'} ({len(page.encode()) / 1e6:.1f} MB); open it in a browser."
@@ -45,8 +44,7 @@ def test_a_replay_makes_the_page_with_the_score_against_a_truth(tmp_path):
         tmp_path / "out.mcap",
     )
     more = ["--truth", str(SAMPLES / "truth.nc"), "--json", str(tmp_path / "out.json"), "--report"]
-    outcome = invoke(["replay", *logs, "-o", str(out), *SHORT, *more])
-    assert outcome.exit_code == 0, outcome.stderr
+    outcome = succeed(["replay", *logs, "-o", str(out), *SHORT, *more])
     assert f"Report: {tmp_path / 'out.html'}; open it in a browser." in outcome.stdout
     made, summary = (
         (tmp_path / "out.html").read_text(),

@@ -20,6 +20,7 @@ from replay_kit.core.flow.netcdf import to_dataset, wet_at, write_grid
 from replay_kit.core.geodesy import grid_bearing_of_true_north, rotate_to_geographic, to_local
 from replay_kit.core.sealed import sealed
 from replay_kit.results.slices import depth_slice
+from tests.synthetic_flow import regular
 
 
 def bits(array):
@@ -344,12 +345,10 @@ def test_wet_at_agrees_with_the_grid(flow):
 
 
 def test_regular_grid_gets_one_dimensional_axes(flow):
-    longitude, latitude = np.meshgrid(np.linspace(4.8, 5.2, 7), np.linspace(61.9, 62.1, 5))
-    east, north = to_local(flow.grid.projection, longitude, latitude)
-    grid = replace(flow.grid, longitude=longitude, latitude=latitude, east=east, north=north)
-    dataset = to_dataset(replace(flow, grid=grid))
+    even = regular(flow)
+    dataset = to_dataset(even)
     assert dataset.u.dims == ("depth", "latitude", "longitude")
-    np.testing.assert_array_equal(dataset.longitude.values, longitude[0])
+    np.testing.assert_array_equal(dataset.longitude.values, even.grid.longitude[0])
 
 
 @pytest.mark.parametrize(

@@ -197,9 +197,7 @@ def test_inflation_is_one_for_independent_residuals_and_ar1_s_for_correlated_one
 
 def test_independent_bins_and_the_paper_s_never_inflate():
     observation = synthetic.random_profiles(SMALL.grid, 1)[0]
-    depth = np.arange(5.0, 220.0, 2.0)
-    wiggle = 0.3 * np.column_stack([np.sin(depth / 12.0), np.cos(depth / 12.0)])
-    smooth = synthetic.profile(SMALL.grid, 1e3, 2e3, depth, wiggle)
+    smooth = synthetic.wiggle(SMALL.grid)
     for preset, profile, inflates in (
         ("default", smooth, True),
         ("default", observation, False),

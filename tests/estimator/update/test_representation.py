@@ -269,9 +269,7 @@ def test_a_state_never_changes_and_branches_are_independent(form):
 @pytest.mark.parametrize("form", ["dual", "span"])
 def test_inflated_errors_count_once_and_less(form):
     estimator = ESTIMATORS["default"]
-    depth = np.arange(5.0, 220.0, 2.0)
-    wiggle = 0.3 * np.column_stack([np.sin(depth / 12.0), np.cos(depth / 12.0)])
-    smooth = synthetic.profile(WORLD.grid, 1e3, 2e3, depth, wiggle)
+    smooth = synthetic.wiggle(WORLD.grid)
     earlier = observed(places("scattered", 4))
     state, said = run(estimator, earlier)
     after, innovation = estimator.step(as_span(state) if form == "span" else state, smooth)

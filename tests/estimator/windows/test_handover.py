@@ -36,6 +36,12 @@ def after(estimator, n=12, seed=1):
     return state
 
 
+def at_common_points(one, other, *states):
+    """Means and standard errors of some estimators' states where the windows of two overlap."""
+    points = overlap(one.basis.grid, other.basis.grid)
+    return [at_points(estimator, state, points) for estimator, state in states]
+
+
 def at_points(estimator, state, points):
     east, north = np.repeat(points[None], 3, axis=0).reshape(-1, 2).T
     depth = np.repeat([20.0, 90.0, 200.0], len(points))
@@ -51,12 +57,9 @@ def one():
 def test_a_window_handed_over_to_itself_is_the_same(one):
     state = after(one)
     again, loss = hand_over(one, state, one)
-    points = overlap(one.basis.grid, one.basis.grid)
-    (mean, error), (mean_again, error_again) = (
-        at_points(one, state, points),
-        at_points(one, again, points),
+    (mean, error), (mean_again, error_again), (_, prior_error) = at_common_points(
+        one, one, (one, state), (one, again), (one, one.initial())
     )
-    prior_error = at_points(one, one.initial(), points)[1]
     assert loss < 0.01
     assert np.abs(mean_again - mean).max() < 0.2 * error.min()
     assert np.sqrt(np.mean((error_again / error - 1.0) ** 2)) < 0.03
@@ -66,12 +69,9 @@ def test_a_window_handed_over_to_itself_is_the_same(one):
 def test_where_windows_overlap_the_next_knows_what_was_learnt_within_its_standard_error(one):
     state, other = after(one), build_estimator(columns(3, 12), CONFIG)
     begun, _ = hand_over(one, state, other)
-    points = overlap(one.basis.grid, other.basis.grid)
-    (mean, error), (begun_mean, begun_error) = (
-        at_points(one, state, points),
-        at_points(other, begun, points),
+    (mean, error), (begun_mean, begun_error), (prior_mean, prior_error) = at_common_points(
+        one, other, (one, state), (other, begun), (other, other.initial())
     )
-    prior_mean, prior_error = at_points(other, other.initial(), points)
     change = np.sqrt(np.mean(((begun_mean - mean) / error) ** 2))
     assert change < 1.0
     assert np.sqrt(np.mean(((prior_mean - mean) / error) ** 2)) > 2.0

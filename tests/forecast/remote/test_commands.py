@@ -10,7 +10,7 @@ import xarray as xr
 
 from replay_kit.forecast.remote.kept import record_of
 from replay_kit.results import read_recorded
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.forecast.remote.conftest import sea
 from tests.forecast.remote.servers import Files, griddap, opendap, serving, zarr_objects
 from tests.forecast.remote.test_forms import needs
@@ -42,8 +42,7 @@ def replayed(folder, name, forecast, *more):
     """Replay on a forecast; return the bytes of the result and of the lossless estimate."""
     out, flow = folder / f"{name}.mcap", folder / f"{name}.nc"
     words = ["replay", LOG, "--ensemble", forecast, "-o", str(out), "--save-estimate", str(flow)]
-    done = invoke([*words, *QUICK, f"--forecast.cache={folder / 'cache'}", *more])
-    assert done.exit_code == 0, done.output
+    succeed([*words, *QUICK, f"--forecast.cache={folder / 'cache'}", *more])
     return out.read_bytes(), flow.read_bytes()
 
 
@@ -86,8 +85,7 @@ def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemb
         assert row["shape"] == {"member": 6, "depth": 6, "latitude": 5, "longitude": 9}
         assert row["bytes"] > 2 * 8 * 6 * 6 * 5 * 9
         assert not (tmp_path / "cache").exists()
-        done = invoke([*asked, "-o", str(out), "--json", str(tmp_path / "a.json")])
-        assert done.exit_code == 0, done.output
+        done = succeed([*asked, "-o", str(out), "--json", str(tmp_path / "a.json")])
         assert "received" in done.output
         described = invoke(["info", "--ensemble", files.url, cache])
         assert "6 member x 6 depth x 13 latitude x 21 longitude" in described.output
@@ -104,7 +102,7 @@ def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemb
     assert len(files.asked) == count
     missing = invoke(["info", "--ensemble", files.url, "--region", "1,2,3,4", cache])
     assert "the connection is refused" in missing.stderr
-    refused = invoke(["fetch", "--ensemble", str(out)])
+    refused = invoke(f"fetch --ensemble {out}")
     assert "expected an address, such as https://" in refused.stderr
     other = invoke(["bench", "--ensemble", files.url, "--leave-out", "1"])
     assert "fetch the forecast first: replay-kit fetch --ensemble http://127.0.0.1" in other.stderr

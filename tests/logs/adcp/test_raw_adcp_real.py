@@ -15,10 +15,10 @@ from replay_kit.measurements import observations
 from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.ping.earth import earth_referenced
 from tests.logs.adcp.raw_adcp_samples import adcp_messages, write
-from tests.places import DATA
+from tests.places import DATA, needs
 
 ADCP = DATA / "adcp"
-real = pytest.mark.skipif(not ADCP.exists(), reason="../shared/data/adcp is not there")
+real = needs(ADCP)
 
 
 def _by_mhkit(path):

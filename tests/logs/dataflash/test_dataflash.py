@@ -24,9 +24,10 @@ from tests.logs.dataflash.dataflash_samples import (
     record,
 )
 from tests.logs.log_samples import SHARED, broken, read_log
+from tests.places import needs
 
 SMALL = SHARED / "ardusub" / "small.BIN"
-real = pytest.mark.skipif(not SMALL.exists(), reason="the shared logs are not on this machine")
+real = needs(SMALL)
 
 
 def slow_twin(path):

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from replay_kit.logs import open_log, open_logs
-from tests.places import DATA, ROOT
+from tests.places import DATA, ROOT, needs
 
 FOLDER = DATA / "glider"
-pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="../shared/data/glider is not there")
+pytestmark = needs(FOLDER)
 
 # file, dialect, dives, mean currents, fixes; as in the README
 ROWS = [

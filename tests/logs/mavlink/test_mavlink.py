@@ -13,6 +13,7 @@ from replay_kit.core.message import LogReport
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.reader import TlogReader
 from tests.logs.log_samples import SHARED, attitude, broken, json_mcap, read_log, tlog, tlog_entry
+from tests.places import needs
 
 START = 1_700_000_000_000_000
 SMALL = SHARED / "ardusub" / "small.tlog"
@@ -180,7 +181,7 @@ def test_an_mcap_file_is_no_tlog(tmp_path):
     assert list(TlogReader(file).messages()) == []
 
 
-@pytest.mark.skipif(not SMALL.exists(), reason="the shared logs are not on this machine")
+@needs(SMALL)
 def test_a_real_log_as_pymavlink_reads_it():
     reader = open_log(SMALL)
     ours = list(reader.messages())
@@ -199,7 +200,7 @@ def test_a_real_log_as_pymavlink_reads_it():
         assert abs(mine.time_ns - time_us * 1000) < 1000
 
 
-@pytest.mark.skipif(not SMALL.exists(), reason="the shared logs are not on this machine")
+@needs(SMALL)
 def test_a_real_log_in_part():
     whole = list(open_log(SMALL).messages())
     wanted = frozenset({"GLOBAL_POSITION_INT", "GPS_RAW_INT"})

@@ -10,6 +10,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mavlink import clock as mavlink_clock
 from tests.logs.log_samples import SHARED, attitude, tlog_entry
 from tests.logs.log_samples import read_log as read
+from tests.places import needs
 
 START = 1_700_000_000_000_000
 SMALL = SHARED / "ardusub" / "small.tlog"
@@ -131,7 +132,7 @@ def test_positions_of_several_systems_need_a_choice(tmp_path):
     assert report.notes[0].startswith("positions of several systems; a replay needs one")
 
 
-@pytest.mark.skipif(not SMALL.exists(), reason="the shared logs are not on this machine")
+@needs(SMALL)
 def test_a_real_log():
     reader = open_log(SMALL, wanted=POSITION)
     list(reader.messages())

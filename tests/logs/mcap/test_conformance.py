@@ -8,17 +8,15 @@
 
 from collections import Counter
 
-import pytest
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap import summary as mcap_channels
 from tests.logs.log_samples import SHARED
+from tests.places import needs
 
-pytestmark = pytest.mark.skipif(
-    not SHARED.is_dir(), reason="the shared logs are not on this machine"
-)
+pytestmark = needs(SHARED)
 MESSAGES = {"OneMessage": 1, "OneSchemalessMessage": 1, "TenMessages": 10}
 
 

@@ -18,11 +18,11 @@ from replay_kit.logs.slocum.header import SensorLists, read_header, read_sensors
 from tests.fuzz.mishap import mishap
 from tests.logs.glider import glider_samples as made
 from tests.logs.slocum import slocum_samples as slocum
-from tests.places import DATA
+from tests.places import DATA, needs
 from tests.reference.slocum import cycles as cycles_one_by_one
 
 REAL = DATA / "slocum"
-real = pytest.mark.skipif(not REAL.is_dir(), reason="../shared/data/slocum is not there")
+real = needs(REAL)
 
 
 def _topics(log):

@@ -11,7 +11,7 @@ from replay_kit.logs.surface import totals
 from replay_kit.measurements import Skipped
 from replay_kit.measurements.interpret import events_of
 from tests.logs.surface import made
-from tests.places import DATA
+from tests.places import DATA, needs
 
 CURRENT = (0.15, -0.25)
 NO_TIDE = MeasurementConfig(surface_tide_std=0.0, surface_spacing=10e3)
@@ -135,7 +135,7 @@ def test_a_table_whose_rows_are_cut_is_refused(tmp_path):
         read([path])
 
 
-@pytest.mark.skipif(not REAL.exists(), reason="real currents by radar are not there")
+@needs(REAL)
 def test_real_totals_and_radials_are_read():
     (totals,), found, _, _ = read(sorted(REAL.glob("RU_MARA*.nc")))
     assert len(totals.files) == len(found) == 12

@@ -21,7 +21,7 @@ from replay_kit.measurements.consistency.summary import (
     summaries,
 )
 from tests.measurements.samples import profile, vehicle
-from tests.places import DATA
+from tests.places import DATA, needs
 
 
 def _after(counts, one):
@@ -154,7 +154,7 @@ def test_a_last_fix_that_is_repeated_under_water_is_no_contradiction_until_a_new
     assert (found.name, found.severity) == (findings.FROZEN, "inconsistent")
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data is not there")
+@needs(DATA)
 def test_a_real_glider_that_repeats_its_last_fix_under_water_contradicts_nothing():
     checked, measured = ConsistencyState(), initial_state()
     for message in open_log(DATA / "glider/seaexplorer/sea046.45.gli.sub.10.gz").messages():

@@ -183,11 +183,11 @@ def test_a_telemetry_log_with_named_components_is_used_by_the_mapping_suggested(
         ]
         entries += [tlog_entry(stamp + i, message) for i, message in enumerate((position, *named))]
     log.write_bytes(b"".join(entries))
-    said = invoke(["info", str(log), "--suggest", str(mapping)]).stdout
+    said = invoke(f"info {log} --suggest {mapping}").stdout
     assert f"Unknown type: {FLOAT}, name VE and VN looks like a velocity" in said
     assert f"Next: replay-kit info {log} --suggest map.toml" in said
     mapping.write_text(mapping.read_text().replace('"unknown"', '"earth"'))
-    said = invoke(["info", str(log), "--config", str(mapping)]).stdout
+    said = invoke(f"info {log} --config {mapping}").stdout
     assert "4 profiles with 4 usable bins" in said
     assert said.rstrip().endswith(
         f"Next: replay-kit replay {log} --ensemble FORECAST.nc --config {mapping} -o RESULT.mcap"

@@ -15,7 +15,7 @@ from replay_kit.studies.bench.page import bench_page
 from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome
 from tests import synthetic
-from tests.command import invoke
+from tests.command import succeed
 from tests.planners.learning.scenes import static
 from tests.results.cases import write
 from tests.show.status.held_samples import held
@@ -71,8 +71,7 @@ def _paper(folder: Path, request: pytest.FixtureRequest) -> str:
 
 
 def _run(*words: str | Path) -> None:
-    done = invoke([str(word) for word in words])
-    assert done.exit_code == 0, done.output
+    succeed([str(word) for word in words])
 
 
 def _fleet(folder: Path, request: pytest.FixtureRequest) -> str:

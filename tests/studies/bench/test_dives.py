@@ -28,7 +28,7 @@ from replay_kit.studies.bench.records import (
 )
 from replay_kit.studies.twins import Twin, make_twin
 from tests import synthetic
-from tests.places import DATA
+from tests.places import DATA, needs
 from tests.studies.results import bench, final
 
 MEMBERS = synthetic.ensemble(n_members=9, shape=(5, 6))
@@ -254,7 +254,7 @@ def test_frozen_missions_are_known_by_their_hashes(log, tmp_path, monkeypatch):
     assert answer["missions"]["twin"]["files"] == entry["files"]
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not on this machine")
+@needs(DATA)
 def test_two_runs_on_a_public_mission_are_the_same_bytes(tmp_path, monkeypatch):
     few = [one for one in bench_missions.registry() if one["name"] in ("rosie", "sp028")]
     monkeypatch.setattr(bench_missions, "registry", lambda: few)
@@ -265,7 +265,7 @@ def test_two_runs_on_a_public_mission_are_the_same_bytes(tmp_path, monkeypatch):
 
 
 @pytest.mark.full
-@pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not on this machine")
+@needs(DATA)
 def test_the_public_missions_are_there_and_the_process_beats_the_last_dive(tmp_path):
     words = f"--task next-dive --methods process,last_dive,zero --json {tmp_path}/answer.json"
     assert bench(f"{DATA} {words}").exit_code == 0

@@ -19,6 +19,7 @@ from replay_kit.studies.twins.truths import cases, leave_out, most_distant
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
 from tests.studies.results import bench, final
+from tests.workflows.replay.interrupted import Killed
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(5, 6))
 CONFIG = EstimatorConfig(modes=20)
@@ -221,17 +222,6 @@ def test_a_method_that_is_missing_in_one_case_has_no_row():
     found = [Figure(method, "x", 1.0, task="t", case=case) for method in "ab" for case in "cd"]
     rows = rows_of(found, [Lost("t", "d", "singular", "b"), Lost("t", "e", "carried away")])
     assert [(row.method, row.cases) for row in rows] == [("a", ("c", "d"))]
-
-
-class Killed(BaseException):
-    """What stops a run in these tests and no code of the project knows."""
-
-
-@pytest.fixture(scope="module")
-def ensemble(tmp_path_factory):
-    path = tmp_path_factory.mktemp("ocean") / "ensemble.nc"
-    synthetic.dataset(n_members=5, shape=(5, 6)).to_netcdf(path, engine="h5netcdf")
-    return path
 
 
 def test_a_run_that_is_killed_leaves_what_was_done_and_one_without_scores_fails(

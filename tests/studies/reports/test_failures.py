@@ -7,19 +7,8 @@ import pytest
 from replay_kit.core.errors import ConfigError
 from replay_kit.studies.bench import plans as of_plans
 from replay_kit.studies.bench.plans import JudgedMission
-from tests import synthetic
 from tests.studies.results import bench
-
-
-class Killed(BaseException):
-    """What stops a run in these tests and no code of the project knows."""
-
-
-@pytest.fixture(scope="module")
-def ensemble(tmp_path_factory):
-    path = tmp_path_factory.mktemp("ocean") / "ensemble.nc"
-    synthetic.dataset(n_members=5, shape=(5, 6)).to_netcdf(path, engine="h5netcdf")
-    return path
+from tests.workflows.replay.interrupted import Killed
 
 
 def plans(ensemble, out, words):

@@ -225,17 +225,23 @@ def test_a_goal_that_moves_is_taken_at_once_and_earlier_plans_keep_theirs(ocean,
     assert planned["goal_longitude"].iloc[[0, -1]].tolist() == [152.3, 152.2]
 
 
-@pytest.mark.full
-def test_a_newer_forecast_is_taken_with_the_next_dive_and_the_result_before_it_is_kept(
-    ocean, dives, tmp_path
-):
-    sea = Sea(ocean, tmp_path, goal=None)
-    forecast = tmp_path / "forecast.nc"
+@pytest.fixture
+def forecast_of_its_own(ocean, dives, tmp_path):
+    """A vehicle with its first dive, and the file of a forecast that may become another one."""
+    sea, forecast = Sea(ocean, tmp_path, goal=None), tmp_path / "forecast.nc"
     shutil.copy(ocean / "ensemble.nc", forecast)
     sea.job = ReplayJob((sea.inbox,), forecast, sea.out)
+    sea.put(dives[0].name, dives[0].data)()
+    return sea, forecast
+
+
+@pytest.mark.full
+def test_a_newer_forecast_is_taken_with_the_next_dive_and_the_result_before_it_is_kept(
+    forecast_of_its_own, dives, tmp_path
+):
+    sea, forecast = forecast_of_its_own
     newer = tmp_path / "newer.nc"
     synthetic.dataset(seed=9, n_members=12, shape=(6, 7)).to_netcdf(newer, engine="h5netcdf")
-    sea.put(dives[0].name, dives[0].data)()
     sea.follow([lambda: os.replace(newer, forecast)])
     old = contents(sea.out)[0]["estimate.nc"]
     assert not any("newer forecast" in text for text in sea.told)
@@ -247,13 +253,9 @@ def test_a_newer_forecast_is_taken_with_the_next_dive_and_the_result_before_it_i
 
 @pytest.mark.full
 def test_a_newer_forecast_that_cannot_be_used_is_told_and_the_one_before_stays(
-    ocean, dives, tmp_path
+    ocean, forecast_of_its_own, dives, tmp_path
 ):
-    sea = Sea(ocean, tmp_path, goal=None)
-    forecast = tmp_path / "forecast.nc"
-    shutil.copy(ocean / "ensemble.nc", forecast)
-    sea.job = ReplayJob((sea.inbox,), forecast, sea.out)
-    sea.put(dives[0].name, dives[0].data)()
+    sea, forecast = forecast_of_its_own
     sea.follow([lambda: forecast.write_bytes(b"cut off"), sea.put(dives[1].name, dives[1].data)])
     assert any(
         "the newer forecast cannot be used, and the one before stays" in text for text in sea.told

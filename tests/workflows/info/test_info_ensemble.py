@@ -9,22 +9,21 @@ import xarray as xr
 from replay_kit.core.message import Message
 from replay_kit.logs.mcap.writer import write_mcap_log
 from tests import synthetic
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.forecast import forms
 from tests.forecast.forms import save
-from tests.places import DATA
+from tests.places import DATA, needs
 
 MODELS = DATA / "models"
 
 
 def described(*words):
     """Return what ``info`` prints and its JSON."""
-    done = invoke(["info", "--ensemble", *map(str, words), "--json", "-"], columns=300)
-    assert done.exit_code == 0, done.output
+    done = succeed(["info", "--ensemble", *map(str, words), "--json", "-"], columns=300)
     return json.loads(done.stdout)["forecast"], done.stderr
 
 
-@pytest.mark.skipif(not MODELS.exists(), reason="the shared data are not on this machine")
+@needs(MODELS)
 @pytest.mark.parametrize(
     ("files", "dialect", "grids", "size", "wet"),
     [
@@ -51,7 +50,7 @@ def test_real_files_of_models(files, dialect, grids, size, wet):
     assert not found["axes_check"]["contradicted"]
 
 
-@pytest.mark.skipif(not MODELS.exists(), reason="the shared data are not on this machine")
+@needs(MODELS)
 def test_a_file_of_a_grid_is_told_to_hold_no_current():
     found, _ = described(MODELS / "enkfc_grid_spec.nc")
     assert found["use"].startswith(
@@ -93,8 +92,7 @@ def test_members_and_their_origin_are_shown(tmp_path):
     ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude)
     for k in range(3):
         save(ds.isel(member=k), tmp_path / f"mem{k:03d}.nc")
-    done = invoke(f"info --ensemble {tmp_path}/mem*.nc", columns=200)
-    assert done.exit_code == 0
+    done = succeed(f"info --ensemble {tmp_path}/mem*.nc", columns=200)
     assert "3 by --members files" in done.stdout
     assert "mem001.nc" in done.stdout
     assert "CF names, longitude-latitude grid, both components at the same points" in done.stdout
@@ -112,7 +110,7 @@ def test_members_and_their_origin_are_shown(tmp_path):
 
 
 def test_info_needs_a_log_or_a_forecast(tmp_path):
-    done = invoke(["info"])
+    done = invoke("info")
     assert done.exit_code == 2
     assert "expected a log, or a forecast with --ensemble" in done.output
     done = invoke(f"info --ensemble {tmp_path}/none*.nc")

@@ -7,7 +7,7 @@ import pytest
 from replay_kit.config.run import load_config
 from replay_kit.logs.mcap import survey
 from replay_kit.workflows.info.inspect import inspect_logs
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
 
@@ -52,8 +52,7 @@ def test_a_large_log_is_described_by_its_index(log):
 
 
 def test_what_the_index_does_not_know_is_said_to_need_full(log):
-    done = invoke(["info", str(log), "--json", str(log.with_suffix(".json"))])
-    assert done.exit_code == 0
+    done = succeed(["info", str(log), "--json", str(log.with_suffix(".json"))])
     assert "Read: the index, and 202 messages" in done.stdout
     assert "late messages, gaps and damage: with --full" in done.stdout
     assert "Use, by the messages read: ready for replay" in done.stdout
@@ -89,7 +88,7 @@ def test_full_counts_everything_and_decodes_what_can_be_used(log):
 
 def test_a_log_that_was_cut_is_read_whole_and_that_is_said(log):
     log.write_bytes(log.read_bytes()[:-40])
-    done = invoke(["info", str(log)])
+    done = invoke(f"info {log}")
     assert done.exit_code == 4
     assert "Note: all of it was read: it has no index, or its end is missing" in done.stdout
     assert "400 positions" in done.stdout

@@ -10,7 +10,7 @@ import pytest
 from replay_kit.core.message import Message
 from replay_kit.logs.mcap.writer import write_mcap_log
 from tests import synthetic
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.logs.glider import glider_samples as made
 
 
@@ -38,7 +38,7 @@ def _cells(path: Path) -> Path:
 
 def test_topics_of_unknown_types_are_named_with_what_to_type(tmp_path):
     log = _cells(tmp_path / "a.mcap")
-    said = invoke(["info", str(log)]).stdout
+    said = invoke(f"info {log}").stdout
     assert (
         "Missing for a replay: profiles of the current, or mean currents of dives with their fixes"
         in said
@@ -52,10 +52,10 @@ def test_topics_of_unknown_types_are_named_with_what_to_type(tmp_path):
 
 def test_the_mapping_suggested_makes_the_cells_usable(tmp_path):
     log, mapping = _cells(tmp_path / "a.mcap"), tmp_path / "map.toml"
-    assert invoke(f"info {log} --suggest {mapping}").exit_code == 0
+    succeed(f"info {log} --suggest {mapping}")
     answer = tmp_path / "i.json"
     arguments = f"info {log} --config {mapping} --json {answer} --overwrite"
-    assert invoke(arguments).exit_code == 0
+    succeed(arguments)
     assert json.loads(answer.read_text())["logs"][0]["profiles"] == 0
     mapping.write_text(mapping.read_text().replace('"unknown"', '"earth"'))
     done = invoke(arguments)
@@ -82,11 +82,11 @@ def test_a_netcdf_file_of_no_known_dialect(tmp_path):
             for name, values in rows.items()
         },
     )
-    said = invoke(["info", str(log)]).stdout
+    said = invoke(f"info {log}").stdout
     assert "each row over t is a message on netcdf/t, with lat, lon, u, v" in said
     assert "Unknown type: netcdf/t looks like a velocity" in said
     mapping = tmp_path / "map.toml"
-    assert invoke(f"info {log} --suggest {mapping}").exit_code == 0
+    succeed(f"info {log} --suggest {mapping}")
     text = mapping.read_text()
     assert 'reference = "unknown"' in text
     mapping.write_text(text.replace('"unknown"', '"earth"'))
@@ -98,7 +98,7 @@ def test_a_netcdf_file_without_rows_is_no_log(tmp_path):
     log = made.write(
         tmp_path / "grid.nc", {"t": (("t",), made.samples(600.0)["time"], made.EPOCH), "u": u}
     )
-    done = invoke(["info", str(log)])
+    done = invoke(f"info {log}")
     assert done.exit_code == 3
     assert (
         "got no variable along t alone: t, u; a forecast is given with --ensemble, not as a log"
@@ -151,8 +151,7 @@ def test_info_of_a_folder_with_two_missions_ends_with_how_to_choose_one(tmp_path
     folder = tmp_path / "a b"
     first, _ = made.seaexplorer(folder)
     (folder / "SEA063.23.gli.sub.1").write_text(first.read_text())
-    done = invoke(["info", str(folder)])
-    assert done.exit_code == 0
+    done = succeed(f"info {folder}")
     assert "Mission: sea063.22\n" in done.stdout
     step = f"Next: replay-kit info '{folder}'/SEA063.22.gli.sub.*\nThe logs are of 2 missions, of which this is one; "
     assert done.stdout.rstrip().endswith(f"{step}the others: '{folder}'/SEA063.23.gli.sub.1")
@@ -161,11 +160,11 @@ def test_info_of_a_folder_with_two_missions_ends_with_how_to_choose_one(tmp_path
 def test_the_command_printed_runs(tmp_path, monkeypatch):
     log, mapping = _cells(tmp_path / "a b.mcap"), tmp_path / "map.toml"
     monkeypatch.chdir(tmp_path)
-    first, then = invoke(["info", str(log)]).stdout.splitlines()[-2:]
-    assert invoke(shlex.split(first.removeprefix("Next: replay-kit "))).exit_code == 0
+    first, then = invoke(f"info {log}").stdout.splitlines()[-2:]
+    succeed(shlex.split(first.removeprefix("Next: replay-kit ")))
     mapping.write_text(mapping.read_text().replace('"unknown"', '"earth"'))
     done = invoke(shlex.split(then.removeprefix("Correct map.toml, then: replay-kit ")))
-    assert invoke("synthesize --ensemble FORECAST.nc --truth T.nc --members 3").exit_code == 0
+    succeed("synthesize --ensemble FORECAST.nc --truth T.nc --members 3")
     command = shlex.split(done.stdout.splitlines()[-1].removeprefix("Next: replay-kit "))
     assert invoke([*command, "--place-ensemble", "--modes", "5"]).exit_code in (0, 6)
     assert (tmp_path / "RESULT.mcap").exists()
@@ -185,7 +184,7 @@ def test_a_gliders_log_is_ready_for_a_replay(tmp_path, write, ending):
 def test_a_log_without_currents_says_what_to_add(tmp_path):
     folder = tmp_path / "raw"
     made.seaexplorer(folder)
-    said = invoke(["info", str(folder)]).stdout
+    said = invoke(f"info {folder}").stdout
     step = f"Next: replay-kit info {folder} ANOTHER_LOG\nANOTHER_LOG is the log of this mission that has what is missing"
     assert said.rstrip().endswith(step)
     assert "SeaExplorer raw: 2 files are one log" in said

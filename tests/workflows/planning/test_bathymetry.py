@@ -182,12 +182,16 @@ def test_gaps_wide_cells_and_water_that_is_not_covered_are_noted():
     assert "does not cover all of the region" in short
 
 
-def test_a_replay_s_missions_turn_above_the_bottom(tmp_path):
+def above_flat_bottom(folder, **settings):
+    """A flow, and a planner above a bottom at 100 m."""
     flat = gebco().assign(elevation=(("lat", "lon"), np.full(DEPTH.shape, -100.0)))
-    path, flow = written(tmp_path, flat), still_flow()
-    planner = planner_of(
-        PlannerConfig(kind="mission", depth=300.0, bathymetry=str(path), clearance=30.0), flow.grid
-    )
+    path, flow = written(folder, flat), still_flow()
+    config = PlannerConfig(bathymetry=str(path), clearance=30.0, **settings)
+    return flow, planner_of(config, flow.grid)
+
+
+def test_a_replay_s_missions_turn_above_the_bottom(tmp_path):
+    flow, planner = above_flat_bottom(tmp_path, kind="mission", depth=300.0)
     assert isinstance(planner, MissionPlanner)
     found = planner.plan(
         flow, PlanQuery(place(flow, -2e3, 0.0, 0.0), place(flow, 2e3, 0.0, 0.0), 0)
@@ -201,9 +205,7 @@ def test_a_replay_s_missions_turn_above_the_bottom(tmp_path):
 
 
 def test_a_glide_ends_above_the_bottom(tmp_path):
-    flat = gebco().assign(elevation=(("lat", "lon"), np.full(DEPTH.shape, -100.0)))
-    path, flow = written(tmp_path, flat), still_flow()
-    planner = planner_of(PlannerConfig(bathymetry=str(path), clearance=30.0), flow.grid)
+    flow, planner = above_flat_bottom(tmp_path)
     assert isinstance(planner, GlidePlanner)
     start = place(flow, -2e3, 0.0, 0.0)
     above = planner.plan(flow, PlanQuery(start, place(flow, 2e3, 0.0, 69.0), 0)).plan

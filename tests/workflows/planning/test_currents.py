@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
 
 import replay_kit as rk
 from planners import (
@@ -35,8 +34,9 @@ from replay_kit.results import ResultWriter
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
 from replay_kit.workflows.planning.inputs import read_flow, read_known
 from tests import synthetic
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place, still_flow, uniform_flow
+from tests.results.result_samples import metadata_of
 
 HOUR = 3600 * 10**9
 NOON = 1_767_268_800 * 10**9
@@ -164,16 +164,10 @@ def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
     assert done.exit_code == 0, done.output
     assert "Departures compared" in done.output
     assert "arrives first" in done.output
-    with (tmp_path / "plan.mcap").open("rb") as file:
-        (rows,) = [
-            record.metadata
-            for record in make_reader(file).iter_metadata()
-            if record.name == "departures"
-        ]
+    rows = metadata_of(tmp_path / "plan.mcap")["departures"]
     said = [json.loads(row) for row in rows.values()]
     assert [0.0 <= row["reached"] <= 1.0 for row in said] == [True, True]
-    done = invoke(f"report {tmp_path}/plan.mcap -o {tmp_path}/plan.html")
-    assert done.exit_code == 0, done.output
+    succeed(f"report {tmp_path}/plan.mcap -o {tmp_path}/plan.html")
     page = (tmp_path / "plan.html").read_text()
     assert "Departures compared" in page
     assert all(row["arrival"] in page for row in said)
@@ -362,12 +356,7 @@ def test_a_mission_on_a_result_begins_when_the_vehicle_was_fixed_last(tmp_path):
     assert said["notes"] == [
         f"it begins at {begins}, the time of the last fix; --start-time says another"
     ]
-    with (tmp_path / "plan.mcap").open("rb") as file:
-        (mission,) = [
-            record.metadata
-            for record in make_reader(file).iter_metadata()
-            if record.name == "mission"
-        ]
+    mission = metadata_of(tmp_path / "plan.mcap")["mission"]
     assert int(mission["start_time_ns"]) == NOON + 5 * HOUR
     other = answer(result, f"--samples 0 --start-time {clock(NOON + 12 * HOUR)}")
     assert (other["notes"], other["duration_s"] > said["duration_s"]) == ([], True)

@@ -17,9 +17,7 @@ class Killed(BaseException):
 
 def make_ocean(folder: Path, config, n_pings: int, shape=(6, 7)) -> Path:
     """A folder with an ensemble, the truth withheld from it, and a glider's log; ``truth_in`` reads the truth."""
-    ds = synthetic.dataset(seed=4, n_members=13, shape=shape)
-    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="scipy")
-    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="scipy")
+    synthetic.write_ocean(folder, 12, shape)
     make_twin(truth_in(folder, config), Twin("glider", n_pings, 0.05, 1), folder / "glider.mcap")
     return folder
 

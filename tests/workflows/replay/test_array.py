@@ -27,7 +27,7 @@ from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.opened import forecasts_of
 from replay_kit.workflows.replay.replay import replay
 from tests.arrays import write_array
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.places import SAMPLES
 from tests.workflows.follow.delivery import contents
 from tests.workflows.replay.interrupted import Killed, run_until
@@ -258,19 +258,18 @@ def test_a_vehicle_without_a_fix_is_named_and_a_late_clock_is_said(logs, tmp_pat
 def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
     out = tmp_path / "array.mcap"
     shutil.copy(result.path, out)
-    shown = invoke(f"status {out} --json {tmp_path / 's.json'} --html {tmp_path / 's.html'}")
-    assert shown.exit_code == 0
+    shown = succeed(f"status {out} --json {tmp_path / 's.json'} --html {tmp_path / 's.html'}")
     assert shown.stdout.startswith("vehicle")
     assert shown.stdout.index("array.sg1.mcap") < shown.stdout.index("array.sg3.mcap")
     assert list(json.loads((tmp_path / "s.json").read_text())["vehicles"]) == ["sg1", "sg2", "sg3"]
-    assert invoke(f"report {out}").exit_code == 0
+    succeed(f"report {out}")
     page = (tmp_path / "array.html").read_text()
     assert all(f'href="array.sg{k}.html"' in page for k in (1, 2, 3))
     for name, values in result.outcome.vehicles.items():
         used = values["observations"]["used"]
         assert f'<data data-key="vehicles.{name}.observations.used" value="{used}">' in page
     assert (tmp_path / "array.sg2.html").stat().st_size > 100_000
-    assert invoke(f"plot {out} map -o {tmp_path / 'm.png'}").exit_code == 0
+    succeed(f"plot {out} map -o {tmp_path / 'm.png'}")
     refused = invoke(f"plot {out} dac -o {tmp_path / 'd.png'}")
     assert isinstance(refused.exception, ConfigError)
     assert "sg1, sg2, sg3" in str(refused.exception)
@@ -285,8 +284,7 @@ def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
 def test_the_command_line_names_vehicles_and_their_goals(logs, tmp_path):
     words = [f"--as {name}={path}" for name, path in logs.items()]
     line = f"replay {' '.join(words)} --ensemble {ENSEMBLE} --levels 5,150,500 --modes 6 -o {tmp_path / 'o.mcap'}"
-    done = invoke(f"{line} --goal sg3=152.4,-40.1,100 --json {tmp_path / 'o.json'}")
-    assert done.exit_code == 0, done.output
+    done = succeed(f"{line} --goal sg3=152.4,-40.1,100 --json {tmp_path / 'o.json'}")
     answer = json.loads((tmp_path / "o.json").read_text())
     assert [one["plan"] is not None for one in answer["vehicles"].values()] == [False, False, True]
     assert set(answer["value"]) == set(logs)

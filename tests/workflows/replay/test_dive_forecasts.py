@@ -23,7 +23,7 @@ from replay_kit.workflows.replay.surfacings.forecasts import (
     forecast_mean,
     next_surfacing,
 )
-from tests.places import DATA
+from tests.places import DATA, needs
 
 WAY = np.array([0.15, 0.1])
 
@@ -107,7 +107,7 @@ def test_a_dive_that_is_told_to_go_deeper_than_the_last_lasts_longer_and_leads_f
     assert ways[1] == pytest.approx(1.5 * ways[0], rel=1e-3)
 
 
-@pytest.mark.skipif(not (DATA / "glider").is_dir(), reason="../shared/data/glider is not there")
+@needs(DATA / "glider")
 @pytest.mark.parametrize(
     ("pattern", "least"),
     [("seaglider/p17101*.nc", 4), ("seaglider/p24900*.nc", 5), ("glider/seagliderOG1_*.nc", 17)],
@@ -157,9 +157,7 @@ def test_how_the_vehicle_flew_comes_of_the_ways_through_the_water_and_not_of_the
     assert after(mean(0)).as_flown is None
 
 
-@pytest.mark.skipif(
-    not (DATA / "seaglider").is_dir(), reason="../shared/data/seaglider is not there"
-)
+@needs(DATA / "seaglider")
 @pytest.mark.parametrize("pattern", ["p17101*.nc", "p24900*.nc"])
 def test_a_real_seaglider_flew_as_its_own_flight_model_says(pattern):
     paths, config = sorted((DATA / "seaglider").glob(pattern))[-2:], RunConfig()

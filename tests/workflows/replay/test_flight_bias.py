@@ -20,7 +20,7 @@ from replay_kit.workflows.replay.surfacings.flight_bias import (
     corrected,
     with_dive_profile,
 )
-from tests.places import DATA
+from tests.places import DATA, needs
 from tests.workflows.replay.test_dive_forecasts import mean
 
 CURRENT, BIAS = complex(0.05, -0.02), 0.5
@@ -176,9 +176,7 @@ def real_means(*names):
     ]
 
 
-@pytest.mark.skipif(
-    not (DATA / "seaglider").is_dir(), reason="../shared/data/seaglider is not there"
-)
+@needs(DATA / "seaglider")
 @pytest.mark.parametrize(
     "names",
     [

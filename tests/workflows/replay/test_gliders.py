@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
 
 from replay_kit.core.message import LogReport, Message
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.statistics import RunStatistics
 from tests import synthetic
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.logs.glider import glider_samples as made
-from tests.places import DATA
+from tests.places import DATA, needs
+from tests.results.result_samples import metadata_of
 
 FAST = [
     "--modes",
@@ -46,8 +46,7 @@ def replay(ocean: Path, *arguments: str | Path) -> tuple[dict, str]:
         "--json",
         str(ocean / "out.json"),
     ]
-    done = invoke(["replay", *given, *FAST])
-    assert done.exit_code == 0, done.output
+    done = succeed(["replay", *given, *FAST])
     return json.loads((ocean / "out.json").read_text()), done.output
 
 
@@ -69,9 +68,7 @@ def test_mean_currents_alone_estimate_a_field_and_say_so(ocean, tmp_path):
 def test_what_was_assumed_is_kept_in_the_result(ocean, tmp_path):
     made.gliderdac(tmp_path / "profiles")
     replay(ocean, tmp_path / "profiles")
-    with (ocean / "out.mcap").open("rb") as stream:
-        records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
-    (kept,) = records["replay_kit.reading"].values()
+    (kept,) = metadata_of(ocean / "out.mcap")["replay_kit.reading"].values()
     assert "mean current: 2 in 118 values, each counted once" in kept
 
 
@@ -79,13 +76,11 @@ def test_absolute_profiles_are_used_directly_by_every_command(ocean, tmp_path):
     path = made.spray(tmp_path / "a.nc")
     answer, _ = replay(ocean, path)
     assert (answer["observations"]["used"], answer["observations"]["bins_used"]) == (2, 19)
-    done = invoke(["qc", str(path)])
-    assert done.exit_code == 0, done.output
-    done = invoke(f"convert {path} -o {tmp_path}/a.mcap")
-    assert done.exit_code == 0, done.output
+    succeed(f"qc {path}")
+    succeed(f"convert {path} -o {tmp_path}/a.mcap")
     again, _ = replay(ocean, tmp_path / "a.mcap")
     assert again["rms_innovation"] == answer["rms_innovation"]
-    done = invoke(
+    done = succeed(
         [
             "bench",
             str(made.bodc(tmp_path / "b.nc")),
@@ -95,7 +90,6 @@ def test_absolute_profiles_are_used_directly_by_every_command(ocean, tmp_path):
             "--first=1",
         ]
     )
-    assert done.exit_code == 0, done.output
     assert "next-dive" in done.stdout
 
 
@@ -176,7 +170,7 @@ def test_an_unknown_reference_ends_with_the_line_to_set(ocean, tmp_path):
     )
 
 
-@pytest.mark.skipif(not (DATA / "glider").is_dir(), reason="../shared/data/glider is not there")
+@needs(DATA / "glider")
 @pytest.mark.parametrize(
     ("name", "used"), [("seagliderOG1_sg033_delayed.nc", 18), ("og1_sp028_20230202T1637_R.nc", 9)]
 )

@@ -12,7 +12,7 @@ from replay_kit.core.geodesy import rotate_to_local
 from replay_kit.core.message import Message
 from replay_kit.logs.mcap.writer import write_mcap_log
 from tests import synthetic
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.show.report.html_of import figures
 from tests.workflows.replay.test_flight_bias import dive
 
@@ -126,20 +126,17 @@ def test_the_summary_states_the_correction(replayed):
 def test_status_table_and_page_name_both(replayed, tmp_path):
     result = str(replayed[0] / "out.mcap")
     east, north = dive(DIVES - 1).velocity
-    status = " ".join(invoke(["status", result, "-v"]).output.split())
+    status = " ".join(invoke(f"status {result} -v").output.split())
     assert f"dive {DIVES} measured {100.0 * np.hypot(east, north):.1f} ± 1.0 cm/s toward" in status
     assert f"dive {DIVES} corrected for the flight model's error" in status
-    said = json.loads(invoke(["status", result, "--json", "-"]).stdout)["current"]
+    said = json.loads(invoke(f"status {result} --json -").stdout)["current"]
     assert (said["measured"]["east"], said["measured"]["north"]) == pytest.approx(
         (east, north), abs=1e-5
     )
     assert np.hypot(
         said["corrected"]["east"] - east, said["corrected"]["north"] - north
     ) == pytest.approx(0.125, abs=0.03)
-    assert (
-        invoke(["export", result, "--table", "dives", "-o", str(tmp_path / "dives.csv")]).exit_code
-        == 0
-    )
+    succeed(f"export {result} --table dives -o {tmp_path}/dives.csv")
     table = pd.read_csv(tmp_path / "dives.csv")
     stated = np.array([dive(k).velocity for k in range(DIVES)])
     np.testing.assert_allclose(
@@ -148,7 +145,7 @@ def test_status_table_and_page_name_both(replayed, tmp_path):
     for name in ("measured", "corrected", "estimated"):
         assert table.iloc[-1][[f"dac_eastward_{name}", f"dac_{name}_standard_error"]].notna().all()
     assert table["dac_eastward_corrected"].isna().iloc[0]
-    assert invoke(["report", result, "-o", str(tmp_path / "page.html")]).exit_code == 0
+    succeed(f"report {result} -o {tmp_path}/page.html")
     page = (tmp_path / "page.html").read_text()
     assert "mean currents were corrected for the flight model" in page
     names = [trace["name"] for trace in figures(page)["mean-currents"]["traces"]]

@@ -44,7 +44,7 @@ from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.verify import verify
 from tests import synthetic
-from tests.command import invoke
+from tests.command import invoke, succeed
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
 PLANNER = PlannerConfig(
@@ -179,8 +179,7 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
     ]
 
     def said(*more):
-        done = invoke([*ask, "--json", "-", *more])
-        assert done.exit_code == 0, done.output
+        done = succeed([*ask, "--json", "-", *more])
         return json.loads(done.stdout)
 
     made, stated = (
@@ -340,21 +339,14 @@ def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
     )
     # 14 km take 13.4 h at 0.29 m/s, and may take twice as long: steps to 10, 20 and 30 h, and to 40 h as they come in fours
     flows = [growing, *(growing.at(10**15 + k * 36000 * 10**9) for k in (1, 2, 3, 4))]
-    expected = plan_mission(
-        flows,
-        MissionRequest(
-            start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15
-        ),
+    asked = MissionRequest(
+        start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15
     )
+    expected = plan_mission(flows, asked)
     np.testing.assert_array_equal(
         planner.plan(growing, PlanQuery(start, goal, 10**15)).plan.track, expected.track
     )
-    once = plan_mission(
-        still,
-        MissionRequest(
-            start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15
-        ),
-    )
+    once = plan_mission(still, asked)
     np.testing.assert_array_equal(
         planner.plan(same, PlanQuery(start, goal, 10**15)).plan.track, once.track
     )
@@ -389,8 +381,7 @@ def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_
         "--surface-time=240",
         "--tolerance=100",
     )
-    done = invoke(["plan", str(out), start, goal, *settings, "--json", "-"])
-    assert done.exit_code == 0, done.output
+    done = succeed(["plan", str(out), start, goal, *settings, "--json", "-"])
     said = json.loads(done.stdout)
     samples = said["samples"]
     stated = [samples[name] for name in ("count", "reached", "reached_held", "safe")]

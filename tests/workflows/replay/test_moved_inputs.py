@@ -13,6 +13,7 @@ from replay_kit.core.plan import Place
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.verify import verify
+from tests.results.result_samples import metadata_of
 from tests.workflows.replay.interrupted import make_ocean, run_until
 
 GOAL = Place(152.3, -39.8, 150.0)
@@ -83,8 +84,5 @@ def test_a_bathymetry_that_nothing_reads_is_no_input(folders, tmp_path):
         config,
         None,
     )
-    with (tmp_path / "out.mcap").open("rb") as file:
-        inputs = {record.name: record.metadata for record in make_reader(file).iter_metadata()}[
-            "replay_kit.inputs"
-        ]
+    inputs = metadata_of(tmp_path / "out.mcap")["replay_kit.inputs"]
     assert sorted(inputs) == ["ensemble", "log0"]

@@ -46,6 +46,7 @@ from replay_kit.workflows.replay.stages.publishing import (
 )
 from replay_kit.workflows.smooth import smooth
 from replay_kit.workflows.verify import verify
+from tests import synthetic
 from tests.benchmarks.windows import LEVELS, Sea, Strip, sea
 from tests.workflows.replay.interrupted import Killed, run_until
 from tests.workflows.replay.test_inputs import NS, START, fix, written
@@ -61,24 +62,8 @@ SMALL_WINDOWS = CONFIG.model_copy(update={"forecast": ForecastConfig(window_poin
 
 
 def as_dataset(of: Sea, members: slice) -> xr.Dataset:
-    dims = ("member", "depth", "lat", "lon")
-    names = (("uo", "eastward_sea_water_velocity"), ("vo", "northward_sea_water_velocity"))
-    values = of.velocity[members]
-    return xr.Dataset(
-        {
-            name: (dims, values[:, k], {"standard_name": standard, "units": "m s-1"})
-            for k, (name, standard) in enumerate(names)
-        },
-        {
-            "depth": (
-                "depth",
-                LEVELS,
-                {"positive": "down", "units": "m", "standard_name": "depth"},
-            ),
-            "lat": ("lat", of.latitude, {"units": "degrees_north", "standard_name": "latitude"}),
-            "lon": ("lon", of.longitude, {"units": "degrees_east", "standard_name": "longitude"}),
-        },
-    )
+    velocity = np.moveaxis(of.velocity[members], 1, 0)
+    return synthetic.as_forecast(velocity, LEVELS, of.latitude, of.longitude)
 
 
 def log_along(path: Path, of: Sea, longitude: np.ndarray) -> Path:

@@ -32,7 +32,8 @@ from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
 from tests import synthetic
-from tests.command import invoke
+from tests.command import invoke, succeed
+from tests.results.result_samples import metadata_of
 
 SETTINGS = RunConfig(planner=PlannerConfig(kind="glide"))
 GOAL = Place(152.3, -39.8, 150.0)
@@ -144,9 +145,7 @@ def test_the_dives_of_a_mission_that_is_not_asked_for_reach_its_goal(goal_depth,
 def test_a_fitted_spread_is_in_the_metadata_and_the_notes(ocean, tmp_path):
     config = SETTINGS.model_copy(update={"estimator": EstimatorConfig(spread="fit", modes=20)})
     summary, _ = run(ocean, "survey.mcap", out=tmp_path / "out.mcap", config=config)
-    with (tmp_path / "out.mcap").open("rb") as stream:
-        records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
-    found = records["replay_kit.spread"]
+    found = metadata_of(tmp_path / "out.mcap")["replay_kit.spread"]
     assert set(found) == {"amplitude", "by_scale", "measurements"}
     assert int(found["measurements"]) in (8, 16, 32)
     amplitude = float(found["amplitude"])
@@ -159,10 +158,7 @@ def test_a_fitted_spread_is_in_the_metadata_and_the_notes(ocean, tmp_path):
     run(ocean, "survey.mcap", out=tmp_path / "again.mcap", config=config)
     assert (tmp_path / "again.mcap").read_bytes() == (tmp_path / "out.mcap").read_bytes()
     run(ocean, "survey.mcap", out=tmp_path / "given.mcap")
-    with (tmp_path / "given.mcap").open("rb") as stream:
-        assert "replay_kit.spread" not in {
-            record.name for record in make_reader(stream).iter_metadata()
-        }
+    assert "replay_kit.spread" not in metadata_of(tmp_path / "given.mcap")
 
 
 def test_mcap_and_tlog_of_a_mission_give_the_same_estimate(ocean):
@@ -371,8 +367,7 @@ def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
         "--json",
         str(tmp_path / "o.json"),
     ]
-    done = invoke(arguments)
-    assert done.exit_code == 0, done.output
+    done = succeed(arguments)
     assert "Dives: 4; RMS innovation" in done.output
     answer = json.loads((tmp_path / "o.json").read_text())
     keys = {
@@ -405,8 +400,7 @@ def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path, m
     monkeypatch.setattr(dry_run, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
     monkeypatch.setattr(ReducedBasisEstimator, "weights", slow)
     arguments = f"replay {ocean}/survey.mcap --ensemble {ocean}/ensemble.nc --modes 20 --dry-run"
-    done = invoke(f"{arguments} -o {tmp_path}/o.mcap --json {tmp_path}/d.json")
-    assert done.exit_code == 0, done.output
+    succeed(f"{arguments} -o {tmp_path}/o.mcap --json {tmp_path}/d.json")
     answer = json.loads((tmp_path / "d.json").read_text())
     assert (answer["profiles_used"], answer["members"], answer["modes"], answer["state_size"]) == (
         40,
