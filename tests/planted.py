@@ -1,6 +1,7 @@
 """Twin logs with a fault planted in their messages, as a careless logger would have written them."""
 
 import numpy as np
+import xarray as xr
 
 DECLINATION = 14.0
 
@@ -52,6 +53,16 @@ PINGS = {
 }
 NAMES = {name: name.split(":")[0].split(",")[0] for name in PINGS}
 NAMES["both signs are wrong"] = "turned by +180 degrees clockwise, both signs wrong"
+
+
+def in_centimetres(ensemble, out):
+    """Write a forecast whose speeds are in cm/s although it says m/s."""
+    with xr.open_dataset(ensemble) as ds:
+        scaled = ds.copy()
+        for name, values in ds.data_vars.items():
+            if values.ndim >= 3:
+                scaled[name] = (100.0 * values).assign_attrs(values.attrs)
+        scaled.to_netcdf(out, engine="h5netcdf")
 
 
 def planted(messages, fault):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import xarray as xr
 from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 
 from planners import MissionSettings
 from replay_kit import __version__
@@ -19,6 +18,7 @@ from replay_kit.workflows.planning.areas import read_areas
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.command import invoke, succeed
 from tests.planners.flow_samples import uncertain_flow
+from tests.results.result_samples import decoded
 
 ASK = "--start=152.42,-40.0,0 --goal=152.52,-39.96,0 --depth 390"
 
@@ -56,10 +56,8 @@ def test_everything_it_writes_agrees(flow, tmp_path):
         json.loads(geojson.read_text())["features"][0]["properties"]["duration_s"]
         == said["duration_s"]
     )
-    with out.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        ((_, _, message, controls),) = reader.iter_decoded_messages(topics="/plan/controls")
-    assert (message.log_time, controls.status) == (10**18, "reached")
+    ((time_ns, controls),) = decoded(out)["/plan/controls"]
+    assert (time_ns, controls.status) == (10**18, "reached")
     assert (controls.duration, controls.message) == (
         pytest.approx(said["duration_s"]),
         said["message"],

@@ -27,6 +27,13 @@ def rows_of(estimator, observations):
     )
 
 
+def assert_static(evolving, static, observations, rel, atol):
+    """An estimator through time without change is the static one."""
+    (state, said), (other, same) = (run(each, observations) for each in (static, evolving))
+    assert [each.nis for each in same] == pytest.approx([each.nis for each in said], rel=rel)
+    np.testing.assert_allclose(evolving.weights([other])[0], state.mean, atol=atol)
+
+
 def assert_alike(said, expected, rel, atol):
     for ours, theirs in zip(said, expected, strict=True):
         assert ours.nis == pytest.approx(theirs.nis, rel=rel)

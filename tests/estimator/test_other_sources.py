@@ -19,6 +19,7 @@ from replay_kit.measurements.surface.drifters import Errors, displacement
 from replay_kit.measurements.surface.radar import superobservations
 from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
 from tests import synthetic
+from tests.estimator.runs import assert_static
 from tests.measurements.section.test_thermal_wind import line
 from tests.reference import estimator as slow
 
@@ -133,12 +134,7 @@ def test_the_estimate_is_that_of_a_dense_kalman_filter_with_the_same_rows(measur
 def test_through_time_without_change_the_estimate_is_the_static_one(measurements):
     static = build_estimator(OCEAN, CONFIG)
     evolving = build_evolving([OCEAN], CONFIG, TimeConfig(scale="static", dropped_std=0.0))
-    state, other = static.initial(), evolving.initial()
-    for given in measurements:
-        state, said = static.step(state, given)
-        other, same = evolving.step(other, given)
-        assert same.nis == pytest.approx(said.nis, rel=1e-8)
-    np.testing.assert_allclose(evolving.weights([other])[0], state.mean, atol=1e-9)
+    assert_static(evolving, static, measurements, 1e-8, 1e-9)
 
 
 def test_they_are_one_stream_with_profiles_that_are_grouped(measurements):

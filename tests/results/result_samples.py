@@ -28,11 +28,12 @@ TOPICS = {
 Run = Callable[[Path], Path]
 
 
-def decoded(path: Path) -> dict[str, list[tuple[int, Any]]]:
+def decoded(path: Path, *topics: str) -> dict[str, list[tuple[int, Any]]]:
+    """Return the messages of some topics of a result, of all without one, by topic: time and value."""
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
         out: dict[str, list[tuple[int, Any]]] = {}
-        for schema, channel, message, value in reader.iter_decoded_messages():
+        for schema, channel, message, value in reader.iter_decoded_messages(topics=topics or None):
             assert TOPICS.get(channel.topic, schema.name) == schema.name
             assert message.log_time == message.publish_time
             out.setdefault(channel.topic, []).append((message.log_time, value))

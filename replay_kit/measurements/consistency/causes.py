@@ -54,9 +54,7 @@ def cause_of_pairs(
     cause, share = rivals[0]
     if cause in _ADDED:
         # what excludes a scale must hold where the current hardly changes, too
-        alike = current.causes(SCALES, LEAST_MEANS, of_one_current=True)
-        rivals = odds({one: max(gain, alike.get(one, gain)) for one, gain in causes.items()})
-        share = dict(rivals)[cause]
+        rivals = _beside(causes, current.causes(SCALES, LEAST_MEANS, of_one_current=True))
     best = None
     if cause == SCALE_CAUSE:
         scales = (
@@ -67,9 +65,7 @@ def cause_of_pairs(
         best = max((each for each in scales if each), key=lambda each: each.gain, default=None)
         if best is None or best.fault.kind not in _UNIT or not best.fault.unit:
             # what excludes an offset must be how it fits, not that its size is not known before; no offset is a unit again and again
-            alike = current.added_by_fit(LEAST_MEANS)
-            rivals = odds({one: max(gain, alike.get(one, gain)) for one, gain in causes.items()})
-            share = dict(rivals)[cause]
+            rivals = _beside(causes, current.added_by_fit(LEAST_MEANS))
     elif cause.endswith(_OF_VEHICLE):
         best = sources.vehicle.explanation(TURNED, LEAST_DIVES, _TURN_GAIN)
         # what excludes an instrument must be certain
@@ -77,11 +73,17 @@ def cause_of_pairs(
             return findings.turned(best, findings.OF_VEHICLE, mean.time_ns, topic)
     else:
         best = current.explanation(kinds_of(cause, _ANY), LEAST_MEANS)
+    share = dict(rivals)[cause]
     if best is None or (share < _LIKELY and best.pairs < _ENOUGH):
         return None
     if share < _LIKELY:
         return findings.undecided(best, rivals, mean, topic)
     return findings.of_sources(best, rivals, mean, topic)
+
+
+def _beside(causes: dict[str, float], alike: dict[str, float]) -> list[tuple[str, float]]:
+    """Return the odds of causes where some count at least as much as another comparison has it."""
+    return odds({one: max(gain, alike.get(one, gain)) for one, gain in causes.items()})
 
 
 def scale_of_motion(track: PairStatistics) -> Explanation | None:

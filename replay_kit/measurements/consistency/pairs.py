@@ -228,12 +228,8 @@ class PairStatistics:
 
     def added_by_fit(self, least_pairs: int) -> dict[str, float]:
         """Return ``causes`` of an offset and a drift by ``of_fit``: elsewhere a scale that fits as well is likelier."""
-        found, kinds = dict[str, float](), ("offset", "drift")
-        gains = self.fits(kinds).of_fit if self.pairs else np.zeros((0, 0))
-        of_each = np.logaddexp.reduce(gains[: max(1, len(gains) - least_pairs + 1)], axis=0)
-        for each, gain in zip(_table(kinds)[0], of_each.tolist(), strict=True):
-            found[each.cause] = gain + math.log(each.prior)
-        return found
+        kinds = ("offset", "drift")
+        return _of_causes(self.fits(kinds).of_fit, kinds, least_pairs) if self.pairs else {}
 
     def causes(
         self, kinds: tuple[str, ...], least_pairs: int, of_one_current: bool = False
@@ -245,15 +241,10 @@ class PairStatistics:
             least_pairs: Number of pairs that a fault which began during the log must explain.
             of_one_current: Whether all vectors are of one current, in which a scale is hardly told from an offset.
         """
-        found: dict[str, float] = {}
         if not self.pairs:
-            return found
+            return {}
         gains = self._in_one_current(kinds) if of_one_current else self.fits(kinds).gain
-        of_each = np.logaddexp.reduce(gains[: max(1, len(gains) - least_pairs + 1)], axis=0)
-        for each, gain in zip(_table(kinds)[0], of_each.tolist(), strict=True):
-            more = gain + math.log(each.prior)
-            found[each.cause] = float(np.logaddexp(found.get(each.cause, -math.inf), more))
-        return found
+        return _of_causes(gains, kinds, least_pairs)
 
     def undecided(self) -> dict[str, float]:
         """Return what all pairs neither establish nor exclude, causes and slips, with their log-likelihood ratios to equality."""
@@ -339,6 +330,16 @@ def _rare(squared_bias: Array) -> Array:
 
 def _squared(pair: Pair) -> float:
     return pair.weight * ((pair.a_east - pair.b_east) ** 2 + (pair.a_north - pair.b_north) ** 2)
+
+
+def _of_causes(gains: Array, kinds: tuple[str, ...], least_pairs: int) -> dict[str, float]:
+    """Return the logarithm of the odds of each cause, all its hypotheses together, by gains since each pair, shape (pairs, n)."""
+    found = dict[str, float]()
+    of_each = np.logaddexp.reduce(gains[: max(1, len(gains) - least_pairs + 1)], axis=0)
+    for each, gain in zip(_table(kinds)[0], of_each.tolist(), strict=True):
+        more = gain + math.log(each.prior)
+        found[each.cause] = float(np.logaddexp(found.get(each.cause, -math.inf), more))
+    return found
 
 
 def odds(causes: Mapping[str, float]) -> list[tuple[str, float]]:

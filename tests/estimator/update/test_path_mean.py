@@ -16,6 +16,7 @@ from replay_kit.estimator.prior.amplitude import hybrid_parts
 from replay_kit.estimator.prior.conditioned import ConditionedPrior
 from replay_kit.estimator.update.representation import inflated, predict, prefetch, taken_in_all
 from tests import synthetic
+from tests.estimator.runs import assert_static
 from tests.reference import estimator as slow
 from tests.reference.representation import error_at
 
@@ -149,13 +150,8 @@ def test_profiles_and_means_in_any_order_are_one_prior_and_all_rows():
 
 def test_without_change_the_evolving_estimate_takes_it_as_the_static_one():
     static, evolving = build_estimator(SMALL, CONFIG), build_evolving([SMALL], CONFIG, STATIC)
-    state, other = static.initial(), evolving.initial()
-    for k in range(4):
-        path = dive(k, start_ns=k * 5 * HOUR)
-        state, said = static.step(state, path)
-        other, same = evolving.step(other, path)
-        assert same.nis == pytest.approx(said.nis, rel=1e-9)
-    np.testing.assert_allclose(evolving.weights([other])[0], state.mean, atol=1e-11)
+    dives = [dive(k, start_ns=k * 5 * HOUR) for k in range(4)]
+    assert_static(evolving, static, dives, 1e-9, 1e-11)
 
 
 def test_a_path_outside_the_region_is_left_out_and_one_twice_counts_once():

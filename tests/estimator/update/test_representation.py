@@ -132,14 +132,19 @@ def test_nothing_measured_is_lost_when_room_for_directions_runs_out(kind, spans_
     )
 
 
+def checked_run(preset, kind, n):
+    """The last state of a log, which is the textbook's."""
+    estimator, observations = ESTIMATORS[preset], observed(places(kind, n))
+    state, said = run(estimator, observations)
+    assert_is(estimator, state, *textbook(estimator, observations, said))
+    return state
+
+
 @pytest.mark.parametrize("preset", ESTIMATORS)
 @pytest.mark.parametrize("kind", ["track", "dense track", "repeated", "scattered"])
 @pytest.mark.parametrize("n", [5, 33, 120])
 def test_any_log_gives_the_textbook_s_posterior(preset, kind, n):
-    estimator = ESTIMATORS[preset]
-    observations = observed(places(kind, n))
-    state, said = run(estimator, observations)
-    assert_is(estimator, state, *textbook(estimator, observations, said))
+    checked_run(preset, kind, n)
 
 
 @pytest.mark.parametrize("switch", [1, 2, 7, 11])
@@ -159,11 +164,7 @@ def test_the_form_may_change_after_any_ping(switch):
 @pytest.mark.parametrize("preset", ESTIMATORS)
 @pytest.mark.full
 def test_hundreds_of_pings_need_no_more_than_the_covariance(preset):
-    estimator = ESTIMATORS[preset]
-    observations = observed(places("track", 600))
-    state, said = run(estimator, observations)
-    assert state.posterior.n_rows <= 1024 + 6
-    assert_is(estimator, state, *textbook(estimator, observations, said))
+    assert checked_run(preset, "track", 600).posterior.n_rows <= 1024 + 6
 
 
 def test_rows_in_few_directions_take_the_span_form_and_more_than_the_weights_begin_anew():
@@ -364,11 +365,8 @@ def test_an_inflated_posterior_keeps_its_form_and_goes_on_as_the_textbook_s(form
 
 def test_with_many_weights_no_matrix_of_them_is_made(monkeypatch):
     monkeypatch.setattr(representation, "_LARGE", 10)
-    estimator = ESTIMATORS["default"]
-    observations = observed(places("scattered", 40))
-    state, said = run(estimator, observations)
+    state = checked_run("default", "scattered", 40)
     assert isinstance(state.posterior, ReducedSubspacePosterior)
-    assert_is(estimator, state, *textbook(estimator, observations, said))
 
 
 def test_the_factors_of_an_estimate_are_its_covariance():

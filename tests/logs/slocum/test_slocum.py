@@ -123,6 +123,13 @@ values = st.dictionaries(
 SENSORS = (("a", 1, "u"), ("b", 2, "u"), ("c", 4, "u"), ("d", 8, "u"), ("e", 4, "u"))
 
 
+def cycles_of(data, wanted):
+    """The cycles of a file, and where they begin."""
+    header = read_header(Path("a.sbd"), data)
+    sensors, length = read_sensors(header, data[header.size :], "a.sbd")
+    return read_cycles(data, header.size + length, sensors, wanted), header.size + length
+
+
 @given(st.lists(values, max_size=12), st.sampled_from("<>"))
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_any_cycles_are_read_as_by_the_slow_twin(cycles, order):
@@ -135,10 +142,8 @@ def test_any_cycles_are_read_as_by_the_slow_twin(cycles, order):
         for cycle in cycles
     ]
     data = slocum.file_bytes(SENSORS, cycles, order)
-    header = read_header(Path("a.sbd"), data)
-    sensors, length = read_sensors(header, data[header.size :], "a.sbd")
-    found = read_cycles(data, header.size + length, sensors, set("abcde"))
-    expected = cycles_one_by_one(data, header.size + length, SENSORS)
+    found, begin = cycles_of(data, set("abcde"))
+    expected = cycles_one_by_one(data, begin, SENSORS)
     assert found.lost == ()
     for name, _, _ in SENSORS:
         states = [cycle.get(name, (0, 0.0))[0] for cycle in expected]
@@ -300,10 +305,7 @@ def test_a_mission_with_a_damaged_file_or_cache_is_read_or_refused(tmp_path, cou
 
 def test_a_hostile_file_of_tags_alone_ends():
     data = slocum.file_bytes(slocum.FLIGHT, [])[:-1] + b"d" * (1 << 20)
-    header = read_header(Path("a.sbd"), data)
-    sensors, length = read_sensors(header, data[header.size :], "a.sbd")
-    found = read_cycles(data, header.size + length, sensors, {"m_depth"})
-    assert found.lost
+    assert cycles_of(data, {"m_depth"})[0].lost
 
 
 def test_a_block_that_claims_to_unpack_to_more_than_it_may_is_cut_there():

@@ -9,7 +9,8 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import LinearMeasurement
-from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
+from replay_kit.measurements import Skipped, Used
+from tests.measurements.samples import run
 from tests.measurements.section.test_thermal_wind import LATITUDE, expected
 
 CONFIG = MeasurementConfig()
@@ -58,11 +59,7 @@ def mission(
 
 def measured(messages, config=CONFIG):
     """Return the shears, the reasons by number of messages, and how many messages of the CTD were used."""
-    state, events = initial_state(), []
-    for message in messages:
-        state, more = interpret(state, message, config)
-        events += more
-    events += finish(state, config)
+    events = run(messages, config)
     reasons = [
         event.reason for event in events if isinstance(event, Skipped) and event.topic == "/ctd"
     ]

@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.grid import Seabed
 from replay_kit.core.plan import Area, Odds
@@ -21,7 +19,7 @@ from replay_kit.show.plots import drawn
 from replay_kit.show.plots.current_map import draw_seabed
 from replay_kit.show.plots.panel import CONTOUR_LABEL
 from replay_kit.show.report import report_html
-from tests.results.result_samples import CONFIG, METADATA
+from tests.results.result_samples import CONFIG, METADATA, decoded
 from tests.show.plots.test_plots import words
 from tests.show.report.html_of import figures, table, text_of, unpacked
 from tests.synthetic_flow import TIME_NS, synthetic_flow
@@ -294,9 +292,6 @@ def test_geojson_kml_and_the_channel_hold_areas_and_ellipses(contents, tmp_path)
     assert features[3]["properties"]["surface_only"] is True
     export(contents, tmp_path / "x.kml")
     assert "5.0200000,62.0100000 5.0400000,62.0100000" in (tmp_path / "x.kml").read_text()
-    with contents.result.path.open("rb") as file:
-        ((_, _, _, value),) = make_reader(
-            file, decoder_factories=[DecoderFactory()]
-        ).iter_decoded_messages(topics="/plan/geojson")
+    ((_, value),) = decoded(contents.result.path)["/plan/geojson"]
     kinds = [feature["properties"].get("kind") for feature in json.loads(value.geojson)["features"]]
     assert kinds == [None, None, None, "ellipse", "no_go", "no_go"]

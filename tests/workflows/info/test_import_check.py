@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import Finding
@@ -35,7 +34,7 @@ from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke, succeed
 from tests.measurements.samples import mavlink_frames, ping
 from tests.places import SAMPLES
-from tests.planted import NAMES, PINGS, planted
+from tests.planted import NAMES, PINGS, in_centimetres, planted
 
 CONFIG = load_config(
     None, {"forecast": {"levels": (5.0, 150.0, 500.0)}, "estimator": {"modes": 60}}
@@ -202,12 +201,7 @@ def written(folder, messages):
 
 
 def test_an_ensemble_in_another_unit_is_named_and_the_log_is_not_blamed(tmp_path, surveys):
-    with xr.open_dataset(SAMPLES / "ensemble.nc") as ds:
-        scaled = ds.copy()
-        for name, values in ds.data_vars.items():
-            if values.ndim >= 3:
-                scaled[name] = (100.0 * values).assign_attrs(values.attrs)
-        scaled.to_netcdf(tmp_path / "cm.nc", engine="h5netcdf")
+    in_centimetres(SAMPLES / "ensemble.nc", tmp_path / "cm.nc")
     found = check_logs(written(tmp_path, surveys[0]), (tmp_path / "cm.nc",), CONFIG)
     assert [finding.name for finding in found.findings] == ["unit of the ensemble"]
     assert (found.profiles, found.undetermined, found.note) == (

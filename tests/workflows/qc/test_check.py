@@ -4,8 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import RunConfig, load_config
@@ -22,6 +20,7 @@ from tests.command import invoke
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
 from tests.places import ROOT
+from tests.results.result_samples import decoded
 
 CELLS = {
     "n_cells": 5,
@@ -160,9 +159,7 @@ def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_pat
     summary, _ = replay(ReplayJob((log,), tmp_path / "ensemble.nc", tmp_path / "out.mcap"), alone)
     assert (summary.profiles_used, summary.profiles_rejected, summary.bins_used) == (2, 1, 7)
     assert summary.bins_rejected["tilt"] == 5
-    with (tmp_path / "out.mcap").open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        found = [message for *_, message in reader.iter_decoded_messages(topics="/flow/innovation")]
+    found = [message for _, message in decoded(tmp_path / "out.mcap")["/flow/innovation"]]
     assert [message.accepted for message in found] == [True, True, False]
     assert list(found[1].flags) == [1, 4, 3, 1, 9]
     assert list(found[1].reasons) == [

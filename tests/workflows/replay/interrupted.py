@@ -7,6 +7,7 @@ from replay_kit.forecast import read_truth
 from replay_kit.logs import reader
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
 
@@ -24,6 +25,12 @@ def make_ocean(folder: Path, config, n_pings: int, shape=(6, 7)) -> Path:
 
 def truth_in(folder: Path, config):
     return read_truth(str(folder / "truth.nc"), config.forecast)
+
+
+def job_in(ocean: Path, out, goal, checkpoint=None, logs=("glider.mcap",), **more) -> ReplayJob:
+    """The replay of some of the logs of an ocean."""
+    paths, ensemble = tuple(ocean / log for log in logs), ocean / "ensemble.nc"
+    return ReplayJob(paths, ensemble, out, goal=goal, checkpoint=checkpoint, overwrite=True, **more)
 
 
 def run_until(job, config, stop_after):

@@ -30,7 +30,7 @@ from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.store.checkpoint import journal_path
 from replay_kit.workflows.replay.store.pickling import dump
 from replay_kit.workflows.verify import verify
-from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
+from tests.workflows.replay.interrupted import Killed, job_in, make_ocean, run_until, truth_in
 
 CONFIG = RunConfig(
     planner=PlannerConfig(kind="glide"),
@@ -56,16 +56,7 @@ def run(
     logs=("glider.mcap",),
     include_inputs=False,
 ):
-    paths = tuple(ocean / log for log in logs)
-    job = ReplayJob(
-        paths,
-        ocean / "ensemble.nc",
-        out,
-        goal=goal,
-        checkpoint=checkpoint,
-        overwrite=True,
-        include_inputs=include_inputs,
-    )
+    job = job_in(ocean, out, goal, checkpoint, logs, include_inputs=include_inputs)
     return run_until(job, config, stop_after)
 
 

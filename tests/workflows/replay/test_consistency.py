@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import RunConfig
@@ -39,6 +38,7 @@ from replay_kit.workflows.replay.stages.counts import ProfileCounts, Sums
 from tests import synthetic
 from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke
+from tests.planted import in_centimetres
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
 
 CONFIG = RunConfig(
@@ -244,12 +244,7 @@ def test_frozen_positions_of_a_log_without_measurements_are_no_result(ocean):
 
 
 def test_an_ensemble_in_another_unit_is_refused_unless_checks_are_ignored(ocean, tmp_path):
-    with xr.open_dataset(ocean / "ensemble.nc") as ds:
-        scaled = ds.copy()
-        for name, values in ds.data_vars.items():
-            if "m" in str(values.attrs.get("units", "")) and values.ndim >= 3:
-                scaled[name] = (100.0 * values).assign_attrs(values.attrs)
-        scaled.to_netcdf(tmp_path / "cm.nc", engine="h5netcdf")
+    in_centimetres(ocean / "ensemble.nc", tmp_path / "cm.nc")
     job = ReplayJob((ocean / "glider.mcap",), tmp_path / "cm.nc")
     with pytest.raises(ForecastError, match=r"unit of the ensemble: .*cm\.nc: RMS speed") as error:
         replay(job, CONFIG)

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 
 import replay_kit as rk
 from planners import MissionRequest, plan_mission
@@ -39,13 +37,13 @@ from replay_kit.show.status.status import status_of
 from replay_kit.show.summary import print_summary
 from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.planning import MissionPlanner, planner_of
-from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.command import invoke, succeed
-from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
+from tests.results import result_samples
+from tests.workflows.replay.interrupted import Killed, job_in, make_ocean, run_until
 
 PLANNER = PlannerConfig(
     kind="mission", when="surfacing", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0
@@ -64,15 +62,7 @@ def ocean(tmp_path_factory) -> Path:
 
 
 def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL):
-    job = ReplayJob(
-        (ocean / "glider.mcap",),
-        ocean / "ensemble.nc",
-        out,
-        goal=goal,
-        checkpoint=checkpoint,
-        overwrite=True,
-    )
-    return run_until(job, config, stop_after)[0]
+    return run_until(job_in(ocean, out, goal, checkpoint), config, stop_after)[0]
 
 
 @pytest.fixture(scope="module")
@@ -86,13 +76,7 @@ def stopped(ocean):
 
 
 def decoded(path, topic):
-    with path.open("rb") as stream:
-        return [
-            one[3]
-            for one in make_reader(
-                stream, decoder_factories=[DecoderFactory()]
-            ).iter_decoded_messages(topics=[topic])
-        ]
+    return [message for _, message in result_samples.decoded(path, topic).get(topic, ())]
 
 
 def ns(stamp) -> int:

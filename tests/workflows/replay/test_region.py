@@ -141,22 +141,19 @@ def test_a_log_of_another_place_is_refused_before_anything_is_read(strip, tmp_pa
         forecasts_of(ReplayJob((elsewhere,), strip / "ensemble.nc"), CONFIG)
 
 
-def test_a_region_narrower_than_a_correlation_length_is_refused(strip):
-    config = CONFIG.model_copy(
-        update={"forecast": ForecastConfig(region=(-12.0, 40.3, -11.9, 41.0))}
-    )
-    with pytest.raises(
-        ForecastError,
-        match=r"the region is .* km, and the forecast's correlation length .* km: widen --region",
-    ):
-        forecasts_of(job(strip), config)
-
-
-def test_windows_smaller_than_the_margins_are_refused(strip):
-    config = CONFIG.model_copy(update={"forecast": ForecastConfig(window_points=100)})
-    with pytest.raises(
-        ForecastError, match=r"a window of 100 points reaches \d+ km, and \d+ km are needed"
-    ):
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (
+            {"region": (-12.0, 40.3, -11.9, 41.0)},
+            r"the region is .* km, and the forecast's correlation length .* km: widen --region",
+        ),
+        ({"window_points": 100}, r"a window of 100 points reaches \d+ km, and \d+ km are needed"),
+    ],
+)
+def test_a_narrow_region_and_windows_smaller_than_the_margins_are_refused(strip, settings, words):
+    config = CONFIG.model_copy(update={"forecast": ForecastConfig(**settings)})
+    with pytest.raises(ForecastError, match=words):
         forecasts_of(job(strip, "long.mcap"), config)
 
 

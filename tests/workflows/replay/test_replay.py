@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import xarray as xr
 from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, MeasurementConfig, RunConfig, load_config
@@ -33,7 +32,7 @@ from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
 from tests import synthetic
 from tests.command import invoke, succeed
-from tests.results.result_samples import metadata_of
+from tests.results.result_samples import decoded, metadata_of
 
 SETTINGS = RunConfig(planner=PlannerConfig(kind="glide"))
 GOAL = Place(152.3, -39.8, 150.0)
@@ -61,16 +60,6 @@ def run(ocean, *logs, out=None, config=SETTINGS, **options):
     return replay(job, config, planner_of)
 
 
-def decoded(path):
-    with path.open("rb") as stream:
-        return [
-            (channel.topic, message)
-            for _, channel, _, message in make_reader(
-                stream, decoder_factories=[DecoderFactory()]
-            ).iter_decoded_messages()
-        ]
-
-
 def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocean, tmp_path):
     out = tmp_path / "out.mcap"
     summary, flow = run(
@@ -86,7 +75,8 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocea
     assert summary.profiles_used == 40
     assert summary.truth.rmse < 0.6 * summary.truth.ensemble_mean_rmse
     assert summary.rms_after < summary.rms_before < summary.rms_prior
-    topics = {topic for topic, _ in decoded(out)}
+    held = decoded(out)
+    topics = set(held)
     fixed = {
         "/vehicle/fix",
         "/flow/estimate",
@@ -98,8 +88,7 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocea
     }
     assert fixed < topics
     assert sum(topic.startswith("/flow/grid/") for topic in topics) == 3
-    innovations = [message for topic, message in decoded(out) if topic == "/flow/innovation"]
-    assert sum(message.dof for message in innovations) == 2 * summary.bins_used
+    assert sum(message.dof for _, message in held["/flow/innovation"]) == 2 * summary.bins_used
     with xr.open_dataset(tmp_path / "grid.nc", engine="h5netcdf") as grid:
         names = {variable.attrs.get("standard_name") for variable in grid.variables.values()}
     assert "eastward_sea_water_velocity" in names
