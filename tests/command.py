@@ -52,9 +52,9 @@ def invoke(arguments: str | Sequence[str], columns: int = 160) -> Outcome:
     return Outcome(code, out.getvalue(), err.getvalue(), exception)
 
 
-def succeed(arguments: str | Sequence[str]) -> Outcome:
+def succeed(arguments: str | Sequence[str], columns: int = 160) -> Outcome:
     """Run ``replay-kit`` with arguments, or a line of them, which must end with exit code 0."""
-    done = invoke(arguments)
+    done = invoke(arguments, columns)
     assert done.exit_code == 0, done.output
     return done
 
