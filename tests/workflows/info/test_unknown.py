@@ -151,7 +151,7 @@ def test_info_of_a_folder_with_two_missions_ends_with_how_to_choose_one(tmp_path
     folder = tmp_path / "a b"
     first, _ = made.seaexplorer(folder)
     (folder / "SEA063.23.gli.sub.1").write_text(first.read_text())
-    done = succeed(f"info {folder}")
+    done = succeed(["info", str(folder)])
     assert "Mission: sea063.22\n" in done.stdout
     step = f"Next: replay-kit info '{folder}'/SEA063.22.gli.sub.*\nThe logs are of 2 missions, of which this is one; "
     assert done.stdout.rstrip().endswith(f"{step}the others: '{folder}'/SEA063.23.gli.sub.1")
@@ -160,7 +160,7 @@ def test_info_of_a_folder_with_two_missions_ends_with_how_to_choose_one(tmp_path
 def test_the_command_printed_runs(tmp_path, monkeypatch):
     log, mapping = _cells(tmp_path / "a b.mcap"), tmp_path / "map.toml"
     monkeypatch.chdir(tmp_path)
-    first, then = invoke(f"info {log}").stdout.splitlines()[-2:]
+    first, then = invoke(["info", str(log)]).stdout.splitlines()[-2:]
     succeed(shlex.split(first.removeprefix("Next: replay-kit ")))
     mapping.write_text(mapping.read_text().replace('"unknown"', '"earth"'))
     done = invoke(shlex.split(then.removeprefix("Correct map.toml, then: replay-kit ")))
