@@ -58,6 +58,10 @@ class Grid:
         top = self.wet[0]
         return np.column_stack([self.east[top], self.north[top]])
 
+    def steps(self, axis: int) -> Array:
+        """Return the distances [m] between neighbours along an axis, shape (J - 1, I) or (J, I - 1)."""
+        return np.hypot(np.diff(self.east, axis=axis), np.diff(self.north, axis=axis))
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Ensemble:

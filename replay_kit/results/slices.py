@@ -200,9 +200,7 @@ def _axis(grid: Grid, values: Array) -> Array:
     """
     # the grid's axis that leads along the local one: columns may lead north
     along = int(np.argmax([np.median(np.abs(np.diff(values, axis=axis))) for axis in (0, 1)]))
-    cell = float(
-        np.median(np.hypot(np.diff(grid.east, axis=along), np.diff(grid.north, axis=along)))
-    )
+    cell = float(np.median(grid.steps(along)))
     least, most = float(values.min()), float(values.max())
     # meridians and parallels are bent in the local frame: only their innermost points have all of the axis inside
     beside = min(0.5 * cell, 0.25 * (most - least))

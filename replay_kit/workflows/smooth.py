@@ -33,8 +33,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.workflows.replay.inputs.estimator import build, flow_at
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
-from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
-from replay_kit.workflows.replay.inputs.opened import forecasts_of
+from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, forecasts_of
 from replay_kit.workflows.replay.inputs.provenance import run_metadata, run_settings_toml
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.stages.consistency import MonitoringState, require_one_vehicle

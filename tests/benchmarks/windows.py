@@ -25,7 +25,7 @@ from replay_kit.core.observation import Observation
 from replay_kit.core.region import Region, around
 from replay_kit.estimator import ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.basis.slices import correlation_length
-from replay_kit.estimator.windows import WindowedEstimator
+from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast.grid import in_frame, local_grid, true_to_local
 from replay_kit.studies.twins.field import build_field
 from tests import synthetic

@@ -11,8 +11,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.convert import convert
-from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.opened import copy_inputs
+from replay_kit.workflows.replay.inputs.job import ReplayJob, copy_inputs
 from tests.fuzz.damage import sound_messages
 from tests.logs.log_samples import json_mcap, tlog
 from tests.places import SAMPLES

@@ -215,9 +215,7 @@ def _coordinates(
 
 def _spacing(grid: Grid, axis: int) -> float:
     """Return the largest distance [m] between neighbours along an axis of the horizontal grid; 0 for a single row."""
-    return float(
-        np.max(np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis)), initial=0.0)
-    )
+    return float(np.max(grid.steps(axis), initial=0.0))
 
 
 _VOCABULARY = "http://vocab.nerc.ac.uk/collection/OG1/current"

@@ -70,9 +70,7 @@ def surface_speed(ensemble: Ensemble) -> float:
 
 def cell_size(grid: Grid) -> tuple[float, float]:
     """Return the median spacing of grid points [m] along its two directions, the one nearer to east-west first."""
-    along_i = np.hypot(np.diff(grid.east, axis=1), np.diff(grid.north, axis=1))
-    along_j = np.hypot(np.diff(grid.east, axis=0), np.diff(grid.north, axis=0))
-    sizes = float(np.median(along_i)), float(np.median(along_j))
+    sizes = float(np.median(grid.steps(1))), float(np.median(grid.steps(0)))
     i_is_east = np.median(np.abs(np.diff(grid.east, axis=1))) >= np.median(
         np.abs(np.diff(grid.north, axis=1))
     )

@@ -149,7 +149,7 @@ def current_gradient(ensemble: Ensemble) -> float:
     """Return the RMS difference of an ensemble's currents between neighbouring grid points over their distance [1/s], the larger axis's."""
     grid, found = ensemble.grid, [0.0]
     for axis in (-2, -1):
-        way = np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis))
+        way = grid.steps(axis)
         wet = np.delete(grid.wet, -1, axis=axis) & np.delete(grid.wet, 0, axis=axis)
         if wet.any():
             # one member at a time: ensembles may be larger than memory

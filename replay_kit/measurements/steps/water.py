@@ -42,9 +42,7 @@ def for_region(config: RunConfig, ensemble: Ensemble) -> RunConfig:
     every = 1 + math.isqrt(grid.east.size // _COLUMNS)
     squares = np.square(ensemble.velocity[:_MEMBERS, ..., ::every, ::every]).sum(axis=1)
     speed = float(np.sqrt(np.mean(squares, where=np.isfinite(squares))))
-    steps = [
-        np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis)) for axis in (0, 1)
-    ]
+    steps = [grid.steps(axis) for axis in (0, 1)]
     longitude = unwrap_longitude(grid.longitude, grid.projection.longitude)
     found = {
         "regional_speed": speed or None,

@@ -24,8 +24,7 @@ from replay_kit.measurements import Event, finish, initial_state, interpret_bloc
 from replay_kit.measurements.consistency.monitor import Checked
 from replay_kit.measurements.steps.water import for_region
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
-from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
-from replay_kit.workflows.replay.inputs.opened import forecasts_of
+from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
 from replay_kit.workflows.replay.inputs.scan import check_span, open_readers, positions_of
 from replay_kit.workflows.replay.stages.consistency import (
     MonitoringState,

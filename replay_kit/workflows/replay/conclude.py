@@ -19,8 +19,7 @@ from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
 from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.replay.array import ArraySession, value_of_each
 from replay_kit.workflows.replay.checks import require_usable
-from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.opened import Prepared, open_truth
+from replay_kit.workflows.replay.inputs.job import Prepared, ReplayJob, open_truth
 from replay_kit.workflows.replay.inputs.provenance import cited
 from replay_kit.workflows.replay.scoring import name_of, rival_inputs, score_against_truth
 from replay_kit.workflows.replay.session import Session

@@ -47,12 +47,14 @@ from replay_kit.workflows.replay.checks import check_goal, with_planner_kind
 from replay_kit.workflows.replay.conclude import conclude, counted, findings_so_far
 from replay_kit.workflows.replay.inputs.estimator import built
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
-from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, input_stamps
-from replay_kit.workflows.replay.inputs.opened import (
+from replay_kit.workflows.replay.inputs.job import (
     Prepared,
+    ReplayJob,
+    check_outputs,
     copy_inputs,
     flat,
     forecasts_of,
+    input_stamps,
     open_each,
     open_truth,
 )

@@ -5,7 +5,7 @@ import pytest
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.region import centre, inside, width
-from replay_kit.estimator.windows import WindowedEstimator
+from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.estimator.windows.handover import next_window, room_in
 from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
 

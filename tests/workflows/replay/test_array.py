@@ -23,8 +23,7 @@ from replay_kit.workflows.follow.follow import follow
 from replay_kit.workflows.follow.watch import FollowOptions
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build
-from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
-from replay_kit.workflows.replay.inputs.opened import forecasts_of
+from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
 from replay_kit.workflows.replay.replay import replay
 from tests.arrays import write_array
 from tests.command import invoke, succeed

@@ -28,8 +28,7 @@ from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build
-from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.opened import forecasts_of
+from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of
 from replay_kit.workflows.replay.inputs.region import (
     CHECKPOINT,
     _first_window,

@@ -27,7 +27,7 @@ from replay_kit.core.sealed import Kind, read_store, unusable, write_store
 from replay_kit.estimator import Estimator, ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.windows import WindowedEstimator
+from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast import ensemble_files
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
