@@ -1,7 +1,8 @@
 """Commands that get a signal at random instants: what is under the final name is whole, and the next run gives the bytes of one left alone.
 
 A child is forked from a process that has everything imported, so that an instant falls into the work and not into the imports. SIGKILL
-and SIGINT end it; after SIGSTOP and SIGCONT it must end by itself. Of a fleet the child is the scheduler; or a worker gets the signal.
+and SIGINT end it; after SIGSTOP and SIGCONT it must end by itself. Of a fleet the child is the scheduler; or a worker gets the signal. Its
+workers are forked too, by a setting of Dask: begun anew they take 5 s for imports at each trial.
 """
 
 import os
@@ -10,8 +11,10 @@ import signal
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
+import dask
 import numpy as np
 
 from replay_kit.config.run import RunConfig
@@ -22,6 +25,7 @@ _SETTINGS = "[output]\ncheckpoint_interval = 600.0\ninterval = 3600.0\n[estimato
 #: What lies under the final name before some of the runs.
 _EARLIER = b"an earlier output"
 _INPUTS = "{0}/glider.mcap --ensemble {0}/ensemble.nc --config {0}/run.toml"
+_FLEET = f"fleet {{0}}/second.mcap {_INPUTS} -o {{0}}/fleet --workers 1 --resume"
 #: Kinds of commands, each with the outputs that are compared.
 KINDS = {
     "replay": (f"replay {_INPUTS} --overwrite -o {{0}}/out.mcap", "out.mcap"),
@@ -35,13 +39,13 @@ KINDS = {
         f"replay {_INPUTS} -o {{0}}/out.mcap --follow --interval 0.1 --until-idle 0.01",
         "out.mcap",
     ),
-    "fleet": (f"fleet {_INPUTS} -o {{0}}/fleet --workers 1 --resume", "fleet/*.mcap"),
-    "fleet, a worker": (f"fleet {_INPUTS} -o {{0}}/fleet --workers 1 --resume", "fleet/*.mcap"),
+    "fleet": (_FLEET, "fleet/*.mcap"),
+    "fleet, a worker": (_FLEET, "fleet/*.mcap"),
 }
 #: The signals.
 SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGSTOP)
-# s for which a process is stopped, and for which one that goes on is waited for
-_STOPPED, _LONGEST = 0.2, 120.0
+# s for which a process is stopped, one that goes on is waited for, and workers may live on without their scheduler
+_STOPPED, _LONGEST, _ORPHANED = 0.2, 120.0, 10.0
 
 
 @dataclass
@@ -62,8 +66,9 @@ class Killed:
 
 
 def make_inputs(folder: Path, pings: int = 30) -> None:
-    """Write a small log with its ensemble, settings and a result."""
+    """Write a small log, and a copy of it, with its ensemble, settings and a result."""
     make_ocean(folder, RunConfig(), pings)
+    shutil.copy(folder / "glider.mcap", folder / "second.mcap")
     (folder / "run.toml").write_text(_SETTINGS)
     _run(f"replay {_INPUTS} -o {{0}}/whole.mcap".format(folder))
 
@@ -81,9 +86,12 @@ def kill(
         sent: The signal.
     """
     command, pattern = KINDS[kind][0].format(folder), KINDS[kind][1]
-    if "fleet" not in kind:
-        # what it imports every child has; with the threads of a scheduler none could be forked
-        invoke(command)
+    # what it imports every child has; with the threads of a scheduler none could be forked
+    invoke(KINDS["replay" if "fleet" in kind else kind][0].format(folder))
+    if "fleet" in kind:
+        dask.config.set({"distributed.worker.multiprocessing-method": "fork"})
+        import_module("replay_kit.workflows.fleet.page")
+        import_module("distributed.deploy.local")
     _clear(folder)
     begin = time.perf_counter()
     _run(command)
@@ -109,8 +117,12 @@ def kill(
         _run(command)
         if _outputs(folder, pattern) != whole:
             found.wrong.append(f"{when}: the next run gives other bytes")
-        endings = (".part", ".ck", ".journal")
-        beside = sorted(path.name for path in folder.iterdir() if path.name.endswith(endings))
+        endings = (".part", ".ck", ".journal", "unfinished")
+        beside = sorted(
+            path.name
+            for path in (*folder.iterdir(), *folder.glob("fleet/*"))
+            if path.name.endswith(endings)
+        )
         if beside:
             found.wrong.append(f"{when}: after the next run there are {', '.join(beside)}")
     return found
@@ -168,10 +180,13 @@ def _signalled(command: str, instant: float, sent: signal.Signals, of_worker: bo
     if of_worker or sent == signal.SIGSTOP:
         signal.alarm(int(_LONGEST))
     os.waitpid(child, 0)
-    signal.alarm(0)
-    # workers of a scheduler that was killed
+    # workers of a scheduler that was killed end by themselves
+    signal.alarm(int(_ORPHANED))
     with suppress(ProcessLookupError):
-        os.killpg(child, signal.SIGKILL)
+        while True:
+            os.killpg(child, 0)
+            time.sleep(0.01)
+    signal.alarm(0)
     return True
 
 
@@ -184,6 +199,6 @@ def _worker_of(process: int) -> int | None:
     with suppress(OSError):
         for thread in Path(f"/proc/{process}/task").iterdir():
             for child in (thread / "children").read_text().split():
-                if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                if b"resource_tracker" not in Path(f"/proc/{child}/cmdline").read_bytes():
                     return int(child)
     return None

@@ -6,11 +6,13 @@ the scheduler is lost and comes back. A call that outlives no worker ends with a
 
 import logging
 import os
+import signal
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
+from multiprocessing import resource_tracker
 from typing import Any
 
 from threadpoolctl import threadpool_limits
@@ -59,9 +61,13 @@ class Cluster:
         return sum(self._client.nthreads().values())
 
     def on_each(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
-        """Return the value of a function on each worker, by the worker's address; an exception where it raised one."""
-        answers: dict[str, Any] = self._client.run(function, *arguments, on_error="return")
-        return answers
+        """Return the value of a function on each worker, by its address; an exception where it raised one; nothing of one that is gone."""
+        from distributed.comm import CommClosedError
+
+        answers = self._client.run(function, *arguments, on_error="return")
+        return {
+            name: value for name, value in answers.items() if not isinstance(value, CommClosedError)
+        }
 
     def starmap(
         self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]
@@ -158,6 +164,8 @@ def open_cluster(scheduler: str | None, workers: int | None) -> Iterator[Cluster
         {
             "distributed.comm.timeouts.connect": TIMEOUT_S,
             "distributed.admin.large-graph-warning-threshold": "1GB",
+            # it holds frames, and with them objects of HDF5, which now and then changes where a file has what: other bytes
+            "distributed.worker.profile.enabled": False,
         }
     ):
         if scheduler is None:
@@ -177,21 +185,52 @@ def _used(cluster: Cluster) -> Iterator[Cluster]:
 @contextmanager
 def _local(workers: int) -> Iterator[str]:
     """Yield the address of a scheduler of this process with so many worker processes; one that is killed is begun anew."""
-    from distributed import LocalCluster
+    from distributed.utils import LoopRunner
 
-    cluster = LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        processes=True,
-        # the memory of one mission is not known to the library, which would stop a worker that takes its share
-        memory_limit=0,
-        dashboard_address=":0",
-        silence_logs=logging.CRITICAL,
-    )
+    runner = LoopRunner()
+    # of the thread that begins the workers: one that an interrupt ends is not begun anew, and its missions would be waited for
+    with _uninterrupted():
+        runner.start()
+    cluster = _processes(workers, runner.loop)
     try:
         yield cluster.scheduler_address
     finally:
         cluster.close(timeout=10)
+        runner.stop()
+
+
+def _processes(workers: int, loop: Any) -> Any:
+    """Return a scheduler with worker processes; where one of these is killed before it works, all are begun anew."""
+    from distributed import LocalCluster
+
+    for _ in range(_ATTEMPTS):
+        with suppress(RuntimeError):
+            return LocalCluster(
+                loop=loop,
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                # the memory of one mission is not known to the library, which would stop a worker that takes its share
+                memory_limit=0,
+                dashboard_address=":0",
+                silence_logs=logging.CRITICAL,
+            )
+    raise UnreachableError("worker processes end while they begin; is there enough memory?")
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Let threads that are begun in the block, and their processes, be reached by no interrupt; where the system has masks of signals."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # what begins it anew lets interrupts in again
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _cores() -> int:

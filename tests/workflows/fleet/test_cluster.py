@@ -73,6 +73,18 @@ def test_missions_are_given_to_whoever_is_free():
 
 
 @pytest.mark.full
+def test_an_interrupt_ends_no_worker_and_none_holds_frames():
+    with open_cluster(None, 1) as cluster:
+        ((name, process),) = cluster.on_each(os.getpid).items()
+        os.kill(process, signal.SIGINT)
+        time.sleep(1.0)
+        assert cluster.on_each(os.getpid) == {name: process}
+        assert cluster.on_each(dask.config.get, "distributed.worker.profile.enabled") == {
+            name: False
+        }
+
+
+@pytest.mark.full
 def test_a_call_that_kills_its_workers_ends_with_an_error_and_others_are_made():
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
