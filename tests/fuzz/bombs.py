@@ -66,16 +66,36 @@ def _of_zeros(
         data.id.write_direct_chunk(tuple(np.multiply(at, part).tolist()), packed)
 
 
-def _columns(names: str, sizes: Sequence[int], part: Sequence[int], chunk: int = 0) -> Attack:
-    """Return the reading of a log of zeros under some names, whose chunks may unpack to more bytes."""
+def _columns(
+    names: str,
+    sizes: Sequence[int],
+    part: Sequence[int],
+    chunk: int = 0,
+    axis: int = 0,
+    since: str = "seconds since 2020-01-01",
+) -> Attack:
+    """Return the reading of a log of zeros under some names, whose chunks may unpack to more bytes.
+
+    Args:
+        names: Of the arrays; those of a glider hold a pressure or depth.
+        sizes: Of each array.
+        part: Of its chunks.
+        chunk: What one unpacks to [bytes]; 0 for its size.
+        axis: Size of the coordinates of a grid; 0 for that of the arrays.
+        since: Unit of the times.
+    """
 
     def attack(folder: Path) -> list[str]:
         with h5py.File(folder / "p0170001.nc", "w") as file:
-            file.attrs["platform"] = "Seaglider"
+            if "ctd" in names:
+                file.attrs["platform"] = "Seaglider"
             for name in names.split():
-                _of_zeros(file, name, sizes, part, chunk)
+                if axis and name in ("lat", "lon"):
+                    file[name] = np.arange(float(axis))
+                else:
+                    _of_zeros(file, name, sizes, part, chunk)
                 if "time" in name:
-                    file[name].attrs["units"] = "seconds since 2020-01-01"
+                    file[name].attrs["units"] = since
         return ["info", "--full", str(folder / "p0170001.nc")]
 
     return attack
@@ -217,6 +237,13 @@ BOMBS: dict[str, Attack] = {
     "drifters: a long value": info_of(
         "drifters.csv", lambda: _DRIFTERS + b"1,,,\n" * 50_000 + b"1" * 100_000 + b",,,\n"
     ),
+    "drifters: 60 MB of commas": info_of("drifters.csv", lambda: _DRIFTERS + b"," * 60_000_000),
+    "drifters: a quotation without end": info_of(
+        "drifters.csv", lambda: _DRIFTERS + b'"' + b"1,,,\n" * 10_000_000
+    ),
+    "radials: 60 MB of one line": info_of(
+        "radials.ruv", lambda: b"%CTF: 1.00\n" + b"1 " * 30_000_000
+    ),
     "radials: 60 MB of empty lines": info_of(
         "radials.ruv", lambda: b"%CTF: 1.00\n" + b"\n" * 60_000_000
     ),
@@ -228,6 +255,13 @@ BOMBS: dict[str, Attack] = {
     "drifters: a chunk of 2 GB": _columns(_DRIFTER, (1000,), (1000,), _ENDLESS),
     "radar: 5 GB of zeros": _columns(_RADAR, (100, 1000, 1000), (1, 1000, 1000)),
     "radar: a chunk of 2 GB": _columns(_RADAR, (2, 10, 10), (1, 10, 10), _ENDLESS),
+    "radar: axes of a million points": _columns(_RADAR, (2, 10, 10), (1, 10, 10), axis=1_000_000),
+    "NetCDF glider: times since the year 10^9": _columns(
+        _GLIDER, (1000,), (1000,), since="seconds since 1000000000-01-01"
+    ),
+    "NetCDF glider: a unit of time of 50 kB": _columns(
+        _GLIDER, (1000,), (1000,), since="seconds since " + "2020-" * 10_000
+    ),
     "forecast: 6 GB of zeros, members": _replayed(
         field({"member": 400, "depth": 1, "lat": 1000, "lon": 1000})
     ),

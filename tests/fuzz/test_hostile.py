@@ -8,6 +8,7 @@ import pytest
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_ensemble
+from tests.command import invoke
 from tests.fuzz.attacks import ATTACKS
 from tests.fuzz.bombs import field
 from tests.fuzz.hostile import MOST_MB, MOST_S, measured
@@ -18,6 +19,8 @@ KINDS = (
     "NetCDF ensemble: grid of 10^10 cells",
     "NetCDF glider: 2 billion samples",
 )
+# sound as well, and as large as what it holds
+LARGE = ("drifters: 32 MB of zeros", "bathymetry: 30 MB that repeat")
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -28,6 +31,13 @@ def test_a_hostile_input_ends_soon_and_small(tmp_path, name):
     assert took.megabytes < MOST_MB
     # processor time, which other work on the machine does not lengthen
     assert took.seconds < MOST_S
+
+
+@pytest.mark.parametrize("name", ["drifters: 60 MB of commas", "radar: axes of a million points"])
+def test_a_table_or_grid_that_cannot_be_is_refused_before_it_is_made(tmp_path, name):
+    done = invoke(ATTACKS[name](tmp_path))
+    assert done.exit_code == 3
+    assert "a line of" in done.stderr or "as lat and lon have" in done.stderr
 
 
 def test_bytes_that_become_more_than_they_may_are_refused_and_no_limit_stays(tmp_path):
@@ -45,7 +55,7 @@ def test_bytes_that_become_more_than_they_may_are_refused_and_no_limit_stays(tmp
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", [name for name in ATTACKS if name not in KINDS])
+@pytest.mark.parametrize("name", [name for name in ATTACKS if name not in KINDS + LARGE])
 def test_every_other_hostile_input_ends_soon_and_small(tmp_path, name):
     took = measured(ATTACKS[name](tmp_path), tmp_path)
     assert took.code in (0, 2, 3, 4)

@@ -7,7 +7,7 @@ import csv
 from collections.abc import Collection, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, open_netcdf
-from replay_kit.logs.reader import VALUES, LogFile
+from replay_kit.logs.reader import VALUES, Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import number, stamp
 
@@ -36,8 +36,8 @@ _NAMES = {
 }
 # m: depth of the middle of the programme's drogue; and of a degree of latitude
 _DROGUE, _DEGREE = 15.0, 111_200.0
-# Rows of a table that are read at once, and letters of a value.
-_ROWS, _LONGEST = 50_000, 128
+# Rows of a table that are read at once, and letters of a value and of a line.
+_ROWS, _LONGEST, _LINE = 50_000, 128, 1 << 14
 
 
 def is_table(head: bytes) -> bool:
@@ -81,19 +81,21 @@ class DrifterReader(LogFile):
         """Yield each fix as a message on ``/drifters``, in order of time."""
         self.statistics = ReadStatistics()
         self.statistics.notes = self._notes
-        yield from self._by_time(
-            (time_ns, TOPIC, SCHEMA, {"stamp": stamp(time_ns), **fix})
-            for columns in self._columns
-            for time_ns, fix in _fixes(columns)
-        )
+        yield from self._by_time((), *map(_fixes, self._columns))
 
 
-def _fixes(columns: dict[str, NDArray[Any]]) -> Iterator[tuple[int, dict[str, Any]]]:
-    known = np.isfinite(columns["longitude"] + columns["latitude"]) & (columns["time"] > 0)
-    for k in np.flatnonzero(known).tolist():
+def _fixes(columns: dict[str, NDArray[Any]]) -> Iterator[Entry]:
+    """Yield the fixes in order of time, each made as it is needed."""
+    times = columns["time"]
+    known = np.isfinite(columns["longitude"] + columns["latitude"]) & (times > 0)
+    found = np.flatnonzero(known)
+    for k in found[np.argsort(times[found], kind="stable")].tolist():
         yield (
-            int(columns["time"][k]),
+            int(times[k]),
+            TOPIC,
+            SCHEMA,
             {
+                "stamp": stamp(int(times[k])),
                 "id": str(columns["id"][k]),
                 "longitude": float(columns["longitude"][k]),
                 "latitude": float(columns["latitude"][k]),
@@ -143,19 +145,27 @@ def _opened(path: Path) -> NetcdfFile:
     """
     try:
         with open(path, newline="", encoding="latin-1") as file:
-            if not is_table(file.readline().encode("latin-1")):
+            if not is_table(file.readline(_LINE).encode("latin-1")):
                 return open_netcdf(path, lambda names, attributes: list(_chosen(names).values()))
             file.seek(0)
-            table = csv.reader(file)
+            table = csv.reader(_lines(file))
             names, stated = next(table), next(table)
             cells = np.hstack([_block(rows) for rows in iter(lambda: [*islice(table, _ROWS)], [])])
         columns = dict(zip(names, zip(cells, stated, strict=True), strict=True))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise LogError(
             f"{path}: expected a table of ERDDAP: names, units, rows as long; got: {error}; fetch it again as .csv"
         ) from error
     variables = {name: Stored(column, {"units": unit}) for name, (column, unit) in columns.items()}
     return NetcdfFile(path, {}, variables, tuple(names))
+
+
+def _lines(file: TextIO) -> Iterator[str]:
+    """Yield the lines of a table; raise ValueError for one that hardly ends."""
+    while line := file.readline(_LINE):
+        if len(line) == _LINE:
+            raise ValueError(f"a line of {_LINE} letters or more")
+        yield line
 
 
 def _block(rows: list[list[str]]) -> NDArray[np.bytes_]:

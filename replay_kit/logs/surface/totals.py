@@ -142,7 +142,16 @@ class TotalsReader(LogFile):
         dialect = dialect_of(file.names)
         assert dialect is not None, "its times were read"
         notes: list[str] = []
-        longitude, latitude = np.meshgrid(file.array("lon").ravel(), file.array("lat").ravel())
+        places = [file.array(name).ravel() for name in ("lon", "lat")]
+        per_time, grid = (
+            file.variables[dialect.east].values[k].size,
+            (places[1].size, places[0].size),
+        )
+        if per_time != np.prod(grid):
+            raise LogError(
+                f"{file.path}: {dialect.east}: expected {grid[0]} x {grid[1]} values a time, as lat and lon have, got {per_time}; is it whole?"
+            )
+        longitude, latitude = np.meshgrid(*places)
         east, north, *errors = (
             _at(file.variables[name], k)
             for name in (dialect.east, dialect.north, dialect.east_error, dialect.north_error)
