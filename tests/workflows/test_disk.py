@@ -19,6 +19,7 @@ from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.command import invoke
+from tests.planners.flow_samples import eddying_flow
 from tests.studies.twins.truths import make_truth
 from tests.workflows.replay.interrupted import make_ocean
 
@@ -37,6 +38,8 @@ def ocean(tmp_path_factory) -> Path:
     folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 30)
     make_twin(make_truth(), Twin("vessel", 5, 0.09, 1), folder / "vessel.tlog")
     (folder / "run.toml").write_text(SETTINGS)
+    assert invoke(replaying(folder, "-o", str(folder / "whole.mcap"))).exit_code in (0, 6)
+    eddying_flow(12).save(folder / "flow.nc")
     return folder
 
 
@@ -54,7 +57,30 @@ def replaying(ocean, *more):
 
 def commands(ocean, out):
     """Arguments, the file that is written, and how much of it fits on the disk [bytes]."""
+    show = {"report": ".html"} | dict.fromkeys(EXPORTS, "")
     return {
+        **{
+            name: (
+                [name.split()[0], str(ocean / "whole.mcap"), "-o", str(out.with_suffix(ending))],
+                out.with_suffix(ending),
+                100,
+            )
+            for name, suffix in show.items()
+            for ending in (suffix or name.split()[1],)
+        },
+        "plot": (
+            ["plot", str(ocean / "whole.mcap"), "map", "-o", str(out.with_suffix(".png"))],
+            out.with_suffix(".png"),
+            100,
+        ),
+        "plan": (
+            [
+                *("plan", str(ocean / "flow.nc"), "--start=152.42,-40.0,0", "--depth=390"),
+                *("--goal=152.52,-39.96,0", "-o", str(out)),
+            ],
+            out,
+            3_000,
+        ),
         "convert": (["convert", str(ocean / "glider.mcap"), "-o", str(out)], out, 20_000),
         "convert to tlog": (
             ["convert", str(ocean / "vessel.tlog"), "-o", str(out.with_suffix(".tlog"))],
@@ -76,9 +102,10 @@ def commands(ocean, out):
 
 
 NAMES = ["convert", "convert to tlog", "replay", "journal", "json"]
+EXPORTS = ["export .nc", "export .csv", "export .kml", "export .geojson"]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, "report", "plot", *EXPORTS, "plan"])
 def test_a_disk_that_fills_is_told_and_the_earlier_output_stays(ocean, tmp_path, name):
     arguments, out, size = commands(ocean, tmp_path / "out.mcap")[name]
     out.write_bytes(PRECIOUS)
@@ -88,6 +115,8 @@ def test_a_disk_that_fills_is_told_and_the_earlier_output_stays(ocean, tmp_path,
     assert "is the disk full?" in done.stderr
     assert f"{out}.part" in done.stderr or ".ck" in done.stderr
     assert out.read_bytes() == PRECIOUS
+    # of a result what was written is kept, and named
+    assert out.with_name(f"{out.name}.part").exists() == (name in ("replay", "journal", "plan"))
 
 
 def test_a_grid_that_does_not_fit_leaves_the_earlier_one(ocean, tmp_path):

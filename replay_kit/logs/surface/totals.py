@@ -149,7 +149,7 @@ class TotalsReader(LogFile):
         )
         if per_time != np.prod(grid):
             raise LogError(
-                f"{file.path}: {dialect.east}: expected {grid[0]} x {grid[1]} values a time, as lat and lon have, got {per_time}; is it whole?"
+                f"{file.path}: {dialect.east}: expected {grid[0]} x {grid[1]} values, as lat and lon have, got {per_time}"
             )
         longitude, latitude = np.meshgrid(*places)
         east, north, *errors = (

@@ -62,7 +62,7 @@ class Cluster:
 
     def on_each(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
         """Return the value of a function on each worker, by its address; an exception where it raised one; nothing of one that is gone."""
-        from distributed.comm import CommClosedError
+        from distributed.comm.core import CommClosedError
 
         answers = self._client.run(function, *arguments, on_error="return")
         return {
