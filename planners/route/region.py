@@ -41,7 +41,7 @@ class Region:
         return cKDTree(np.column_stack([self.grid.east.ravel(), self.grid.north.ravel()]))
 
     def _nearest(self, points: Array) -> NDArray[np.intp]:
-        if len(points) != 1:
+        if points.shape != (1, 2):
             return np.asarray(self._tree.query(points)[1])
         # a start and a goal are looked at before scipy, which loads slowly
         (east, north), grid = points[0], self.grid
