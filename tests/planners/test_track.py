@@ -158,7 +158,8 @@ def test_a_level_holds_from_its_depth_to_the_next_and_so_does_its_land():
     # one place, and rows of places
     for places in ([here], [[here, beside, here]]):
         found = region.wet_by_level(np.array(places))[:2]
-        assert found.shape == (2, *np.shape(places)[:-1]) and found.all()
+        assert found.shape == (2, *np.shape(places)[:-1])
+        assert found.all()
 
 
 def test_the_sides_of_a_grid_of_two_by_two_are_its_edges_and_point_outwards():

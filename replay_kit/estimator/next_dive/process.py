@@ -214,10 +214,6 @@ class MeanCurrentProcess:
             dives=state.dives + 1,
         )
 
-    def background_weights(self, state: ProcessState) -> Array:
-        """Return how much each background is believed, shape (b,), the first for none; they sum to one."""
-        return np.asarray(np.exp(logsumexp(state.log_weights, axis=0)))
-
     def _backgrounds(self, dive: DiveMean) -> Array:
         """Return what the current is measured about, shape (b, 2); zero where it is not known."""
         about = np.zeros((self.n_backgrounds + 1, 2))

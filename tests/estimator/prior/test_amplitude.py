@@ -39,11 +39,13 @@ def test_it_is_the_likeliest_of_a_fine_grid(amplitude, seed):
     )
 
 
-@pytest.mark.parametrize(("c", "s"), [(3.0, 4.0), (-3.0, 2.0), (0.1, 4.0), (100.0, 1.0)])
-def test_one_direction_has_the_answer_of_a_formula_within_the_limits(c, s):
+@pytest.mark.parametrize(
+    ("c", "s", "rel"), [(3.0, 4.0, 1e-4), (-3.0, 2.0, 1e-4), (0.1, 4.0, 1e-3), (100.0, 1.0, 1e-3)]
+)
+def test_one_direction_has_the_answer_of_a_formula_within_the_limits(c, s, rel):
     # with one eigenvalue s and component c, a s + 1 = c^2
     expected = np.clip((c**2 - 1.0) / s, *AMPLITUDES)
-    assert fit_amplitude(np.array([c]), np.array([[s]])) == pytest.approx(expected, rel=1e-3)
+    assert fit_amplitude(np.array([c]), np.array([[s]])) == pytest.approx(expected, rel=rel)
 
 
 def test_what_was_expected_counts_as_much_as_stated():
