@@ -74,16 +74,7 @@ def _columns(
     axis: int = 0,
     since: str = "seconds since 2020-01-01",
 ) -> Attack:
-    """Return the reading of a log of zeros under some names, whose chunks may unpack to more bytes.
-
-    Args:
-        names: Of the arrays; those of a glider hold a pressure or depth.
-        sizes: Of each array.
-        part: Of its chunks.
-        chunk: What one unpacks to [bytes]; 0 for its size.
-        axis: Size of the coordinates of a grid; 0 for that of the arrays.
-        since: Unit of the times.
-    """
+    """Return the reading of a log of zeros under some names, whose chunks may unpack to more bytes; ``axis`` is a grid's own size."""
 
     def attack(folder: Path) -> list[str]:
         with h5py.File(folder / "p0170001.nc", "w") as file:

@@ -220,7 +220,7 @@ def _processes(workers: int, loop: Any) -> Any:
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Let threads that are begun in the block, and their processes, be reached by no interrupt; where the system has masks of signals."""
+    """Let no interrupt reach threads begun in the block, and their processes, where signals have masks."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
