@@ -241,7 +241,8 @@ def _search(
     last = attempts[0]
     for n_legs in _more_legs(task, likely):
         if task.is_late or any(
-            done.violation is None and goals_met(task, done) for done in attempts
+            done.violation is None and goals_met(task, done) and done.is_settled
+            for done in attempts
         ):
             break
         next_one = n_legs == last.goals.legs[-1] + 1
@@ -256,7 +257,7 @@ def _search(
     if (
         beside
         and is_feasible(task, best)
-        and effort_of(attempts) < ENOUGH
+        and (effort_of(attempts) < ENOUGH or not best.is_settled)
         and best.flight.time[-1] > _DETOUR * passed[-1]
         and not task.is_late
     ):
@@ -269,7 +270,7 @@ def _search(
         wider is not None
         and best not in widely
         and is_feasible(task, best)
-        and effort_of(attempts) < ENOUGH
+        and (effort_of(attempts) < ENOUGH or not best.is_settled)
         and not task.is_late
     ):
         attempts.append(wider(best.goals.legs, False))

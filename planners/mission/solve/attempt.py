@@ -148,6 +148,11 @@ class Attempt:
     kept: tuple[int, ...] | None = None
     beyond: tuple[Bound, ...] = ()
 
+    @property
+    def is_settled(self) -> bool:
+        """Whether IPOPT came to an end: what it left after its last iteration may be far from an optimum."""
+        return self.return_status != "Maximum_Iterations_Exceeded"
+
 
 def staying(task: MissionTask) -> Attempt:
     """Return the mission without legs, which stays at its start."""
