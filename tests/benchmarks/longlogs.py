@@ -34,8 +34,10 @@ def survey(field: Field, n: int, first: int = 0) -> Mission:
     north = leg * _APART + np.clip(along - _LEG, 0.0, _APART)
     half = 0.4 * (field.grid.north.max() - field.grid.north.min())
     # there and back where the region ends
-    north = half - np.abs(north % (4.0 * half) - 2.0 * half)
-    heading = np.where(along < _LEG, np.where(leg % 2 == 0, 90.0, 270.0), 0.0)
+    round_trip = north % (4.0 * half)
+    north = half - np.abs(round_trip - 2.0 * half)
+    across = np.where(round_trip < 2.0 * half, 0.0, 180.0)
+    heading = np.where(along < _LEG, np.where(leg % 2 == 0, 90.0, 270.0), across)
     east = np.where(leg % 2 == 0, east, -east)
     time_ns, nothing = EPOCH_NS + NS_PER_S * second, np.zeros(n)
     pings = Pings(time_ns, east, north, nothing, heading, nothing)
