@@ -15,6 +15,8 @@ KM, HOUR = 1e3, 3600.0
 # Of a mission, for each leg and beside these: from a poor guess ten legs take 31 at most, fifty took 96; from an optimum of nearly the same
 # problem, which rarely takes forty-five. What has not come to an end by then hardly ever does.
 MOST_ITERATIONS = {False: (1, 50), True: (0, 60)}
+# The same along a line: where the width cannot be kept, later ones still bring the track nearer.
+MOST_ALONG_LINE = {False: (0, 150), True: (0, 80)}
 # An evaluation that is not a number is IPOPT's to report through its return status, not CasADi's to print.
 QUIET: dict[str, Any] = {
     "print_time": False,

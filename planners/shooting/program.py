@@ -14,7 +14,16 @@ import numpy as np
 
 from planners.shooting.functions import MissionCase, MissionFunctions
 from planners.shooting.layout import EACH, FrameMap, Layout
-from planners.solver import HOUR, KM, MOST_ITERATIONS, OPTIONS, WARM, Recent, one_at_a_time
+from planners.solver import (
+    HOUR,
+    KM,
+    MOST_ALONG_LINE,
+    MOST_ITERATIONS,
+    OPTIONS,
+    WARM,
+    Recent,
+    one_at_a_time,
+)
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Projection
@@ -213,11 +222,13 @@ class Program:
         if warm_start not in self._solvers:
             x = ca.MX.sym("x", self.functions.layout.n_unknowns)
             cost, constraints = self._value(x)
-            each, beside = MOST_ITERATIONS[warm_start]
+            layout = self.functions.layout
+            most = MOST_ALONG_LINE if layout.has_reference else MOST_ITERATIONS
+            each, beside = most[warm_start]
             options = {
                 **OPTIONS,
                 **(WARM if warm_start else {}),
-                "ipopt.max_iter": each * self.functions.layout.n_legs + beside,
+                "ipopt.max_iter": each * layout.n_legs + beside,
                 "no_nlp_grad": True,
                 **self._derivatives,
             }
