@@ -143,8 +143,8 @@ def unpacking(size: int = 0, threads: int = 0) -> Iterator[None]:
     lasts = 0.0
     try:
         yield
-    except MemoryError:
-        # so that its other threads, which nothing stops, end by the limit too
+    except (MemoryError, RuntimeError):
+        # also of a thread for which there was no room: so that others, which nothing stops, end by the limit too
         lasts = _LINGERS if threads else 0.0
         raise
     finally:

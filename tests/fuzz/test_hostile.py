@@ -1,11 +1,14 @@
 """A few hostile inputs in processes of their own; the others are tested where they are read."""
 
 import resource
+from collections.abc import Callable
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from replay_kit.config.run import ForecastConfig
+from replay_kit.core import inputs
 from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_ensemble
 from tests.command import invoke
@@ -51,6 +54,18 @@ def test_bytes_that_become_more_than_they_may_are_refused_and_no_limit_stays(tmp
     ):
         with pytest.raises(ForecastError, match=words):
             read_ensemble(make(tmp_path), ForecastConfig())
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
+
+
+@pytest.mark.parametrize("error", [MemoryError, RuntimeError])
+def test_the_limit_stays_a_while_for_threads_that_nothing_stops(error, monkeypatch):
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    begun = list[Callable[[], None]]()
+    monkeypatch.setattr(inputs.threading, "Timer", lambda _, ended: begun.append(ended) or Mock())
+    with pytest.raises(error), inputs.unpacking(threads=2):
+        raise error
+    assert resource.getrlimit(resource.RLIMIT_DATA) != before
+    begun[0]()
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
 
 
