@@ -189,6 +189,9 @@ def main() -> None:
                 f"there is not enough memory: {error}; choose less with --region, --levels or --modes"
             )
         )
+    if "logging" in sys.modules:
+        # readers of Zarr leave tasks behind, which complain at the interpreter's end of an error that is told already
+        sys.modules["logging"].getLogger("asyncio").disabled = True
     sys.exit(code)
 
 
