@@ -220,9 +220,9 @@ class Program:
     def solver(self, warm_start: bool = False) -> Any:
         """Return the solver for a guess that is nearly optimal (``warm_start``) or not; all share the same functions."""
         if warm_start not in self._solvers:
-            x = ca.MX.sym("x", self.functions.layout.n_unknowns)
-            cost, constraints = self._value(x)
             layout = self.functions.layout
+            x = ca.MX.sym("x", layout.n_unknowns)
+            cost, constraints = self._value(x)
             most = MOST_ALONG_LINE if layout.has_reference else MOST_ITERATIONS
             each, beside = most[warm_start]
             options = {

@@ -256,25 +256,23 @@ def _search(
     best = best_of(task, attempts)
     if (
         beside
-        and is_feasible(task, best)
-        and (effort_of(attempts) < ENOUGH or not best.is_settled)
+        and _to_be_bettered(task, attempts, best)
         and best.flight.time[-1] > _DETOUR * passed[-1]
-        and not task.is_late
     ):
         # beside obstacles legs that bend more often may be quicker than fewer
         more = int(min(best.goals.legs[-1] + 1, settings.most_legs))
         if all(more != done.goals.legs[-1] for done in attempts):
             attempts.append(solve(add_leg(best.goals.legs, best.legs.angles), False))
             best = best_of(task, attempts)
-    if (
-        wider is not None
-        and best not in widely
-        and is_feasible(task, best)
-        and (effort_of(attempts) < ENOUGH or not best.is_settled)
-        and not task.is_late
-    ):
+    if wider is not None and best not in widely and _to_be_bettered(task, attempts, best):
         attempts.append(wider(best.goals.legs, False))
     return attempts
+
+
+def _to_be_bettered(task: MissionTask, attempts: list[Attempt], best: Attempt) -> bool:
+    """Return whether a feasible mission is worth more solves: in time, and after little effort or where IPOPT left it unfinished."""
+    cheap = effort_of(attempts) < ENOUGH or not best.is_settled
+    return is_feasible(task, best) and cheap and not task.is_late
 
 
 def _solver(
