@@ -191,11 +191,13 @@ def _local(workers: int) -> Iterator[str]:
     # of the thread that begins the workers: one that an interrupt ends is not begun anew, and its missions would be waited for
     with _uninterrupted():
         runner.start()
-    cluster = _processes(workers, runner.loop)
     try:
-        yield cluster.scheduler_address
+        cluster = _processes(workers, runner.loop)
+        try:
+            yield cluster.scheduler_address
+        finally:
+            cluster.close(timeout=10)
     finally:
-        cluster.close(timeout=10)
         runner.stop()
 
 
