@@ -139,7 +139,7 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
     elif not any((findings.OF_SOURCES | {findings.COMPASS}) & each.named for each in instruments):
         undecided = min((each.undecided() for each in compared), key=len)
         if undecided:
-            listed = ", ".join(f"{name} e^{gain:.0f}" for name, gain in undecided.items())
+            listed = ", ".join(f"{name} e^{gain:z.0f}" for name, gain in undecided.items())
             found.append(
                 f"some faults of the profiles (likelihood ratios to none by {max(len(each.pairs) for each in compared)} mean currents or "
                 f"drifts: {listed}; more of them, or other currents, would tell)"

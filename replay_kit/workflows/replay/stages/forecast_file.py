@@ -60,7 +60,7 @@ def check_file(estimator: Any, means: Iterable[PathMean]) -> FileCheck:
     if best >= LEAST_GAIN:
         return FileCheck(findings.forecast_fault(likely, best, len(measured) // 2))
     left = sorted(name for name, gain in gains.items() if gain > _EXCLUDED)
-    listed = ", ".join(f"{name} e^{gains[name]:.0f}" for name in left)
+    listed = ", ".join(f"{name} e^{gains[name]:z.0f}" for name in left)
     about = f"(likelihood ratios to none by {len(measured) // 2} mean currents: {listed})"
     return FileCheck(
         note=f"cannot be known here: some faults of the forecast's file {about}" if left else ""
