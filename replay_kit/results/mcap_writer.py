@@ -27,6 +27,7 @@ from replay_kit.results.layout.layout import layout_of, layout_text
 from replay_kit.results.mcap_file import ResultFile
 from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
 from replay_kit.results.slices import (
+    Slice,
     arrow_scale,
     arrows_message,
     depth_slice,
@@ -189,6 +190,10 @@ class ResultWriter(ResultFile):
                 time_ns,
             )
         self.flush()
+
+    def surface(self, time_ns: int, value: Slice) -> None:
+        """Write the current at the surface by radar and the estimate at a time [ns, UTC] to ``/flow/surface``."""
+        self._log("/flow/surface", grid_message(time_ns, value), time_ns)
 
     def plan(self, plan: Plan, projection: Projection) -> None:
         """Write a plan to ``/plan/path`` and ``/plan/controls``; the last one goes to ``/plan/geojson``, when the file is completed.

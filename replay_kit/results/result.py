@@ -34,6 +34,7 @@ from replay_kit.results.measurements import (
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.readback import read_estimate, read_windows
 from replay_kit.results.schemas import decode
+from replay_kit.results.slices import surface_table
 from replay_kit.results.topics import (
     CONFIG_NAME,
     ESTIMATE_NAME,
@@ -196,14 +197,7 @@ class ResultFile:
 
         ``bottom`` is the depth of the bottom under the track [m]; NaN without a bathymetry.
         """
-        with self.path.open("rb") as file:
-            frame = next(
-                record.metadata
-                for record in make_reader(file).iter_metadata()
-                if record.name == "frame map"
-            )
-        projection = Projection(float(frame["longitude"]), float(frame["latitude"]))
-        rows: list[tuple[Any, ...]] = []
+        projection, rows = self._projection, list[tuple[Any, ...]]()
         for number, plan in enumerate(self._decoded("/plan/controls", "Plan")):
             start = plan.timestamp.ToNanoseconds()
             times = start + np.rint(1e9 * np.asarray(plan.track_time)).astype(np.int64)
@@ -213,6 +207,24 @@ class ResultFile:
                 times, *places, plan.track_depth, [number] * len(times), bottom, strict=True
             )
         return _table(rows, "time longitude latitude depth plan bottom")
+
+    @cached_property
+    def surface(self) -> "pd.DataFrame":
+        """Currents at the surface at each time of radars' total vectors, by these and the estimate: a row for each cell with a current.
+
+        Longitude and latitude [degrees], depth [m], u, v towards true east and north, and their standard errors [m/s].
+        """
+        return surface_table(self._foxglove("/flow/surface"), self._projection)
+
+    @cached_property
+    def _projection(self) -> Projection:
+        with self.path.open("rb") as file:
+            frame = next(
+                record.metadata
+                for record in make_reader(file).iter_metadata()
+                if record.name == "frame map"
+            )
+        return Projection(float(frame["longitude"]), float(frame["latitude"]))
 
     @cached_property
     def surfacings(self) -> "pd.DataFrame":

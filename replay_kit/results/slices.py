@@ -4,9 +4,9 @@ The grid is along the local axes, its spacing nearly the ensemble's own, its cen
 range. Values are for looking at (float32); the lossless flow is in the attachment ``estimate.nc``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import foxglove.messages as fox
 import numpy as np
@@ -14,9 +14,12 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import wet_at
-from replay_kit.core.geodesy import inside_grid
-from replay_kit.core.grid import Grid, Seabed
+from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
+from replay_kit.core.grid import Grid, Projection, Seabed
 from replay_kit.results.messages import FRAME, orientation, pose, stamp
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # The longest arrow of the first slices is this many arrow spacings long.
 _ARROW_CELLS = 1.5
@@ -26,6 +29,7 @@ _MAX_ARROWS_A_SIDE = 40
 
 # Of a grid's cells; the last two only where the flow has an uncertainty.
 FIELDS = ("u", "v", "speed", "u_standard_error", "v_standard_error")
+_SURFACE = ["time", "longitude", "latitude", "depth", "u", "v", *FIELDS[3:]]
 _COLOR = fox.Color(r=0.05, g=0.2, b=0.5, a=1.0)
 
 
@@ -131,6 +135,24 @@ def grid_cells(value: Any) -> tuple[Array, Array, dict[str, Array]]:
     east = value.pose.position.x + value.cell_size.x * (np.arange(columns) + 0.5)
     north = value.pose.position.y + value.cell_size.y * (np.arange(rows) + 0.5)
     return east, north, {field.name: cells[..., field.offset // 4] for field in value.fields}
+
+
+def surface_table(messages: Iterable[tuple[int, Any]], projection: Projection) -> "pd.DataFrame":
+    """Return the cells with a current of decoded messages of ``/flow/surface``, each with its time, as ``Result.surface``."""
+    import pandas as pd
+
+    tables = []
+    for time_ns, value in messages:
+        east, north, fields = grid_cells(value)
+        known = np.isfinite(fields["u"])
+        places = to_geographic(projection, *(each[known] for each in np.meshgrid(east, north)))
+        found = {name: fields[name][known] for name in FIELDS}
+        true = rotate_to_geographic(projection, *places, found["u"], found["v"])
+        found |= dict(zip(("longitude", "latitude", "u", "v"), (*places, *true), strict=True))
+        about = {"time": pd.Timestamp(time_ns), "depth": -value.pose.position.z}
+        tables.append(pd.DataFrame(found).assign(**about)[_SURFACE])
+    rows = pd.concat(tables) if tables else pd.DataFrame(columns=_SURFACE)
+    return rows.set_index("time")
 
 
 def arrow_scale(slices: list[Slice]) -> float | None:

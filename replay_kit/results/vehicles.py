@@ -23,7 +23,7 @@ VEHICLES_RECORD = "replay_kit.vehicles"
 VEHICLE_RECORD = "replay_kit.vehicle"
 #: Names that no vehicle may have, as topics begin with them.
 RESERVED = ("flow", "input", "log", "plan", "tf", "vehicle")
-_SHARED = ("/flow/estimate", "/flow/grid/", "/flow/arrows/", "/plan/seabed")
+_SHARED = ("/flow/estimate", "/flow/grid/", "/flow/arrows/", "/flow/surface", "/plan/seabed")
 _SHORT = {
     "/vehicle/fix": "fix",
     "/flow/innovation": "innovation",

@@ -189,6 +189,7 @@ def test_a_result_without_estimate_or_data_says_so_and_has_empty_tables(flow, tm
         "dives",
         "plans",
         "plan_tracks",
+        "surface",
         "surfacings",
         "events",
     ):

@@ -258,7 +258,9 @@ def plot(
 
 
 _FILES = Ending((".nc", ".csv", ".kml", ".geojson"))
-_TABLES = Literal["series", "track", "section", "dives", "innovations", "surfacings", "plans"]
+_TABLES = Literal[
+    "series", "track", "section", "dives", "innovations", "surface", "surfacings", "plans"
+]
 
 
 def export(

@@ -72,6 +72,7 @@ class Label:
         mean: The mean along a path that it was made of; None for others.
         kind: ``shear``, ``radar`` or ``drifters``; empty for the vehicle's own profiles and mean currents.
         doubt: What may be wrong with it, in words; empty where nothing is known.
+        vectors: The vectors of which a radar's boxes are averages; None for others.
     """
 
     dive: int
@@ -79,6 +80,7 @@ class Label:
     mean: "PathMean | None" = None
     kind: Kind = ""
     doubt: str = ""
+    vectors: "LinearMeasurement | None" = None
 
 
 #: Of a sensor that measures both components of the current: true east, true north.

@@ -6,10 +6,11 @@ error that all boxes of a time share. Radials are averaged along bearings: each 
 An estimate has no divergence and changes over days; a sea surface has divergence, fronts and tides. What total vectors show beside an
 estimate is taken as a field whose components are independent with the covariance s^2 exp(-d / L) between places d apart, and errors of f
 times those stated. Times before say which s, L and f (maximum likelihood): stated errors may be those of the method, which hours share.
+For that a measurement keeps its vectors, of very many averaged to smaller boxes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -24,8 +25,8 @@ from replay_kit.measurements.messages.water import RadarCurrents
 
 # m; boxes at least so wide, and over which errors are correlated where the file does not say
 _LEAST_SPACING, _ERROR_LENGTH = 2e3, 10e3
-# boxes of a time at most: they become wider
-_MOST_BOXES = 300
+# boxes, and vectors of the field, of a time at most: they become wider
+_MOST_BOXES, _MOST_VECTORS = 300, 600
 # m/s; error of a box at least, and a current of which an oblique bearing sees a part
 _LEAST_ERROR, _CURRENT = 0.02, 0.2
 # s; over which tides and inertial motion keep their direction: a quarter of the semidiurnal period
@@ -48,8 +49,11 @@ def superobservations(
         tide_std: Speed of tides and inertial motion that the forecast does not hold, of each component [m/s].
     """
     common = tide_std * np.sqrt(max(1.0, _TIDE / currents.averaged))
+    wide = _width(currents, spacing, _MOST_BOXES)
     if currents.direction is None:
-        return [_averaged(currents, label, spacing, common, BOTH_COMPONENTS)]
+        narrow = _width(currents, 0.0, _MOST_VECTORS)
+        vectors = _averaged(currents, label, narrow, 0.0, BOTH_COMPONENTS)
+        return [_averaged(currents, replace(label, vectors=vectors), wide, common, BOTH_COMPONENTS)]
     sector = np.round(currents.direction / _SECTOR) % (360.0 / _SECTOR)
     numbers = np.unique(sector)
     # sectors see two components of one tide, however many they are
@@ -61,7 +65,7 @@ def superobservations(
         angle = np.deg2rad(part.direction)
         mean = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
         component = np.array([[np.sin(mean), np.cos(mean)]])
-        made.append(_averaged(part, label, spacing, common, component, angle - mean))
+        made.append(_averaged(part, label, wide, common, component, angle - mean))
     return made
 
 
@@ -74,13 +78,8 @@ def _averaged(
     oblique: Array | None = None,
 ) -> LinearMeasurement:
     """Return vectors averaged to boxes; ``oblique``, shape (n,), are the angles of radials from the component [rad]."""
-    middle = Projection(float(currents.longitude[0]), float(currents.latitude[0]))
-    x, y = to_local(middle, currents.longitude, currents.latitude)
-    spacing = max(spacing, _LEAST_SPACING)
+    x, y = _local(currents)
     number, count = _boxes(x, y, spacing)
-    while count > _MOST_BOXES:
-        spacing *= 1.2
-        number, count = _boxes(x, y, spacing)
     size = np.bincount(number, minlength=count)
     # a box is the mean of its quarters, not the current in its middle
     quarter, points = _boxes(x, y, 0.5 * spacing)
@@ -121,6 +120,20 @@ def _averaged(
     )
 
 
+def _local(currents: RadarCurrents) -> tuple[Array, Array]:
+    middle = Projection(float(currents.longitude[0]), float(currents.latitude[0]))
+    return to_local(middle, currents.longitude, currents.latitude)
+
+
+def _width(currents: RadarCurrents, spacing: float, most: int) -> float:
+    """Return the width of boxes [m], ``spacing`` or so much more that there are no more than ``most``."""
+    x, y = _local(currents)
+    spacing = max(spacing, _LEAST_SPACING)
+    while _boxes(x, y, spacing)[1] > most:
+        spacing *= 1.2
+    return spacing
+
+
 def _boxes(x: Array, y: Array, spacing: float) -> tuple[NDArray[np.intp], int]:
     """Return the number of each place's box, shape (n,), and how many there are."""
     at = np.column_stack([np.floor(x / spacing), np.floor(y / spacing)]).astype(np.int64)
@@ -143,19 +156,23 @@ class ResidualField:
     error_factor: float
 
     @classmethod
-    def likeliest(cls, times: Sequence[tuple[RadarCurrents, Array]]) -> "ResidualField":
+    def likeliest(cls, times: Sequence[tuple[LinearMeasurement, Array]]) -> "ResidualField":
         """Return the field under which residuals are likeliest.
 
         Args:
-            times: Total vectors of each time, and what they are beside an estimate, shape (n, 2) [m/s].
+            times: Total vectors of each time, and what they are beside an estimate, shape (n, 2) [m/s]; NaN where there is none.
         """
-        number = sum(residual.size for _, residual in times)
-        usual = float(np.median(np.concatenate([seen.error_std for seen, _ in times])))
+        seen = [
+            (_apart(places, places), errors, residual)
+            for places, errors, residual in (_known(*each) for each in times)
+        ]
+        number = sum(residual.size for *_, residual in seen)
+        usual = float(np.median(np.concatenate([vectors.error_std for vectors, _ in times])))
         best, found = -np.inf, cls(0.0, 0.0, 0.0)
         for length, error in product(_LENGTHS.tolist(), _ERRORS.tolist()):
             unit, square, log_det = cls(1.0, length, error / usual), 0.0, 0.0
-            for seen, residual in times:
-                lower = np.linalg.cholesky(unit._of_vectors(seen))
+            for apart, errors, residual in seen:
+                lower = np.linalg.cholesky(unit._covariance(apart, errors))
                 white = solve_triangular(lower, residual, lower=True)
                 square += float(np.sum(white**2))
                 log_det += 4.0 * float(np.log(np.diag(lower)).sum())
@@ -167,7 +184,7 @@ class ResidualField:
         return found
 
     def between(
-        self, seen: RadarCurrents, residual: Array, longitude: Array, latitude: Array
+        self, seen: LinearMeasurement, residual: Array, longitude: Array, latitude: Array
     ) -> tuple[Array, Array]:
         """Return the field at places, shape (m, 2) [m/s], and the standard error of a component of it, shape (m,) [m/s].
 
@@ -175,23 +192,31 @@ class ResidualField:
 
         Args:
             seen: Total vectors of one time.
-            residual: What they are beside an estimate, shape (n, 2) [m/s].
+            residual: What they are beside an estimate, shape (n, 2) [m/s]; NaN where there is none.
             longitude: shape (m,) [degrees].
             latitude: shape (m,) [degrees].
         """
-        apart = _apart((longitude, latitude), (seen.longitude, seen.latitude))
-        cross = self.std**2 * np.exp(-apart / self.length)
-        solved = np.linalg.solve(self._of_vectors(seen), np.column_stack([residual, cross.T]))
-        variance = self.std**2 - np.einsum("mn,nm->m", cross, solved[:, 2:])
-        return cross @ solved[:, :2], np.sqrt(np.maximum(variance, 0.0))
+        places, errors, known = _known(seen, residual)
+        cross = self.std**2 * np.exp(-_apart((longitude, latitude), places) / self.length)
+        lower = np.linalg.cholesky(self._covariance(_apart(places, places), errors))
+        white, crossed = (
+            solve_triangular(lower, each, lower=True, check_finite=False)
+            for each in (known, cross.T)
+        )
+        variance = self.std**2 - np.einsum("nm,nm->m", crossed, crossed)
+        return crossed.T @ white, np.sqrt(np.maximum(variance, 0.0))
 
-    def _of_vectors(self, seen: RadarCurrents) -> Array:
-        """Return the covariance of vectors' residuals, shape (n, n) [m2/s2]."""
-        apart = _apart(*[(seen.longitude, seen.latitude)] * 2)
-        own = self.error_factor * seen.error_std
-        errors = np.outer(own, own) * np.exp(-apart / (seen.error_length or _ERROR_LENGTH))
-        field = np.exp(-apart / self.length) + _NUGGET * np.eye(own.size)
-        return np.asarray(self.std**2 * field + errors)
+    def _covariance(self, apart: Array, errors: Array) -> Array:
+        """Return the covariance of residuals so far apart [m], shape (n, n) [m2/s2], by that of the vectors' stated errors."""
+        field = np.exp(-apart / self.length) + _NUGGET * np.eye(len(errors))
+        return np.asarray(self.std**2 * field + self.error_factor**2 * errors)
+
+
+def _known(seen: LinearMeasurement, residual: Array) -> tuple[tuple[Array, Array], Array, Array]:
+    """Return the places of the vectors with a residual, the covariance of their errors [m2/s2], and the residuals."""
+    known = np.flatnonzero(np.isfinite(residual).all(axis=1))
+    longitude, latitude = seen.value_places
+    return (longitude[known], latitude[known]), seen.covariance(known), residual[known]
 
 
 def _apart(places: tuple[Array, Array], others: tuple[Array, Array]) -> Array:

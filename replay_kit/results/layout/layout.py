@@ -133,6 +133,8 @@ def _scene(has: frozenset[str], field: str, most: float) -> dict[str, Any]:
     }
     arrows = [topic.replace("/grid/", "/arrows/") for topic in grids]
     topics |= {topic: {"visible": k == 0} for k, topic in enumerate(arrows) if topic in has}
+    if "/flow/surface" in has:
+        topics["/flow/surface"] = {"visible": False, **shown}
     if "/plan/path" in has:
         topics["/plan/path"] = {
             "visible": True,

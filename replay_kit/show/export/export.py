@@ -114,6 +114,11 @@ def innovations_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     return contents.result.innovations.reset_index()
 
 
+def surface_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
+    """Return the currents at the surface by radar and the estimate."""
+    return contents.result.surface.reset_index()
+
+
 def surfacings_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     """Return predicted and actual surfacings."""
     return contents.result.surfacings.reset_index()
@@ -134,6 +139,7 @@ TABLES: Mapping[str, Callable[[Contents, Sequence[At]], pd.DataFrame]] = Mapping
         "section": section_table,
         "dives": dives_table,
         "innovations": innovations_table,
+        "surface": surface_table,
         "surfacings": surfacings_table,
         "plans": plans_table,
     }
@@ -192,8 +198,8 @@ def _of_all(
     contents: Contents,
     places: Sequence[At],
 ) -> pd.DataFrame:
-    """Return a table of a result; of several vehicles with the column ``vehicle``, the series of the common estimate once."""
-    if "" in contents.each or table is series_table:
+    """Return a table of a result; of several vehicles with the column ``vehicle``, what is of the common estimate once."""
+    if "" in contents.each or table in (series_table, surface_table):
         return table(contents, places)
     each = [table(one, places).assign(vehicle=name) for name, one in contents.each.items()]
     held = [rows for rows in each if len(rows)]

@@ -147,7 +147,8 @@ def _summary(
 ) -> ReplaySummary:
     """Return the summary of one vehicle."""
     job, reports = inputs.job, [reader.report() for reader in readers]
-    of_logs, planning = session.statistics.notes(reports), session.planning
+    of_logs = session.statistics.notes(reports) + session.publishing.surface.notes
+    planning = session.planning
     found, blind = conclusions(
         session.monitoring,
         session.statistics.profiles,

@@ -5,10 +5,12 @@ import pytest
 
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Label, Source
 from replay_kit.measurements.messages.water import RadarCurrents
-from replay_kit.measurements.surface.radar import ResidualField
+from replay_kit.measurements.surface.radar import ResidualField, superobservations
 
 TRUE = ResidualField(0.07, 20e3, 0.3)
+LABEL = Label(0, Source(0, "/radar", 0, 0), kind="radar")
 
 
 @pytest.fixture(scope="module")
@@ -19,11 +21,16 @@ def drawn():
         each.ravel()
         for each in np.meshgrid(-72.8 + 0.07 * np.arange(15), 39.9 + 0.054 * np.arange(15))
     )
+    stated = rng.uniform(0.08, 0.12, longitude.size)
+    radar = RadarCurrents(
+        longitude, latitude, np.zeros((stated.size, 2)), stated, None, 2.0, 3600.0, 1e3
+    )
+    seen = superobservations(radar, LABEL, 20e3, 0.0)[0].label.vectors
+    np.testing.assert_allclose(np.sort(seen.error_std), np.sort(stated))
+    longitude, latitude = seen.value_places
     x, y = to_local(Projection(-72.3, 40.3), longitude, latitude)
     apart = np.hypot(x[:, None] - x, y[:, None] - y)
-    stated = rng.uniform(0.08, 0.12, x.size)
-    seen = RadarCurrents(longitude, latitude, np.zeros((x.size, 2)), stated, None, 2.0, 3600.0, 1e3)
-    own = TRUE.error_factor * stated
+    own = TRUE.error_factor * seen.error_std
     covariance = TRUE.std**2 * np.exp(-apart / TRUE.length)
     covariance += np.outer(own, own) * np.exp(-apart / 1e3)
     root = np.linalg.cholesky(covariance)
@@ -42,9 +49,9 @@ def test_withheld_vectors_are_predicted_within_what_is_stated(drawn):
     off = []
     for seen, residual in drawn:
         hidden = np.arange(len(residual)) % 2 == 0
-        found, std = TRUE.between(
-            seen.part(~hidden), residual[~hidden], seen.longitude[hidden], seen.latitude[hidden]
-        )
+        places = (each[hidden] for each in seen.value_places)
+        known = np.where(hidden[:, None], np.nan, residual)
+        found, std = TRUE.between(seen, known, *places)
         error = np.hypot(std, TRUE.error_factor * seen.error_std[hidden])
         off.append((found - residual[hidden]) / error[:, None])
     assert 0.87 < np.mean(np.abs(np.concatenate(off)) < 1.645) < 0.96

@@ -38,6 +38,7 @@ def test_netcdf_holds_every_table_and_is_compliant(contents, tmp_path, complaint
         "section": 9,
         "dives": 3,
         "innovations": 12,
+        "surface": 0,
         "surfacings": 0,
         "plans": 3,
     }
@@ -248,7 +249,7 @@ def test_surfacings_have_points_and_counter_clockwise_ellipses(contents):
         (
             "x.csv",
             "tracks",
-            "expected one of series, track, section, dives, innovations, surfacings, plans, got 'tracks'",
+            "expected one of series, track, section, dives, innovations, surface, surfacings, plans, got 'tracks'",
         ),
         ("x.csv", "series", "series: expected one or more places, got none"),
         (

@@ -8,11 +8,14 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.outcome import outcome_from
+from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import read_record
+from replay_kit.show.export import export
 from replay_kit.show.words import estimate_sentences
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.sound import open_result
 from tests import synthetic
 from tests.logs.surface import made
 from tests.measurements.section.test_lines import mission
@@ -74,6 +77,17 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
     assert all(row.rms_after < row.rms_before for row in alone.sources)
     beside = run(ocean, tmp_path / "out.mcap", (*others, ocean / "glider.mcap"))
     assert [row.kind for row in beside.sources] == ["drifters", "radar", "shear"]
+    result = open_result(tmp_path / "out.mcap")
+    cells = result.surface
+    # of each hour's total vectors; radials see one component
+    assert cells.index.nunique() == 4
+    off = cells[["u", "v"]].to_numpy() - (0.1, 0.05)
+    assert np.sqrt(np.mean(off**2)) < 0.01
+    assert (cells["u_standard_error"] > 0.0).all()
+    rows = export(Contents(result), tmp_path / "surface.csv", table="surface")
+    assert rows == {"surface": len(cells)}
+    (said,) = [note for note in beside.notes if "table surface has both" in note]
+    assert said.startswith("radars show currents beside the estimate, a field of ")
     denied = run(ocean, None, (*others, ocean / "glider.mcap"), without=["radar", "drifters"])
     assert [row.kind for row in denied.sources] == ["shear"]
     content = inspect_logs(others, load_config(None))

@@ -24,6 +24,7 @@ _NEUTRAL = (
         "could not be decoded",
         "members: ",
         "variance of the prior multiplied",
+        "beside the estimate, a field",
     ),
     *(
         "the recorder's stamps are",

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,11 +12,12 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Innovation, VehicleState
+from replay_kit.core.observation import Innovation, LinearMeasurement, VehicleState
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import DiveOutcome, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.stages.estimation import Step
+from replay_kit.workflows.replay.stages.surface import SurfaceCurrent, SurfaceState, surface_step
 
 #: Log time between estimates at the vehicle, at least [ns]: each takes as long as an update.
 AT_VEHICLE_NS = 1800 * 10**9
@@ -142,6 +143,7 @@ Output = (
     | Weights
     | AtVehicle
     | DepthSlices
+    | SurfaceCurrent
     | PublishedPlan
     | SurfacingOutcome
     | DiveOutcome
@@ -169,6 +171,8 @@ def write(writer: ResultWriter, output: Output) -> None:
         case DepthSlices(time_ns, flow, depths):
             writer.grids(time_ns, flow, depths)
             writer.digest(time_ns)
+        case SurfaceCurrent(time_ns, value):
+            writer.surface(time_ns, value)
         case PublishedPlan(plan, projection):
             writer.plan(plan, projection)
         case SurfacingOutcome():
@@ -193,6 +197,7 @@ class PublishingState:
         turned: Local east and north [m] where the heading was found last, and the heading, clockwise from local north [rad].
         windows: Number of windows left by the vehicle whose last estimates were published.
         withdrawn: How many of these, the first ones, belong to an estimate that was rebuilt.
+        surface: What radars show beside the estimate.
     """
 
     next_slices_ns: int | None = None
@@ -202,6 +207,7 @@ class PublishingState:
     turned: tuple[float, float, float] | None = None
     windows: int = 0
     withdrawn: int = 0
+    surface: SurfaceState = field(default_factory=SurfaceState)
 
 
 def publish_step(
@@ -238,6 +244,9 @@ def publish_step(
     ):
         state = replace(state, next_at_vehicle_ns=now_ns + AT_VEHICLE_NS)
         outputs.append(at_vehicle(now_ns, position, flow_at(now_ns)))
+    if isinstance(step.event, LinearMeasurement) and (vectors := step.event.label.vectors):
+        surface, found = surface_step(state.surface, vectors, flow_at(now_ns))
+        state, outputs = replace(state, surface=surface), [*outputs, *found]
     if state.next_slices_ns is None or now_ns >= state.next_slices_ns:
         state = replace(state, next_slices_ns=now_ns + int(settings.interval * 1e9))
         outputs.append(depth_slices(now_ns, flow_at(now_ns), settings))
