@@ -7,6 +7,7 @@ installed into the folder, so that the Python environment stays as it is.
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import xarray as xr
@@ -16,8 +17,10 @@ EXTENSION = Path(__file__).resolve().parent / "extension"
 
 
 def install(folder: Path) -> None:
-    """Install the package into a folder, from what is on this machine."""
-    words = ["--quiet", "--no-deps", "--no-build-isolation", "--disable-pip-version-check"]
+    """Install the package into a folder: with the build tool of this environment, or else with one that pip fetches."""
+    words = ["--quiet", "--no-deps", "--disable-pip-version-check"]
+    if find_spec("hatchling"):
+        words.append("--no-build-isolation")
     subprocess.run(
         [sys.executable, "-m", "pip", "install", *words, "--target", str(folder), str(EXTENSION)],
         check=True,
