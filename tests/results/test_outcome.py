@@ -77,6 +77,23 @@ def test_the_verdict_follows_what_was_found_and_changes_no_exit_code(changes, pl
     assert repr(outcome).startswith(word)
 
 
+def test_a_run_of_several_is_trusted_as_far_as_the_least_trusted_vehicle():
+    uncertain = PLAN | {"status": "uncertain"}
+    each = {
+        "sg1": replace(outcome_of(RUN), plan=uncertain).to_json(),
+        "sg2": outcome_of(RUN).to_json(),
+        "sg3": replace(outcome_of(replace(RUN, losses=LOST)), plan=uncertain).to_json(),
+    }
+    decision = replace(outcome_of(RUN), vehicles=each).decision
+    told = ("sg1, sg3: the plan is uncertain", "sg3: part of the log was lost")
+    assert decision == ("with care", told)
+    contradicts = {"sg2": outcome_of(replace(RUN, findings=(FINDING,))).to_json()}
+    decision = replace(outcome_of(RUN), vehicles=each | contradicts).decision
+    assert decision.word == "do not use"
+    assert "sg2: turned" in decision.reasons
+    assert replace(outcome_of(RUN), vehicles={"sg2": each["sg2"]}).decision.word == "trust"
+
+
 def test_a_run_that_failed_is_not_to_be_used_and_says_why():
     error = MeasurementError("no usable ping", findings=(FINDING,))
     for outcome in (failed(error), failed(error, RUN)):

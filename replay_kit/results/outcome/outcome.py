@@ -14,6 +14,7 @@ from replay_kit.results.outcome.verdict import (
     decide,
     plan_alarm,
     run_alarms,
+    together,
     verdict_sentences,
 )
 
@@ -112,12 +113,13 @@ class Outcome:
 
     @property
     def decision(self) -> Decision:
-        """How far to trust the estimate and the plan, and why not further."""
+        """How far to trust the estimate and the plans, and why not further."""
         nis = math.nan if self.nis_per_dof is None else self.nis_per_dof
         doubts = self.consistency, self.outside
-        return decide(
+        of_all = decide(
             self.exit_codes, self.error, self.observations["used"], nis, doubts, self.plan
         )
+        return together(of_all, self.vehicles)
 
     @property
     def verdict(self) -> tuple[str, ...]:

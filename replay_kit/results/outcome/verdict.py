@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 from replay_kit.core.errors import severity_word
 
@@ -79,6 +79,24 @@ def decide(
     others = tuple(text for text, holds in doubtful if holds)
     word: Word = "do not use" if worst else "with care" if others else "trust"
     return Decision(word, worst + others)
+
+
+def together(of_all: Decision, vehicles: Mapping[str, Mapping[str, Any]]) -> Decision:
+    """Return how far to trust a run of several vehicles: as far as the least trusted of them.
+
+    Args:
+        of_all: The decision on what all share.
+        vehicles: ``decision`` and ``reasons`` of each vehicle, by its name.
+    """
+    named = dict[str, list[str]]()
+    for name, one in vehicles.items():
+        for reason in one["reasons"]:
+            named.setdefault(reason, []).append(name)
+    own = (f"{', '.join(names)}: {reason}" for reason, names in named.items())
+    words = (of_all.word, *(one["decision"] for one in vehicles.values()))
+    return Decision(
+        max(words, key=get_args(Word).index), tuple(dict.fromkeys((*of_all.reasons, *own)))
+    )
 
 
 def _plan_reason(plan: Mapping[str, Any] | None) -> str:
