@@ -72,33 +72,4 @@ __all__ = [
 ]
 
 # a place outside of an estimate is refused without casadi
-__getattr__ = on_demand(
-    globals(),
-    {
-        name: module
-        for module, names in {
-            "glide.candidate": ("fly",),
-            "glide.solve": ("plan",),
-            "glide.transcription": ("GlideSettings",),
-            "mission.flight.pilot": ("Pilot",),
-            "mission.flights": ("fly_scenarios", "MonteCarloSummary"),
-            "mission.odds": ("mission_odds", "plan_for_odds", "with_odds", "MissionOdds"),
-            "mission.plan": ("plan_line", "plan_mission", "plan_mooring"),
-            "mission.scenarios": ("plan_scenarios",),
-            "mission.timing": ("best_departure", "cut_at_horizon", "plan_departures"),
-            "mission.values": (
-                "Line",
-                "MissionPlan",
-                "MissionRequest",
-                "MissionSettings",
-                "Mooring",
-                "Weights",
-            ),
-            "mission.waypoints": ("waypoints_of", "Waypoints"),
-            "route.bottom": ("Bathymetry",),
-            "route.hazards": ("NoGo",),
-            "vehicle": ("fit_flight", "Glider", "SteadyFlight"),
-        }.items()
-        for name in names
-    },
-)
+__getattr__ = on_demand(__name__, __file__)

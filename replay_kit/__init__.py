@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from replay_kit.core.plan import Place, Plan
     from replay_kit.logs import open_log
     from replay_kit.measurements import observations
-    from replay_kit.show import Result
+    from replay_kit.show.notebook import Result
     from replay_kit.workflows.library import open_ensemble, plan, replay
     from replay_kit.workflows.sound import open_result
 
@@ -48,26 +48,7 @@ __all__ = [
     "replay",
 ]
 
-__getattr__ = on_demand(
-    globals(),
-    {
-        "Ensemble": "core.grid",
-        "FlowEstimate": "core.flow.estimate",
-        "Observation": "core.observation",
-        "Place": "core.plan",
-        "Plan": "core.plan",
-        "ReplayKitError": "core.errors",
-        "Result": "show.notebook",
-        "RunConfig": "config.run",
-        "observations": "measurements",
-        "open_ensemble": "workflows.library",
-        "open_estimate": "core.flow.load:load",
-        "open_log": "logs",
-        "open_result": "workflows.sound",
-        "plan": "workflows.library",
-        "replay": "workflows.library",
-    },
-)
+__getattr__ = on_demand(__name__, __file__)
 
 
 def __dir__() -> list[str]:

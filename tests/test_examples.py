@@ -14,7 +14,7 @@ from replay_kit.config.run import EstimatorConfig, MeasurementConfig, load_confi
 from replay_kit.core import extensions
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
-from replay_kit.estimator.baselines import build_named
+from replay_kit.estimator.baselines.builders import build_named
 from replay_kit.logs.glider.dialects import dialect_of
 from replay_kit.measurements import initial_state, interpret_block
 from replay_kit.measurements.consistency import checks

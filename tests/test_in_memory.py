@@ -11,7 +11,7 @@ import replay_kit as rk
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError
 from replay_kit.core.observation import PathMean
 from replay_kit.estimator.baselines.builders import build_ensemble_mean
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.logs.glider import glider_samples as made

@@ -13,7 +13,7 @@ from typing import Any
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.exceptions import MissingArgumentError, RepeatArgumentError
 
-from replay_kit.cli import reporting
+from replay_kit.cli import console
 from replay_kit.cli.help import (
     command_group,
     layout,
@@ -205,7 +205,7 @@ def run(arguments: list[str]) -> int:
         CycloptsError: The arguments cannot be parsed.
         ReplayKitError: The command ended with an error of its own.
     """
-    reporting.begin(reporting.Reporting())
+    console.begin(console.Reporting())
     arguments = repeat_ensembles(spread_vehicles(_command_first(arguments)))
     words = [word for word in arguments if word not in _HELP]
     chain, apps, unused = app.parse_commands(words)
@@ -255,7 +255,7 @@ def _command_first(arguments: list[str]) -> list[str]:
 
 
 def _help_text(chain: tuple[str, ...], command: App, every: bool) -> str:
-    width = shutil.get_terminal_size((reporting.PIPE_WIDTH, 24)).columns
+    width = shutil.get_terminal_size((console.PIPE_WIDTH, 24)).columns
     usage, about = _EVERY.get(" ".join(chain), ("COMMAND", command.help))
     hidden = 0
     if command.default_command is None:
@@ -286,7 +286,7 @@ def report(error: CycloptsError | ReplayKitError | OSError | KeyboardInterrupt) 
         message, code = str(error), error.exit_code if isinstance(error, ReplayKitError) else 1
     message = printable(message)
     print(f"replay-kit: {message}", file=sys.stderr)
-    reporting.keep(f"ERROR: {message}")
+    console.keep(f"ERROR: {message}")
     return code
 
 

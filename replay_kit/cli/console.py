@@ -1,4 +1,4 @@
-"""Where answers and progress go: terminal, pipe, file."""
+"""Where answers and progress go: terminal, pipe, file; how much a command prints, and the file of ``--log`` that keeps it."""
 
 import errno
 import io
@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from replay_kit.cli import reporting
 from replay_kit.core.atomic import stored, write_whole
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.paths import is_stream
@@ -21,6 +20,65 @@ from replay_kit.core.text import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
+from contextvars import ContextVar
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from replay_kit.core.errors import ConfigError
+
+# Columns of a pipe, which has no width of its own; COLUMNS in the environment is honoured before it.
+PIPE_WIDTH = 160
+
+
+@dataclass(frozen=True, slots=True)
+class Reporting:
+    """What ``-q``, ``-v`` and ``--log`` ask for.
+
+    Attributes:
+        quiet: Print errors only; answers that go to files and to ``-`` are not printed and stay.
+        verbose: Print whole tables.
+        log: File to which every printed line is added.
+    """
+
+    quiet: bool = False
+    verbose: bool = False
+    log: Path | None = None
+
+
+_DEFAULT = Reporting()
+_CURRENT: ContextVar[Reporting] = ContextVar("reporting", default=_DEFAULT)
+
+
+def current() -> Reporting:
+    """Return what the running command asked for."""
+    return _CURRENT.get()
+
+
+def begin(asked: Reporting) -> None:
+    """Report from now on as a command asks for.
+
+    Raises:
+        ConfigError: The file of ``--log`` cannot be written.
+    """
+    _CURRENT.set(asked)
+    try:
+        keep("started")
+    except OSError as error:
+        _CURRENT.set(Reporting())
+        raise ConfigError(
+            f"--log: cannot write '{asked.log}': {error.strerror}; choose another file"
+        ) from error
+
+
+def keep(text: str) -> None:
+    """Add lines with the time to the file of ``--log``, if there is one."""
+    if (path := current().log) is not None and text.strip():
+        now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+        with path.open("a", encoding="utf-8") as file:
+            file.writelines(
+                f"{now} {line.rstrip()}\n" for line in text.splitlines() if line.strip()
+            )
+
 
 #: Of the answers of ``--json``; it grows when a key changes its name or its meaning.
 FORMAT_VERSION = 2
@@ -72,8 +130,8 @@ class _Kept(io.StringIO):
 
     def write(self, text: str) -> int:
         """Print and keep a text."""
-        reporting.keep(_STYLE.sub("", text))
-        return len(text) if reporting.current().quiet else self._stream.write(text)
+        keep(_STYLE.sub("", text))
+        return len(text) if current().quiet else self._stream.write(text)
 
     def flush(self) -> None:
         """Flush what was printed."""
@@ -91,7 +149,7 @@ def console_beside(*answers: Path | None) -> "Console":
     stream = (
         sys.stderr if any(path is not None and str(path) == "-" for path in answers) else sys.stdout
     )
-    width = None if stream.isatty() or "COLUMNS" in os.environ else reporting.PIPE_WIDTH
+    width = None if stream.isatty() or "COLUMNS" in os.environ else PIPE_WIDTH
     # no markup: a unit in brackets is not a style, and a name between colons no picture
     return SafeConsole(file=_Kept(stream), highlight=False, markup=False, emoji=False, width=width)
 
@@ -106,7 +164,7 @@ def progress(threads: int | None = None) -> Iterator[Progress]:
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=threads):
-        if reporting.current().quiet or not sys.stderr.isatty():
+        if current().quiet or not sys.stderr.isatty():
             with shown_by(advance := _stages(silent)):
                 yield advance
             return
@@ -152,7 +210,7 @@ def _stages(show: Progress) -> Progress:
         share = done, total
         if what.partition(":")[0] != stage:
             stage, due = what.partition(":")[0], 0.0
-            reporting.keep(stage)
+            keep(stage)
         if (now := time.monotonic()) >= due or done == total:
             due = now + _LOOK
             show(done, total, what)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 from cyclopts import App, ArgumentCollection, Group, Parameter, Token
 from cyclopts.validators import Number
 
-from replay_kit.cli import reporting
+from replay_kit.cli import console
 from replay_kit.config.option import PLACE, Numbers, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import is_stream, path_of
@@ -168,7 +168,7 @@ def before_conversion(app: App, commands: tuple[str, ...], arguments: ArgumentCo
         _is(log, value) for name, values in given.items() if name != "--log" for value in values
     ):
         raise ConfigError(f"--log: '{log}' is another file of this command; choose another name")
-    reporting.begin(reporting.Reporting("--quiet" in given, "--verbose" in given, log))
+    console.begin(console.Reporting("--quiet" in given, "--verbose" in given, log))
 
 
 def _is(path: Path, value: str) -> bool:

@@ -4,9 +4,11 @@ A package adds a value of a kind under a name of its choice. It is loaded when a
 cannot be loaded ends the run: a result must not depend on whether an addition happened to load.
 """
 
+import ast
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -100,14 +102,21 @@ def objective_names() -> tuple[str, ...]:
     return (*get_args(ObjectiveName), *names_of("objectives"))
 
 
-def on_demand(names: dict[str, object], places: Mapping[str, str]) -> Callable[[str], object]:
-    """Return the function ``__getattr__`` of a package.
+def on_demand(package: str, file: str) -> Callable[[str], object]:
+    """Return the function ``__getattr__`` of a package, by the imports that its file holds for types alone.
 
     Args:
-        names: ``globals()`` of the package, to which each name is added when it is first asked for.
-        places: Name to the module that has it, relative to the package; ``module:name`` where it has another name there.
+        package: Its ``__name__``.
+        file: Its ``__file__``, of which each import below ``if TYPE_CHECKING`` is done when its name is first asked for.
     """
-    package = str(names["__name__"])
+    places = {
+        name.asname or name.name: (str(line.module), name.name)
+        for block in ast.parse(Path(file).read_text(encoding="utf-8")).body
+        if isinstance(block, ast.If)
+        for line in block.body
+        if isinstance(line, ast.ImportFrom)
+        for name in line.names
+    }
 
     def get(name: str) -> object:
         """Return the value of a name.
@@ -119,8 +128,7 @@ def on_demand(names: dict[str, object], places: Mapping[str, str]) -> Callable[[
             raise AttributeError(
                 f"module {package!r} has no attribute {name!r}; it has {', '.join(sorted(places))}"
             )
-        module, _, there = places[name].partition(":")
-        names[name] = value = getattr(import_module(f"{package}.{module}"), there or name)
-        return value
+        module, there = places[name]
+        return getattr(import_module(module), there)
 
     return get

@@ -35,8 +35,14 @@ from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.messages.vehicle import Depth, Dvl, Pose, Position, Pressure
 from replay_kit.measurements.messages.water import Ctd, DrifterFix, RadarCurrents
 from replay_kit.measurements.ping.adcp_ping import Orientation
-from replay_kit.measurements.steps import pings, water
-from replay_kit.measurements.steps.pings import read_pings, take_stated_ping
+from replay_kit.measurements.steps.pings import (
+    duplicate_reason,
+    incomplete,
+    read_pings,
+    take_dvl,
+    take_ping_frame,
+    take_stated_ping,
+)
 from replay_kit.measurements.steps.position_matching import (
     PlacedPing,
     WaitingPing,
@@ -55,6 +61,14 @@ from replay_kit.measurements.steps.state import (
     record_pose,
     record_position,
     record_pressure,
+)
+from replay_kit.measurements.steps.water import (
+    record_ctd,
+    record_drifter,
+    record_measurement,
+    record_radar,
+    surfaced,
+    unfinished,
 )
 from replay_kit.measurements.vehicle.mean_current import MeanCurrent
 
@@ -94,10 +108,10 @@ _FOREVER_NS = 2.0**62
 _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig], Step]] = (
     MappingProxyType(
         {
-            StatedPing: pings.take_stated_ping,
-            PingFrame: pings.take_ping_frame,
+            StatedPing: take_stated_ping,
+            PingFrame: take_ping_frame,
             Component: take_component,
-            Dvl: pings.take_dvl,
+            Dvl: take_dvl,
             Position: record_position,
             mavlink.NavigationPosition: record_navigation,
             mavlink.GpsStatus: record_gps_status,
@@ -106,10 +120,10 @@ _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig
             Depth: record_depth,
             Pressure: record_pressure,
             MeanCurrent: record_mean_current,
-            Ctd: water.record_ctd,
-            RadarCurrents: water.record_radar,
-            DrifterFix: water.record_drifter,
-            LinearMeasurement: water.record_measurement,
+            Ctd: record_ctd,
+            RadarCurrents: record_radar,
+            DrifterFix: record_drifter,
+            LinearMeasurement: record_measurement,
         }
     )
 )
@@ -203,7 +217,7 @@ def _statement(message: Message, config: MeasurementConfig) -> Statement | Compo
     try:
         if (entry := _entry(message, config)) is not None:
             return _by_mapping(message, entry)
-        repeated = pings.duplicate_reason(message.payload, config)
+        repeated = duplicate_reason(message.payload, config)
         return repeated or statement(message) or NOT_A_KIND
     except MeasurementError as error:
         return str(error)
@@ -234,8 +248,8 @@ def _step(
 def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
     """Return the events of what still waits when the log ends."""
     waiting = _ended(state, state.waiting, config)
-    line = [] if state.line is None else water.unfinished(state, config)
-    events = [*pings.incomplete(state.frames), *alone(state), *waiting, *line]
+    line = [] if state.line is None else unfinished(state, config)
+    events = [*incomplete(state.frames), *alone(state), *waiting, *line]
     return _kept(observed([events], config), config)[0]
 
 
@@ -291,7 +305,7 @@ def _interpret(
         state, (_, *events) = record_position(state, stated.position, source, config)
     state, more = _STEPS[type(stated)](state, stated, source, config)
     if state.line is not None and not state.submerged and isinstance(stated, Position):
-        state, of_dive = water.surfaced(state, config)
+        state, of_dive = surfaced(state, config)
         more = [*more, *of_dive]
     return state, [*events, *more]
 

@@ -26,18 +26,4 @@ __all__ = [
 ]
 
 # messages in words need none of the libraries that read and write files
-__getattr__ = on_demand(
-    globals(),
-    {
-        "CONTRACT_VERSION": "schemas",
-        "Difference": "compare",
-        "Digest": "topics",
-        "Journal": "journal",
-        "Recorded": "compare",
-        "ResultWriter": "mcap_writer",
-        "first_difference": "compare",
-        "read_estimate": "readback",
-        "read_journal": "journal",
-        "read_recorded": "compare",
-    },
-)
+__getattr__ = on_demand(__name__, __file__)

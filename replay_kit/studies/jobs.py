@@ -23,7 +23,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.progress import Progress, each_call, silent
 from replay_kit.estimator import Estimator, build_estimator
-from replay_kit.estimator.baselines import BASELINES, build_baseline
+from replay_kit.estimator.baselines.builders import BASELINES, build_baseline
 from replay_kit.estimator.basis.modes import LENGTH_IN_CELLS
 from replay_kit.estimator.basis.slices import cell_size
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length

@@ -37,7 +37,7 @@ from replay_kit.workflows.in_memory.parts import (
     planner_factory,
     write_forecast,
 )
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.replay import replay as replay_job

@@ -6,14 +6,13 @@ from pathlib import Path
 
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.paths import check_paths
-from replay_kit.results import CONTRACT_VERSION
 from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.schemas import CONTRACT_VERSION
 from replay_kit.results.vehicles import part_path
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import read_record
-from replay_kit.show import Result, open_result
-from replay_kit.show.report import report_html
-from replay_kit.show.report.pages import several_html
+from replay_kit.show.notebook import Result, open_result
+from replay_kit.show.report.pages import report_html, several_html
 from replay_kit.workflows.sound import sound_result
 
 _RECOVERED = "The result is damaged or cut short: this shows what could be recovered."

@@ -26,10 +26,10 @@ from replay_kit.estimator.evolving.smoother import smoothed_states
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.reader import reading
-from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency.tracks import LogTracks
+from replay_kit.measurements.interpret import events_of
 from replay_kit.measurements.steps.water import for_region
-from replay_kit.results import ResultWriter
+from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.workflows.replay.inputs.estimator import build, flow_at
 from replay_kit.workflows.replay.inputs.forecast import Forecasts

@@ -24,7 +24,7 @@ from replay_kit.results.losses import loss_words
 from replay_kit.results.readback import checksums_fit
 
 if TYPE_CHECKING:
-    from replay_kit.show import Result
+    from replay_kit.show.notebook import Result
 
 # What readers raise on what could be recovered of a result, beside what they raise on any damaged file.
 _INCOMPLETE = (*DAMAGED, TypeError, AttributeError, RuntimeError)
@@ -114,7 +114,7 @@ def open_result(path: str | Path) -> "Result":
         ConfigError: The path is neither text nor a ``Path``.
     """
     # here, because tables and estimates take half a second to load
-    from replay_kit.show import open_result as open_whole
+    from replay_kit.show.notebook import open_result as open_whole
 
     given, folder = as_path(path, "result"), tempfile.mkdtemp(prefix="replay_kit_")
     try:

@@ -23,15 +23,9 @@ from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
 from replay_kit.forecast.remote.kept import CACHE
-from replay_kit.results import (
-    CONTRACT_VERSION,
-    Difference,
-    Digest,
-    Recorded,
-    first_difference,
-    read_recorded,
-)
-from replay_kit.results.topics import SUMMARY_NAME
+from replay_kit.results.compare import Difference, Recorded, first_difference, read_recorded
+from replay_kit.results.schemas import CONTRACT_VERSION
+from replay_kit.results.topics import SUMMARY_NAME, Digest
 from replay_kit.results.vehicles import VEHICLE_RECORD, vehicle_records
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import (

@@ -123,7 +123,7 @@ def _twin(folder: Path, tiny: bool) -> Row:
     """Return the row of a twin's mission in the sample ocean."""
     from replay_kit.config.run import ForecastConfig
     from replay_kit.forecast import read_truth
-    from replay_kit.studies.twins import Twin, make_twin
+    from replay_kit.studies.twins.make import Twin, make_twin
 
     count = 3 if tiny else _DIVES
     log, samples = folder / "twin.mcap", ROOT / "sample_logs"

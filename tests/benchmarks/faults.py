@@ -39,7 +39,7 @@ from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, ensemble_speeds
 from replay_kit.measurements.events import Event, Skipped
-from replay_kit.studies.twins import Faults
+from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import mission as glider_mission
 from replay_kit.studies.twins.messages import Flight, measured_on

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from replay_kit.config.run import RunConfig
 from replay_kit.forecast import read_truth
-from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.fleet.cluster import Cluster, open_cluster
 from replay_kit.workflows.fleet.missions import FleetTable, Mission, missions_of
 from replay_kit.workflows.fleet.run import run_fleet, run_mission

@@ -28,7 +28,7 @@ from replay_kit.measurements.section.thermal_wind import (
     regime_of,
     window_shear,
 )
-from replay_kit.studies.twins import write_ensemble
+from replay_kit.studies.twins.ensemble import write_ensemble
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.benchmarks import kinds_surface

@@ -30,7 +30,7 @@ from replay_kit.logs import merge, open_logs
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.interpret import events_of
 from replay_kit.measurements.steps.water import for_region
-from replay_kit.studies.twins import write_ensemble
+from replay_kit.studies.twins.ensemble import write_ensemble
 from replay_kit.studies.twins.field import build_field
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob

@@ -18,8 +18,8 @@ from replay_kit.core.message import Message
 from replay_kit.core.paths import check_paths
 from replay_kit.forecast import read_truth
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies import twins
-from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.studies.twins import ensemble
+from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.info.inspect import inspect_logs
 from tests import synthetic
 from tests.command import run_command
@@ -191,7 +191,7 @@ def test_an_error_of_the_system_is_a_line_and_exit_1(tmp_path, monkeypatch):
     def bad(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(twins, "write_ensemble", bad)
+    monkeypatch.setattr(ensemble, "write_ensemble", bad)
     done = run_command(tmp_path, "synthesize --ensemble e.nc --truth t.nc")
     assert done.returncode == 1
     assert done.stderr == "replay-kit: [Errno 28] No space left on device\n"
@@ -239,7 +239,7 @@ def test_ctrl_c_elsewhere_names_no_part(tmp_path, monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(twins, "write_ensemble", stop)
+    monkeypatch.setattr(ensemble, "write_ensemble", stop)
     done = run_command(tmp_path, "synthesize --ensemble e.nc --truth t.nc")
     assert (done.returncode, done.stderr) == (130, "replay-kit: interrupted\n")
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from replay_kit.cli import reporting
+from replay_kit.cli import console
 from replay_kit.cli.console import FORMAT_VERSION, progress
 from replay_kit.core.errors import ConfigError
 from tests.command import invoke, run_command, succeed
@@ -83,19 +83,19 @@ def test_a_log_is_no_other_file_of_the_command(log, tmp_path):
 
 def test_one_run_does_not_report_as_the_one_before(log, tmp_path):
     invoke(f"info {log} -q -v")
-    assert reporting.current() == reporting.Reporting(quiet=True, verbose=True)
+    assert console.current() == console.Reporting(quiet=True, verbose=True)
     invoke("--version")
-    assert reporting.current() == reporting.Reporting()
+    assert console.current() == console.Reporting()
     with pytest.raises(ConfigError):
-        reporting.begin(reporting.Reporting(log=tmp_path))
-    assert reporting.current().log is None
+        console.begin(console.Reporting(log=tmp_path))
+    assert console.current().log is None
 
 
 def test_a_terminal_is_shown_the_stages_and_a_pipe_nothing(monkeypatch, tmp_path):
     monkeypatch.setattr(
-        reporting,
+        console,
         "_CURRENT",
-        reporting.ContextVar("own", default=reporting.Reporting(log=tmp_path / "a.log")),
+        console.ContextVar("own", default=console.Reporting(log=tmp_path / "a.log")),
     )
     for stream in (Terminal(), io.StringIO()):
         monkeypatch.setattr(sys, "stderr", stream)

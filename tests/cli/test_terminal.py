@@ -9,7 +9,7 @@ import h5py
 import pytest
 from rich.table import Table
 
-from replay_kit.cli import reporting
+from replay_kit.cli import console
 from replay_kit.cli.console import console_beside
 from replay_kit.core.message import Message
 from replay_kit.core.text import printable
@@ -137,7 +137,7 @@ def test_the_log_of_a_command_holds_no_controls(folder, monkeypatch):
     (folder / "kept.log").unlink(missing_ok=True)
     invoke(["info", f"missing{EVIL}.mcap", "--log", "kept.log"])
     # what later tests print must not go there
-    reporting.begin(reporting.Reporting())
+    console.begin(console.Reporting())
     kept = (folder / "kept.log").read_text()
     assert "\x1b" not in kept
     assert "\\x1b[2J" in kept

@@ -12,8 +12,8 @@ from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import Estimator, build_estimator
-from replay_kit.estimator.baselines import BASELINES, build_baseline
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.baselines.builders import BASELINES, build_baseline
+from replay_kit.estimator.evolving.build import build_evolving
 from tests import synthetic
 from tests.estimator.update.test_path_mean import dive
 

@@ -11,7 +11,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.observation import Flag, Label, LinearMeasurement, Source
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.measurements.messages.water import DrifterFix, RadarCurrents
 from replay_kit.measurements.section.lines import measurement
 from replay_kit.measurements.section.thermal_wind import GeostrophicShear

@@ -13,8 +13,7 @@ from replay_kit.core.sealed import write_store
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import open_log
 from replay_kit.logs.dataflash.reader import DataflashReader
-from replay_kit.logs.decode.decoders import decode_json
-from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
+from replay_kit.logs.decode.decoders import decode_json, ros2msg_from_idl
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
 from replay_kit.workflows.replay.inputs.region import CHECKPOINT

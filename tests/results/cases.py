@@ -16,7 +16,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.messages import innovation as innovation_message
 from replay_kit.results.schemas import DESCRIPTOR_SET, decode
 from replay_kit.results.views.contents import Contents
-from replay_kit.show import open_result
+from replay_kit.show.notebook import open_result
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
 from tests.synthetic_flow import synthetic_flow
 

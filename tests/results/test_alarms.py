@@ -12,7 +12,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.views.contents import Contents
-from replay_kit.show import open_result
+from replay_kit.show.notebook import open_result
 from replay_kit.show.report.sections.answer import found_warnings
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import status_text

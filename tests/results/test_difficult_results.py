@@ -16,9 +16,9 @@ from replay_kit.core.observation import Innovation
 from replay_kit.core.plan import Plan
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.export import ENDINGS, export
-from replay_kit.show.plots import KINDS, drawn
-from replay_kit.show.report import report_html
+from replay_kit.show.export.export import ENDINGS, export
+from replay_kit.show.plots.plots import KINDS, drawn
+from replay_kit.show.report.pages import report_html
 from replay_kit.workflows.report import opened
 from tests.results.cases import (
     across_the_antimeridian,

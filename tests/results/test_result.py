@@ -15,7 +15,7 @@ from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
-from replay_kit.show import Result, open_result
+from replay_kit.show.notebook import Result, open_result
 from tests.results.cases import failed
 from tests.results.result_samples import CONFIG, METADATA
 from tests.synthetic_flow import TIME_NS

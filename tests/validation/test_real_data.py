@@ -11,7 +11,7 @@ import pytest
 
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.forecast import read_truth
-from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay

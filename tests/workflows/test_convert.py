@@ -15,7 +15,7 @@ from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import observations
 from replay_kit.show.text import SafeConsole, iso
-from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from tests.command import invoke
 from tests.logs.log_samples import tlog

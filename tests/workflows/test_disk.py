@@ -13,7 +13,7 @@ from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.inputs import check_unchanged, stamps_of
 from replay_kit.logs import reader
-from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.replay.inputs.job import ReplayJob

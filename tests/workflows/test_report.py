@@ -10,7 +10,7 @@ import pytest
 
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.results.outcome.from_run import outcome_of
-from replay_kit.show import open_result
+from replay_kit.show.notebook import open_result
 from replay_kit.workflows.report import page_of, report
 from tests.command import invoke, succeed
 from tests.places import SAMPLES

@@ -6,15 +6,15 @@ import pytest
 import replay_kit as rk
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import LogError
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth as smooth_states
 from replay_kit.forecast import read_series
 from replay_kit.logs import open_log
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.report import report_html
+from replay_kit.show.report.pages import report_html
 from replay_kit.show.status.held import read_held
 from replay_kit.workflows.library import settings_of
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used
 from replay_kit.workflows.smooth import STATIC, published_times, smooth

@@ -17,8 +17,8 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
 from replay_kit.forecast import read_truth
 from replay_kit.results import first_difference, read_recorded
-from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.planning import planner_of
+from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import _job, verify

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
     from replay_kit.config.run import RunConfig
     from replay_kit.core.grid import Ensemble as Members
-    from replay_kit.estimator.evolving import EvolvingEstimator
-    from replay_kit.studies.bench import BenchJob
+    from replay_kit.estimator.evolving.filter import EvolvingEstimator
     from replay_kit.studies.bench.missions import Mission
+    from replay_kit.studies.bench.run import BenchJob
 
 Data = Annotated[
     Path,
@@ -140,16 +140,17 @@ def bench(
     read = [*data, *known.files, settings.file]
     config = settings.load()
 
-    from replay_kit.studies.bench import page, run_bench
+    from replay_kit.studies.bench.page import FILES, report_of
+    from replay_kit.studies.bench.run import run_bench
 
-    check_outputs(read, outputs, page.FILES)
+    check_outputs(read, outputs, FILES)
     job = _job(bool(data), known, asked)
     job.check()
     notes = list[str]()
     missions, estimator = _dives(data, known, config, notes) if job.dives else ((), None)
     members, truth, series = _simulated(known, config, job, notes)
     run_study(
-        page.report_of,
+        report_of,
         lambda advance: run_bench(
             missions, (estimator, members, series), truth, config, job, advance
         ),
@@ -228,7 +229,7 @@ def _dives(
     if not known.ensemble:
         return missions, None
 
-    from replay_kit.estimator.evolving import build_evolving
+    from replay_kit.estimator.evolving.build import build_evolving
     from replay_kit.workflows.replay.inputs.forecast import read_forecasts
     from replay_kit.workflows.replay.inputs.region import find_region
     from replay_kit.workflows.replay.inputs.scan import look_ahead

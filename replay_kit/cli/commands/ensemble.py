@@ -55,7 +55,7 @@ def fit(
     config = settings.load()
 
     from replay_kit.forecast import read_ensemble
-    from replay_kit.workflows.fit import fit_json, fit_prior, print_fit, write_fit
+    from replay_kit.workflows.ensemble import fit_json, fit_prior, print_fit, write_fit
     from replay_kit.workflows.fleet.workers import calls_made_by
 
     members = read_ensemble(local_ensemble(ensemble, (), config), config.forecast)
@@ -121,7 +121,8 @@ def twin(
     part = settings.load().forecast
 
     from replay_kit.forecast import read_changing_truth, read_truth
-    from replay_kit.studies.twins import EPOCH, Twin, make_twin
+    from replay_kit.studies.twins.make import Twin, make_twin
+    from replay_kit.studies.twins.vehicle import EPOCH
 
     simulated = Twin(
         survey.vehicle, survey.pings, survey.noise, survey.seed, interval_s=survey.interval
@@ -159,7 +160,7 @@ def synthesize(
     """Return 0."""
     check_paths([], [ensemble, truth], replacing.overwrite)
 
-    from replay_kit.studies.twins import write_ensemble
+    from replay_kit.studies.twins.ensemble import write_ensemble
 
     with progress() as advance:
         advance(0, 0, "making the ensemble")

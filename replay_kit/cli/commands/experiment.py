@@ -181,9 +181,10 @@ def paper(
     truths.check("experiment paper")
     config = settings.load(estimator={"modes": sizes.modes})
 
-    from replay_kit.studies.paper import PaperJob, page, run_paper
+    from replay_kit.studies.paper.page import FILES, report_of
+    from replay_kit.studies.paper.run import PaperJob, run_paper
 
-    check_outputs(truths.files, outputs, page.FILES)
+    check_outputs(truths.files, outputs, FILES)
     most = None if sizes.modes is None else config.estimator.modes
     job = PaperJob(
         leave_out=truths.leave_out,
@@ -196,7 +197,7 @@ def paper(
     # at once, so that a folder that cannot be made is reported before the work
     outputs.out.mkdir(exist_ok=True)
     run_study(
-        page.report_of,
+        report_of,
         lambda advance: run_paper(members, withheld, config.estimator, job, advance),
         outputs,
         config,

@@ -105,7 +105,7 @@ class Following:
         from replay_kit.show.summary import print_summary
         from replay_kit.workflows.follow.follow import follow
         from replay_kit.workflows.follow.watch import FollowOptions
-        from replay_kit.workflows.planning import planner_of
+        from replay_kit.workflows.planning.adapters import planner_of
 
         assert job.out is not None
         if job.vehicles and self.goal_file is not None:

@@ -77,7 +77,7 @@ def info(
     check_paths([*logs, settings.file, *ensemble], [suggest, json_file], outputs.overwrite)
     config = settings.load()
 
-    from replay_kit.measurements import suggestions
+    from replay_kit.measurements.messages.suggest import suggestions
     from replay_kit.show.text import print_lines
     from replay_kit.workflows.info.inspect import inspect_logs
     from replay_kit.workflows.info.listing import (
@@ -93,7 +93,7 @@ def info(
         # the libraries that read a forecast take longer to load than a log's index to read
         if ensemble:
             from replay_kit.forecast import describe_ensemble
-            from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
+            from replay_kit.workflows.ensemble import ensemble_json, print_ensemble
             from replay_kit.workflows.info.import_check import (
                 check_logs,
                 import_check_json,

@@ -180,7 +180,7 @@ def replay(
 
     # what takes long to load, after what is quickly refused
     from replay_kit.results.outcome.from_run import failed
-    from replay_kit.workflows.planning import planner_of
+    from replay_kit.workflows.planning.adapters import planner_of
     from replay_kit.workflows.replay.inputs.job import check_outputs
     from replay_kit.workflows.replay.inputs.vehicles import identified
     from replay_kit.workflows.replay.replay import replay as replay_logs
@@ -263,7 +263,7 @@ def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs) -> "ReplayJob
 
 def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "Console") -> int:
     """Report what would be used; return the exit code."""
-    from replay_kit.workflows.planning import planner_of
+    from replay_kit.workflows.planning.adapters import planner_of
     from replay_kit.workflows.replay.dry_run import dry_run, dry_run_json, print_dry_run
 
     with progress() as advance:

@@ -39,7 +39,7 @@ def verify(
     """Return 0, 4 when part of the result was lost, or 5 when it could not be made again."""
     check_paths([result, *(inputs or ())], [answer.json_file], answer.overwrite)
 
-    from replay_kit.workflows.planning import planner_of
+    from replay_kit.workflows.planning.adapters import planner_of
     from replay_kit.workflows.planning.again import plan_again
     from replay_kit.workflows.sound import sound_result
     from replay_kit.workflows.verify import print_verdict, verdict_json

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from replay_kit.cli import reporting
+from replay_kit.cli import console
 from replay_kit.cli.console import console_beside, write_json
 from replay_kit.cli.options import (
     HTML,
@@ -112,10 +112,10 @@ def status(
     from replay_kit.workflows.status import read_status, write_pages
 
     each = [read_status(path, moment) for path in results]
-    if not reporting.current().quiet and str(answer.json_file) != "-":
+    if not console.current().quiet and str(answer.json_file) != "-":
         from replay_kit.show.status.lines import brief_text, status_text
 
-        show = status_text if reporting.current().verbose else brief_text
+        show = status_text if console.current().verbose else brief_text
         width = (
             min(shutil.get_terminal_size((_WIDTH, 24)).columns, _WIDEST)
             if sys.stdout.isatty()
@@ -127,7 +127,7 @@ def status(
             + "\n".join(show(status, width) for status in found.values())
             for found, outcome, sound in each
         )
-        reporting.keep(text)
+        console.keep(text)
         sys.stdout.write(text)
     if html is not None:
         write_pages(*each[0][:2], html)
@@ -245,8 +245,8 @@ def plot(
     time_ns = None if look.time is None else _time_of(look.time, "--time")
 
     from replay_kit.core.atomic import write_whole
-    from replay_kit.show.plots import Chosen, drawn
-    from replay_kit.show.plots.panel import saved
+    from replay_kit.show.plots.panel import Chosen, saved
+    from replay_kit.show.plots.plots import drawn
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
@@ -300,7 +300,7 @@ def export(
     check_paths([result], [out], replacing.overwrite)
     places = [numbers(text, "--at", PLACE.form) for text in at or ()]
 
-    from replay_kit.show.export import export as write
+    from replay_kit.show.export.export import export as write
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:

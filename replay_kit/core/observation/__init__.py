@@ -1,6 +1,5 @@
 """Observations of the current, vehicle states, and the innovations of the estimator."""
 
-from replay_kit.core.observation.innovation import Decision, GroupTotals, Innovation
 from replay_kit.core.observation.linear import (
     BOTH_COMPONENTS,
     Fix,
@@ -8,7 +7,6 @@ from replay_kit.core.observation.linear import (
     Label,
     LinearMeasurement,
     PathMean,
-    Source,
     VehicleState,
 )
 from replay_kit.core.observation.profile import (
@@ -20,7 +18,16 @@ from replay_kit.core.observation.profile import (
     Reference,
     kind_of,
 )
-from replay_kit.core.observation.quality import Flag, Reason, reasons_of, usable
+from replay_kit.core.observation.quality import (
+    Decision,
+    Flag,
+    GroupTotals,
+    Innovation,
+    Reason,
+    Source,
+    reasons_of,
+    usable,
+)
 
 __all__ = [
     "BOTH_COMPONENTS",

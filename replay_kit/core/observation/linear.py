@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation.quality import Flag
+from replay_kit.core.observation.quality import Flag, Source
 from replay_kit.core.text import span_text, time_text
 
 
@@ -30,24 +30,7 @@ class VehicleState:
     latitude: float
     depth: float
     dead_reckoned: bool
-    source: "Source"
-
-
-@dataclass(frozen=True, slots=True)
-class Source:
-    """Pointer to the message that a value came from.
-
-    Attributes:
-        input: Position of the log among the run's inputs.
-        topic: Channel name.
-        position: Ordinal or byte offset in that log.
-        time_ns: The message's time [ns, UTC].
-    """
-
-    input: int
-    topic: str
-    position: int
-    time_ns: int
+    source: Source
 
 
 class Fix(NamedTuple):

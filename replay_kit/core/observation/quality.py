@@ -1,9 +1,31 @@
-"""What is said of a measured value: whether it is used, and why not."""
+"""What is said of a measured value: where it came from, whether it is used and why not, and its innovation."""
 
+from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.text import span_text, time_text
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Pointer to the message that a value came from.
+
+    Attributes:
+        input: Position of the log among the run's inputs.
+        topic: Channel name.
+        position: Ordinal or byte offset in that log.
+        time_ns: The message's time [ns, UTC].
+    """
+
+    input: int
+    topic: str
+    position: int
+    time_ns: int
 
 
 class Flag(IntEnum):
@@ -64,3 +86,113 @@ def reasons_of(reasons: NDArray[np.int32], flags: NDArray[np.int8]) -> list[tupl
         for reason in Reason
         if found & reason.value
     ]
+
+
+Decision = Literal["accepted", "softened", "rejected", "unusable"]
+
+
+@dataclass(frozen=True, slots=True)
+class GroupTotals:
+    """Sums over the profiles of a superobservation, each against the estimate of its turn.
+
+    Attributes:
+        softened: Number of profiles whose errors the gate increased.
+        bins: Number of bins used.
+        before: Squared innovations [m^2/s^2], of all bins and both components.
+        after: Squared residuals after the update [m^2/s^2].
+        prior: Squared innovations against the prior without observations [m^2/s^2].
+        not_used: Number of bins not used, by reason.
+    """
+
+    softened: int
+    bins: int
+    before: float
+    after: float
+    prior: float
+    not_used: tuple[tuple[str, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Innovation:
+    """The innovation of one observation: measured minus predicted, before and after the update.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        depth: shape (n,) [m], the bins offered to the estimator, used or not.
+        innovation: shape (n, 2) [m/s], local east and north, measured minus predicted; NaN for bins not used. Of a mean current that is
+            corrected for the flight model's error, corrected minus predicted; so are the others.
+        innovation_std: shape (n, 2) [m/s], predicted standard deviation of the innovation.
+        residual: shape (n, 2) [m/s], measured minus estimated after the update.
+        prior_innovation: shape (n, 2) [m/s], measured minus predicted by the prior that has seen no observation.
+        nis: Normalised innovation squared of all rows used.
+        dof: Number of rows used.
+        accepted: False when no bin was usable, or the gate rejected the profile.
+        error_inflation: Factor, at least 1, by which the bins' error variance was grown in the update, because their scatter or the
+            correlation of their residuals asked for it, or to soften it; ``innovation_std`` and ``nis`` are those of the stated errors.
+        flags: shape (n,), QARTOD flags after the region's checks.
+        reasons: shape (n,), bit mask of ``Reason``.
+        dive: As in the observation.
+        source: As in the observation.
+        decision: What was done with the observation.
+        gate_statistic: Normalised innovation squared of what the observation says of the estimate, with adapted errors.
+        gate: What ``gate_statistic`` was held against; inf without a gate.
+        signal_dof: Degrees of freedom for signal: how many independent values of the estimate the observation determined.
+        prior_inflation: Factor by which the estimate's covariance was grown after the observation, as too many lay outside it.
+        log_likelihood: Logarithm of the measured values' density under the prediction, with the stated errors, without the constant of
+            2 pi; NaN without a usable bin, or when the estimator predicts no variance.
+        mean_current: shape (2,) [m/s], local east and north, what a mean along a path measured; None for a profile.
+        mean_kind: Of the mean along a path, as in ``PathMean``; empty for a profile.
+        mean_std: Error of each component of ``mean_current`` [m/s].
+        corrected_current: shape (2,) [m/s], ``mean_current`` without the flight model's error; None where there is no correction.
+        corrected_std: Error of each component of it [m/s].
+        estimated_std: Error of each component of the estimate's mean along the path after the update [m/s]; NaN where it is not known.
+        replayed_residual: shape (n, 2) [m/s], of a smoothed result: the residual before smoothing; None in others.
+        profiles: Number of profiles that it holds. Where several are combined, depths, innovations and residuals are means over them,
+            ``nis`` and ``dof`` are sums, the gate's result is that of the first, and ``source`` is its message.
+        totals: Of several profiles; None for one.
+    """
+
+    time_ns: int
+    depth: Array
+    innovation: Array
+    innovation_std: Array
+    residual: Array
+    prior_innovation: Array
+    nis: float
+    dof: int
+    accepted: bool
+    error_inflation: float
+    flags: NDArray[np.int8]
+    reasons: NDArray[np.int32]
+    dive: int
+    source: Source
+    decision: Decision = "accepted"
+    gate_statistic: float = float("nan")
+    gate: float = float("inf")
+    signal_dof: float = float("nan")
+    prior_inflation: float = 1.0
+    log_likelihood: float = float("nan")
+    mean_current: Array | None = None
+    mean_kind: str = ""
+    mean_std: float = float("nan")
+    corrected_current: Array | None = None
+    corrected_std: float = float("nan")
+    estimated_std: float = float("nan")
+    replayed_residual: Array | None = None
+    profiles: int = 1
+    totals: GroupTotals | None = None
+
+    @property
+    def used_current(self) -> Array | None:
+        """What the estimate was given of a mean along a path, shape (2,) [m/s], local east and north: corrected, where it is."""
+        return self.mean_current if self.corrected_current is None else self.corrected_current
+
+    def __repr__(self) -> str:
+        """Return what was done with the observation, and how far it lay from the prediction."""
+        parts = (part[np.isfinite(part)] for part in (self.innovation, self.residual))
+        before, after = (f"{np.sqrt(np.mean(part**2)):.3f}" if part.size else "-" for part in parts)
+        bins = f"{self.depth.size} bins, {span_text(self.depth)} m deep"
+        return (
+            f"Innovation {time_text(self.time_ns)}, dive {self.dive}: {self.decision}, {bins}\n"
+            f"  RMS {before} m/s before and {after} m/s after the update, NIS {self.nis:.1f} of {self.dof} degrees of freedom"
+        )

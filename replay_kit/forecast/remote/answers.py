@@ -164,3 +164,9 @@ def in_words(error: Exception) -> str:
         "ProtocolError": "the connection was closed",
         "IncompleteRead": "the connection was closed before the end",
     }.get(name, name)
+
+
+def foreign_words(error: Exception) -> str:
+    """Return the first line of a foreign error that says something, without addresses, which may hold a login."""
+    text = re.sub(r"\S+://\S+", "(an address)", " ".join(str(error).split()))
+    return text[:200] or type(error).__name__

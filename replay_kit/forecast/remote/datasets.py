@@ -20,12 +20,12 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Address
 from replay_kit.forecast.remote.answers import is_page
 from replay_kit.forecast.remote.client import METADATA, Client, Limits
-from replay_kit.forecast.remote.opendap import dataset_address, open_opendap
-from replay_kit.forecast.remote.providers import icechunk_store, open_cmems
+from replay_kit.forecast.remote.opendap import dataset_address, open_cmems, open_opendap
 from replay_kit.forecast.remote.stores import (
     ServedFile,
     ServedStore,
     folder_store,
+    icechunk_store,
     reference_store,
     under,
     zip_store,

@@ -1,5 +1,7 @@
 """OPeNDAP (DAP 2) as THREDDS, Hyrax, pydap and ERDDAP's griddap speak it: descriptions, attributes, and parts of arrays.
 
+And Copernicus Marine, by its own client.
+
 References:
     NASA ESE-RFC-004.1.1, The Data Access Protocol DAP 2.0: section 7 (DDS, DAS, data), section 4.1 (constraints).
 """
@@ -17,8 +19,8 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import public
-from replay_kit.forecast.remote.answers import is_page
+from replay_kit.core.paths import Address, public
+from replay_kit.forecast.remote.answers import foreign_words, is_page
 from replay_kit.forecast.remote.client import METADATA, Client
 
 # Type, as it is sent (XDR), and as NetCDF has it.
@@ -263,3 +265,30 @@ def _plain(name: str) -> str:
 
 def _text(data: bytes) -> str:
     return data.decode("utf-8", "replace")
+
+
+def open_cmems(address: Address, name: str) -> xr.Dataset:
+    """Return a data set of Copernicus Marine, by the provider's own client, which keeps the login; times are numbers, as in a file.
+
+    Raises:
+        ForecastError: The client is not installed, or refuses.
+    """
+    try:
+        import copernicusmarine
+    except ImportError as error:
+        raise ForecastError(
+            f"{address}: needs the client of Copernicus Marine (EUPL licence): pip install 'replay-kit[cmems]'; then copernicusmarine login"
+        ) from error
+    try:
+        ds: xr.Dataset = copernicusmarine.open_dataset(dataset_id=name)
+    except Exception as error:
+        raise ForecastError(
+            f"{address}: Copernicus Marine's client answers: {foreign_words(error)}; is the name right, and copernicusmarine login done?"
+        ) from error
+    ds = ds.drop_encoding()
+    dated = {
+        name: xr.conventions.encode_cf_variable(variable, name=name)
+        for name, variable in ds.variables.items()
+        if variable.dtype.kind in "mM"
+    }
+    return ds.assign(dated)

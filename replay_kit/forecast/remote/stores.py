@@ -1,4 +1,4 @@
-"""Zarr on a server: a folder of objects, a zip archive, or references into other files, as one read-only store."""
+"""Zarr on a server: a folder of objects, a zip archive, or references into other files, as one read-only store; and Icechunk."""
 
 import asyncio
 import base64
@@ -21,8 +21,8 @@ from zarr.abc.store import (
 from zarr.core.buffer import Buffer, BufferPrototype
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import public
-from replay_kit.forecast.remote.answers import Span, is_page
+from replay_kit.core.paths import Address, public
+from replay_kit.forecast.remote.answers import Span, foreign_words, is_page
 from replay_kit.forecast.remote.client import METADATA, Client
 
 _WHOLE: Span = (0, None)
@@ -248,3 +248,32 @@ class ServedFile(io.RawIOBase):
             done += len(part)
             self._at += len(part)
         return done
+
+
+def icechunk_store(address: Address, url: str) -> Any:
+    """Return the Zarr store of the main branch of an Icechunk repository on a server that speaks S3, by Icechunk's own client.
+
+    Raises:
+        ForecastError: It is not installed, or there is no such repository.
+    """
+    try:
+        import icechunk
+    except ImportError as error:
+        raise ForecastError(f"{address}: needs Icechunk: pip install icechunk") from error
+    try:
+        host, _, path = url.partition("://")[2].partition("/")
+        bucket, _, prefix = path.partition("/")
+        storage = icechunk.s3_storage(
+            bucket=bucket,
+            prefix=prefix.rstrip("/"),
+            endpoint_url=f"{url.partition('://')[0]}://{host}",
+            region="us-east-1",
+            allow_http=url.startswith("http:"),
+            anonymous=True,
+            force_path_style=True,
+        )
+        return icechunk.Repository.open(storage).readonly_session("main").store
+    except Exception as error:
+        raise ForecastError(
+            f"{address}: cannot be opened as an Icechunk repository: {foreign_words(error)}"
+        ) from error

@@ -13,14 +13,18 @@ import numpy as np
 from replay_kit.core.arrays import replace
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
-from replay_kit.measurements.consistency import checks, findings, headings
+from replay_kit.measurements.consistency import checks, findings
 from replay_kit.measurements.consistency.causes import (
     LEAST_DIVES,
     LEAST_MEANS,
     LEAST_MOTIONS,
     TURNED,
+    Positions,
     cause_of_pairs,
+    found_of_headings,
+    least_lag_of_headings,
     scale_of_motion,
+    with_position,
 )
 from replay_kit.measurements.consistency.depths import (
     Depth,
@@ -28,11 +32,6 @@ from replay_kit.measurements.consistency.depths import (
     can_compare,
     found_of_depths,
     least_lag,
-)
-from replay_kit.measurements.consistency.headings import (
-    Positions,
-    found_of_headings,
-    with_position,
 )
 from replay_kit.measurements.consistency.instrument import Beams
 from replay_kit.measurements.consistency.raw import RawHistory
@@ -147,7 +146,7 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
     lag = min(
         min(
             least_lag(instrument.depths, state.depths),
-            headings.least_lag(instrument.headings, state.places),
+            least_lag_of_headings(instrument.headings, state.places),
         )
         for instrument in instruments
     )

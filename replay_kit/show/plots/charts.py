@@ -11,7 +11,6 @@ from replay_kit.core.colors import PRINT
 from replay_kit.core.text import place_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import Series, typical_depth
-from replay_kit.show.figures import values as figures
 from replay_kit.show.figures.along_track import (
     COMPONENTS,
     gridded,
@@ -20,6 +19,7 @@ from replay_kit.show.figures.along_track import (
 from replay_kit.show.figures.in_print import date_axis, drawing_of
 from replay_kit.show.figures.trust import trust_charts
 from replay_kit.show.figures.values import Axis, Chart, Mark
+from replay_kit.show.figures.values import Panel as Drawn
 from replay_kit.show.plots.panel import Chosen, Panel, Panels, colorbar, colormap, missing
 
 
@@ -110,7 +110,7 @@ def series_panels(contents: Contents, chosen: Chosen) -> Panels:
     return Panels(panels, 2, notes)
 
 
-def _series_panel(series: Series, key: str, where: str) -> figures.Panel:
+def _series_panel(series: Series, key: str, where: str) -> Drawn:
     times, values = series.time_ns.astype("datetime64[ns]"), getattr(series, key)
     errors = getattr(series, f"{key}_standard_error")
     marks = [Mark("joined", times, values, "estimate", size=4.5)]
@@ -120,7 +120,7 @@ def _series_panel(series: Series, key: str, where: str) -> figures.Panel:
     elif np.isfinite(errors).any():
         marks.append(Mark("points", times[-1:], values[-1:], name, size=4.5, error=errors[-1:]))
     title = f"{_COMPONENTS[key]} current, {where}"
-    return figures.Panel(title, Axis(f"${key}$", "m/s"), marks, level=0.0)
+    return Drawn(title, Axis(f"${key}$", "m/s"), marks, level=0.0)
 
 
 # The least width of a section [ns]: one profile has none.

@@ -8,15 +8,17 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.evidence import coverage, crps_gaussian
 from replay_kit.core.progress import Progress, silent
-from replay_kit.estimator.evolving import EvolvingEstimator
+from replay_kit.core.surfacing import SHARES
+from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.studies.bench.frame import Figure, Lost, of_case
 from replay_kit.studies.bench.methods import Background, Entry, LastDive, methods_of
 from replay_kit.studies.bench.missions import Mission
-from replay_kit.studies.bench.programs import Program, UnansweredError
 from replay_kit.studies.bench.records import (
     PROFILE_TASKS,
     Answer,
+    Program,
     Record,
+    UnansweredError,
     records,
 )
 from replay_kit.studies.jobs import Advance, check_positive, each_counted
@@ -209,7 +211,7 @@ def _regions(
         truth = record.truth[0]
         if last.stated is not None:
             gains.append(one.stated.log_density(truth) - last.stated.log_density(truth))
-        held.append(one.stated.holds(truth))
+        held.append(one.stated.holds(truth, SHARES))
     shares = np.sum(held, axis=0).tolist()
     return [
         Figure(name, "log score gain [nats]", float(np.mean(gains)) if gains else np.nan),

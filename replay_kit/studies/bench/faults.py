@@ -18,8 +18,8 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement, Observation
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import Estimator
-from replay_kit.estimator.evolving import build_evolving
-from replay_kit.measurements import observations
+from replay_kit.estimator.evolving.build import build_evolving
+from replay_kit.measurements.interpret import observations
 from replay_kit.studies.bench.frame import Figure, Lost, of_case
 from replay_kit.studies.jobs import Advance, check_names, check_positive, each_counted
 from replay_kit.studies.reports.tables import NAN

@@ -10,11 +10,13 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.estimator.evolving import EvolvingEstimator
-from replay_kit.estimator.next_dive import DiveMean, MeanCurrentProcess, Persistence
+from replay_kit.estimator.evolving.filter import EvolvingEstimator
+from replay_kit.estimator.next_dive.filter import DiveMean
+from replay_kit.estimator.next_dive.mixtures import Persistence
+from replay_kit.estimator.next_dive.process import MeanCurrentProcess
 from replay_kit.estimator.next_dive.profiles import Bins, ColumnModel
 from replay_kit.studies.bench.missions import Dive
-from replay_kit.studies.bench.records import Answer, Record, StatedPersistence
+from replay_kit.studies.bench.records import Answer, Record
 
 _NOTHING = np.empty((0, 2))
 
@@ -47,7 +49,7 @@ class LastDive:
         if not known.changes or known.squares == 0.0:
             return Answer(known.velocity[None])
         std = np.full((1, 2), np.sqrt(0.5 * known.squares / known.changes))
-        return Answer(known.velocity[None], std, StatedPersistence(known))
+        return Answer(known.velocity[None], std, known)
 
 
 def mean_so_far(record: Record) -> Answer:

@@ -17,7 +17,8 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Fix, Measurement, Observation, PathMean, usable
 from replay_kit.logs import merge
-from replay_kit.measurements import Event, events_of
+from replay_kit.measurements.events import Event
+from replay_kit.measurements.interpret import events_of
 from replay_kit.workflows.replay.inputs.provenance import file_hash
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.surfacings.forecasts import (

@@ -1,68 +1,32 @@
-"""Tasks on dives as records: what is known, what is asked, and what an answer states; one JSON line each for programs."""
+"""Tasks on dives as records: what is known, what is asked, what an answer states; and programs as methods.
 
+A program gets one JSON record a line on standard input, and gives one answer a line on standard output before the next is sent.
+"""
+
+import contextlib
+import json
 import math
+import os
+import queue
+import shlex
+import signal
+import subprocess
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from threading import Thread
+from typing import Any
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.next_dive import Mixture, Persistence
+from replay_kit.estimator.next_dive.mixtures import Mixture, Persistence
 from replay_kit.studies.bench.missions import Dive, Mission
 
 #: Tasks on dives' mean currents, and on currents by depth.
 MEAN_TASKS = ("next-dive", "planned-dive", "deny-dive", "deny-day")
 PROFILE_TASKS = ("profile", "deny-adcp")
 DIVE_TASKS = (*MEAN_TASKS, *PROFILE_TASKS)
-SHARES = (0.5, 0.9)
 _DAY_NS = 86_400 * 10**9
-
-
-class Stated(Protocol):
-    """A distribution of a mean current that an answer states."""
-
-    def log_density(self, velocity: Array) -> float:
-        """Return the logarithm of the density at a velocity, shape (2,) [m/s]."""
-
-    def holds(self, velocity: Array) -> tuple[bool, bool]:
-        """Return whether the regions of 50 and of 90 % hold a velocity, shape (2,) [m/s]."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StatedMixture:
-    """Gaussians in the plane; their regions are the ellipses of the common mean and covariance."""
-
-    mixture: Mixture
-
-    def log_density(self, velocity: Array) -> float:
-        """Return the logarithm of the density at a velocity."""
-        return self.mixture.log_density(velocity)
-
-    def holds(self, velocity: Array) -> tuple[bool, bool]:
-        """Return whether the ellipses hold a velocity."""
-        root = np.linalg.cholesky(self.mixture.cov)
-        off = float(np.hypot(*np.linalg.solve(root, velocity - self.mixture.mean)))
-        inner, outer = (off <= radius for radius in self.mixture.radii(SHARES))
-        return bool(inner), bool(outer)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StatedPersistence:
-    """The last dive's mean current with the changes so far, in circles."""
-
-    persistence: Persistence
-
-    def log_density(self, velocity: Array) -> float:
-        """Return the logarithm of the density at a velocity."""
-        return self.persistence.log_density(velocity)
-
-    def holds(self, velocity: Array) -> tuple[bool, bool]:
-        """Return whether the circles hold a velocity."""
-        assert self.persistence.velocity is not None
-        off = float(np.hypot(*(velocity - self.persistence.velocity)))
-        inner, outer = (off <= self.persistence.radius(share) for share in SHARES)
-        return inner, outer
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,13 +41,13 @@ class Answer:
 
     velocity: Array
     std: Array | None = None
-    stated: Stated | None = None
+    stated: Mixture | Persistence | None = None
 
     @classmethod
     def of_mixture(cls, mixture: Mixture) -> "Answer":
         """Return the answer that states Gaussians of a mean current."""
         std = np.sqrt(np.diag(mixture.cov))
-        return cls(mixture.mean[None], std[None], StatedMixture(mixture))
+        return cls(mixture.mean[None], std[None], mixture)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,3 +179,97 @@ def _truth(task: str, dive: Dive) -> Array | None:
     if task == "planned-dive" and dive.way is None:
         return None
     return None if dive.mean is None else dive.mean[None]
+
+
+# Starts of a program in one mission, after which it is not asked again.
+_STARTS = 3
+# Characters of a line at most.
+_LONGEST = 10_000_000
+
+
+class UnansweredError(Exception):
+    """A record without a usable answer; its text says why."""
+
+
+class Program:
+    """A program that is started when it is first asked, and again after it was late or ended."""
+
+    def __init__(self, command: str, seconds: float) -> None:
+        """Begin without starting it.
+
+        Args:
+            command: As in a shell, without its operators.
+            seconds: Allowed for each record.
+        """
+        self._words, self._seconds = shlex.split(command), seconds
+        self._running: subprocess.Popen[str] | None = None
+        self._starts = 0
+
+    def answer(self, record: Record) -> Answer:
+        """Return the program's answer.
+
+        Raises:
+            UnansweredError: It is late, has ended, or its line is no answer.
+        """
+        started = self._running is None
+        if started:
+            self._start()
+        line = json.dumps(record.json(from_the_first=started), allow_nan=False)
+        box: queue.SimpleQueue[str] = queue.SimpleQueue()
+        Thread(target=self._exchange, args=(line, box), daemon=True).start()
+        try:
+            said = box.get(timeout=self._seconds)
+        except queue.Empty:
+            self.close()
+            raise UnansweredError(f"no answer within {self._seconds:g} s") from None
+        if not said.endswith("\n"):
+            self.close()
+            raise UnansweredError("it ended without an answer")
+        try:
+            return answer_of_json(json.loads(said), len(record.truth))
+        except (ValueError, RecursionError) as error:
+            raise UnansweredError(f"no usable answer: {str(error)[:200]}") from None
+
+    def close(self) -> None:
+        """End the program and what it started."""
+        if self._running is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._running.pid, signal.SIGKILL)
+            self._running.wait()
+            for pipe in (self._running.stdin, self._running.stdout):
+                # what a program did not read cannot be flushed
+                with contextlib.suppress(OSError):
+                    if pipe is not None:
+                        pipe.close()
+            self._running = None
+
+    def _start(self) -> None:
+        if self._starts == _STARTS:
+            raise UnansweredError(f"it was late or ended {_STARTS} times and is not started again")
+        self._starts += 1
+        try:
+            self._running = subprocess.Popen(
+                self._words,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                encoding="utf-8",
+                errors="replace",
+                start_new_session=True,
+            )
+        except OSError as error:
+            self._starts = _STARTS
+            raise UnansweredError(f"it cannot be started: {error.strerror}") from None
+
+    def _exchange(self, line: str, box: "queue.SimpleQueue[str]") -> None:
+        running = self._running
+        assert running is not None
+        assert running.stdin is not None
+        assert running.stdout is not None
+        try:
+            running.stdin.write(line + "\n")
+            running.stdin.flush()
+            box.put(running.stdout.readline(_LONGEST))
+        except (OSError, ValueError):
+            # it has ended or was ended
+            box.put("")

@@ -9,7 +9,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.progress import Progress, silent
-from replay_kit.estimator.evolving import EvolvingEstimator
+from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.studies.bench.dives import DiveJob, run_dives
 from replay_kit.studies.bench.faults import FAULT_TASKS, FaultJob, run_faults
 from replay_kit.studies.bench.frame import BenchResult, Figure, Lost, results_of

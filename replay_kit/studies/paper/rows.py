@@ -11,7 +11,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.grid import Ensemble
-from replay_kit.estimator.baselines import average_over_depth
+from replay_kit.estimator.baselines.builders import average_over_depth
 from replay_kit.estimator.basis.slices import ensemble_slices
 from replay_kit.studies.reports.tables import NAN, grouped
 

@@ -10,7 +10,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import embed_member
-from replay_kit.estimator.baselines import average_over_depth
+from replay_kit.estimator.baselines.builders import average_over_depth
 from replay_kit.studies.jobs import (
     Advance,
     check_counts,

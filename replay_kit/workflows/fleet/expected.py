@@ -17,7 +17,7 @@ from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.cluster import Cluster
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.fleet.run import Outcome, failure
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.checks import check_inputs
 
 #: Of the set-up: nodes a level, seconds, memory [MB]; 8 levels, 50 members, 300 modes (``python -m tests.benchmarks size``).

@@ -18,7 +18,7 @@ from replay_kit.core.version import __version__
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.workflows.fleet.cluster import Cluster
 from replay_kit.workflows.fleet.missions import STORE, Mission
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.provenance import (
     file_hash,
     package_versions,

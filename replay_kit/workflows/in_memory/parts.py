@@ -17,7 +17,7 @@ from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import require_estimator
 from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build, with_window
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory

@@ -36,7 +36,6 @@ from replay_kit.estimator.static.likelihood import Likelihood, predict_jointly
 from replay_kit.estimator.update.screening import screen
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import merge
-from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
 from replay_kit.measurements.consistency.summary import REPAIRABLE, EnsembleSpeeds, ensemble_speeds
@@ -47,6 +46,7 @@ from replay_kit.measurements.consistency.usual_faults import (
     depth_faults,
     direction_faults,
 )
+from replay_kit.measurements.interpret import events_of
 from replay_kit.workflows.replay.checks import check_inputs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import find_region

@@ -23,7 +23,8 @@ from replay_kit.core.observation import (
 from replay_kit.core.progress import Progress, silent
 from replay_kit.logs import open_logs
 from replay_kit.logs.reader import LogFile
-from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
+from replay_kit.measurements.events import NOT_A_KIND, Skipped
+from replay_kit.measurements.interpret import finish, initial_state, interpret
 from replay_kit.measurements.messages.suggest import NAMED, sample_key, suggested_entries
 from replay_kit.workflows.info.reading import Order, TopicInfo, count_alike, read_log
 

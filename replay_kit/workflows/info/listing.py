@@ -11,7 +11,7 @@ from rich.console import Console
 
 from replay_kit.logs.glider.missions import pattern
 from replay_kit.logs.shared.payloads import gather
-from replay_kit.measurements import NOT_A_KIND
+from replay_kit.measurements.events import NOT_A_KIND
 from replay_kit.results.losses import (
     coded,
     iso_time,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import PlanError
-from replay_kit.results import Recorded
+from replay_kit.results.compare import Recorded
 from replay_kit.workflows.planning.inputs import planned_on
 from replay_kit.workflows.planning.learning import Learnt, make_learning
 from replay_kit.workflows.planning.learning_outputs import write_learning

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 import shapely
 
-from planners import NoGo
+from planners.route.hazards import NoGo
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.geodesy import unwrap_longitude

@@ -18,7 +18,8 @@ from replay_kit.core.progress import announce
 
 # the planners and what reads results load slowly: a place outside of an estimate is refused without them
 if TYPE_CHECKING:
-    from planners import Bathymetry, NoGo
+    from planners.route.bottom import Bathymetry
+    from planners.route.hazards import NoGo
     from replay_kit.show.status.held import Held
     from replay_kit.workflows.planning.currents import KnownCurrent
 
@@ -130,7 +131,7 @@ def read_flow(path: Path) -> FlowFile:
         ReplayKitError: The reader's error, when there is no such file or it holds no estimate.
     """
     if _is_result(path):
-        from replay_kit.results import read_estimate
+        from replay_kit.results.readback import read_estimate
         from replay_kit.show.status.held import read_held
         from replay_kit.workflows.sound import sound_result
 

@@ -5,30 +5,17 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any, TypedDict
 
-from planners import (
-    Bathymetry,
-    MissionOdds,
-    MissionPlan,
-    MissionRequest,
-    MissionSettings,
-    NoGo,
-    Pilot,
-    best_departure,
-    cut_at_horizon,
-    mission_odds,
-    plan_departures,
-    plan_for_odds,
-    plan_line,
-    plan_mission,
-    plan_mooring,
-    plan_scenarios,
-    waypoints_of,
-    with_odds,
-)
 from planners.mission.flight.currents import Flow, Sample, local_notes
+from planners.mission.flight.pilot import Pilot
+from planners.mission.odds import MissionOdds, mission_odds, plan_for_odds, with_odds
+from planners.mission.plan import plan_line, plan_mission, plan_mooring
 from planners.mission.policy import Policy, policy_of
-from planners.mission.timing import to_its_end
-from planners.mission.waypoints import Waypoints
+from planners.mission.scenarios import plan_scenarios
+from planners.mission.timing import best_departure, cut_at_horizon, plan_departures, to_its_end
+from planners.mission.values import MissionPlan, MissionRequest, MissionSettings
+from planners.mission.waypoints import Waypoints, waypoints_of
+from planners.route.bottom import Bathymetry
+from planners.route.hazards import NoGo
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array

@@ -12,7 +12,7 @@ from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Plan
-from replay_kit.results import ResultWriter
+from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.bathymetry import seabed_of
 from replay_kit.workflows.planning.inputs import PlannedOn

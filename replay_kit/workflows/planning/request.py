@@ -11,7 +11,7 @@ from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.extensions import is_objective, objective_names
 
 if TYPE_CHECKING:
-    from planners import Line, Mooring, Weights
+    from planners.mission.values import Line, Mooring, Weights
 
 # What only a plan that learns is asked for, and what only another mission.
 _LEARNING = ("then", "blind", "survey", "box", "profiles", "profile_error", "others")
@@ -41,7 +41,7 @@ def checked(request: PlanRequest) -> PlanRequest:
         objective_of(request.objective)
     if not request.line:
         return request
-    from planners import Line
+    from planners.mission.values import Line
 
     usual = {"line_weight": Line().weight, "line_width": Line().width}
     return request.model_copy(
@@ -265,7 +265,7 @@ def objective_of(text: str) -> "str | Weights":
         pairs = [part.partition("=") for part in text.split(",")]
         weights = {name: float(value) for name, _, value in pairs}
 
-        from planners import Weights
+        from planners.mission.values import Weights
 
         return Weights(**weights)
     except (TypeError, ValueError, PlanError) as error:
@@ -277,7 +277,7 @@ def objective_of(text: str) -> "str | Weights":
 
 def mooring_of(request: PlanRequest) -> "Mooring | None":
     """Return the mooring that is asked for; None for another mission."""
-    from planners import Mooring
+    from planners.mission.values import Mooring
 
     if (numbers := request.mooring_numbers) is None:
         return None
@@ -287,7 +287,7 @@ def mooring_of(request: PlanRequest) -> "Mooring | None":
 
 def line_of(request: PlanRequest) -> "Line | None":
     """Return the line that a checked request follows; None where none is."""
-    from planners import Line
+    from planners.mission.values import Line
 
     weight, width = request.line_weight, request.line_width
     return None if weight is None or width is None else Line(weight=weight, width=width)

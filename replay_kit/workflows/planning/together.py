@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from planners import mission_odds, with_odds
 from planners.mission.flight.currents import Flow, Sample
+from planners.mission.odds import mission_odds, with_odds
 from planners.together.assignment import assign, times_to_goals
 from planners.together.missions import (
     JointMissions,

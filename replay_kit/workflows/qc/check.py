@@ -14,14 +14,8 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import LogReport
 from replay_kit.core.observation import Flag, Observation, Reason, usable
 from replay_kit.logs import merge
-from replay_kit.measurements import (
-    NOT_A_KIND,
-    Skipped,
-    Used,
-    finish,
-    initial_state,
-    interpret,
-)
+from replay_kit.measurements.events import NOT_A_KIND, Skipped, Used
+from replay_kit.measurements.interpret import finish, initial_state, interpret
 from replay_kit.measurements.quality.qartod import Check
 from replay_kit.workflows.info.inspect import by_topic
 from replay_kit.workflows.replay.inputs.scan import open_readers

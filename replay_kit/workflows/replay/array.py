@@ -12,7 +12,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
 from replay_kit.estimator import Estimator
-from replay_kit.results import ResultWriter
+from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.slices import depth_slice
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.session import ReplayState, Session

@@ -13,7 +13,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import logs_in
-from replay_kit.results import ResultWriter
+from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
 from replay_kit.results.topics import WINDOWS_RECORD

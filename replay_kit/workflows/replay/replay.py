@@ -30,17 +30,14 @@ from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
-from replay_kit.measurements import (
-    Event,
-    MeasurementState,
-    finish,
-    initial_state,
-    interpret_block,
-)
+from replay_kit.measurements.events import Event
+from replay_kit.measurements.interpret import finish, initial_state, interpret_block
+from replay_kit.measurements.steps.state import MeasurementState
 from replay_kit.measurements.steps.water import for_region
-from replay_kit.results import Digest, ResultWriter
+from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.from_run import failed
 from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.topics import Digest
 from replay_kit.results.vehicles import VEHICLES_RECORD
 from replay_kit.workflows.replay.array import END, ArraySession, streams
 from replay_kit.workflows.replay.checks import check_goal, with_planner_kind

@@ -20,10 +20,10 @@ from replay_kit.core.progress import Stopwatch
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.next_dive.flight import local_current
-from replay_kit.measurements import Event, Skipped, Used
 from replay_kit.measurements.consistency.monitor import Checked
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
-from replay_kit.results import ResultWriter
+from replay_kit.measurements.events import Event, Skipped, Used
+from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.shared import BUFFERED, SharedEstimate
 from replay_kit.workflows.replay.stages import consistency, plans

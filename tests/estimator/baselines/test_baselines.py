@@ -7,8 +7,12 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.baselines import BASELINES, average_over_depth, build_baseline
-from replay_kit.estimator.baselines.builders import mean_depth_weights
+from replay_kit.estimator.baselines.builders import (
+    BASELINES,
+    average_over_depth,
+    build_baseline,
+    mean_depth_weights,
+)
 from replay_kit.estimator.baselines.columns import HATS
 from replay_kit.estimator.baselines.etkf import build_letkf
 from replay_kit.estimator.baselines.gp import (

@@ -16,7 +16,7 @@ from replay_kit.core.flow.functions import (
     velocity_kernel,
 )
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.baselines import build_baseline
+from replay_kit.estimator.baselines.builders import build_baseline
 from replay_kit.estimator.baselines.etkf import build_letkf
 from replay_kit.estimator.baselines.gp import build_gp, second_moments
 from replay_kit.estimator.prior.localised import gaspari_cohn

@@ -12,7 +12,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.update.noise import bin_noise
 from tests import synthetic
 from tests.reference import estimator as slow

@@ -6,7 +6,7 @@ import pytest
 from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_local
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.evolving.smoother import smoothed_states
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, LEVELS, forecasts, profiles
 from tests.estimator.evolving.test_extras import faulty

@@ -11,7 +11,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.update.rows import kalman_update
 from tests import synthetic

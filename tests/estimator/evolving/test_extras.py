@@ -7,8 +7,7 @@ import pytest
 
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
-from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.evolving.build import state_space
+from replay_kit.estimator.evolving.build import build_evolving, state_space
 from replay_kit.estimator.evolving.observation_operator import EARTH_ROTATION, oscillations
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
 from tests.estimator.update.test_path_mean import dive

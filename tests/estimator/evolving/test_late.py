@@ -7,7 +7,7 @@ import pytest
 
 from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.core.observation import Reason
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
 from tests.estimator.evolving.test_smoother import FORGETFUL

@@ -8,7 +8,7 @@ import pytest
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, inflated_rows, profiles
 from tests.reference import evolving as slow

@@ -7,7 +7,8 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from replay_kit.estimator.next_dive import DiveMean, DiveModel, filter, flight
+from replay_kit.estimator.next_dive import filter, flight
+from replay_kit.estimator.next_dive.filter import DiveMean, DiveModel
 from replay_kit.estimator.next_dive.flight import LEAST_EVIDENCE, FlightBias
 from tests.reference import next_dive as slow
 

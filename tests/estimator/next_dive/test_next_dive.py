@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal, multivariate_t
 
-from replay_kit.estimator.next_dive import DiveMean, DiveModel, Mixture, Persistence, filter
+from replay_kit.estimator.next_dive import filter
+from replay_kit.estimator.next_dive.filter import DiveMean, DiveModel
 from replay_kit.estimator.next_dive.mixtures import (
+    Mixture,
+    Persistence,
     Settings,
     flight_combinations,
     ground_combinations,

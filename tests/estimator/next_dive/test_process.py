@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.estimator.next_dive import DiveMean, MeanCurrentProcess
-from replay_kit.estimator.next_dive.process import ProcessSettings
+from replay_kit.estimator.next_dive.filter import DiveMean
+from replay_kit.estimator.next_dive.process import MeanCurrentProcess, ProcessSettings
 from tests.estimator.next_dive.test_next_dive import HOUR, dives
 from tests.reference import mean_currents as slow
 

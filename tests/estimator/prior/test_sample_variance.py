@@ -19,7 +19,7 @@ from replay_kit.estimator.baselines.etkf import build_etkf, build_letkf
 from replay_kit.estimator.baselines.whole_flows import build_naive
 from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.basis.slices import ensemble_slices
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.prior.hybrid import (
     PriorSettings,
     diagonal_prior,

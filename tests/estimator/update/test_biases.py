@@ -10,7 +10,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.prior.conditioned import FullCovariancePrior
 from replay_kit.estimator.update import representation
 from replay_kit.estimator.update.biases import (

@@ -15,8 +15,8 @@ from replay_kit.core.flow.factors import covariance_of_sum
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import FilterState, build_estimator
-from replay_kit.estimator.baselines import build_named
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.baselines.builders import build_named
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.prior.amplitude import ScaledPrior
 from replay_kit.estimator.prior.conditioned import FullCovariancePrior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior

@@ -11,7 +11,7 @@ from replay_kit.core.flow.factors import CovarianceFactors
 from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local
 from replay_kit.core.observation import PathMean, Reason, Source
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.prior.amplitude import hybrid_parts
 from replay_kit.estimator.prior.conditioned import ConditionedPrior
 from replay_kit.estimator.update.representation import inflated, predict, prefetch, taken_in_all

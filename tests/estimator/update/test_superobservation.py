@@ -8,7 +8,7 @@ import pytest
 from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.static.group import profiles_of
 from replay_kit.estimator.update.gate import DECISIONS
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup

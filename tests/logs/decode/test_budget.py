@@ -16,9 +16,8 @@ from replay_kit.logs.decode.budget import (
     Budget,
     BudgetError,
 )
-from replay_kit.logs.decode.decoders import channel_decoder, decode_json
+from replay_kit.logs.decode.decoders import channel_decoder, decode_json, ros2msg_from_idl
 from replay_kit.logs.decode.protobuf import Cost, longest_cheap, pay
-from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
 
 SEPARATOR = "\n" + "=" * 80 + "\n"
 

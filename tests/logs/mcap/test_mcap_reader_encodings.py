@@ -12,8 +12,7 @@ from mcap.records import Schema
 from mcap_ros2.writer import Writer as Ros2Writer
 
 from replay_kit.logs import open_log
-from replay_kit.logs.decode.decoders import channel_decoder, decode_json
-from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
+from replay_kit.logs.decode.decoders import channel_decoder, decode_json, ros2msg_from_idl
 from tests.logs.log_samples import one_channel_mcap
 from tests.logs.log_samples import read_log as read
 

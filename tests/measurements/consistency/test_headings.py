@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.measurements.consistency.depths import DepthRecord
-from replay_kit.measurements.consistency.headings import (
+from replay_kit.measurements.consistency.causes import (
     found_of_headings,
-    least_lag,
+    least_lag_of_headings,
     with_position,
 )
+from replay_kit.measurements.consistency.depths import DepthRecord
 from replay_kit.measurements.consistency.sources import metres_per_degree
 
 EAST, NORTH = metres_per_degree(0.0)
@@ -62,11 +62,11 @@ def test_a_late_clock_is_found_by_the_turns_to_within_a_leg(late):
 def test_a_right_clock_a_straight_way_and_a_drifting_vehicle_show_none(kind, late, speed):
     own, positions = logged(kind, late, speed)
     assert found_of_headings(own, positions, "/adcp") is None
-    assert math.isfinite(least_lag(own, positions)) == (late == 0.0)
+    assert math.isfinite(least_lag_of_headings(own, positions)) == (late == 0.0)
 
 
 def test_the_least_lag_that_would_show_does():
-    least = least_lag(*logged("turns", 0.0))
+    least = least_lag_of_headings(*logged("turns", 0.0))
     assert 60.0 < least < 7200.0
     assert found_of_headings(*logged("turns", 2.0 * least), "/adcp") is not None
-    assert least_lag(DepthRecord(), ()) == math.inf
+    assert least_lag_of_headings(DepthRecord(), ()) == math.inf

@@ -13,7 +13,7 @@ from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth_means import depth_means
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from tests import synthetic
 
 NOON = 1_767_268_800 * 10**9

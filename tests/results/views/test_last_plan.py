@@ -11,14 +11,14 @@ from replay_kit.core.plan import Area, Odds
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
-from replay_kit.show import open_result
-from replay_kit.show.export import export
+from replay_kit.show.export.export import export
 from replay_kit.show.figures.map_layers import contour_step
 from replay_kit.show.figures.plan import profile_floor
-from replay_kit.show.plots import drawn
+from replay_kit.show.notebook import open_result
 from replay_kit.show.plots.current_map import draw_seabed
 from replay_kit.show.plots.panel import CONTOUR_LABEL
-from replay_kit.show.report import report_html
+from replay_kit.show.plots.plots import drawn
+from replay_kit.show.report.pages import report_html
 from tests.results.result_samples import CONFIG, METADATA, decoded
 from tests.show.plots.test_plots import words
 from tests.show.report.html_of import figures, table, text_of, unpacked

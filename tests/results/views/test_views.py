@@ -24,12 +24,12 @@ from replay_kit.results.views.slices import (
     slices_of,
 )
 from replay_kit.results.views.track import thinned, track_of
-from replay_kit.show import open_result
 from replay_kit.show.figures.along_track import (
     QUANTITIES,
     limits_of,
     quantities_of,
 )
+from replay_kit.show.notebook import open_result
 from tests.results.cases import one_bin
 from tests.results.result_samples import CONFIG, METADATA
 from tests.synthetic_flow import TIME_NS

@@ -11,7 +11,7 @@ import xarray as xr
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.surfacing import Ellipse
-from replay_kit.show.export import export
+from replay_kit.show.export.export import export
 from replay_kit.show.export.features import features_of, kml_text
 from replay_kit.show.export.netcdf import ATTRIBUTES, _attributes
 from tests.results.cases import moved, write

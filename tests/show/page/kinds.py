@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from replay_kit.show import open_result
-from replay_kit.show.report import report_html
+from replay_kit.show.notebook import open_result
+from replay_kit.show.report.pages import report_html
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
 from replay_kit.studies.bench.page import bench_page

@@ -16,9 +16,9 @@ from replay_kit.results.views.history import series_at, typical_depth
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.figures.in_print import date_axis
 from replay_kit.show.numbers import nice
-from replay_kit.show.plots import ENDINGS, KINDS, Chosen, drawn
 from replay_kit.show.plots.current_map import _degrees_text
-from replay_kit.show.plots.panel import colormap, saved
+from replay_kit.show.plots.panel import ENDINGS, Chosen, colormap, saved
+from replay_kit.show.plots.plots import KINDS, drawn
 from tests.results.cases import (
     across_the_antimeridian,
     at_80_north,

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from replay_kit.show.plots import drawn
 from replay_kit.show.plots.panel import saved
+from replay_kit.show.plots.plots import drawn
 from tests.results.cases import write
 from tests.synthetic_flow import synthetic_flow
 

@@ -16,7 +16,8 @@ from replay_kit.core.plan import Area, Odds, Plan
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.plots import KINDS, Chosen, drawn
+from replay_kit.show.plots.panel import Chosen
+from replay_kit.show.plots.plots import KINDS, drawn
 from tests.results.cases import on, one_bin, turned, write
 from tests.show.plots.texts import complaints
 from tests.synthetic_flow import synthetic_flow

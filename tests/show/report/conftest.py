@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import replay_kit as rk
-from replay_kit.show.report import report_html
+from replay_kit.show.report.pages import report_html
 from tests.places import SAMPLES
 
 SETTINGS = {

@@ -14,8 +14,8 @@ import replay_kit as rk
 from replay_kit.config.run import ForecastConfig
 from replay_kit.forecast import read_truth
 from replay_kit.results.views.steering import Dives, GriddedCurrents, fly_to_waypoints
-from replay_kit.show.report import report_html
-from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.show.report.pages import report_html
+from replay_kit.studies.twins.make import Twin, make_twin
 from tests.browser import (
     MARKS,
     SCHEMES,

@@ -16,8 +16,8 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
-from replay_kit.show import open_result
-from replay_kit.show.report import report_html
+from replay_kit.show.notebook import open_result
+from replay_kit.show.report.pages import report_html
 from tests.results.cases import failed, write_many
 from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
 from tests.results.result_samples import CONFIG, METADATA

@@ -10,8 +10,7 @@ import replay_kit as rk
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.views.record import leaves
 from replay_kit.show.numbers import Shown
-from replay_kit.show.report import report_html
-from replay_kit.show.report.pages import SECTIONS
+from replay_kit.show.report.pages import SECTIONS, report_html
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import brief_lines
 from replay_kit.show.status.status import status_of

@@ -21,8 +21,8 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Area
 from replay_kit.results import ResultWriter
-from replay_kit.show import open_result
-from replay_kit.show.report import report_html
+from replay_kit.show.notebook import open_result
+from replay_kit.show.report.pages import report_html
 from tests.browser import MARKS, SCHEMES, check_drawn, chromium, opened, unfold
 from tests.results.cases import failed, one_bin, write
 from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures

@@ -13,7 +13,8 @@ from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.grid import Ensemble
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.core.surfacing import SHARES
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.studies.bench import missions as bench_missions
 from replay_kit.studies.bench.dives import DiveJob, run_dives
 from replay_kit.studies.bench.frame import results_of
@@ -26,7 +27,7 @@ from replay_kit.studies.bench.records import (
     answer_of_json,
     records,
 )
-from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.studies.twins.make import Twin, make_twin
 from tests import synthetic
 from tests.places import DATA, needs
 from tests.studies.results import bench, final
@@ -128,8 +129,8 @@ def test_an_answer_states_a_gaussian_by_its_covariance_or_deviations():
     answer = answer_of_json({"velocity": [[0.1, 0.2]], "cov": cov.tolist()}, 1)
     expected = multivariate_normal([0.1, 0.2], cov).logpdf([0.0, 0.3])
     assert answer.stated.log_density(np.array([0.0, 0.3])) == pytest.approx(expected)
-    assert answer.stated.holds(np.array([0.1, 0.2])) == (True, True)
-    assert answer.stated.holds(np.array([0.1, 0.8])) == (False, False)
+    assert answer.stated.holds(np.array([0.1, 0.2]), SHARES) == (True, True)
+    assert answer.stated.holds(np.array([0.1, 0.8]), SHARES) == (False, False)
     assert answer_of_json({"velocity": [[0, 1], [2, 3]]}, 2).std is None
     for said, words in (
         ([1.0], "an object"),

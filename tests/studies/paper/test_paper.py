@@ -20,11 +20,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
 from replay_kit.show.text import SafeConsole
 from replay_kit.studies.jobs import bootstrap_median, bound, build_method, miss_figures
-from replay_kit.studies.paper import (
-    PaperJob,
-    findings,
-    run_paper,
-)
+from replay_kit.studies.paper import findings
 from replay_kit.studies.paper.findings import sparse_logs
 from replay_kit.studies.paper.page import (
     FILES,
@@ -42,6 +38,7 @@ from replay_kit.studies.paper.rows import (
     level_correlation,
     over_truths,
 )
+from replay_kit.studies.paper.run import PaperJob, run_paper
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
 from replay_kit.studies.reports.tables import rows_to_csv
 from replay_kit.studies.twins import truths

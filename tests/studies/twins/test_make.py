@@ -16,9 +16,10 @@ from replay_kit.core.observation import Observation, PathMean
 from replay_kit.forecast import read_changing_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import observations
-from replay_kit.studies.twins import EPOCH, Faults, Twin, make_twin
+from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.vehicle import EPOCH_NS
+from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.studies.twins.vehicle import EPOCH, EPOCH_NS
 from tests import synthetic
 from tests.studies.twins.truths import LEVELS, make_truth
 

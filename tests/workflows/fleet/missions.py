@@ -4,7 +4,7 @@ from pathlib import Path
 
 from replay_kit.config.run import RunConfig
 from replay_kit.forecast import read_truth
-from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.fleet.missions import Mission, load_fleet, missions_of
 from tests import synthetic
 

@@ -12,7 +12,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.fleet.page import exit_code, fleet_page, print_fleet, row_of
 from replay_kit.workflows.fleet.run import Outcome, failure, run_fleet, run_mission
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs import estimator as basis_store
 from replay_kit.workflows.replay.inputs.job import Vehicle
 from replay_kit.workflows.replay.replay import replay

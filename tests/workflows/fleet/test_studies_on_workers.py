@@ -9,15 +9,15 @@ from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.progress import called_by
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.studies.bench.dives import DiveJob, run_dives
 from replay_kit.studies.bench.faults import FaultJob, run_faults
 from replay_kit.studies.bench.missions import mission_of
 from replay_kit.studies.bench.plans import PlanJob, run_plans
 from replay_kit.studies.bench.surveys import SurveyJob, run_surveys
-from replay_kit.studies.paper import PaperJob, run_paper
-from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.fit import fit_prior
+from replay_kit.studies.paper.run import PaperJob, run_paper
+from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.workflows.ensemble import fit_prior
 from tests import synthetic
 from tests.command import invoke
 from tests.studies.results import bench, final

@@ -11,7 +11,7 @@ from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.plan import Place
 from replay_kit.workflows.follow.follow import follow
 from replay_kit.workflows.follow.watch import Clock, FollowOptions
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 

@@ -13,7 +13,7 @@ import pytest
 from replay_kit import open_result
 from replay_kit.core.errors import ForecastError
 from replay_kit.workflows.follow.watch import read_memory, write_memory
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay import replay as replaying
 from replay_kit.workflows.replay.inputs import estimator as basis
 from replay_kit.workflows.replay.inputs.job import ReplayJob

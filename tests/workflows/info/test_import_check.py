@@ -22,7 +22,7 @@ from replay_kit.measurements.consistency.usual_faults import (
     depth_faults,
     direction_faults,
 )
-from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.info.import_check import (
     ImportCheck,
     check_import,

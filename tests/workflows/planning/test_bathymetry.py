@@ -13,7 +13,7 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.errors import ForecastError, PlanError
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Grid, Projection
-from replay_kit.workflows.planning import GlidePlanner, MissionPlanner, planner_of
+from replay_kit.workflows.planning.adapters import GlidePlanner, MissionPlanner, planner_of
 from replay_kit.workflows.planning.bathymetry import (
     bathymetry_notes,
     depth_along,

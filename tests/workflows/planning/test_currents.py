@@ -29,7 +29,7 @@ from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.text import time_text
 from replay_kit.core.time import parse_duration
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
 from replay_kit.workflows.planning.inputs import read_flow, read_known

@@ -5,8 +5,8 @@ from unittest import mock
 
 from replay_kit.forecast import read_truth
 from replay_kit.logs import reader
-from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.planning import planner_of
+from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic

@@ -21,7 +21,7 @@ from replay_kit.results.slices import depth_slice
 from replay_kit.studies.twins.adcp import Faults
 from replay_kit.workflows.follow.follow import follow
 from replay_kit.workflows.follow.watch import FollowOptions
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
 from replay_kit.workflows.replay.replay import replay

@@ -22,8 +22,8 @@ from replay_kit.core.sealed import read_store, write_store
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.results.journal import Journal, read_journal
 from replay_kit.results.mcap_file import ResultFile
-from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.planning import planner_of
+from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import CHECKPOINT
 from replay_kit.workflows.replay.replay import replay

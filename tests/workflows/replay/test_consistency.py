@@ -28,9 +28,10 @@ from replay_kit.measurements.consistency.monitor import ConsistencyState, Instru
 from replay_kit.measurements.vehicle.mean_current import TOO_FAST
 from replay_kit.results.outcome.from_run import failed, outcome_of
 from replay_kit.results.views.contents import Contents
-from replay_kit.show import Result, open_result
+from replay_kit.show.notebook import Result, open_result
 from replay_kit.show.report.sections.answer import found_warnings
-from replay_kit.studies.twins import Faults, Twin, make_twin
+from replay_kit.studies.twins.adcp import Faults
+from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.consistency import MonitoringState, conclusions, trusting

@@ -15,7 +15,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.consistency.findings import TRACKS
 from replay_kit.workflows.fleet.expected import expected_of
 from replay_kit.workflows.fleet.missions import Mission
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.checks import _aside, check_inputs
 from replay_kit.workflows.replay.dry_run import dry_run
 from replay_kit.workflows.replay.inputs.job import ReplayJob

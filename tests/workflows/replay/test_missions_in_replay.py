@@ -26,8 +26,8 @@ from replay_kit.estimator import embed_member
 from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.views.contents import Contents
-from replay_kit.show import open_result
-from replay_kit.show.plots import Chosen
+from replay_kit.show.notebook import open_result
+from replay_kit.show.plots.panel import Chosen
 from replay_kit.show.plots.plots import plan_panels
 from replay_kit.show.report.sections.waypoint import editing
 from replay_kit.show.status.figures import statistics_of
@@ -36,7 +36,7 @@ from replay_kit.show.status.lines import status_text
 from replay_kit.show.status.status import status_of
 from replay_kit.show.summary import print_summary
 from replay_kit.show.text import SafeConsole
-from replay_kit.workflows.planning import MissionPlanner, planner_of
+from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.verify import verify

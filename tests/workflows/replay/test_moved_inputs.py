@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.plan import Place
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.verify import verify
 from tests.results.result_samples import metadata_of

@@ -8,8 +8,8 @@ import pytest
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.forecast import read_truth
-from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.planning import planner_of
+from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import Following, ReplayJob
 from replay_kit.workflows.replay.scoring import check_against
 from replay_kit.workflows.verify import verify

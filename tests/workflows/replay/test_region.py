@@ -26,7 +26,7 @@ from replay_kit.forecast.describe import open_extent
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import WINDOWS_RECORD
-from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of
 from replay_kit.workflows.replay.inputs.region import (

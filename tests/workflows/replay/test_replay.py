@@ -22,8 +22,8 @@ from replay_kit.estimator.static.filter import ReducedBasisEstimator
 from replay_kit.forecast import read_truth
 from replay_kit.forecast.grid import local_grid, true_to_local
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.planning import planner_of
+from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay import conclude, dry_run
 from replay_kit.workflows.replay.checks import with_planner_kind
 from replay_kit.workflows.replay.inputs.job import ReplayJob

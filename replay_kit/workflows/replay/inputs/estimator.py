@@ -25,8 +25,8 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.region import Region
 from replay_kit.core.sealed import Kind, read_store, unusable, write_store
 from replay_kit.estimator import Estimator, ReducedBasisEstimator, build_estimator
-from replay_kit.estimator.baselines import build_named
-from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.baselines.builders import build_named
+from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast import ensemble_files
 from replay_kit.workflows.replay.inputs.forecast import Forecasts

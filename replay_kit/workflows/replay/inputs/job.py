@@ -18,7 +18,7 @@ from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files, read_truth
 from replay_kit.logs import open_logs
 from replay_kit.logs.registry import logs_in
-from replay_kit.results import ResultWriter
+from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region, recorded_region
 from replay_kit.workflows.replay.inputs.scan import look_ahead, open_readers

@@ -12,7 +12,7 @@ from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.message import LogReader
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.logs import merge, open_logs
-from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
+from replay_kit.measurements.interpret import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.results.losses import iso_time
 
 # Positions are kept to this fraction of a degree: a long log has millions.

@@ -15,7 +15,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, LinearMeasurement, VehicleState
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import DiveOutcome, SurfacingOutcome
-from replay_kit.results import ResultWriter
+from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.stages.surface import SurfaceCurrent, SurfaceState, surface_step
 

@@ -19,9 +19,9 @@ from typing import Any
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
 from replay_kit.core.sealed import read_store, unusable, write_store
-from replay_kit.measurements import MeasurementState
-from replay_kit.results import Journal, ResultWriter, read_journal
-from replay_kit.results.journal import BEGIN, Place
+from replay_kit.measurements.steps.state import MeasurementState
+from replay_kit.results.journal import BEGIN, Journal, Place, read_journal
+from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.array import ArraySession, ArrayState
 from replay_kit.workflows.replay.inputs.job import checkpoint_files
 from replay_kit.workflows.replay.inputs.region import CHECKPOINT, FoundRegion

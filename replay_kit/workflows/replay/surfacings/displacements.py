@@ -20,8 +20,8 @@ from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Measurement, Observation, VehicleState
 from replay_kit.core.surfacing import Basis, DiveForecast, DiveOutcome, forecast_place
-from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
-from replay_kit.estimator.next_dive.filter import FIXES_STD
+from replay_kit.estimator.next_dive.filter import FIXES_STD, DiveMean, DiveModel, DiveState
+from replay_kit.estimator.next_dive.mixtures import Persistence
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.measurements.vehicle.dead_reckoning import Path, at_depth, begin, extend, path_mean
 from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing

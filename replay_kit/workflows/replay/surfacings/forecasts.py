@@ -17,15 +17,10 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation, PathMean, usable
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome
-from replay_kit.estimator.next_dive import (
-    DiveMean,
-    DiveState,
-    MeanCurrentProcess,
-    Persistence,
-    ProcessState,
-)
-from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH
+from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH, DiveMean, DiveState
 from replay_kit.estimator.next_dive.flight import local_step
+from replay_kit.estimator.next_dive.mixtures import Persistence
+from replay_kit.estimator.next_dive.process import MeanCurrentProcess, ProcessState
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 from replay_kit.workflows.replay.surfacings.displacements import (

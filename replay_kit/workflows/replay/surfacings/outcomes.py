@@ -14,7 +14,8 @@ from replay_kit.core.surfacing import (
     ellipse_of,
     forecast_place,
 )
-from replay_kit.estimator.next_dive import DiveMean, Mixture, Persistence
+from replay_kit.estimator.next_dive.filter import DiveMean
+from replay_kit.estimator.next_dive.mixtures import Mixture, Persistence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
