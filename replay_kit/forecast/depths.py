@@ -12,16 +12,8 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import some_text, span_text
+from replay_kit.core.units import decibars, metres
 
-# Names of units in any case, symbols as UDUNITS has them: there "M" and "K" begin other units. A foot is the international one.
-_NAMES = {
-    **dict.fromkeys(("metre", "metres", "meter", "meters"), 1.0),
-    **dict.fromkeys(("kilometre", "kilometres", "kilometer", "kilometers"), 1e3),
-    **dict.fromkeys(("centimetre", "centimetres", "centimeter", "centimeters"), 1e-2),
-    **dict.fromkeys(("foot", "feet"), 0.3048),
-}
-_SYMBOLS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "ft": 0.3048}
-_PRESSURES = ("dbar", "dbars", "decibar", "decibars")
 # Units and standard names (CF conventions, appendix D) of axes that number or scale the levels and hold no depth.
 _DIMENSIONLESS = (
     "1",
@@ -63,10 +55,9 @@ def in_metres(axis: xr.DataArray, latitude: float, where: str) -> tuple[Array, t
     """
     values = axis.values.astype(np.float64)
     unit = str(axis.attrs.get("units", "")).strip()
-    length = _SYMBOLS.get(unit, _NAMES.get(unit.lower()))
-    if length is not None:
+    if (length := metres(unit)) is not None:
         return values * length, ()
-    if unit.lower() in _PRESSURES:
+    if decibars(unit) == 1.0:
         # a file that counts upwards has negative pressures; TEOS-10 counts heights
         depths = np.sign(values) * np.abs(gsw.z_from_p(np.abs(values), latitude))
         note = f"coordinate {axis.name} is in {unit}: converted to metres with TEOS-10 at latitude {latitude:.2f}"

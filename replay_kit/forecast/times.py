@@ -10,17 +10,12 @@ from numpy.typing import NDArray
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.time import parse_time
+from replay_kit.core.units import seconds
 from replay_kit.forecast.files import undated
 from replay_kit.forecast.members import MemberRule
 from replay_kit.forecast.names import find_dimension, find_lead, find_time
 from replay_kit.forecast.pairs import OpenedFile
 
-_LEAD_UNITS = {
-    **dict.fromkeys(("days", "day", "d"), 86400.0),
-    **dict.fromkeys(("hours", "hour", "hrs", "hr", "h"), 3600.0),
-    **dict.fromkeys(("minutes", "minute", "mins", "min"), 60.0),
-    **dict.fromkeys(("seconds", "second", "secs", "sec", "s"), 1.0),
-}
 _STARTS = ("forecast_reference_time", "reference_time", "init_time", "run")
 _DAY_NS = 86_400 * 10**9
 
@@ -192,11 +187,11 @@ def scalar_time(ds: xr.Dataset, standard_name: str) -> int | None:
 
 
 def _periods_ns(lead: xr.DataArray) -> NDArray[np.int64] | None:
-    seconds = _LEAD_UNITS.get(str(lead.attrs.get("units", "")).strip().lower())
+    unit = seconds(str(lead.attrs.get("units", "")).strip())
     return (
         None
-        if seconds is None
-        else np.round(lead.values.astype(np.float64) * seconds * 1e9).astype(np.int64)
+        if unit is None
+        else np.round(lead.values.astype(np.float64) * unit * 1e9).astype(np.int64)
     )
 
 

@@ -13,6 +13,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.inputs import exceeds_claim
 from replay_kit.core.text import count_text
+from replay_kit.core.units import metres, metres_per_second
 from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.grid import Block, region_block
 from replay_kit.forecast.layout import Layout, U, V
@@ -29,44 +30,6 @@ from replay_kit.forecast.variables import (
     to_centres,
 )
 
-_SPEED_UNITS = {
-    **dict.fromkeys(
-        (
-            "",
-            "m s-1",
-            "m/s",
-            "m/sec",
-            "m.s-1",
-            "m s^-1",
-            "m s**-1",
-            "meter/s",
-            "meter/sec",
-            "meter s-1",
-            "metre/s",
-            "meter second-1",
-            "metre second-1",
-            "meters/second",
-            "meter second^-1",
-            "meters s-1",
-            "meters/sec",
-            "meters/s",
-        ),
-        1.0,
-    ),
-    **dict.fromkeys(
-        (
-            "cm s-1",
-            "cm/s",
-            "cm/sec",
-            "cm.s-1",
-            "cm s^-1",
-            "centimeter/s",
-            "centimeter s-1",
-            "centimeters/second",
-        ),
-        0.01,
-    ),
-}
 # Faster than any current: a fill value that the file does not declare.
 _NO_SPEED = 1e3
 
@@ -267,11 +230,12 @@ def _at_centres(
 def _speeds(values: Array, source: Source, component: str, name: str | None) -> tuple[Array, int]:
     """Return velocities in m/s, NaN where they cannot be any, and how many of these the file does not declare."""
     unit = str(source.ds[component].attrs.get("units", "")).strip()
-    if unit not in _SPEED_UNITS:
+    scale = metres_per_second(unit) if unit else 1.0
+    if scale is None:
         raise ForecastError(
             f"{source.where}: {name} is in '{unit}'; expected m s-1 or cm s-1: convert it, and set its attribute units"
         )
-    values, odd = values * _SPEED_UNITS[unit], 0
+    values, odd = values * scale, 0
     for member in values:
         with np.errstate(invalid="ignore"):
             beyond = np.abs(member) > _NO_SPEED
@@ -286,7 +250,5 @@ def _surface(source: Source) -> Array | None:
     name = source.first_of(SEA_LEVEL, centre)
     if name is None:
         return None
-    scale = (
-        0.01 if str(source.ds[name].attrs.get("units", "m")).startswith(("cm", "centi")) else 1.0
-    )
-    return source.read(name, centre, AT_CENTRES, None)[:, 0] * scale
+    scale = metres(str(source.ds[name].attrs.get("units", "m")).strip())
+    return source.read(name, centre, AT_CENTRES, None)[:, 0] * (scale or 1.0)

@@ -4,10 +4,9 @@ Every function that assumes something says so in ``notes``, as a sentence for a 
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,28 +14,9 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
+from replay_kit.core.units import decibars, metres, metres_per_second, seconds
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored
 
-_SECONDS = {
-    "nanosecond": 1e-9,
-    "ns": 1e-9,
-    "microsecond": 1e-6,
-    "us": 1e-6,
-    "millisecond": 1e-3,
-    "ms": 1e-3,
-    "msec": 1e-3,
-}
-_SECONDS |= {
-    "second": 1.0,
-    "sec": 1.0,
-    "s": 1.0,
-    "minute": 60.0,
-    "min": 60.0,
-    "hour": 3600.0,
-    "h": 3600.0,
-    "day": 86400.0,
-    "d": 86400.0,
-}
 _SINCE = re.compile(
     r"\s*(\w+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(\.\d+)?)?)?.*",
     re.IGNORECASE,
@@ -56,32 +36,17 @@ class Quantity:
 
     Attributes:
         unit: The unit used inside.
-        factors: By other units' names, in lower case without spaces, what turns them into it.
+        factor: Of a unit's name, in lower case without spaces, what turns it into this one; None where it is not known.
         low: Least believable value; less is taken for a mark of a missing one.
         high: Largest believable value.
     """
 
     unit: str
-    factors: Mapping[str, float]
+    factor: Callable[[str], float | None]
     low: float
     high: float
 
 
-_LENGTHS = dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0) | {
-    "cm": 0.01,
-    "mm": 0.001,
-    "km": 1000.0,
-}
-_PRESSURES = {
-    "dbar": 1.0,
-    "decibar": 1.0,
-    "decibars": 1.0,
-    "bar": 10.0,
-    "mbar": 0.01,
-    "pa": 1e-4,
-    "hpa": 0.01,
-    "kpa": 0.1,
-}
 _DEGREES = dict.fromkeys(
     (
         "deg",
@@ -96,48 +61,23 @@ _DEGREES = dict.fromkeys(
     1.0,
 )
 _ANGLES = _DEGREES | dict.fromkeys(("rad", "radian", "radians"), 180.0 / np.pi)
-_SPEEDS = dict.fromkeys(
-    (
-        "m/s",
-        "ms-1",
-        "m.s-1",
-        "ms^-1",
-        "meter/second",
-        "meters/second",
-        "metersecond-1",
-        "meterspersecond",
-    ),
-    1.0,
-)
-_SPEEDS |= {
-    "cm/s": 0.01,
-    "cms-1": 0.01,
-    "cm.s-1": 0.01,
-    "mm/s": 0.001,
-    "mms-1": 0.001,
-    "dm/s": 0.1,
-    "knots": 1852.0 / 3600.0,
-    "kt": 1852.0 / 3600.0,
-}
 _SALINITIES = ("1", "psu", "1e-3", "0.001", "pss-78", "pss", "g/kg")
 _CELSIUS = ("degc", "celsius", "degrees_celsius", "degree_celsius", "degree_c", "degrees_c", "°c")
-LATITUDE = Quantity("degrees", MappingProxyType(_ANGLES), -90.0, 90.0)
-LONGITUDE = Quantity("degrees", MappingProxyType(_ANGLES), -180.0, 360.0)
-LENGTH = Quantity("m", MappingProxyType(_LENGTHS), -12_000.0, 12_000.0)
-PRESSURE = Quantity("dbar", MappingProxyType(_PRESSURES), -20.0, 12_000.0)
-ANGLE = Quantity("degrees", MappingProxyType(_ANGLES), -360.0, 720.0)
-SPEED = Quantity("m/s", MappingProxyType(_SPEEDS), -5.0, 5.0)
-HEIGHT = Quantity("m", MappingProxyType(_LENGTHS), 0.0, 12_000.0)
-TEMPERATURE = Quantity(
-    "degrees Celsius", MappingProxyType(dict.fromkeys(_CELSIUS, 1.0)), -5.0, 60.0
-)
-SALINITY = Quantity("1", MappingProxyType(dict.fromkeys(_SALINITIES, 1.0)), 0.0, 80.0)
+LATITUDE = Quantity("degrees", _ANGLES.get, -90.0, 90.0)
+LONGITUDE = Quantity("degrees", _ANGLES.get, -180.0, 360.0)
+LENGTH = Quantity("m", metres, -12_000.0, 12_000.0)
+PRESSURE = Quantity("dbar", decibars, -20.0, 12_000.0)
+ANGLE = Quantity("degrees", _ANGLES.get, -360.0, 720.0)
+SPEED = Quantity("m/s", metres_per_second, -5.0, 5.0)
+HEIGHT = Quantity("m", metres, 0.0, 12_000.0)
+TEMPERATURE = Quantity("degrees Celsius", dict.fromkeys(_CELSIUS, 1.0).get, -5.0, 60.0)
+SALINITY = Quantity("1", dict.fromkeys(_SALINITIES, 1.0).get, 0.0, 80.0)
 CONDUCTIVITY = Quantity(
-    "S/m", MappingProxyType({"s/m": 1.0, "sm-1": 1.0, "ms/cm": 0.1, "mscm-1": 0.1}), 0.0, 10.0
+    "S/m", {"s/m": 1.0, "sm-1": 1.0, "ms/cm": 0.1, "mscm-1": 0.1}.get, 0.0, 10.0
 )
-VOLTAGE = Quantity("V", MappingProxyType({"volts": 1.0, "v": 1.0}), 0.0, 1000.0)
-CHARGE = Quantity("A h", MappingProxyType({"amp-hrs": 1.0}), 0.0, 1e6)
-NUMBER = Quantity("", MappingProxyType({}), -1e9, 1e9)
+VOLTAGE = Quantity("V", {"volts": 1.0, "v": 1.0}.get, 0.0, 1000.0)
+CHARGE = Quantity("A h", {"amp-hrs": 1.0}.get, 0.0, 1e6)
+NUMBER = Quantity("", dict[str, float]().get, -1e9, 1e9)
 
 
 def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit: str = "") -> Array:
@@ -154,16 +94,17 @@ def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit:
     values = stored.unpacked()
     stated = stored.units
     key = _unit_key(stated)
-    if unit and (unit == "nmea" or key not in quantity.factors):
+    if unit and (unit == "nmea" or quantity.factor(key) is None):
         stated = key = unit
+    factor = quantity.factor(key)
     if key == "nmea":
         notes.append(f"{name}: degrees and minutes (ddmm.mmm) converted to degrees")
         values = from_minutes(values)
-    elif key in quantity.factors:
-        if quantity.factors[key] != 1.0:
+    elif factor is not None:
+        if factor != 1.0:
             notes.append(f"{name}: converted from {stated} to {quantity.unit}")
-            values = values * quantity.factors[key]
-    elif quantity.factors:
+            values = values * factor
+    elif quantity.unit:
         notes.append(
             f"{name}: {f'unit {stated!r} is not known' if stated else 'states no unit'}, taken as {quantity.unit}"
         )
@@ -246,11 +187,10 @@ def time_ns(
     finite = np.isfinite(stored.unpacked())
     stated = finite.copy()
     factor, epoch_ms = 1000.0, 0
-    word = match[1].lower() if match is not None else ""
-    word = word if word in _SECONDS else word.removesuffix("s")
-    epoch = _epoch_ms(match) if match is not None and word in _SECONDS else None
-    if epoch is not None:
-        factor, epoch_ms = 1000.0 * _SECONDS[word], epoch
+    unit = None if match is None else seconds(match[1])
+    epoch = None if match is None else _epoch_ms(match)
+    if unit is not None and epoch is not None:
+        factor, epoch_ms = 1000.0 * unit, epoch
     else:
         inside = (stored.unpacked() > _EPOCH_SECONDS[0]) & (stored.unpacked() < _EPOCH_SECONDS[1])
         if finite.any() and inside.any():

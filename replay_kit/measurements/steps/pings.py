@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from itertools import groupby
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import replace
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation import RawValues, Source, VehicleState
+from replay_kit.core.units import metres_per_second
 from replay_kit.measurements.consistency.raw import raw_values
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.messages.adcp_ping import parse_ping, parse_pings
@@ -40,9 +40,6 @@ from replay_kit.measurements.vehicle.dives import depth_of_pressure
 
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
-_UNITS: Mapping[str | None, float] = MappingProxyType(
-    {"cm/s": 0.01, "mm/s": 0.001, "knots": 1852.0 / 3600.0}
-)
 _INCOMPLETE = "part of an incomplete ping"
 _ALSO_INVERTED = (
     "already in the dive's inverted profile; measurements.use_inverted = false uses this instead"
@@ -159,8 +156,8 @@ def in_metres_per_second(ping: AdcpPing, config: MeasurementConfig) -> AdcpPing:
         ping: The ping; errors and the platform's velocity that it states are in m/s.
         config: The unit.
     """
-    unit = config.velocity_unit
-    return ping if unit in (None, "m/s") else replace(ping, velocity=ping.velocity * _UNITS[unit])
+    factor = metres_per_second(config.velocity_unit or "m/s")
+    return ping if factor in (None, 1.0) else replace(ping, velocity=ping.velocity * factor)
 
 
 def resolve_ping(

@@ -17,6 +17,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import inside_grid, to_local, unwrap_longitude
 from replay_kit.core.grid import Grid, Projection, Seabed
 from replay_kit.core.inputs import exceeds_claim, open_input, unpacking
+from replay_kit.core.units import metres
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,17 +60,6 @@ _LONGITUDES = ("longitude", "lon", "nav_lon", "lon_rho", "x")
 _LATITUDES = ("latitude", "lat", "nav_lat", "lat_rho", "y")
 # Points kept beyond the ends of a region; and looked at together, about.
 _BEYOND, _TOGETHER = 2, 20_000
-_UNITS = {
-    "m": 1.0,
-    "meter": 1.0,
-    "meters": 1.0,
-    "metre": 1.0,
-    "metres": 1.0,
-    "km": 1e3,
-    "kilometer": 1e3,
-    "kilometre": 1e3,
-    "cm": 1e-2,
-}
 
 
 def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
@@ -295,11 +285,11 @@ def _axis(
 def _scale(path: Path, variable: xr.DataArray) -> float:
     """Return the metres of a variable's unit."""
     unit = str(variable.attrs.get("units", "m")).strip().lower()
-    if unit not in _UNITS:
+    if (found := metres(unit)) is None:
         raise ForecastError(
-            f"{path}: {variable.name} is in {unit!r}; expected metres, or one of {', '.join(_UNITS)}"
+            f"{path}: {variable.name} is in {unit!r}; expected metres, km, cm or ft"
         )
-    return _UNITS[unit]
+    return found
 
 
 # Most cells along a side of the grid, and points of a bathymetry along a side between which depths are interpolated.
