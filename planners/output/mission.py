@@ -16,7 +16,7 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Odds, Plan
-from replay_kit.core.region import collection_text, cut_at_antimeridian, feature, positions
+from replay_kit.core.region import collection_file, feature, positions
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.core.text import csv_text
 
@@ -136,7 +136,7 @@ def to_geojson(
             {} if samples is None else {"samples": samples}
         )
         features.append(feature("Polygon", [around], about))
-    return collection_text([cut_at_antimeridian(one) for one in features])
+    return collection_file(features)
 
 
 def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
@@ -263,4 +263,4 @@ def policy_text(policy: Policy, path: Path) -> str:
         arrow = np.outer([0.0, length], [np.sin(bearing), np.cos(bearing)])
         line = positions(*to_geographic(frame, *arrow.T), near)
         features.append(feature("LineString", line, {"name": "heading", **row}))
-    return collection_text([cut_at_antimeridian(one) for one in features]) + "\n"
+    return collection_file(features)

@@ -11,7 +11,7 @@ import numpy as np
 
 from planners.mission.waypoints import Waypoints
 from replay_kit.core.errors import PlanError
-from replay_kit.core.region import collection_text, cut_at_antimeridian, feature, positions
+from replay_kit.core.region import collection_file, feature, positions
 from replay_kit.core.text import csv_text
 
 
@@ -94,7 +94,7 @@ def _geojson(waypoints: Waypoints) -> str:
     at = positions(waypoints.longitude, waypoints.latitude, near)
     for place, row in zip(at, waypoint_rows(waypoints), strict=True):
         features.append(feature("Point", place, {"name": f"waypoint {row['waypoint']}", **row}))
-    return collection_text([cut_at_antimeridian(one) for one in features]) + "\n"
+    return collection_file(features)
 
 
 def _slocum(waypoints: Waypoints) -> str:

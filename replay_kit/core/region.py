@@ -168,6 +168,11 @@ def _within(at: Array, middle: float, is_line: bool) -> Array:
     return at - [middle, 0.0]
 
 
+def collection_file(features: Sequence[Feature]) -> str:
+    """Return features as the text of a file: those across the antimeridian are cut there."""
+    return collection_text([cut_at_antimeridian(one) for one in features]) + "\n"
+
+
 def collection_text(features: Sequence[Feature], indent: int | None = None) -> str:
     """Return features as a text; figures that are not numbers raise ValueError."""
     return json.dumps(

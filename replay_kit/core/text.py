@@ -4,7 +4,7 @@ Source: OWASP, "CSV Injection" (owasp.org/www-community/attacks/CSV_Injection).
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -68,21 +68,23 @@ _FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d",
 
 
 def csv_cell(value: Any) -> Any:
-    """Return a value for a CSV file: a text that a spreadsheet would run begins with an apostrophe, other values are as they are.
+    """Return a value for a CSV file: a text that a spreadsheet would run begins with an apostrophe, a list is a text with spaces between.
 
     Names of topics, sensors, frames and missions are what a log's author wrote.
     """
+    if isinstance(value, list):
+        return " ".join(map(str, value))
     return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULAS) else value
 
 
-def csv_text(rows: Iterable[Mapping[str, Any]], names: Iterable[str]) -> str:
-    """Return rows as CSV with a header line of names."""
+def csv_text(rows: Iterable[Mapping[str, Any]], names: Collection[str]) -> str:
+    """Return rows as CSV with a header line of names, which are unlike each other; see ``csv_cell``."""
     # most commands write none
     import csv
     import io
 
     text = io.StringIO()
-    writer = csv.DictWriter(text, list(names), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    for row in (dict(zip(names, names, strict=True)), *rows):
+        writer.writerow({name: csv_cell(value) for name, value in row.items()})
     return text.getvalue()

@@ -1,7 +1,5 @@
 """Tables, and figures beside the limits required of them, as CSV, Markdown, JSON and text; results to files."""
 
-import csv
-import io
 import json
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -14,7 +12,7 @@ from rich.console import Console
 from rich.table import Table as ConsoleTable
 
 from replay_kit.core.atomic import write_whole
-from replay_kit.core.text import csv_cell
+from replay_kit.core.text import csv_text
 from replay_kit.core.version import __version__
 
 NAN = math.nan
@@ -107,17 +105,8 @@ def json_text(answer: Mapping[str, Any]) -> str:
 
 def to_csv(table: Table) -> str:
     """Return a table as CSV: undefined figures are empty, the numbers of a list have spaces between them, and no text is a formula."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(map(csv_cell, table.columns))
-    for row in table.rows:
-        writer.writerow(
-            [
-                " ".join(map(str, cell)) if isinstance(cell, list) else csv_cell(cell)
-                for cell in plain(row)
-            ]
-        )
-    return out.getvalue()
+    rows = (dict(zip(table.columns, plain(row), strict=True)) for row in table.rows)
+    return csv_text(rows, table.columns)
 
 
 def rows_to_csv(kind: type, rows: Sequence[Any]) -> str:

@@ -1,7 +1,5 @@
 """The outcomes of a fleet as one table, for CSV, JSON and the console, and as a page."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -12,7 +10,7 @@ from rich.console import Console
 
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.colors import LINES
-from replay_kit.core.text import csv_cell
+from replay_kit.core.text import csv_text
 from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
@@ -66,12 +64,8 @@ def row_of(outcome: Outcome) -> dict[str, Any]:
 
 def write_table(outcomes: Sequence[Outcome], path: Path) -> None:
     """Write the table as CSV, whole or not at all; undefined figures are empty."""
-    text = io.StringIO()
     rows = [row_of(outcome) for outcome in outcomes]
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(rows[0])
-    writer.writerows([csv_cell(cell) for cell in row.values()] for row in rows)
-    write_whole(path, text.getvalue())
+    write_whole(path, csv_text(rows, rows[0]))
 
 
 def fleet_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:

@@ -13,8 +13,9 @@ from planners.learning.values import LearnPlan
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.plan import Plan
-from replay_kit.core.region import collection_text, feature
+from replay_kit.core.region import collection_file, feature, positions
 from replay_kit.core.text import csv_text, time_text
+from replay_kit.show.report.sections.learning import candidate_table
 from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.learning import Learnt
 from replay_kit.workflows.planning.record import write_plan
@@ -39,40 +40,14 @@ def print_learning(learnt: Learnt, console: Console) -> None:
     console.print(f"{plan.status}: {plan.message}")
     for note in plan.notes:
         console.print(f"note: {note}")
-    columns = (
-        "candidate",
-        f"predicted error [{plan.unit}]",
-        f"{plan.found_name} in samples [{plan.unit}]",
-        "interval of 90 %",
-        "within tolerance",
-        "",
-    )
-    print_table(
-        console, "Candidates", columns, [_candidate_cells(row) for row in candidate_rows(plan)]
-    )
+    record = {"unit": plan.unit, "found": plan.found_name, "candidates": candidate_rows(plan)}
+    print_table(console, "Candidates", *candidate_table(record))
     heads = "leg", "heading", "speed [m/s]", "after [h]", "UTC", "surfacing at", ""
     print_table(
         console,
         None,
         heads,
         [_leg_cells(row, plan.request.start_time_ns) for row in legs_table(plan)],
-    )
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
-
-
-def _candidate_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    interval = "-" if row["low"] is None else f"{_number(row['low'])} to {_number(row['high'])}"
-    within = "-" if row["within"] is None else f"{100.0 * row['within']:.0f} %"
-    return (
-        row["name"],
-        _number(row["predicted"]),
-        _number(row["found"]),
-        interval,
-        within,
-        "planned" if row["chosen"] else "",
     )
 
 
@@ -166,21 +141,18 @@ def learning_json(learnt: Learnt) -> dict[str, Any]:
 
 def learning_geojson(learnt: Learnt) -> str:
     """Return track and surfacings as GeoJSON text."""
-    plan = learnt.plan
-    longitude, latitude = to_geographic(
-        learnt.on.region.projection, plan.track[:, 0], plan.track[:, 1]
-    )
-    line = np.column_stack([longitude, latitude]).tolist()
+    plan, rows = learnt.plan, legs_table(learnt.plan)
+    near = plan.request.start.longitude
+    line = positions(*to_geographic(learnt.on.region.projection, *plan.track.T[:2]), near)
+    at = positions(*([row[name] for row in rows] for name in ("longitude", "latitude")), near)
     about = {
         "status": plan.status,
         "message": plan.message,
         "objective": plan.objective,
         "duration_s": plan.duration,
     }
-    points = [
-        feature("Point", [row["longitude"], row["latitude"]], row) for row in legs_table(plan)
-    ]
-    return collection_text([feature("LineString", line, about), *points], indent=1) + "\n"
+    points = [feature("Point", *one) for one in zip(at, rows, strict=True)]
+    return collection_file([feature("LineString", line, about), *points])
 
 
 def learning_csv(learnt: Learnt) -> str:

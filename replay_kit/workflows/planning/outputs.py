@@ -24,8 +24,8 @@ from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
 from replay_kit.core.text import time_text
+from replay_kit.show.sentences import energy_sentence
 from replay_kit.show.text import print_table
-from replay_kit.show.words import energy_sentence
 from replay_kit.workflows.planning.mission import PlannedMission, mission_planner
 
 
@@ -196,7 +196,7 @@ def mission_json(planned: PlannedMission) -> dict[str, Any]:
 def mission_geojson(planned: PlannedMission) -> str:
     """Return track, surfacings, ellipses and goals as GeoJSON text."""
     count = None if planned.samples is None else int(planned.samples["count"])
-    return to_geojson(planned.plan, planned.on.region.projection, planned.ellipses, count) + "\n"
+    return to_geojson(planned.plan, planned.on.region.projection, planned.ellipses, count)
 
 
 def mission_csv(planned: PlannedMission) -> str:

@@ -21,8 +21,20 @@ def learning_html(contents: Contents) -> str:
     record = _record(contents)
     if not record:
         return ""
+    heads, rows = candidate_table(record)
+    cells = [[escape(row[0]), *row[1:]] for row in rows]
+    return _before_and_after(record) + table_html(
+        heads, cells, "Candidates, in currents drawn from the estimate"
+    )
+
+
+def candidate_table(record: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """Return the headings and the rows of the candidates that were compared, as the page and ``plan`` show them.
+
+    Args:
+        record: ``unit``, ``found`` and ``candidates`` of a plan that learns.
+    """
     unit = record["unit"]
-    rows = [_cells(row) for row in record["candidates"]]
     heads = [
         "candidate",
         f"predicted error [{unit}]",
@@ -31,9 +43,7 @@ def learning_html(contents: Contents) -> str:
         "within the tolerance",
         "",
     ]
-    return _before_and_after(record) + table_html(
-        heads, rows, "Candidates, in currents drawn from the estimate"
-    )
+    return heads, [_cells(row) for row in record["candidates"]]
 
 
 def _before_and_after(record: Mapping[str, Any]) -> str:
@@ -53,7 +63,7 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
     interval = "" if row["low"] is None else f"{_number(row['low'])} to {_number(row['high'])}"
     within = "" if row["within"] is None else f"{100.0 * row['within']:.0f} %"
     return [
-        escape(row["name"]),
+        row["name"],
         _number(row["predicted"]),
         _number(row["found"]),
         interval,
