@@ -37,7 +37,7 @@ _MODULES = {
         "logs": ("info", "qc", "convert"),
         "show": ("report", "status", "plot", "export", "layout"),
         "results": ("verify", "smooth"),
-        "ensemble": ("fit", "twin", "synthesize"),
+        "ensemble": ("fetch", "fit", "twin", "synthesize"),
         "experiment": ("paper",),
     }.items()
     for name in names

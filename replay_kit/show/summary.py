@@ -9,6 +9,7 @@ from rich.console import Console
 from replay_kit.core.errors import finding_line
 from replay_kit.results.losses import lost_text
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
+from replay_kit.show.sentences import estimate_sentences, further_sentences
 from replay_kit.show.text import folded, not_used_lines, print_lines, print_table
 from replay_kit.show.vehicles import (
     ABOUT_VALUE,
@@ -16,7 +17,6 @@ from replay_kit.show.vehicles import (
     vehicle_rows,
     vehicle_sentences,
 )
-from replay_kit.show.words import estimate_sentences, further_sentences
 
 # Dives that the summary names.
 _WORST = 3

@@ -10,6 +10,7 @@ from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results.losses import code_of
 from replay_kit.results.outcome.from_run import outcome_of, outcomes_json, plan_json
 from replay_kit.results.outcome.run import DiveRow, ReplaySummary, TopicRow
+from replay_kit.show.sentences import energy_sentence, outcomes_sentence, plan_sentence
 from replay_kit.show.summary import print_summary
 from replay_kit.show.text import (
     SafeConsole,
@@ -20,7 +21,6 @@ from replay_kit.show.text import (
     print_table,
     short_times,
 )
-from replay_kit.show.words import energy_sentence, outcomes_sentence, plan_sentence
 
 DAY = 86_400 * 10**9
 # 2018-11-16

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from replay_kit.cli.commands.ensemble import local_ensemble
 from replay_kit.cli.commands.experiment import (
     ESTIMATOR,
     OneTruth,
@@ -13,7 +14,6 @@ from replay_kit.cli.commands.experiment import (
     check_outputs,
     run_study,
 )
-from replay_kit.cli.commands.fetch import local_ensemble
 from replay_kit.cli.options import (
     INPUTS,
     SOURCES,

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.commands.fetch import local_forecasts
+from replay_kit.cli.commands.ensemble import local_forecasts
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from replay_kit.cli.commands.fetch import local_ensemble, print_price
+from replay_kit.cli.commands.ensemble import local_ensemble, print_price
 from replay_kit.cli.console import console_beside, progress, write_json, write_text
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.commands.fetch import local_forecasts
+from replay_kit.cli.commands.ensemble import local_forecasts
 from replay_kit.cli.commands.following import Following
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
 from replay_kit.cli.options import (

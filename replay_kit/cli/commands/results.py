@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.fetch import local_forecasts
+from replay_kit.cli.commands.ensemble import local_forecasts
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
 from replay_kit.cli.options import (
     INPUTS,

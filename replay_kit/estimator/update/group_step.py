@@ -13,7 +13,7 @@ from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import Estimator, Stepped, each_stepped
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.estimator.update.outcome import GroupResult, column_misfits
+from replay_kit.estimator.update.published import GroupResult, column_misfits
 from replay_kit.estimator.update.rows import Assimilation
 from replay_kit.estimator.update.screening import (
     ScreenedGroup,

@@ -33,7 +33,7 @@ from replay_kit.show.plots.current_map import (
     without_current,
 )
 from replay_kit.show.plots.panel import WIDTHS, Chosen, Panel, Panels, compose, missing
-from replay_kit.show.words import energy_sentence, odds_sentence
+from replay_kit.show.sentences import energy_sentence, odds_sentence
 
 
 def plan_panels(contents: Contents, chosen: Chosen) -> Panels:

@@ -17,8 +17,8 @@ from replay_kit.show.numbers import Sentence, number
 from replay_kit.show.page import page_html
 from replay_kit.show.page.section import Section, items_html, table_html
 from replay_kit.show.report.sections.current_map import map_beside
+from replay_kit.show.sentences import estimate_sentences
 from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_cells, vehicle_sentences
-from replay_kit.show.words import estimate_sentences
 
 # Entries of a list of the summary that are shown.
 _LONG = 40

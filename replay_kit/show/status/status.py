@@ -12,10 +12,10 @@ from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.core.text import place_text, time_text
 from replay_kit.results.outcome.verdict import plan_alarm
 from replay_kit.show.numbers import hours_text
+from replay_kit.show.sentences import past_sentences, place_of_next
 from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import Alarm, alarms_of, change_of, command_text
 from replay_kit.show.status.held import Held
-from replay_kit.show.words import past_sentences, place_of_next
 
 _SECOND = 1_000_000_000
 

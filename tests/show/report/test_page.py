@@ -11,10 +11,10 @@ from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.views.record import leaves
 from replay_kit.show.numbers import Shown
 from replay_kit.show.report.pages import SECTIONS, report_html
+from replay_kit.show.sentences import estimate_sentences, further_sentences
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import brief_lines
 from replay_kit.show.status.status import status_of
-from replay_kit.show.words import estimate_sentences, further_sentences
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, figures, text_of, unpacked
 

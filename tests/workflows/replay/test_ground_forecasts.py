@@ -9,7 +9,7 @@ import pytest
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.observation import Fix, Flag, Observation, PathMean, Source, VehicleState
 from replay_kit.results.outcome.from_run import surfacings_json
-from replay_kit.show.words import surfacings_sentences
+from replay_kit.show.sentences import surfacings_sentences
 from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,

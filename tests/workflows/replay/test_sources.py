@@ -11,7 +11,7 @@ from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import read_record
 from replay_kit.show.export.export import export
-from replay_kit.show.words import estimate_sentences
+from replay_kit.show.sentences import estimate_sentences
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay

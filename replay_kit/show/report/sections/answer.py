@@ -13,7 +13,7 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import calibration
 from replay_kit.show.numbers import Sentence, number, sentence
 from replay_kit.show.page.section import Section, items_html
-from replay_kit.show.words import estimate_sentences, found_sentences
+from replay_kit.show.sentences import estimate_sentences, found_sentences
 
 #: Notes of a run that only state what was read and chosen.
 _NEUTRAL = (

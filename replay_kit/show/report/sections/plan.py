@@ -13,7 +13,7 @@ from replay_kit.show.figures.plan import profile_chart, surfacing_chart
 from replay_kit.show.numbers import fixed, leg_number, number, sentence
 from replay_kit.show.page.section import Section, table_html
 from replay_kit.show.report.sections.learning import learning_html, value_chart
-from replay_kit.show.words import energy_sentence, odds_sentence, outcomes_sentence
+from replay_kit.show.sentences import energy_sentence, odds_sentence, outcomes_sentence
 
 _STATUS = {
     "reached": "the predicted path passes the goal within the tolerance",

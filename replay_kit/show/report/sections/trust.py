@@ -13,7 +13,7 @@ from replay_kit.show.numbers import Sentence, Shown, sentence
 from replay_kit.show.page.page import figure_html
 from replay_kit.show.page.section import Figure, Section, items_html, table_html
 from replay_kit.show.report.sections.answer import warnings_html
-from replay_kit.show.words import trust_sentences
+from replay_kit.show.sentences import trust_sentences
 
 _ITSELF = {
     "good": "log fits itself",

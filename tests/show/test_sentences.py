@@ -6,7 +6,7 @@ from typing import Any
 
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.numbers import Shown
-from replay_kit.show.words import estimate_sentences, further_sentences
+from replay_kit.show.sentences import estimate_sentences, further_sentences
 
 _DIVE: dict[str, Any] = {
     "dive": 7,
