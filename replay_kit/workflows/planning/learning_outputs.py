@@ -144,7 +144,7 @@ def learning_geojson(learnt: Learnt) -> str:
     plan, rows = learnt.plan, legs_table(learnt.plan)
     near = plan.request.start.longitude
     line = positions(*to_geographic(learnt.on.region.projection, *plan.track.T[:2]), near)
-    at = positions(*([row[name] for row in rows] for name in ("longitude", "latitude")), near)
+    at = positions([row["longitude"] for row in rows], [row["latitude"] for row in rows], near)
     about = {
         "status": plan.status,
         "message": plan.message,
