@@ -18,9 +18,9 @@ after it (Blom and Bar-Shalom 1988, IEEE TAC 33).
 """
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.next_dive.mixtures import (
@@ -30,6 +30,7 @@ from replay_kit.estimator.next_dive.mixtures import (
     Settings,
     flight_combinations,
     ground_combinations,
+    inverse,
     log_densities,
 )
 
@@ -45,8 +46,6 @@ _WRONG, _WRONG_STD = 0.05, 0.5
 #: m; how far two fixes alone miss together, over the dive's time.
 FIXES_STD = 20.0
 _JUMPING = slice(2, 6)
-# Logarithm of a case's probability, covariances of the unknowns and of the mean current in it, shapes (..., h, 8, 8) and (..., h, 2, 2).
-_Case = tuple[float, Array, Array]
 #: m; depth over which the part trapped at the surface falls by e.
 SURFACE_DEPTH = 50.0
 
@@ -109,6 +108,22 @@ class DiveState:
     dives: int = 0
 
 
+class _Case(NamedTuple):
+    """What a dive may be.
+
+    Attributes:
+        log_share: Logarithm of its probability.
+        cross: shape (2, ..., h, 8), covariance of each component of the mean current with the unknowns.
+        spread: shape (..., h, 2, 2), covariance of the mean current.
+        more: shape (h, 8), variances of the unknowns beyond those of the state.
+    """
+
+    log_share: float
+    cross: Array
+    spread: Array
+    more: Array
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _SeenDive:
     """A dive, the state at its time, and what the dive may be."""
@@ -157,7 +172,7 @@ class DiveModel:
             return replace(state, time_ns=time_ns)
         time_ns = max(time_ns, state.time_ns)
         kept = np.exp(-(time_ns - state.time_ns) / _NS / self.settings.scales)
-        cov = state.cov * kept[:, :, None] * kept[:, None, :]
+        cov = state.cov * (kept[:, :, None] * kept[:, None, :])
         cov[..., range(UNKNOWNS), range(UNKNOWNS)] += (1.0 - kept**2) * self.settings.variance
         return replace(state, mean=state.mean * kept, cov=cov, time_ns=time_ns)
 
@@ -184,7 +199,7 @@ class DiveModel:
         state, dive = seen.state, seen.dive
         expected = state.mean @ dive.design.T + self._background(dive)
         parts = [
-            (state.log_weights + log_share, expected, spread) for log_share, _, spread in seen.cases
+            (state.log_weights + case.log_share, expected, case.spread) for case in seen.cases
         ]
         log_weights, means, covs = (np.concatenate(part) for part in zip(*parts, strict=True))
         return Mixture(log_weights, means, covs)
@@ -193,7 +208,7 @@ class DiveModel:
         """Return the state after the dive that it sees."""
         state, dive = seen.state, seen.dive
         errors = dive.velocity - self._background(dive) - state.mean @ dive.design.T
-        state = replace(_after(state, dive.design, errors, seen.cases), dives=state.dives + 1)
+        state = replace(_after(state, errors, seen.cases), dives=state.dives + 1)
         return state if dive.inverted is None else self._with_inverted(state, dive, dive.inverted)
 
     def flight_bias(self, state: DiveState) -> tuple[Array, Array]:
@@ -209,7 +224,9 @@ class DiveModel:
         has = self.settings.has_flight_bias
 
         def log_odds(log_weights: Array) -> Array:
-            with_error, without = (logsumexp(log_weights[..., of], axis=-1) for of in (has, ~has))
+            with_error, without = (
+                np.logaddexp.reduce(log_weights[..., of], axis=-1) for of in (has, ~has)
+            )
             return np.asarray(with_error - without)
 
         return log_odds(state.log_weights) - log_odds(self.settings.log_prior)
@@ -218,67 +235,69 @@ class DiveModel:
         """Return what the current is measured about under each combination, shape (h, 2); zero where it is not known."""
         return np.vstack([np.zeros(2), np.nan_to_num(dive.backgrounds)])[self.settings.background]
 
-    def _changed(self, cov: Array) -> Array:
-        """Return covariances, shape (..., h, 8, 8), after a change beyond the usual."""
-        changed = cov.copy()
-        parts = np.arange(UNKNOWNS)[_JUMPING]
-        changed[..., parts, parts] += (_JUMP_FACTOR - 1.0) * self.settings.variance[:, _JUMPING]
-        return changed
-
     def _cases(self, state: DiveState, dive: DiveMean) -> list[_Case]:
         """Return what a dive may be: as the dives before, after a change, and, where that is asked for, with a wrong mean current."""
         own = (self.settings.white_std**2 + dive.position_variance)[:, None, None] * np.eye(2)
-        right, changed = 1.0 - self.wrong, self._changed(state.cov)
-        cases = [(right * (1.0 - self.jump), state.cov, own), (right * self.jump, changed, own)]
-        if self.wrong:
-            cases.append((self.wrong, state.cov, own + _WRONG_STD**2 * np.eye(2)))
-        return [
-            (float(np.log(share)), cov, dive.design @ np.dot(cov, dive.design.T) + error)
-            for share, cov, error in cases
-        ]
+        right, more = 1.0 - self.wrong, np.zeros((self.settings.size, UNKNOWNS))
+        usual = _as_expected(state, dive.design, own, right * (1.0 - self.jump))
+        more[:, _JUMPING] = (_JUMP_FACTOR - 1.0) * self.settings.variance[:, _JUMPING]
+        further = dive.design[:, None] * more
+        spread = usual.spread + np.tensordot(further, dive.design, (-1, 1)).swapaxes(0, 1)
+        cross = usual.cross + further.reshape(2, *[1] * (state.mean.ndim - 2), *more.shape)
+        changed = _Case(float(np.log(right * self.jump)), cross, spread, more)
+        return [usual, changed, *self._wrong(usual)]
+
+    def _wrong(self, usual: _Case) -> list[_Case]:
+        """Return the case of a wrong mean current, where that is asked for."""
+        if not self.wrong:
+            return []
+        spread = usual.spread + _WRONG_STD**2 * np.eye(2)
+        return [usual._replace(log_share=float(np.log(self.wrong)), spread=spread)]
 
     def _with_inverted(self, state: DiveState, dive: DiveMean, inverted: Array) -> DiveState:
         """Return the state after the inverted current: what is left of the mean current without it is the flight model's error."""
         design = dive.design.copy()
         design[:, : FLIGHT_BIAS.start] = 0.0
         errors = dive.velocity - inverted - state.mean @ design.T
-        spread = design @ state.cov @ design.T + (
-            INVERTED_STD**2 + dive.position_variance
-        ) * np.eye(2)
-        cases: list[_Case] = [(float(np.log(1.0 - self.wrong)), state.cov, spread)]
-        if self.wrong:
-            cases.append((float(np.log(self.wrong)), state.cov, spread + _WRONG_STD**2 * np.eye(2)))
-        return _after(state, design, errors, cases)
+        own = (INVERTED_STD**2 + dive.position_variance) * np.eye(2)
+        usual = _as_expected(state, design, own, 1.0 - self.wrong)
+        return _after(state, errors, [usual, *self._wrong(usual)])
 
 
-def _after(state: DiveState, design: Array, errors: Array, cases: list[_Case]) -> DiveState:
+def _as_expected(state: DiveState, design: Array, own: Array, share: float) -> _Case:
+    """Return the case in which the unknowns are as a state knows them; ``own``, shape (..., 2, 2), is what they do not cause."""
+    cross = np.tensordot(design, state.cov, (1, -1))
+    spread = np.moveaxis(np.tensordot(cross, design, (-1, 1)), 0, -1) + own
+    return _Case(float(np.log(share)), cross, spread, np.zeros(state.mean.shape[-2:]))
+
+
+def _after(state: DiveState, errors: Array, cases: list[_Case]) -> DiveState:
     """Return the state after errors of a prediction, shape (..., h, 2), which some cases expect to be of different size.
 
     The cases are joined to one Gaussian, combination by combination: what each takes from the covariance, and what its mean adds, are
     products of columns, which are added up in one product.
     """
-    crosses = [np.dot(cov, design.T) for _, cov, _ in cases]
-    gains = [
-        cross @ np.linalg.inv(spread) for cross, (_, _, spread) in zip(crosses, cases, strict=True)
-    ]
-    log_likelihood = np.stack(
-        [log_share + log_densities(errors, spread) for log_share, _, spread in cases]
-    )
-    total = logsumexp(log_likelihood, axis=0)
+    log_likelihood = np.stack([case.log_share + log_densities(errors, case.spread) for case in cases])
+    total = np.logaddexp.reduce(log_likelihood, axis=0)
     shares = np.exp(log_likelihood - total)[..., None]
-    means = [state.mean + (gain @ errors[..., None])[..., 0] for gain in gains]
-    mean = sum((share * part for share, part in zip(shares, means, strict=True)), 0.0 * means[0])
-    abouts = [(part - mean)[..., None] for part in means]
-    weighted = [share[..., None] * cov for share, (_, cov, _) in zip(shares, cases, strict=True)]
-    left, right = [], []
-    for share, gain, cross, about in zip(shares, gains, crosses, abouts, strict=True):
-        left += [-share[..., None] * gain, share[..., None] * about]
-        right += [cross, about]
-    cov = np.concatenate(left, -1) @ np.swapaxes(np.concatenate(right, -1), -1, -2)
-    for part in weighted:
-        cov += part
+    gains, moves = [], []
+    for case in cases:
+        # component by component: inner loops over two numbers would take several times as long
+        (first, both), (_, second) = np.moveaxis(inverse(case.spread), (-2, -1), (0, 1))[..., None]
+        east, north = case.cross
+        gains.append((first * east + both * north, both * east + second * north))
+        moves.append(gains[-1][0] * errors[..., :1] + gains[-1][1] * errors[..., 1:])
+    move = np.sum([share * part for share, part in zip(shares, moves, strict=True)], axis=0)
+    left, right, more = [], [], 0.0 * move
+    for share, gain, each, case in zip(shares, gains, moves, cases, strict=True):
+        about = each - move
+        left += [-share * gain[0], -share * gain[1], share * about]
+        right += [*case.cross, about]
+        more += share * case.more
+    cov = state.cov + np.swapaxes(np.stack(left, -2), -1, -2) @ np.stack(right, -2)
+    cov[..., range(UNKNOWNS), range(UNKNOWNS)] += more
     # the rounding error of the two halves would grow from dive to dive
     cov = 0.5 * (cov + np.swapaxes(cov, -1, -2))
     log_weights = state.log_weights + total
-    log_weights -= logsumexp(log_weights, axis=-1, keepdims=True)
-    return replace(state, mean=mean, cov=cov, log_weights=log_weights)
+    log_weights -= np.logaddexp.reduce(log_weights, axis=-1, keepdims=True)
+    return replace(state, mean=state.mean + move, cov=cov, log_weights=log_weights)

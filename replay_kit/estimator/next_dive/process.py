@@ -17,7 +17,6 @@ are shared by the backgrounds that the current may be measured about. ``tests/re
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.next_dive.filter import INVERTED_STD, DiveMean
@@ -209,7 +208,7 @@ class MeanCurrentProcess:
             state,
             mean=after[0],
             cov=after[1],
-            log_weights=log_weights - logsumexp(log_weights),
+            log_weights=log_weights - np.logaddexp.reduce(log_weights, axis=None),
             time_ns=max(instants[-1], state.time_ns or instants[-1]),
             dives=state.dives + 1,
         )
@@ -240,10 +239,7 @@ class MeanCurrentProcess:
         # an instant before the last one known counts as at it
         gaps = np.maximum(np.diff([before, *instants]) * 1e-9, 0.0)
         scales, of_scale = np.unique(settings.scale, return_inverse=True)
-        moved, kept, noise = (
-            np.stack(each)[of_scale]
-            for each in zip(*(_over_dive(gaps, scale) for scale in scales), strict=True)
-        )
+        moved, kept, noise = (each[of_scale] for each in _over_dive(gaps, scales))
         # latent states of both components, then the flight model's error, which stays
         move = _both(moved, np.eye(2))
         mean, cov = state.mean @ move.transpose(0, 2, 1), move @ state.cov @ move.transpose(0, 2, 1)
@@ -292,46 +288,44 @@ def _both(block: Array, rest: Array) -> Array:
     return out
 
 
-def _over_dive(gaps: Array, scale: float) -> tuple[Array, Array, Array]:
+def _over_dive(gaps: Array, scales: Array) -> tuple[Array, Array, Array]:
     """Return how a component's latent states pass a dive, for states of unit variance.
 
     Args:
         gaps: shape (n,) [s], before each instant of the dive.
-        scale: Decorrelation time of the second part [s].
+        scales: shape (s,) [s], decorrelation times of the second part.
 
     Returns:
-        Transition, shape (7, 7); effect on the parts' means over the instants, shape (4, 7); covariance of what is new in states and
-        means, shape (11, 11).
+        Transitions, shape (s, 7, 7); effects on the parts' means over the instants, shape (s, 4, 7); covariances of what is new in states
+        and means, shape (s, 11, 11).
     """
     size = _STATES + len(_PARTS)
-    through, new = np.zeros((size, _STATES)), np.zeros((size, size))
-    through[:_STATES] = np.eye(_STATES)
+    move, new = np.tile(np.eye(size), (scales.size, 1, 1)), np.zeros((scales.size, size, size))
+    through, firsts = move[:, :, :_STATES].copy(), [states.start for states in _PARTS]
+    # what is new in a part's first state is new in its mean
+    grow = np.eye(size)[:, :_STATES]
+    grow[range(_STATES, size), firsts] = 1.0 / len(gaps)
     for gap in gaps:
-        move = np.eye(size)
-        step, noise = _transition(gap, scale)
-        move[:_STATES, :_STATES] = step
-        for part, states in enumerate(_PARTS):
-            move[_STATES + part, :_STATES] = step[states.start] / len(gaps)
-        # what is new in a part's first state is new in its mean
-        grow = np.eye(size)[:, :_STATES]
-        for part, states in enumerate(_PARTS):
-            grow[_STATES + part, states.start] = 1.0 / len(gaps)
-        through, new = move @ through, move @ new @ move.T + grow @ noise @ grow.T
-    return through[:_STATES], through[_STATES:], new
+        step, noise = _transition(gap, scales)
+        move[:, :_STATES, :_STATES] = step
+        move[:, _STATES:, :_STATES] = step[:, firsts] / len(gaps)
+        through = move @ through
+        new = move @ new @ move.transpose(0, 2, 1) + grow @ noise @ grow.T
+    return through[:, :_STATES], through[:, _STATES:], new
 
 
-def _transition(gap: float, scale: float) -> tuple[Array, Array]:
-    """Return how a component's latent states pass a time, shape (7, 7), and the covariance of what is new in them."""
-    move = np.zeros((_STATES, _STATES))
-    move[0, 0] = np.exp(-gap / _SLOW)
+def _transition(gap: float, scales: Array) -> tuple[Array, Array]:
+    """Return how a component's latent states pass a time, shape (s, 7, 7), and the covariance of what is new in them."""
+    move = np.zeros((scales.size, _STATES, _STATES))
+    move[:, 0, 0] = np.exp(-gap / _SLOW)
     # velocity and its rate times the scale over the square root of 3, both of unit variance
-    r = np.sqrt(3.0) * gap / scale
-    move[1:3, 1:3] = np.exp(-r) * np.array([[1.0 + r, r], [-r, 1.0 - r]])
+    r = np.sqrt(3.0) * gap / scales
+    move[:, 1:3, 1:3] = np.moveaxis(np.exp(-r) * np.array([[1.0 + r, r], [-r, 1.0 - r]]), -1, 0)
     for states, (decay, period) in zip(_PARTS[2:], _TIDES, strict=True):
         angle = 2.0 * np.pi * gap / period
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        move[states, states] = np.exp(-gap / decay) * turn
-    return move, np.eye(_STATES) - move @ move.T
+        move[:, states, states] = np.exp(-gap / decay) * turn
+    return move, np.eye(_STATES) - move @ move.transpose(0, 2, 1)
 
 
 def _updated(
