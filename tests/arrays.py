@@ -9,7 +9,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.adcp import SOUND, Faults
 from replay_kit.studies.twins.field import build_field
-from replay_kit.studies.twins.glider import Schedule, mission
+from replay_kit.studies.twins.glider import Schedule, missions
 from replay_kit.studies.twins.messages import measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission
 
@@ -60,11 +60,12 @@ def write_array(
     """
     field, logs = build_field(truth), {}
     start_ns = EPOCH_NS if truth.time_ns is None else truth.time_ns
-    for number in range(count):
-        rng = np.random.default_rng([seed, number])
-        schedule = Schedule(to_the_end=True, course=course(number, count))
-        begin_ns = start_ns + 10**9 * (late_s * number)
-        flown = with_errors(mission(field, pings, begin_ns, rng, schedule), rng)
+    rngs = [np.random.default_rng([seed, number]) for number in range(count)]
+    schedules = [Schedule(to_the_end=True, course=course(number, count)) for number in range(count)]
+    starts_ns = [start_ns + 10**9 * (late_s * number) for number in range(count)]
+    all_flown = missions(field, pings, starts_ns, rngs, schedules)
+    for number, (one, rng) in enumerate(zip(all_flown, rngs, strict=True)):
+        flown = with_errors(one, rng)
         flown = measured_on(flown, field, 0.09, rng, count * seed + number)
         path = logs[f"sg{number + 1}"] = folder / f"sg{number + 1}.mcap"
         found = (faults or {}).get(number, SOUND)

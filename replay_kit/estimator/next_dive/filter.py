@@ -198,9 +198,7 @@ class DiveModel:
         """Return what is expected of the mean current of a dive that a state sees."""
         state, dive = seen.state, seen.dive
         expected = state.mean @ dive.design.T + self._background(dive)
-        parts = [
-            (state.log_weights + case.log_share, expected, case.spread) for case in seen.cases
-        ]
+        parts = [(state.log_weights + case.log_share, expected, case.spread) for case in seen.cases]
         log_weights, means, covs = (np.concatenate(part) for part in zip(*parts, strict=True))
         return Mixture(log_weights, means, covs)
 
@@ -277,7 +275,9 @@ def _after(state: DiveState, errors: Array, cases: list[_Case]) -> DiveState:
     The cases are joined to one Gaussian, combination by combination: what each takes from the covariance, and what its mean adds, are
     products of columns, which are added up in one product.
     """
-    log_likelihood = np.stack([case.log_share + log_densities(errors, case.spread) for case in cases])
+    log_likelihood = np.stack(
+        [case.log_share + log_densities(errors, case.spread) for case in cases]
+    )
     total = np.logaddexp.reduce(log_likelihood, axis=0)
     shares = np.exp(log_likelihood - total)[..., None]
     gains, moves = [], []

@@ -1,5 +1,6 @@
 """A sawtooth glider flown through a truth: carried by the current, logging fixes at the surface and dead-reckoned positions under water."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,22 +73,49 @@ def mission(
     Raises:
         ForecastError: The current carried the glider out of the truth's water.
     """
-    course, corner = np.array(schedule.course or _COURSE), int(rng.integers(len(_COURSE)))
-    corner = 0 if schedule.course else corner
-    place, target = _place_of(field, course[corner]), corner + 1
-    # a stay at the surface begins and ends the mission, so that each dive lies between two fixes
-    tracks = [_surface(field, place, start_ns)]
-    while tracks[-1].end_ns <= start_ns + (pings - 1) * schedule.ping_steps * _STEP_NS:
-        place = tracks[-1].place[-1]
-        aim, target = _aim(field, place, target, course)
-        tracks.append(_dive(field, place, tracks[-1].end_ns, aim))
-        tracks.append(_surface(field, tracks[-1].place[-1], tracks[-1].end_ns))
-    return _logged(
-        field,
-        tracks,
-        start_ns + np.arange(pings) * schedule.ping_steps * _STEP_NS,
-        schedule.to_the_end,
+    return missions(field, pings, (start_ns,), (rng,), (schedule,))[0]
+
+
+def missions(
+    field: Field,
+    pings: int,
+    starts_ns: Sequence[int],
+    rngs: Sequence[np.random.Generator],
+    schedules: Sequence[Schedule],
+) -> list[Mission]:
+    """Return the missions of several gliders, of which all ping equally often; arguments as of ``mission``, one for each."""
+    begins_ns, every = np.array(starts_ns, np.int64), schedules[0].ping_steps * _STEP_NS
+    corners = [int(rng.integers(len(_COURSE))) for rng in rngs]
+    corners = [0 if one.course else at for one, at in zip(schedules, corners, strict=True)]
+    courses = [np.array(one.course or _COURSE) for one in schedules]
+    places = np.stack(
+        [_place_of(field, course[at]) for course, at in zip(courses, corners, strict=True)]
     )
+    targets = [corner + 1 for corner in corners]
+    # a stay at the surface begins and ends the mission, so that each dive lies between two fixes
+    flown = [_surface(field, places, begins_ns)]
+    while flown[-1][0].end_ns <= starts_ns[0] + (pings - 1) * every:
+        places = _places(flown)
+        found = [_aim(field, *each) for each in zip(places, targets, courses, strict=True)]
+        aims, targets = np.stack([aim for aim, _ in found]), [target for _, target in found]
+        flown.append(_dive(field, places, _ends_ns(flown), aims))
+        flown.append(_surface(field, _places(flown), _ends_ns(flown)))
+    return [
+        _logged(field, list(tracks), start_ns + np.arange(pings) * every, one.to_the_end)
+        for tracks, start_ns, one in zip(
+            zip(*flown, strict=True), starts_ns, schedules, strict=True
+        )
+    ]
+
+
+def _places(flown: list[list[Track]]) -> Array:
+    """Return where the last tracks end, shape (g, 2)."""
+    return np.stack([track.place[-1] for track in flown[-1]])
+
+
+def _ends_ns(flown: list[list[Track]]) -> NDArray[np.int64]:
+    """Return when the last tracks end, shape (g,) [ns, UTC]."""
+    return np.array([track.end_ns for track in flown[-1]], np.int64)
 
 
 def _place_of(field: Field, fraction: Array) -> Array:
@@ -111,18 +139,13 @@ def _aim(field: Field, place: Array, target: int, course: Array) -> tuple[Array,
     return corner, target
 
 
-def _dive(field: Field, place: Array, start_ns: int, aim: Array) -> Track:
-    angle = np.deg2rad(_GLIDE_ANGLE_DEG)
+def _dive(field: Field, places: Array, starts_ns: NDArray[np.int64], aims: Array) -> list[Track]:
+    angle, way = np.deg2rad(_GLIDE_ANGLE_DEG), aims - places
     bottom = min(_MAX_DEPTH, float(field.grid.levels[-1]))
     down = np.linspace(0.0, bottom, dive_steps(field) // 2 + 1)
-    towards = (aim - place) / np.hypot(*(aim - place))
-    return _carried(
-        field,
-        place,
-        start_ns,
-        np.concatenate([down, down[-2::-1]]),
-        _SPEED * np.cos(angle) * towards,
-    )
+    towards = way / np.hypot(*way.T)[:, None]
+    depth = np.concatenate([down, down[-2::-1]])
+    return _carried(field, places, starts_ns, depth, _SPEED * np.cos(angle) * towards)
 
 
 def dive_steps(field: Field) -> int:
@@ -134,21 +157,19 @@ def dive_steps(field: Field) -> int:
     )
 
 
-def _surface(field: Field, place: Array, start_ns: int) -> Track:
-    return _carried(field, place, start_ns, np.zeros(SURFACE_STEPS + 1), np.zeros(2))
+def _surface(field: Field, places: Array, starts_ns: NDArray[np.int64]) -> list[Track]:
+    return _carried(field, places, starts_ns, np.zeros(SURFACE_STEPS + 1), np.zeros_like(places))
 
 
 def _carried(
-    field: Field, place: Array, start_ns: int, depth: Array, through_water: Array
-) -> Track:
-    return advected(
-        field,
-        place,
-        start_ns,
-        STEP_S * np.arange(depth.size, dtype=np.float64),
-        depth,
-        through_water,
-    )
+    field: Field,
+    places: Array,
+    starts_ns: NDArray[np.int64],
+    depth: Array,
+    through_water: Array,
+) -> list[Track]:
+    seconds = STEP_S * np.arange(depth.size, dtype=np.float64)
+    return advected(field, places, starts_ns, seconds, depth, through_water)
 
 
 def _logged(

@@ -134,41 +134,50 @@ def log_position(
 
 
 def advected(
-    field: Field, place: Array, start_ns: int, seconds: Array, depth: Array, through_water: Array
-) -> Track:
-    """Return the track of a vehicle in a truth, by the midpoint rule.
+    field: Field,
+    places: Array,
+    starts_ns: NDArray[np.int64],
+    seconds: Array,
+    depth: Array,
+    through_water: Array,
+) -> list[Track]:
+    """Return the tracks of g vehicles in a truth, by the midpoint rule: together, as a step of many takes little more time than one of one.
 
     Args:
         field: The truth.
-        place: shape (2,) [m], local east and north at the start.
-        start_ns: [ns, UTC].
+        places: shape (g, 2) [m], local east and north at the start.
+        starts_ns: shape (g,) [ns, UTC].
         seconds: shape (n,) [s], since the start.
         depth: shape (n,) [m]; where it no longer changes the vehicle is adrift.
-        through_water: shape (2,) [m/s], local east and north, until then.
+        through_water: shape (g, 2) [m/s], local east and north, until then.
 
     Raises:
-        ForecastError: The current carried the vehicle out of the truth's water.
+        ForecastError: The current carried a vehicle out of the truth's water.
     """
-    track = Track(start_ns, seconds, np.empty((len(seconds), 2)), depth, through_water)
-    track.place[0] = place
-    surfaced = track.surfaced
+    flown = np.empty((len(seconds), *places.shape))
+    flown[0] = places
+    tracks = [
+        Track(int(start_ns), seconds, flown[:, g], depth, through_water[g])
+        for g, start_ns in enumerate(starts_ns)
+    ]
     for k, ((before, after), (upper, lower)) in enumerate(
         zip(pairwise(seconds.tolist()), pairwise(depth.tolist()), strict=True)
     ):
-        own = through_water if k < surfaced else np.zeros(2)
-        here, step, now = track.place[k], after - before, start_ns + int(before * NS_PER_S)
-        middle = here + 0.5 * step * (own + field.velocity(here[0], here[1], upper, now))
+        own = through_water if k < tracks[0].surfaced else np.zeros_like(places)
+        here, step, now = flown[k], after - before, starts_ns + int(before * NS_PER_S)
+        middle = here + 0.5 * step * (own + field.velocity(*here.T, upper, now))
         at_middle = field.velocity(
-            middle[0], middle[1], 0.5 * (upper + lower), now + int(0.5 * step * NS_PER_S)
+            *middle.T, 0.5 * (upper + lower), now + int(0.5 * step * NS_PER_S)
         )
-        track.place[k + 1] = here + step * (own + at_middle)
-        if not np.isfinite(track.place[k + 1]).all():
-            longitude, latitude = to_geographic(field.grid.projection, here[0], here[1])
+        flown[k + 1] = here + step * (own + at_middle)
+        if not np.isfinite(flown[k + 1]).all():
+            lost = int(np.argmin(np.isfinite(flown[k + 1]).all(axis=1)))
+            longitude, latitude = to_geographic(field.grid.projection, *here[lost])
             raise ForecastError(
                 f"the current carried the glider out of the truth's water at {longitude:.3f} E, {latitude:.3f} N, {lower:.0f} m; "
                 "use another seed, a shorter mission or a larger region"
             )
-    return track
+    return tracks
 
 
 def dead_reckoned(

@@ -4,9 +4,9 @@ Each vehicle's events come in the order of its log, but not when they happened: 
 waits until every vehicle that goes on has a later one; of equal times that of the first vehicle comes first. With one vehicle none waits.
 """
 
-from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
 from typing import Any, Protocol
 
 from replay_kit.core.arrays import replace
@@ -88,7 +88,12 @@ class SharedEstimate:
         self.kept: list[tuple[int, Measurement]] = []
         self.next_slices_ns: int | None = None
         self.clock = clock
-        self._queues: list[deque[tuple[int, Input]]] = []
+        # events that wait, first the one that is due first: when, vehicle, number of the event
+        self._queue: list[tuple[int, int, int, Input]] = []
+        self._n_given = 0
+        self._n_queued: list[int] = []
+        # vehicles that go on and have no event that waits, which the others wait for
+        self._awaited: set[int] = set()
         self._due_ns: list[int | None] = []
         self._ended: list[bool] = []
         self._buffer: list[tuple[int, Input]] = []
@@ -97,7 +102,7 @@ class SharedEstimate:
     def add(self, vehicle: Vehicle) -> int:
         """Take up a vehicle, and return its number."""
         self.vehicles.append(vehicle)
-        self._queues.append(deque())
+        self._n_queued.append(0)
         self._due_ns.append(None)
         self._ended.append(False)
         return len(self.vehicles) - 1
@@ -115,8 +120,11 @@ class SharedEstimate:
     @property
     def queued(self) -> Queued:
         """What a checkpoint keeps."""
+        each: list[list[tuple[int, Input]]] = [[] for _ in self.vehicles]
+        for due_ns, number, _, event in sorted(self._queue):
+            each[number].append((due_ns, event))
         return Queued(
-            tuple(map(tuple, self._queues)),
+            tuple(map(tuple, each)),
             tuple(self._due_ns),
             tuple(self._ended),
             tuple(self.kept),
@@ -125,14 +133,24 @@ class SharedEstimate:
 
     def restore(self, queued: Queued) -> None:
         """Go on from a checkpoint."""
-        self._queues = list(map(deque, queued.queues))
         self._due_ns, self._ended = list(queued.due_ns), list(queued.ended)
         self.kept, self.next_slices_ns = list(queued.kept), queued.next_slices_ns
+        self._queue, self._n_queued = [], list(map(len, queued.queues))
+        for number, queue in enumerate(queued.queues):
+            for due_ns, event in queue:
+                self._push(due_ns, number, event)
+        begun = [number for number, due_ns in enumerate(self._due_ns) if due_ns is not None]
+        self._awaited = {of for of in begun if not (self._ended[of] or self._n_queued[of])}
+
+    def _push(self, due_ns: int, number: int, event: Input) -> None:
+        self._n_given += 1
+        heappush(self._queue, (due_ns, number, self._n_given, event))
 
     def begin(self, number: int, time_ns: int) -> None:
         """Take note of a vehicle's first message [ns, UTC], before which the others need not wait for it."""
         if self._due_ns[number] is None:
             self._due_ns[number] = time_ns
+            self._awaited.add(number)
 
     def give(self, number: int, event: Input) -> None:
         """Take the next event of a vehicle's log."""
@@ -141,26 +159,25 @@ class SharedEstimate:
             return
         due_ns = max(self._due_ns[number] or event.time_ns, event.time_ns)
         self._due_ns[number] = due_ns
-        self._queues[number].append((due_ns, event))
+        self._push(due_ns, number, event)
+        self._n_queued[number] += 1
+        self._awaited.discard(number)
         self._release()
 
     def end(self, number: int) -> None:
         """Take note that a vehicle's logs have ended."""
         self._ended[number] = True
+        self._awaited.discard(number)
         self._release()
 
     def _release(self) -> None:
         """Take the events that no other can precede any more."""
-        while True:
-            first: tuple[int, int] | None = None
-            for number, queue in enumerate(self._queues):
-                if queue:
-                    first = min(first or (queue[0][0], number), (queue[0][0], number))
-                elif self._due_ns[number] is not None and not self._ended[number]:
-                    return
-            if first is None:
-                return
-            self._take(first[1], self._queues[first[1]].popleft()[1])
+        while self._queue and not self._awaited:
+            _, number, _, event = heappop(self._queue)
+            self._n_queued[number] -= 1
+            if not (self._n_queued[number] or self._ended[number]):
+                self._awaited.add(number)
+            self._take(number, event)
 
     def _take(self, number: int, event: Input) -> None:
         """Put an event into the block, and assimilate it when it is complete."""
@@ -216,10 +233,15 @@ class SharedEstimate:
             self.kept = [
                 one for one in self.kept if one[0] != number or isinstance(one[1], PathMean)
             ]
-            queue = self._queues[number]
-            self._queues[number] = deque(
-                one for one in queue if not isinstance(one[1], Observation)
-            )
+            self._queue = [
+                one
+                for one in self._queue
+                if one[1] != number or not isinstance(one[3], Observation)
+            ]
+            heapify(self._queue)
+            self._n_queued[number] = sum(one[1] == number for one in self._queue)
+            if not (self._n_queued[number] or self._ended[number]):
+                self._awaited.add(number)
             kept = self.kept
         with self.clock.stage("estimate"):
             states, steps = assimilate_together(self._contributors(begun=True), list(kept))

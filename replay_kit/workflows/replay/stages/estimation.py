@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
+import numpy as np
+
 from replay_kit.core.arrays import Array, replace
 from replay_kit.core.observation import (
     Innovation,
@@ -150,8 +152,13 @@ def assimilate_together(
                 if event.dive != states[vehicle].dive:
                     states[vehicle] = replace(states[vehicle], dive_start=before, dive=event.dive)
                 start = states[vehicle].dive_start
-                of_dive = _since(start, estimator, event) if against is None else against(start)
-                std = _dive_std(start, estimator, before, event, innovation)
+                std, of_dive = None, None if against is None else against(start)
+                if isinstance(event, PathMean) and event.kind == "dac":
+                    # profiles of the dive itself make the estimate surer than it was before the dive
+                    known = innovation if start is before else estimator.step(start, event)[1]
+                    std, of_dive = known.innovation_std, known.innovation
+                if of_dive is None or np.isnan(of_dive).all():
+                    of_dive = _since(start, estimator, event)
                 found = Assimilation(innovation, of_dive, next(weights), std)
                 steps.append((vehicle, Step(event, before, current, found)))
                 if std is not None and len(vehicles) > 1:
@@ -196,21 +203,6 @@ def _since(start: Any, estimator: Estimator[Any], event: Measurement | ProfileGr
     return estimator.innovation(start, event)
 
 
-def _dive_std(
-    start: Any,
-    estimator: Estimator[Any],
-    before: Any,
-    event: Measurement | ProfileGroup,
-    innovation: Innovation,
-) -> Array | None:
-    """Return the standard deviation of a dive's mean current by what was known before the dive; None for other measurements."""
-    if not (isinstance(event, PathMean) and event.kind == "dac"):
-        return None
-    # profiles of the dive itself make the estimate surer than it was before the dive
-    from_start = innovation if start is before else estimator.step(start, event)[1]
-    return from_start.innovation_std
-
-
 _Item = VehicleState | Measurement | ProfileGroup
 
 
@@ -225,18 +217,20 @@ def _in_turn(
     def released(of: int, found: Sequence[_Item]) -> None:
         items.extend((of, item) for item in found)
 
+    holding = {number for number, left in enumerate(waiting) if left}
     for number, run in groupby(events, key=lambda event: event[0]):
         of_vehicle = [event for _, event in run]
-        for other, left in enumerate(waiting):
+        for other in sorted(holding - {number}):
             # what waits for its own vehicle's next event may not be overtaken for long
-            grouping = vehicles[other].estimator.grouping
-            late = grouping and left and grouping.is_over(left[0], of_vehicle[0].time_ns)
-            if late and other != number:
+            grouping, left = vehicles[other].estimator.grouping, waiting[other]
+            if grouping and grouping.is_over(left[0], of_vehicle[0].time_ns):
                 released(other, _closed(left))
                 waiting[other] = ()
+                holding.discard(other)
         grouping = vehicles[number].estimator.grouping
         found, waiting[number] = grouped(grouping, waiting[number], of_vehicle)
         released(number, found)
+        (holding.add if waiting[number] else holding.discard)(number)
     if last:
         for number, left in enumerate(waiting):
             released(number, _closed(left))
