@@ -105,6 +105,18 @@ def as_conditioned(prior: Prior, n_levels: int) -> ConditionedPrior:
     return ConditionedPrior(prior, prior.mean, none, none)
 
 
+def is_matrix(prior: Prior) -> bool:
+    """Return whether a prior is one matrix, from which rows may still have to be taken."""
+    return isinstance(getattr(prior, "before", prior), FullCovariancePrior)
+
+
+def one_matrix(prior: Prior) -> "FullCovariancePrior | None":
+    """Return a prior that is one matrix, with all rows taken from it; None for one in parts."""
+    if isinstance(prior, ConditionedPrior) and isinstance(prior.before, FullCovariancePrior):
+        return prior.before.downdate(prior.mean, prior.gain.reshape(-1, prior.mean.size))
+    return prior if isinstance(prior, FullCovariancePrior) else None
+
+
 def conditioned(prior: Prior, design: Array, innovation: Array) -> tuple[ConditionedPrior, Array]:
     """Return a prior after rows y = H w + noise of unit variance, and the change of its mean for each further column.
 

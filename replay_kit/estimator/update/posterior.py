@@ -210,7 +210,10 @@ def means(posteriors: Sequence[Posterior]) -> Array:
             for _, group in groupby(same, key=lambda posterior: id(posterior.shared_factor))
         ]
         information = np.concatenate([group[0].information_vectors(group) for group in groups])
-        out.append(same[0].prior.mean + same[0].prior.matvec(information).reshape(len(same), -1))
+        prior = same[0].prior
+        # without rows the product would read the covariance for nothing
+        change = prior.matvec(information) if information.any() else information
+        out.append(prior.mean + change.reshape(len(same), -1))
     return np.concatenate(out)
 
 

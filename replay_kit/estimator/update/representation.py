@@ -41,6 +41,8 @@ from replay_kit.estimator.prior.conditioned import (
     FullCovariancePrior,
     as_conditioned,
     full_covariance_prior,
+    is_matrix,
+    one_matrix,
 )
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
@@ -69,6 +71,8 @@ _NEARLY_ALL = 0.75
 _MERGE_ROWS = 1024
 # Rows for each weight up to which a mean along a path leaves the prior in parts: reading more of them takes longer than reading the matrix.
 _FEW_ROWS = 0.25
+# Rows of means along paths that wait until they are taken from one matrix together: it is copied and changed once for all.
+_WAITING_ROWS = 32
 # Weights above which no matrix of all of them is made; with 6,000 and all directions measured the matrix takes a third of the time a ping.
 _LARGE = 7000
 
@@ -83,7 +87,7 @@ def select_representation(posterior: Posterior) -> Posterior:
             else posterior
         )
     assert isinstance(posterior, ObservationSpacePosterior)
-    if isinstance(posterior.prior, FullCovariancePrior):
+    if is_matrix(posterior.prior):
         return to_full_covariance(posterior) if posterior.n_rows > _MERGE_ROWS else posterior
     n, many = posterior.n, posterior.n_rows > _MANY * posterior.n_weights
     # powers of two, because counting costs about as much as an update
@@ -98,14 +102,12 @@ def select_representation(posterior: Posterior) -> Posterior:
 
 def full_covariance_of(posterior: Posterior) -> FullCovariancePrior:
     """Return the posterior as a Gaussian with one covariance matrix."""
-    if isinstance(posterior, ObservationSpacePosterior) and isinstance(
-        posterior.prior, FullCovariancePrior
-    ):
-        return (
-            posterior.prior.downdate(posterior.mean, posterior.whitened_cross())
-            if posterior.n
-            else posterior.prior
-        )
+    if isinstance(posterior, ObservationSpacePosterior):
+        matrix = one_matrix(posterior.prior)
+        if matrix is not None and posterior.n:
+            return matrix.downdate(posterior.mean, posterior.whitened_cross())
+        if matrix is not None:
+            return matrix
     return full_covariance_prior(posterior.mean, posterior.covariance(), posterior.n_levels)
 
 
@@ -165,11 +167,14 @@ class RowsTaken:
 
 def rows_taken(posterior: Posterior) -> RowsTaken:
     """Return the posterior as a prior and rows; few rows are taken from a prior that stays in parts, many from one matrix."""
-    if isinstance(posterior, ObservationSpacePosterior) and not isinstance(
-        posterior.prior, FullCovariancePrior
-    ):
-        prior = as_conditioned(posterior.prior, posterior.n_levels)
-        if len(prior.gain) + posterior.n_rows <= _FEW_ROWS * posterior.n_weights:
+    if isinstance(posterior, ObservationSpacePosterior):
+        prior, most = (
+            as_conditioned(posterior.prior, posterior.n_levels),
+            _FEW_ROWS * posterior.n_weights,
+        )
+        if is_matrix(prior):
+            most = -1 if posterior.n else _WAITING_ROWS
+        if len(prior.gain) + posterior.n_rows <= most:
             bias_sensitivity = posterior.prior_bias_sensitivity
             if not posterior.n:
                 none = np.empty((0, posterior.n_weights))

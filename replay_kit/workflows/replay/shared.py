@@ -30,6 +30,8 @@ from replay_kit.workflows.replay.stages.estimation import (
 
 #: Events that wait at most: a log may hold positions and nothing else.
 BUFFERED = 4096
+# Mean currents of several vehicles that are assimilated together, where the estimator takes blocks.
+_MEANS_TOGETHER = 4
 
 Input = VehicleState | Measurement
 
@@ -185,7 +187,9 @@ class SharedEstimate:
         block = self.vehicles[number].estimator.block_size
         # after values at many places the state has a covariance of its own, tens of megabytes: of a block all states are held
         large = isinstance(event, LinearMeasurement) and not event.at_one_place
-        self._n_observations += block if large else isinstance(event, Measurement)
+        # each block asks all vehicles
+        whole = max(block // _MEANS_TOGETHER, 1) if self.is_pooled else block
+        self._n_observations += whole if large else isinstance(event, Measurement)
         if self._n_observations >= block or len(self._buffer) == BUFFERED:
             self.assimilate()
 
