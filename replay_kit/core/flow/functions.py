@@ -87,6 +87,15 @@ class HorizontalFunctions(Protocol):
             latent: shape (size, k).
         """
 
+    def sums(self, points: Array, weights: Array, *latents: Array) -> list[Array]:
+        """Return weighted sums over points of the velocities of each latent, shape (2, m, k): without those at the points.
+
+        Args:
+            points: shape (P, 2) [m], east and north.
+            weights: shape (m, P).
+            latents: Each of shape (size, k).
+        """
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NodeKernel:
@@ -115,6 +124,11 @@ class NodeKernel:
         return np.asarray(
             (velocity_kernel(self.kernel, points, self.nodes) @ latent).reshape(2, len(points), -1)
         )
+
+    def sums(self, points: Array, weights: Array, *latents: Array) -> list[Array]:
+        """Return weighted sums over points, as ``HorizontalFunctions`` has them."""
+        design = velocity_kernel(self.kernel, points, self.nodes).reshape(2, len(points), -1)
+        return [weights @ design @ latent for latent in latents]
 
 
 @dataclass(frozen=True, slots=True)

@@ -96,6 +96,17 @@ class StreamFunctionLattice:
             out[:, tile.points] = (tile.design.reshape(2 * n, -1) @ part).reshape(2, n, k)
         return out
 
+    def sums(self, points: Array, weights: Array, *latents: Array) -> list[Array]:
+        """Return weighted sums over points, as ``HorizontalFunctions`` has them."""
+        out = [np.zeros((2 * len(weights), latent.shape[1])) for latent in latents]
+        for tile in self.tiles(points):
+            of_points = tile.design.reshape(2, tile.points.size, -1)
+            design = np.matmul(weights[:, tile.points], of_points).reshape(2 * len(weights), -1)
+            for whole, latent in zip(out, latents, strict=True):
+                near = latent.reshape(*self.shape, -1)[tile.east, tile.north]
+                whole += design @ near.reshape(design.shape[1], -1)
+        return [whole.reshape(2, len(weights), -1) for whole in out]
+
     def velocity_of_each(
         self, points: Array, flows: NDArray[np.intp], parts: Sequence[tuple[Array, Array]]
     ) -> Array:

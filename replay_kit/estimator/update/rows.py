@@ -120,12 +120,15 @@ def measurement_rows(
         return ProfileRows(stack.y.ravel(), stack, r, components @ modes)
     assert weights is not None, "each value is a sum over places"
     places = places_of(observation, projection)
-    at_levels = weights[used, :, None] * at_points  # (n, P, Z)
-    offsets = basis.horizontal.velocity(places, basis.offset)
-    known = np.einsum("npz,dpz,cd->nc", at_levels, offsets, components)
-    modes = basis.horizontal.velocity(places, basis.modes)  # (2, P, r)
-    of_values = np.stack([each.T @ modes for each in at_levels])  # (n, 2, Z, r)
-    design = np.einsum("kn,cd,ndzr->ckzr", noise.whiten, components, of_values, optimize=True)
+    n, levels = used.size, np.arange(at_points.shape[1])
+    at_levels = (weights[used, :, None] * at_points).swapaxes(1, 2).reshape(n * levels.size, -1)
+    offsets, modes = (
+        each.reshape(2, n, levels.size, -1)
+        for each in basis.horizontal.sums(places, at_levels, basis.offset, basis.modes)
+    )
+    known = offsets[:, :, levels, levels].sum(axis=-1).T @ components.T
+    along = np.tensordot(components, modes, axes=1)  # (c, n, Z, r)
+    design = np.tensordot(noise.whiten, along, axes=(1, 1)).swapaxes(0, 1)
     each, left = np.eye(len(noise.whiten)), (values - known, components)
     stack = stack_of_one(observation, used, left, (noise, each, each), basis.grid)
     return PathRows(stack.y.ravel(), stack, design.reshape(-1, *design.shape[2:]))
