@@ -13,8 +13,14 @@ from replay_kit.core.observation import PathMean, Reason, Source
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.prior.amplitude import hybrid_parts
-from replay_kit.estimator.prior.conditioned import ConditionedPrior
-from replay_kit.estimator.update.representation import inflated, predict, prefetch, taken_in_all
+from replay_kit.estimator.prior.conditioned import ConditionedPrior, FullCovariancePrior
+from replay_kit.estimator.update.representation import (
+    inflated,
+    predict,
+    prefetch,
+    taken_in_all,
+    to_full_covariance,
+)
 from tests import synthetic
 from tests.estimator.runs import assert_static
 from tests.reference import estimator as slow
@@ -119,7 +125,8 @@ def test_a_static_estimate_takes_a_mean_as_the_textbook_does(n_profiles):
     assert np.trace(further.posterior.covariance()) < np.trace(after.posterior.covariance())
 
 
-def test_profiles_and_means_in_any_order_are_one_prior_and_all_rows():
+@pytest.mark.parametrize("in_one_matrix", [False, True])
+def test_profiles_and_means_in_any_order_are_one_prior_and_all_rows(in_one_matrix):
     """Mean, profile, mean, with a covariance that was inflated between them: textbook, and the factors that a file keeps."""
     estimator = build_estimator(SMALL, CONFIG)
     posterior, (profile,) = (
@@ -127,7 +134,10 @@ def test_profiles_and_means_in_any_order_are_one_prior_and_all_rows():
         synthetic.random_profiles(SMALL.grid, 1, seed=5, speed=0.05),
     )
     mean, cov = posterior.mean, posterior.covariance()
-    for path in (dive(1), None, dive(2)):
+    # rows wait until there are enough to be taken from one matrix together
+    many = [dive(k) for k in range(3, 22)] if in_one_matrix else []
+    posterior = to_full_covariance(posterior) if in_one_matrix else posterior
+    for path in (dive(1), None, dive(2), *many):
         rows = estimator.rows(path or profile, np.arange(2) if path is None else ONLY)
         predicted = predict(posterior, rows, prefetch(posterior, [rows]))
         innovation = np.column_stack([rows.y, np.zeros((rows.y.size, 3))]) - predicted.means
@@ -142,6 +152,10 @@ def test_profiles_and_means_in_any_order_are_one_prior_and_all_rows():
     assert isinstance(posterior.prior, ConditionedPrior)
     np.testing.assert_allclose(posterior.mean, mean, atol=1e-9 * np.abs(mean).max())
     np.testing.assert_allclose(posterior.covariance(), cov, atol=1e-9 * np.abs(cov).max())
+    if in_one_matrix:
+        assert isinstance(posterior.prior.before, FullCovariancePrior)
+        assert 0 < len(posterior.prior.gain) < 2 * len(many)
+        return
     taken = taken_in_all(posterior.prior, *posterior.taken(99), 99)
     kept = CovarianceFactors(hybrid_parts(posterior.prior.before), *taken)
     np.testing.assert_allclose(kept(None), cov, atol=1e-9 * np.abs(cov).max())

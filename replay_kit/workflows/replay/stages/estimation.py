@@ -230,7 +230,7 @@ def _in_turn(
         grouping = vehicles[number].estimator.grouping
         found, waiting[number] = grouped(grouping, waiting[number], of_vehicle)
         released(number, found)
-        (holding.add if waiting[number] else holding.discard)(number)
+        holding = holding | {number} if waiting[number] else holding - {number}
     if last:
         for number, left in enumerate(waiting):
             released(number, _closed(left))
