@@ -165,9 +165,9 @@ def advected(
     ):
         own = through_water if k < tracks[0].surfaced else np.zeros_like(places)
         here, step, now = flown[k], after - before, starts_ns + int(before * NS_PER_S)
-        middle = here + 0.5 * step * (own + field.velocity(*here.T, upper, now))
+        middle = here + 0.5 * step * (own + field.velocity(here[:, 0], here[:, 1], upper, now))
         at_middle = field.velocity(
-            *middle.T, 0.5 * (upper + lower), now + int(0.5 * step * NS_PER_S)
+            middle[:, 0], middle[:, 1], 0.5 * (upper + lower), now + int(0.5 * step * NS_PER_S)
         )
         flown[k + 1] = here + step * (own + at_middle)
         if not np.isfinite(flown[k + 1]).all():
