@@ -143,9 +143,11 @@ def unpacking(size: int = 0, threads: int = 0) -> Iterator[None]:
     lasts = 0.0
     try:
         yield
-    except (MemoryError, RuntimeError):
+    except (MemoryError, RuntimeError) as error:
         # also of a thread for which there was no room: so that others, which nothing stops, end by the limit too
         lasts = _LINGERS if threads else 0.0
+        if "start new thread" in str(error):
+            raise MemoryError("it needs more memory than its size allows") from error
         raise
     finally:
         if lasts:
