@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
@@ -17,9 +18,11 @@ from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig, ForecastConfig, load_config
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import Label, Source
+from replay_kit.core.observation import Label, Observation, Source
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble, read_truth
+from replay_kit.logs import merge, open_logs
+from replay_kit.measurements.interpret import events_of
 from replay_kit.measurements.section.hydrography import Section
 from replay_kit.measurements.section.lines import COMPLETE, LEAST, measurement
 from replay_kit.measurements.section.thermal_wind import (
@@ -54,7 +57,7 @@ def shears(sea: Sea, line: Line) -> Iterator[tuple[Section, GeostrophicShear, sl
             continue
         whole = section(sea, line, slice(before, end))
         numbers = np.arange(begun - before, end - before)
-        yield whole, window_shear(fitted_line(whole, sea.speed), numbers, at_end=True)[0], part
+        yield whole, window_shear(fitted_line(whole, sea.speed), numbers), part
         before, begun = begun, end
 
 
@@ -97,9 +100,9 @@ def shear_row(name: str, seas: Sequence[Sea], lines: int, length: float) -> Row:
                 state, _ = sea.estimator.step(state, mean)
             alone = profile_errors(sea.estimator.flow(state), line)
             for whole, shear, part in shears(sea, line):
-                radius = shear.rossby_radius
+                radius = regime_of(whole, sea.speed).rossby_radius
                 # of a shorter one nothing is stated
-                if shear.baseline >= LEAST * radius:
+                if np.ptp(line.along[part]) >= LEAST * radius:
                     found.append(judged(line, whole, shear, part))
                     source = Source(0, "/ctd", 0, int(line.seconds[-1] * _NS))
                     given = measurement(shear, whole, Label(0, source, kind="shear"))
@@ -148,6 +151,35 @@ def month_row(days: int, n: int) -> Row:
         return alone(work)
 
 
+def withheld_row(least: float) -> Row:
+    """Five real dives whose ADCP is withheld: how well their profiles are known, with the CTD and without.
+
+    Args:
+        least: Shortest line that tells of the shear [Rossby radii].
+    """
+    began, paths = time.process_time(), tuple(sorted((DATA / "seaglider").glob("p17101*.nc")))
+    events = events_of(merge(open_logs(paths), 1.0), load_config(None).measurements)
+    seen = [each for some in events for each in some if isinstance(each, Observation)]
+    figures: dict[str, float] = {}
+    for name, without in (("mean currents", ["profiles", "shear"]), ("and CTD", ["profiles"])):
+        own = {"forecast": {"place": True}, "measurements": {"without": without}}
+        job = ReplayJob(paths, DATA / "qg" / "climatology.nc")
+        with patch("replay_kit.measurements.section.lines.LEAST", least):
+            summary, flow = replay(job, load_config(None, own))
+        off = []
+        for each in seen:
+            found = flow.velocity_at(each.longitude, each.latitude, each.depth)
+            error = np.column_stack([found.u, found.v]) - each.velocity
+            error = error[np.isfinite(error).all(axis=1)]
+            off.append(error - error.mean(axis=0))
+        figures[f"profile error about the depth mean [m/s], {name}"] = float(
+            np.sqrt(np.mean(np.concatenate(off) ** 2))
+        )
+        figures[f"shears, {name}"] = float(sum(each.used for each in summary.sources))
+    title = f"Seaglider without its ADCP, lines of {least:g} Rossby radii and more"
+    return row(title, time.process_time() - began, error=figures)
+
+
 def primitive(lines: int) -> list[Row]:
     """Return the rows of the geostrophic part of a current of the primitive equations: what is not geostrophic is in the truth as error."""
     folder = DATA / "natl_nemo"
@@ -172,6 +204,8 @@ def rows(tiny: bool) -> list[Row]:
         "qg, prior of a forecast of 8 days": quasi_geostrophic((1, 7, 25), False),
     }
     shear = [
-        shear_row(name, of_name, 8, length) for name, of_name in seas.items() for length in _LENGTHS
+        shear_row(name, of_name, 16, length)
+        for name, of_name in seas.items()
+        for length in _LENGTHS
     ]
-    return [*shear, *primitive(24), *surface]
+    return [*shear, *primitive(48), withheld_row(LEAST), withheld_row(0.0), *surface]

@@ -31,7 +31,6 @@ from tests.places import DATA
 _NS, _DAY = 1e9, 86_400.0
 _SPACING, _SPEED = 2200.0, 0.28  # m between profiles, m/s over the ground
 _MEAN_STD = 0.02
-_OVER_GM = 2.5  # of the prior's size
 _PRIOR_LEAD, _LEADS = 8.0, (6.0, 8.0, 10.0, 12.0)
 # members that are copies of each other
 _COPIES = {3: 4, 4: 3, 38: 45, 45: 38}
@@ -191,7 +190,7 @@ def _stratification(levels: Array) -> Array:
 def _waves(levels: Array, seconds: Array, coriolis: float, rng: np.random.Generator) -> Array:
     """Return the geopotential of internal waves in each profile, shape (n, Z) [m2/s2], forgotten within 0.4/f."""
     matrix = geopotential_matrix(levels)
-    covariance = garrett_munk(levels, _stratification(levels), matrix) / _OVER_GM
+    covariance = garrett_munk(levels, _stratification(levels), matrix)
     root = np.linalg.cholesky(covariance + 1e-8 * np.eye(levels.size))
     found = rng.standard_normal((seconds.size, levels.size)) @ root.T
     for k, kept in enumerate(np.exp(-abs(coriolis) / 0.4 * np.diff(seconds)), 1):

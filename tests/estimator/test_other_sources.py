@@ -13,6 +13,7 @@ from replay_kit.core.observation import Flag, Label, LinearMeasurement, Source
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.measurements.messages.water import DrifterFix, RadarCurrents
+from replay_kit.measurements.section.hydrography import section_of
 from replay_kit.measurements.section.lines import measurement
 from replay_kit.measurements.section.thermal_wind import GeostrophicShear
 from replay_kit.measurements.surface.drifters import Errors, displacement
@@ -29,13 +30,11 @@ HOUR_NS = 3600 * 10**9
 
 
 def shear(rng):
-    from replay_kit.measurements.section import section_of
-
     levels = np.arange(10.0, 400.0, 10.0)
     modes = np.exp(-np.outer(levels, [1 / 100, 1 / 300])) * 0.05
     covariance = modes @ modes.T + 1e-4 * np.eye(levels.size)
     velocity = 0.05 * rng.standard_normal(levels.size)
-    found = GeostrophicShear(levels, velocity, covariance, 0.0, 0.7, 0, 9, 4e4, 3e4)
+    found = GeostrophicShear(levels, velocity, covariance, 0.0, 0.7)
     at = Source(0, "/ctd", 1, HOUR_NS)
     made = measurement(found, section_of(line()), Label(0, at, kind="shear"))
     # the line of the other test lies elsewhere

@@ -78,20 +78,6 @@ class Section:
         """Coriolis parameter [1/s]; negative in the south."""
         return float(gsw.f(self.latitude))
 
-    def part(self, chosen: NDArray[np.int64]) -> "Section":
-        """Return the section of some of its profiles, by their numbers; places stay those of the whole line."""
-        return Section(
-            self.levels,
-            self.along[chosen],
-            self.time[chosen],
-            self.anomaly[chosen],
-            self.n2,
-            self.latitude,
-            self.longitude,
-            self.time_ns,
-            self.direction,
-        )
-
 
 def section_of(profiles: Sequence[Profile], spacing: float = 10.0) -> Section:
     """Return profiles as a section: on common levels, without extrapolation, and with the slant of a glider's way taken out.

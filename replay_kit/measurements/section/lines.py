@@ -145,7 +145,7 @@ def close(line: SectionLine, at: Surfacing) -> tuple[SectionLine, list[Outcome]]
     whole = _section((*line.earlier, *line.profiles)) or section
     begun_s = (int(line.profiles[0].time_ns.mean()) - whole.time_ns) * 1e-9
     part = np.flatnonzero(whole.time >= begun_s - 1.0)
-    shear, _ = window_shear(fitted_line(whole, at.speed), part, at_end=True)
+    shear = window_shear(fitted_line(whole, at.speed), part)
     doubt = LAG if 4 * line.lagging > len(line.profiles) else ""
     assert line.source is not None, "it has profiles"
     label = Label(at.dive, replace(line.source, time_ns=at.time_ns), kind="shear", doubt=doubt)

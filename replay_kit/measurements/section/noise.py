@@ -1,15 +1,17 @@
 """Internal waves and mesoscale signal in profiles of geopotential, fitted to a line by their likelihood.
 
 Each vertical mode k of the geopotential has the covariance s2 (R + q K) between profiles: R of internal waves and the semidiurnal tide in
-time, K of the signal in place and time. No single fit is trusted: covariances are averaged over their posterior on a grid of settings.
+time, K of the signal in place and time. No single fit is trusted: covariances are averaged over their posterior on a grid of settings. The
+waves of all modes have one level over Garrett and Munk's, from which a mode differs by as much as all of them show.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.special import gammaln
 
 from replay_kit.core.arrays import Array
 from replay_kit.measurements.section.hydrography import GRAVITY, RHO0
@@ -23,8 +25,9 @@ _WHITE = 0.1
 # The signal's time is this many times its length over the speed of the region, between a day and twenty [s]: geopotential of
 # quasi-geostrophic forecasts changes by 0.4 of its size in two days where currents have 0.21 m/s and lengths of 40 km.
 _TURNOVER, _SHORTEST, _LONGEST = 2.5, 86_400.0, 20.0 * 86_400.0
-# Prior counts of the waves' variance, its size over Garrett and Munk's, and counts of the modes' covariance.
-_COUNTS, _OVER_GM, _MODE_COUNTS = 2.2, 2.5, 60.0
+# Level of a line's waves over Garrett and Munk's, spread of its logarithm, prior counts of a mode's variance about it; and counts of the
+# modes' covariance.
+_LEVELS, _SPREAD, _COUNTS, _MODE_COUNTS = 2.0 ** np.arange(-2, 5), 1.0, (2.2, 5.0, 12.0, 30.0), 60.0
 # Median speed of all modes [m/s], and the spread of its logarithm.
 _SPEED, _SPEED_SPREAD = 0.05, 1.3
 _MODES, _WAVE_MODES = 10, 30
@@ -115,7 +118,7 @@ def garrett_munk(levels: Array, n2: Array, to_geopotential: Array) -> Array:
     displacement = np.minimum(7.3 * np.sqrt(5.24e-3 / n), 40.0)
     volume = -n2 * displacement / (GRAVITY * RHO0)
     waves = to_geopotential @ (volume[:, None] * shapes)
-    return np.asarray(_OVER_GM * waves @ waves.T)
+    return np.asarray(waves @ waves.T)
 
 
 def fit(geopotential: Array, along: Array, time: Array, waves: Array, regime: Regime) -> Statistics:
@@ -125,47 +128,74 @@ def fit(geopotential: Array, along: Array, time: Array, waves: Array, regime: Re
         geopotential: shape (n, Z) [m2/s2], of the profiles.
         along: shape (n,) [m].
         time: shape (n,) [s].
-        waves: shape (Z, Z) [m4/s4], prior covariance of the internal waves.
+        waves: shape (Z, Z) [m4/s4], covariance of internal waves as Garrett and Munk describe them.
         regime: Of the region.
     """
     n = along.size
     modes = _vertical_modes(geopotential, along, waves)
     values = (geopotential - geopotential.mean(axis=0)) @ modes
-    prior = np.einsum("zk,zy,yk->k", modes, waves, modes)
-    logs, noises, parts = [], [], []
+    usual = np.einsum("zk,zy,yk->k", modes, waves, modes)
     trend = np.stack([np.ones(n), along - along.mean()], axis=1)
-    for noise, kernel, ratio, log_weight in _settings(along, time, regime):
-        log_evidence, variance = _evidence(
-            noise + ratio * kernel.covariance(along, time), trend, values, prior
-        )
-        flow = np.sqrt(ratio * variance) / (abs(regime.coriolis) * kernel.length)
-        # modes are orthonormal over the levels: their squares sum up over these
-        usual = _SPEED * np.sqrt(prior / prior.sum() * geopotential.shape[1])
-        logs.append(log_evidence + log_weight - 0.5 * (np.log(flow / usual) / _SPEED_SPREAD) ** 2)
-        noises.append((noise, variance))
-        parts.append((kernel, ratio * variance))
-    log = np.array(logs)
-    weight = np.exp(log - log.max(axis=0))
-    weight /= weight.sum(axis=0)
-    mean_noise = sum((w * v)[:, None, None] * r for w, (r, v) in zip(weight, noises, strict=True))
-    lengths = dict.fromkeys((kernel.length, kernel.time) for kernel, _ in parts)
-    kernels = tuple(
-        Kernel(
-            length,
-            lasting,
-            np.asarray(
-                sum(
-                    w * a
-                    for w, (kernel, a) in zip(weight, parts, strict=True)
-                    if kernel.length == length
-                )
-            ),
-        )
-        for length, lasting in lengths
+    settings = list(_settings(along, time, regime))
+    misfits = [
+        _misfit(noise + ratio * kernel.covariance(along, time), trend, values)
+        for noise, kernel, ratio, _ in settings
+    ]
+    # modes are orthonormal over the levels: their squares sum up over these
+    speed = _SPEED * np.sqrt(usual / usual.sum() * geopotential.shape[1]) * abs(regime.coriolis)
+    to_flow = [np.sqrt(ratio) / kernel.length / speed for _, kernel, ratio, _ in settings]
+    weights = np.array([each[-1] for each in settings])
+    variances = _variances(misfits, np.array(to_flow), weights, usual, n - 2)
+    mean_noise = sum(
+        own[:, None, None] * noise for own, (noise, *_) in zip(variances, settings, strict=True)
     )
+    signal = dict[tuple[float, float], Array]()
+    for own, (_, kernel, ratio, _) in zip(variances, settings, strict=True):
+        scales = kernel.length, kernel.time
+        signal[scales] = signal.get(scales, 0.0) + ratio * own
+    kernels = tuple(Kernel(*scales, amplitude) for scales, amplitude in signal.items())
     inside = (geopotential - geopotential.mean(axis=0)) - values @ modes.T
     outside = float((inside**2).sum() / max(n - 2, 1) / geopotential.shape[1])
     return Statistics(modes, np.asarray(mean_noise), kernels, outside)
+
+
+def _variances(
+    misfits: Sequence[tuple[Array, float]],
+    to_flow: Array,
+    weights: Array,
+    usual: Array,
+    free: int,
+) -> Array:
+    """Return the mean variance of the waves in each mode times the probability of each setting, shape (s, k).
+
+    A mode's variance has an inverse-gamma prior about a common level of the waves times ``usual``; how many counts it has, and the level,
+    are what all modes together make likely: a few profiles do not tell of one mode what all of them tell.
+
+    Args:
+        misfits: Of each setting and mode, and the log determinants, as of ``_misfit``.
+        to_flow: shape (s, k), takes the square root of a variance to the speed of the signal in units of what is usual.
+        weights: shape (s,), log prior weights.
+        usual: shape (k,), variance of the waves at level 1.
+        free: Degrees of freedom of a mode's values.
+    """
+    misfit, log_det = (
+        np.array([each for each, _ in misfits]),
+        np.array([each for _, each in misfits]),
+    )
+    known, logs, found = (weights - 0.5 * log_det)[:, None], [], []
+    for level, counts in product(_LEVELS.tolist(), _COUNTS):
+        scale, half = counts * level * usual, 0.5 * (counts + free)
+        variance = (scale + misfit) / (2.0 * half - 2.0)
+        unusual = (np.log(to_flow) + 0.5 * np.log(variance)) / _SPEED_SPREAD
+        log = known - half * np.log(scale + misfit) - 0.5 * unusual**2
+        log = log + 0.5 * counts * np.log(scale) + gammaln(half) - gammaln(0.5 * counts)
+        largest = log.max(axis=0)
+        share = np.exp(log - largest)
+        total = share.sum(axis=0)
+        logs.append(float((largest + np.log(total)).sum()) - 0.5 * (np.log(level) / _SPREAD) ** 2)
+        found.append(share / total * variance)
+    probability = np.exp(np.array(logs) - max(logs))
+    return np.tensordot(probability / probability.sum(), np.array(found), 1)
 
 
 def rossby_radius(levels: Array, n2: Array, coriolis: float, bottom: float) -> float:
@@ -223,16 +253,15 @@ def _settings(
                 yield noise, Kernel(length, lasting, nothing), ratio, log_weight
 
 
-def _evidence(covariance: Array, trend: Array, values: Array, prior: Array) -> tuple[Array, Array]:
-    """Return the restricted log likelihood of each mode, and the posterior mean of its variance, shapes (k,).
+def _misfit(covariance: Array, trend: Array, values: Array) -> tuple[Array, float]:
+    """Return the weighted squares of values beside a trend, shape (k,), and the log determinants of the restricted likelihood.
 
     Args:
         covariance: shape (n, n), but for the variance.
         trend: shape (n, 2), what is fitted beside it.
         values: shape (n, k).
-        prior: shape (k,), prior variance of the noise.
 
-    Source: Patterson and Thompson (1971), with an inverse-gamma prior of the variance integrated out.
+    Source: Patterson and Thompson (1971).
     """
     n = values.shape[0]
     factor = cho_factor(covariance + 1e-10 * np.trace(covariance) / n * np.eye(n), lower=True)
@@ -243,7 +272,5 @@ def _evidence(covariance: Array, trend: Array, values: Array, prior: Array) -> t
     misfit = np.einsum("nk,nk->k", values, of_values) - np.einsum(
         "ka,ab,kb->k", left, np.linalg.inv(normal), left
     )
-    counts = _COUNTS + n - 2
-    total = _COUNTS * prior + np.maximum(misfit, 0.0)
     log_determinants = 2.0 * np.log(np.diag(factor[0])).sum() + np.linalg.slogdet(normal)[1]
-    return -0.5 * (log_determinants + counts * np.log(total)), total / (counts - 2.0)
+    return np.maximum(misfit, 0.0), float(log_determinants)

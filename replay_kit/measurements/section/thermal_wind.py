@@ -18,8 +18,8 @@ from replay_kit.measurements.section.noise import Regime, Statistics
 
 #: Degrees from the equator, within which there is no geostrophic balance to use.
 EQUATOR = 5.0
-_LEAST_PROFILES, _MOST_WINDOWS = 4, 8
-# Depth of the water where it is not known [m].
+_LEAST_PROFILES = 4
+# Depth of the water, which is not known [m].
 _BOTTOM = 4000.0
 # Least share of the shear that is not geostrophic, and the error that always stays [m/s].
 _AGEOSTROPHIC, _FLOOR = 0.05, 0.003
@@ -39,10 +39,6 @@ class GeostrophicShear:
         covariance: shape (Z, Z) [m2/s2], of its error.
         along: Place of the current on the line [m].
         direction: In which it flows where it is positive, counter-clockwise from east [rad].
-        time_ns: [ns, UTC].
-        profiles: How many it comes from.
-        baseline: From the first of them to the last [m].
-        rossby_radius: First baroclinic [m].
     """
 
     levels: Array
@@ -50,10 +46,6 @@ class GeostrophicShear:
     covariance: Array
     along: float
     direction: float
-    time_ns: int
-    profiles: int
-    baseline: float
-    rossby_radius: float
 
     @property
     def standard_error(self) -> Array:
@@ -78,31 +70,12 @@ class FittedLine:
     regime: Regime
 
 
-def geostrophic_shear(
-    section: Section, speed: float, bottom: float | None = None
-) -> tuple[GeostrophicShear, ...]:
-    """Return the geostrophic shear of a line, in as many windows of it as leave the least expected error.
+def regime_of(section: Section, speed: float) -> Regime:
+    """Return the scales of a line's region.
 
     Args:
         section: The line.
         speed: Rms speed of the region's currents over the levels [m/s], such as of an ensemble.
-        bottom: Depth of the water [m]; None for 4000 m.
-
-    Raises:
-        MeasurementError: The line is too near the equator, or has too few profiles.
-    """
-    line, order = fitted_line(section, speed, bottom), np.argsort(section.along, kind="stable")
-    most = min(_MOST_WINDOWS, order.size // _LEAST_PROFILES)
-    candidates = [
-        [window_shear(line, part) for part in np.array_split(order, count)]
-        for count in range(1, most + 1)
-    ]
-    best = min(candidates, key=lambda found: float(np.mean([error for _, error in found])))
-    return tuple(shear for shear, _ in best)
-
-
-def regime_of(section: Section, speed: float, bottom: float | None = None) -> Regime:
-    """Return the scales of a line's region; the arguments are those of ``geostrophic_shear``.
 
     Raises:
         MeasurementError: The line is too near the equator.
@@ -111,14 +84,17 @@ def regime_of(section: Section, speed: float, bottom: float | None = None) -> Re
         raise MeasurementError(
             f"geostrophic shear: expected a latitude of at least {EQUATOR:g} degrees, got {section.latitude:.2f}"
         )
-    depth = _BOTTOM if bottom is None else bottom
-    radius = noise.rossby_radius(section.levels, section.n2, section.coriolis, depth)
+    radius = noise.rossby_radius(section.levels, section.n2, section.coriolis, _BOTTOM)
     return Regime(section.coriolis, radius, speed)
 
 
-def fitted_line(section: Section, speed: float, bottom: float | None = None) -> FittedLine:
-    """Return a line with its statistics; arguments and errors are those of ``geostrophic_shear``."""
-    regime, n = regime_of(section, speed, bottom), section.along.size
+def fitted_line(section: Section, speed: float) -> FittedLine:
+    """Return a line with its statistics; the arguments are those of ``regime_of``.
+
+    Raises:
+        MeasurementError: The line is too near the equator, or has too few profiles.
+    """
+    regime, n = regime_of(section, speed), section.along.size
     if n < _LEAST_PROFILES:
         raise MeasurementError(
             f"geostrophic shear: expected at least {_LEAST_PROFILES} profiles, got {n}"
@@ -168,47 +144,25 @@ def place_of(along: Array, weights: Array) -> float:
     return float((kernel * middles).sum() / kernel.sum())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Window:
-    """Some profiles of a line, and how they give the slope.
-
-    Attributes:
-        along: shape (n,) [m].
-        time: shape (n,) [s], from the time that the shear is for.
-        weights: shape (n,) [1/m].
-        at: Place that the shear is for [m].
-    """
-
-    along: Array
-    time: Array
-    weights: Array
-    at: float
-
-
-def window_shear(
-    line: FittedLine, part: NDArray[np.int64], at_end: bool = False
-) -> tuple[GeostrophicShear, float]:
-    """Return the shear of some profiles of a line, and its expected variance over all modes [m2/s2].
+def window_shear(line: FittedLine, part: NDArray[np.int64]) -> GeostrophicShear:
+    """Return the shear of some profiles of a line at the time of the last of them.
 
     Args:
         line: With its statistics.
         part: Numbers of the profiles.
-        at_end: Whether the shear is for the time of the last of them, with the error that this adds; else for their mean time.
     """
     section, regime, fitted = line.section, line.regime, line.statistics
-    along, time, f = section.along[part], section.time[part], regime.coriolis
+    along, f = section.along[part], regime.coriolis
     of_modes = fitted.noise[:, part[:, None], part]
     weights = slope_weights(along, of_modes.sum(axis=0))
-    now = float(time.max() if at_end else time.mean())
-    window = _Window(along, time - now, weights, place_of(along, weights))
+    at = place_of(along, weights)
     velocity = weights @ line.geopotential[part] / f
     variance = np.einsum("i,kij,j->k", weights, of_modes, weights)
-    variance = variance + _curvature(line, window, _rms(velocity))
-    baseline = float(along.max() - along.min())
+    variance = variance + _curvature(line, part, weights, at, _rms(velocity))
     modes = fitted.modes / f
     rossby = float(np.hypot(_rms(velocity), regime.speed)) / (abs(f) * 1.6 * regime.rossby_radius)
     beside = max(_AGEOSTROPHIC, rossby) * velocity
-    drifted = _salinity_drift(section.levels) / (baseline * f)
+    drifted = _salinity_drift(section.levels) / (float(np.ptp(along)) * f)
     unresolved = fitted.outside * float(weights @ weights) / f**2 + _FLOOR**2
     covariance = (
         modes * variance @ modes.T
@@ -216,20 +170,8 @@ def window_shear(
         + np.outer(drifted, drifted)
         + unresolved * np.eye(section.levels.size)
     )
-    return (
-        GeostrophicShear(
-            section.levels,
-            velocity,
-            covariance,
-            window.at,
-            section.direction + 0.5 * np.pi,
-            section.time_ns + int(now * 1e9),
-            part.size,
-            baseline,
-            regime.rossby_radius,
-        ),
-        float(variance.sum()) / f**2,
-    )
+    direction = section.direction + 0.5 * np.pi
+    return GeostrophicShear(section.levels, velocity, covariance, at, direction)
 
 
 def _salinity_drift(levels: Array) -> Array:
@@ -238,12 +180,15 @@ def _salinity_drift(levels: Array) -> Array:
     return np.asarray(geopotential_matrix(levels) @ np.full(levels.size, volume))
 
 
-def _curvature(line: FittedLine, window: _Window, found: float) -> Array:
-    """Return by mode the variance of the slope seen by a window minus the slope at its place and time, shape (k,) [1/s4].
+def _curvature(
+    line: FittedLine, part: NDArray[np.int64], weights: Array, at: float, found: float
+) -> Array:
+    """Return by mode the variance of the slope seen by profiles minus that at a place at the last one's time, shape (k,) [1/s4].
 
     One line knows its own slope alone: the size of the signal is blended from the shear ``found`` on it [m/s] and the region's speed.
     """
     section, fitted, regime = line.section, line.statistics, line.regime
+    along, time = section.along[part], section.time[part] - section.time[part].max()
     amplitudes = np.array([kernel.amplitude for kernel in fitted.kernels])
     lengths = np.array([kernel.length for kernel in fitted.kernels])
     # modes are orthonormal over the levels: of a level it is the mean
@@ -252,10 +197,10 @@ def _curvature(line: FittedLine, window: _Window, found: float) -> Array:
     length = float(section.along.max() - section.along.min())
     known = max(0.5, length / (_LINE * float(lengths.mean())))
     blended = (known * found**2 + (_REGIONAL * regime.speed) ** 2) / (known + 1.0)
-    total, weights = np.zeros(amplitudes.shape[1]), window.weights
+    total = np.zeros(amplitudes.shape[1])
     for kernel, amplitude in zip(fitted.kernels, amplitudes, strict=True):
-        seen = weights @ kernel.covariance(window.along, window.time) @ weights
-        both = weights @ kernel.with_slope(window.along, window.time, window.at)
+        seen = weights @ kernel.covariance(along, time) @ weights
+        both = weights @ kernel.with_slope(along, time, at)
         total += amplitude * (seen - 2.0 * both + 1.0 / kernel.length**2)
     return total * (blended / fitted_size)
 

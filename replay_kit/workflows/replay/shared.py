@@ -273,5 +273,7 @@ class SharedEstimate:
 
 
 def _light(event: Measurement) -> Measurement:
-    """Return a measurement without what only its checks needed."""
+    """Return a measurement without what only its checks, or a result, needed."""
+    if isinstance(event, LinearMeasurement):
+        return replace(event, label=replace(event.label, vectors=None))
     return replace(event, raw=NO_RAW_VALUES) if isinstance(event, Observation) else event
