@@ -100,7 +100,7 @@ def _run_task(
     }
     for name, command in job.programs.items():
         makers[name] = lambda command=command: Program(command, job.seconds)  # type: ignore[misc]
-    baseline = [LastDive.answer(last, each) for last in [LastDive()] for each in asked]
+    baseline = list(map(LastDive(), asked))
     found = list[Figure | Lost]()
     for name, make in makers.items():
         answers, missing = _answers(make(), asked, baseline)
@@ -121,7 +121,7 @@ def _answers(
     try:
         for record, instead in zip(asked, baseline, strict=True):
             try:
-                answers.append(entry.answer(record))
+                answers.append(entry(record))
             except UnansweredError as error:
                 missing.append(f"dive {record.target.number}, {error}")
                 answers.append(instead)

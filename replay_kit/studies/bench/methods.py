@@ -1,10 +1,9 @@
 """Methods that answer records of dives: baselines, the models of ``estimator/next_dive``, and those on an ensemble's estimate.
 
-A method is a class whose objects are asked the records of one task on one mission, in order, and remember what they need.
+A method makes what is asked the records of one task on one mission, in order, and remembers what it needs.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -21,11 +20,8 @@ from replay_kit.studies.bench.records import Answer, Record
 _NOTHING = np.empty((0, 2))
 
 
-class Entry(Protocol):
-    """What answers the records of one task on one mission."""
-
-    def answer(self, record: Record) -> Answer:
-        """Return what is said of a record."""
+#: What answers the records of one task on one mission.
+Entry = Callable[[Record], Answer]
 
 
 class LastDive:
@@ -35,7 +31,7 @@ class LastDive:
         """Begin before the first dive."""
         self._persistence = Persistence()
 
-    def answer(self, record: Record) -> Answer:
+    def __call__(self, record: Record) -> Answer:
         """Return the last dive's, with the size of changes so far as its error."""
         for dive in record.given:
             if dive.mean is not None:
@@ -116,7 +112,7 @@ class Process:
         self._backgrounds: dict[int, Array] = {}
         self._ways = Persistence()
 
-    def answer(self, record: Record) -> Answer:
+    def __call__(self, record: Record) -> Answer:
         """Return the mixture of the settings."""
         for dive in record.given:
             if dive.mean is not None:
@@ -155,7 +151,7 @@ class ByDepth:
         self._model: ColumnModel | None = None
         self._about: dict[int, Array] = {}
 
-    def answer(self, record: Record) -> Answer:
+    def __call__(self, record: Record) -> Answer:
         """Return the mean at each depth of what stays from dive to dive, with errors."""
         if self._model is None:
             deepest = max(dive.depth.max(initial=0.0) for dive in (*record.known, record.target))
@@ -223,33 +219,25 @@ def background(which: int) -> Callable[[Record], Answer]:
     return answer
 
 
-class Plain:
-    """A method without memory."""
-
-    def __init__(self, answer: Callable[[Record], Answer]) -> None:
-        """Answer by a function."""
-        self.answer = answer
-
-
 #: Methods of mean currents and of currents by depth; each makes what answers one task on one mission.
 MEAN_METHODS: dict[str, Callable[[], Entry]] = {
     "process": Process,
     "last_dive": LastDive,
-    "mean_so_far": lambda: Plain(mean_so_far),
-    "last_here": lambda: Plain(last_here),
-    "zero": lambda: Plain(zero),
+    "mean_so_far": lambda: mean_so_far,
+    "last_here": lambda: last_here,
+    "zero": lambda: zero,
 }
 PROFILE_METHODS: dict[str, Callable[[], Entry]] = {
     "by_depth": ByDepth,
     "last_dive": LastDive,
-    "mean_so_far": lambda: Plain(mean_so_far),
-    "last_mean": lambda: Plain(last_mean),
-    "zero": lambda: Plain(zero),
+    "mean_so_far": lambda: mean_so_far,
+    "last_mean": lambda: last_mean,
+    "zero": lambda: zero,
 }
 #: Those that need an ensemble.
 ENSEMBLE_METHODS: dict[str, Callable[[], Entry]] = {
-    "filter": lambda: Plain(background(1)),
-    "forecast": lambda: Plain(background(0)),
+    "filter": lambda: background(1),
+    "forecast": lambda: background(0),
 }
 
 

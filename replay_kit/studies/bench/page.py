@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
-from replay_kit.show.page import Section
+from replay_kit.show.page.section import Section
 from replay_kit.studies.bench.frame import BenchResult, BenchRow
 from replay_kit.studies.reports.page import (
     LABELS,
     PAGE,
     StudyReport,
     chart_figure,
-    criteria_html,
     lines_by,
     list_html,
     one_chart,
@@ -24,7 +23,6 @@ from replay_kit.studies.reports.page import (
 )
 from replay_kit.studies.reports.tables import (
     Cell,
-    Criterion,
     Table,
     answer_of,
     grouped,
@@ -110,14 +108,9 @@ def report_of(result: BenchResult) -> StudyReport:
 def bench_page(result: BenchResult) -> str:
     """Return the page of a finished run: a section a task."""
     by_task = _by_task(result)
-    criteria = [
-        Criterion(f"{row.task}, {row.method}, {row.figure}", row.value, row.at_least, row.at_most)
-        for row in result.rows
-        if row.met is not None
-    ]
     words = [line for task, rows in by_task.items() for line in _best(task, rows)]
     about = "Each task gives every method the same records, in order, and scores its answers. Intervals are from resampling cases."
-    answer = words_html([about]) + list_html(words) + criteria_html(criteria)
+    answer = words_html([about]) + list_html(words) + _criteria_html(result.rows)
     methods = list(dict.fromkeys(_label(row.method) for row in result.rows))
     sections = [Section("answer", "In words", answer, missing=[f"{why}." for why in result.lost])]
     sections += [
@@ -130,6 +123,22 @@ def bench_page(result: BenchResult) -> str:
         for task, rows in by_task.items()
     ]
     return study_page("Benchmark", sections, to_json(result))
+
+
+def _criteria_html(rows: Sequence[BenchRow]) -> str:
+    """Return how many figures keep to their limits, and those that do not; empty without limits."""
+    limited = [row for row in rows if row.met is not None]
+    if not limited:
+        return ""
+    not_met = [
+        f"{row.task}, {row.method}, {row.figure}: *{to_text(row.value)}*, required {limits_text(row.at_least, row.at_most)}"
+        for row in limited
+        if not row.met
+    ]
+    met = f"{len(limited) - len(not_met)} of {len(limited)} criteria are met"
+    if not not_met:
+        return words_html([f"{met}."])
+    return words_html([f"{met}; these are not:"]) + list_html(not_met)
 
 
 def _by_task(result: BenchResult) -> dict[str, list[BenchRow]]:

@@ -205,7 +205,7 @@ class Program:
         self._running: subprocess.Popen[str] | None = None
         self._starts = 0
 
-    def answer(self, record: Record) -> Answer:
+    def __call__(self, record: Record) -> Answer:
         """Return the program's answer.
 
         Raises:

@@ -13,15 +13,13 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.colors import LINES
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
-from replay_kit.show.page import Figure, Section, page_html
-from replay_kit.show.page.section import items_html, table_html
+from replay_kit.show.page.page import page_html
+from replay_kit.show.page.section import Figure, Section, items_html, table_html
 from replay_kit.studies.reports.tables import (
     Cell,
-    Criterion,
     Table,
     grouped,
     json_text,
-    limits_text,
     plain,
     print_tables,
     to_text,
@@ -100,21 +98,6 @@ def tables_html(tables: Sequence[Table]) -> str:
 def _cell(text: str) -> str:
     # what is not met is what a reader looks for
     return f"<strong>{escape(text)}</strong>" if text == "NOT MET" else escape(text)
-
-
-def criteria_html(criteria: Sequence[Criterion]) -> str:
-    """Return how many criteria are met, and those that are not beside their limits; empty without any."""
-    if not criteria:
-        return ""
-    not_met = [
-        f"{one.what}: *{to_text(one.value)}*, required {limits_text(one.at_least, one.at_most)}"
-        for one in criteria
-        if not one.met
-    ]
-    met = f"{len(criteria) - len(not_met)} of {len(criteria)} criteria are met"
-    if not not_met:
-        return words_html([f"{met}."])
-    return words_html([f"{met}; these are not:"]) + list_html(not_met)
 
 
 def study_page(title: str, sections: Sequence[Section], answer: Mapping[str, Any]) -> str:

@@ -57,28 +57,6 @@ def is_within(value: float, at_least: float, at_most: float) -> bool:
     return not math.isnan(value) and not value < at_least and not value > at_most
 
 
-@dataclass(frozen=True, slots=True)
-class Criterion:
-    """A figure beside the limit that it should keep to.
-
-    Attributes:
-        what: The figure, with its unit.
-        value: Its value.
-        at_least: Lower limit; NaN for none.
-        at_most: Upper limit; NaN for none.
-    """
-
-    what: str
-    value: float
-    at_least: float = NAN
-    at_most: float = NAN
-
-    @property
-    def met(self) -> bool:
-        """Whether the value keeps to its limits."""
-        return is_within(self.value, self.at_least, self.at_most)
-
-
 def plain(value: Any) -> Any:
     """Return a value for JSON: mappings and sequences all through, undefined and infinite numbers as None."""
     if isinstance(value, Mapping):

@@ -154,7 +154,7 @@ def test_baselines_are_what_they_say():
     column = _at_depths(record.known, record)
     expected = np.mean([dive.velocity for dive in record.known], axis=0)
     np.testing.assert_allclose(column, expected)
-    last = LastDive().answer(record).velocity
+    last = LastDive()(record).velocity
     np.testing.assert_allclose(last, record.known[-1].velocity)
 
 
