@@ -34,9 +34,8 @@ gc.set_threshold(50_000, 20, 20)
 _MODULES = {
     name: module
     for module, names in {
-        "logs": ("info", "qc", "convert"),
+        "logs": ("info", "qc", "convert", "verify", "smooth"),
         "show": ("report", "status", "plot", "export", "layout"),
-        "results": ("verify", "smooth"),
         "ensemble": ("fetch", "fit", "twin", "synthesize"),
         "experiment": ("paper",),
     }.items()

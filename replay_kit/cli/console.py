@@ -2,29 +2,27 @@
 
 import errno
 import io
-import json
 import os
 import re
 import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from replay_kit.core.atomic import stored, write_whole
-from replay_kit.core.errors import ReplayKitError
+from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.paths import is_stream
-from replay_kit.core.progress import Progress, shown_by, silent
 from replay_kit.core.text import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
-from contextvars import ContextVar
-from dataclasses import dataclass
-from datetime import UTC, datetime
 
-from replay_kit.core.errors import ConfigError
+    from replay_kit.core.progress import Progress
 
 # Columns of a pipe, which has no width of its own; COLUMNS in the environment is honoured before it.
 PIPE_WIDTH = 160
@@ -155,13 +153,15 @@ def console_beside(*answers: Path | None) -> "Console":
 
 
 @contextmanager
-def progress(threads: int | None = None) -> Iterator[Progress]:
+def progress(threads: int | None = None) -> "Iterator[Progress]":
     """Show on a terminal what is done, how far it is and how long it still takes; nothing in a pipe. The file of ``--log`` has each stage.
 
     Args:
         threads: To hold BLAS to; None leaves that to the work.
     """
     from threadpoolctl import threadpool_limits
+
+    from replay_kit.core.progress import shown_by, silent
 
     with threadpool_limits(limits=threads):
         if current().quiet or not sys.stderr.isatty():
@@ -195,7 +195,7 @@ def progress(threads: int | None = None) -> Iterator[Progress]:
                 yield advance
 
 
-def _stages(show: Progress) -> Progress:
+def _stages(show: "Progress") -> "Progress":
     """Return a function that shows steps, each stage's first and last and others now and then, and keeps the stages in the log's file.
 
     A stage of unknown length within one whose end is known is a detail of that.
@@ -221,6 +221,8 @@ def _stages(show: Progress) -> Progress:
 def write_json(path: Path | None, answer: Mapping[str, Any]) -> None:
     """Write an answer as JSON with the version of its format, as ``write_text`` does."""
     if path is not None:
+        import json
+
         write_text(
             path,
             json.dumps({"format_version": FORMAT_VERSION, **answer}, indent=1, allow_nan=False)

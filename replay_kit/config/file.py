@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.inputs import open_input
-from replay_kit.core.time import parse_duration
+from replay_kit.core.quantities import parse_duration
 
 # A configuration has some kB; tomllib takes a hundred times the memory of its file.
 _LARGEST = 1 << 18

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.time import parse_time
-from replay_kit.core.units import seconds
+from replay_kit.core.quantities import parse_time, seconds
 from replay_kit.forecast.files import undated
 from replay_kit.forecast.members import MemberRule
 from replay_kit.forecast.names import find_dimension, find_lead, find_time

@@ -12,8 +12,8 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.inputs import exceeds_claim
+from replay_kit.core.quantities import metres, metres_per_second
 from replay_kit.core.text import count_text
-from replay_kit.core.units import metres, metres_per_second
 from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.grid import Block, region_block
 from replay_kit.forecast.layout import Layout, U, V

@@ -24,7 +24,7 @@ from replay_kit.core.observation import Observation, PathMean
 from replay_kit.core.paths import Paths, addresses_in, as_groups, as_path, check_paths
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.progress import Progress, silent
-from replay_kit.core.time import to_time_ns
+from replay_kit.core.quantities import to_time_ns
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
 from replay_kit.show.notebook import Result, as_pooled

@@ -16,8 +16,7 @@ from replay_kit.measurements.messages.water import DrifterFix, RadarCurrents
 from replay_kit.measurements.section.hydrography import section_of
 from replay_kit.measurements.section.lines import measurement
 from replay_kit.measurements.section.thermal_wind import GeostrophicShear
-from replay_kit.measurements.surface.drifters import Errors, displacement
-from replay_kit.measurements.surface.radar import superobservations
+from replay_kit.measurements.surface import Errors, displacement, superobservations
 from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
 from tests import synthetic
 from tests.estimator.runs import assert_static

@@ -9,8 +9,8 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
 from replay_kit.results import read_recorded
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.planning.again import plan_again
 from replay_kit.workflows.planning.record import recorded_request
+from replay_kit.workflows.planning.together import plan_again
 from replay_kit.workflows.verify import verify
 from tests.command import invoke, succeed
 from tests.planners.flow_samples import uncertain_flow

@@ -23,7 +23,7 @@ from replay_kit.cli.options import (
 from replay_kit.config.option import PLACE, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_paths
-from replay_kit.core.time import parse_time
+from replay_kit.core.quantities import parse_time
 
 if TYPE_CHECKING:
     from replay_kit.results.outcome.outcome import Outcome

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from replay_kit.core.flow.field import FlowField
 from replay_kit.core.paths import as_path
+from replay_kit.core.quantities import to_time_ns
 from replay_kit.core.text import time_text
-from replay_kit.core.time import to_time_ns
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -14,8 +14,8 @@ from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.field import FlowField
 from replay_kit.core.flow.netcdf import ATTRIBUTES, wet_at
 from replay_kit.core.geodesy import inside_grid, to_local
+from replay_kit.core.quantities import to_time_ns
 from replay_kit.core.text import place_text, span_text, time_text
-from replay_kit.core.time import to_time_ns
 from replay_kit.core.version import __version__
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation.linear import Fix, Label, LinearMeasurement, PathMean
 from replay_kit.core.observation.quality import Flag, Reason, Source
+from replay_kit.core.quantities import to_time_ns
 from replay_kit.core.text import place_text, span_text, time_text
-from replay_kit.core.time import to_time_ns
 
 Reference = Literal["earth", "platform"]
 

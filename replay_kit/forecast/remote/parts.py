@@ -9,9 +9,9 @@ import numpy as np
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Address
+from replay_kit.core.quantities import parse_time
 from replay_kit.core.region import Region
 from replay_kit.core.text import time_text
-from replay_kit.core.time import parse_time
 from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.files import with_dates
 from replay_kit.forecast.grid import region_block

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
-from replay_kit.core.units import decibars, metres, metres_per_second, seconds
+from replay_kit.core.quantities import decibars, metres, metres_per_second, seconds
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored
 
 _SINCE = re.compile(

@@ -11,7 +11,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import replace
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation import RawValues, Source, VehicleState
-from replay_kit.core.units import metres_per_second
+from replay_kit.core.quantities import metres_per_second
 from replay_kit.measurements.consistency.raw import raw_values
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.messages.adcp_ping import parse_ping, parse_pings

@@ -70,7 +70,7 @@ def record_radar(
     state: MeasurementState, stated: RadarCurrents, source: Source, config: MeasurementConfig
 ) -> Step:
     """Return the state as it is, and the measurements of the radars' vectors of one time."""
-    from replay_kit.measurements.surface.radar import superobservations
+    from replay_kit.measurements.surface import superobservations
 
     slow = np.abs(stated.value).max(axis=1) <= config.max_speed
     stated = stated.part(slow)
@@ -95,7 +95,7 @@ def record_drifter(
     state: MeasurementState, stated: DrifterFix, source: Source, config: MeasurementConfig
 ) -> Step:
     """Return the state after a drifter's fix, and the mean current since one of its fixes before."""
-    from replay_kit.measurements.surface.drifters import Errors, displacement, is_over
+    from replay_kit.measurements.surface import Errors, displacement, is_over
 
     if config.surface_box is not None:
         west, south, east, north = config.surface_box

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.plan import ORIGIN
-from replay_kit.core.time import parse_time
+from replay_kit.core.quantities import parse_time
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import CurrentSlices

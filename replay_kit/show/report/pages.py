@@ -14,7 +14,7 @@ from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import changed_settings, leaves
 from replay_kit.show.numbers import Sentence, number
-from replay_kit.show.page import page_html
+from replay_kit.show.page.page import page_html
 from replay_kit.show.page.section import Section, items_html, table_html
 from replay_kit.show.report.sections.current_map import map_beside
 from replay_kit.show.sentences import estimate_sentences

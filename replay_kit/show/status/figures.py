@@ -9,7 +9,7 @@ from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import distance, heading_deg, rotate_to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import plan_legs
-from replay_kit.core.time import parse_time
+from replay_kit.core.quantities import parse_time
 from replay_kit.results.flight_correction import mean_current_parts
 from replay_kit.show.status.held import Fix, Held
 

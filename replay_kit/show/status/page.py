@@ -10,9 +10,9 @@ from replay_kit.core.colors import palette_css
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
 from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.show.page.section import compass, small_map
 from replay_kit.show.status.lines import brief_lines, line_age
 from replay_kit.show.status.status import Line, Status
-from replay_kit.show.svg import compass, small_map
 from replay_kit.show.vehicles import vehicle_rows
 
 # What is focused and unfolded is kept for the next look; nothing is loaded while no one looks.

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import Any
 
 from replay_kit.show.figures.values import Axis, Chart, Panel
-from replay_kit.show.page import Section
+from replay_kit.show.page.section import Section
 from replay_kit.studies.paper import findings
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables

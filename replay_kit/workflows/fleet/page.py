@@ -14,8 +14,8 @@ from replay_kit.core.text import csv_text
 from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
-from replay_kit.show.page import Figure, Section, page_html
-from replay_kit.show.page.section import items_html, table_html
+from replay_kit.show.page.page import page_html
+from replay_kit.show.page.section import Figure, Section, items_html, table_html
 from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome
 

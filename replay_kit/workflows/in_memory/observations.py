@@ -10,7 +10,7 @@ import numpy as np
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Fix, LinearMeasurement, Observation, PathMean, usable
-from replay_kit.core.time import to_time_ns
+from replay_kit.core.quantities import to_time_ns
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.shared.payloads import PING, number, numbers, stamp
 from replay_kit.logs.surface.totals import SCHEMA as RADAR

@@ -21,7 +21,7 @@ from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Grid
 from replay_kit.core.inputs import open_input
-from replay_kit.core.time import parse_time
+from replay_kit.core.quantities import parse_time
 
 _LEAST_CORNERS = 3
 

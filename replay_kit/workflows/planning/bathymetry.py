@@ -17,7 +17,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import inside_grid, to_local, unwrap_longitude
 from replay_kit.core.grid import Grid, Projection, Seabed
 from replay_kit.core.inputs import exceeds_claim, open_input, unpacking
-from replay_kit.core.units import metres
+from replay_kit.core.quantities import metres
 
 if TYPE_CHECKING:
     import xarray as xr

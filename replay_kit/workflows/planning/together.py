@@ -1,7 +1,11 @@
-"""``plan --glider``: missions of several vehicles that keep apart, or a box that they survey together; each is a plan of its own too."""
+"""``plan --glider``: missions of several vehicles that keep apart, or a box that they survey together; each is a plan of its own too.
+
+And the result of any ``plan`` made again from what it records, for ``verify``.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,11 +23,13 @@ from planners.together.missions import (
 from planners.together.surveys import plan_joint_survey
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
+from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.plan import share_interval
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
+from replay_kit.results.compare import Recorded
 from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.adapters import (
     sample_count,
@@ -31,8 +37,18 @@ from replay_kit.workflows.planning.adapters import (
     without_odds,
 )
 from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
-from replay_kit.workflows.planning.learning import Learnt, box_of, learn_request
-from replay_kit.workflows.planning.mission import PlannedMission, mission_planner, samples_json
+from replay_kit.workflows.planning.learning import Learnt, box_of, learn_request, make_learning
+from replay_kit.workflows.planning.learning_outputs import write_learning
+from replay_kit.workflows.planning.mission import (
+    PlannedMission,
+    make_mission,
+    mission_planner,
+    samples_json,
+)
+from replay_kit.workflows.planning.outputs import write_mission
+from replay_kit.workflows.planning.record import recorded_request
+from replay_kit.workflows.planning.request import checked
+from replay_kit.workflows.replay.inputs.provenance import PLAN_RECORD
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,3 +248,36 @@ def _apart(row: Mapping[str, Any]) -> str:
             f"; {row['separation_m'] / 1e3:g} km are not kept: no way round was found for either"
         )
     return text
+
+
+def plan_again(recorded: Recorded, config: RunConfig, found: Mapping[str, Path], out: Path) -> None:
+    """Plan what a result was planned for, and write it as ``plan`` does.
+
+    Args:
+        recorded: What the result says of how it was made.
+        config: Its configuration.
+        found: Its inputs, by the keys of their record.
+        out: The new result.
+
+    Raises:
+        ReplayKitError: The record is damaged, or there is no such plan any more.
+    """
+    request = checked(recorded_request(recorded.metadata[PLAN_RECORD], found))
+    config = config.model_copy(update={"plan": request})
+    planned: PlannedMission | Learnt
+    if request.glider:
+        each = make_together(request, config.planner).planned
+        if request.of_glider is None or request.of_glider not in each:
+            raise PlanError(
+                f"{PLAN_RECORD}: expected the plan of a glider, one of {', '.join(each)}, got {request.of_glider}; plan again"
+            )
+        planned = each[request.of_glider]
+    elif request.learns:
+        planned = make_learning(request, config.planner)
+    else:
+        on = planned_on(request, config.planner)
+        planned = make_mission(request, config.planner, on)
+    if isinstance(planned, PlannedMission):
+        write_mission(out, False, planned, config)
+    else:
+        write_learning(out, False, planned, config)

@@ -2,7 +2,8 @@
 
 import pytest
 
-from replay_kit.show.page import Figure, Section, page_html
+from replay_kit.show.page.page import page_html
+from replay_kit.show.page.section import Figure, Section
 from tests.places import ROOT
 from tests.show.page.checks import check_figures, check_ids
 from tests.show.page.kinds import QUICK, SLOW

@@ -27,8 +27,8 @@ from replay_kit.core.flow.evolution import Evolution, ProcessModel, constant, sa
 from replay_kit.core.flow.load import load
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Source, VehicleState
+from replay_kit.core.quantities import parse_duration
 from replay_kit.core.text import time_text
-from replay_kit.core.time import parse_duration
 from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current

@@ -1,4 +1,6 @@
-"""Currents by HF radar averaged to boxes of two of the ensemble's cells: 500 vectors an hour are not 500 measurements.
+"""Currents at the surface: vectors of HF radars averaged to boxes, and fixes of drifters to means of the current between them.
+
+A box is two of the ensemble's cells wide: 500 vectors an hour are not 500 measurements.
 
 The error of a box has that of its vectors, correlated over a length; tides and inertial motion, which daily fields do not hold, are an
 error that all boxes of a time share. Radials are averaged along bearings: each sector of a station measures one component.
@@ -9,6 +11,7 @@ times those stated. Times before say which s, L and f (maximum likelihood): stat
 For that a measurement keeps its vectors, of very many averaged to smaller boxes.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -20,8 +23,16 @@ from scipy.linalg import solve_triangular
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import BOTH_COMPONENTS, Flag, Label, LinearMeasurement
-from replay_kit.measurements.messages.water import RadarCurrents
+from replay_kit.core.observation import (
+    BOTH_COMPONENTS,
+    Flag,
+    Label,
+    LinearMeasurement,
+    Source,
+    VehicleState,
+)
+from replay_kit.measurements.messages.water import DrifterFix, RadarCurrents
+from replay_kit.measurements.vehicle.dead_reckoning import begin, drift_velocity, extend, path_mean
 
 # m; boxes at least so wide, and over which errors are correlated where the file does not say
 _LEAST_SPACING, _ERROR_LENGTH = 2e3, 10e3
@@ -35,6 +46,10 @@ _TIDE = 0.25 * 12.42 * 3600.0
 _SECTOR = 10.0
 # m, lengths of the field that are tried, errors as shares of its size, and the share of its variance that keeps equal places apart
 _LENGTHS, _ERRORS, _NUGGET = np.geomspace(5e3, 80e3, 9), np.geomspace(0.05, 3.0, 7), 1e-6
+# s; shortest and longest time between two fixes of a mean: tides are averaged, and the way between is known
+_SHORTEST, _LONGEST = 3 * 3600, 26 * 3600
+# m/s; a drogued drifter's slip through the water (Niiler and Paduan 1995, J. Phys. Oceanogr. 25), and the semidiurnal tide's period [s]
+_SLIP, _PERIOD = 0.01, 12.42 * 3600.0
 
 
 def superobservations(
@@ -224,3 +239,52 @@ def _apart(places: tuple[Array, Array], others: tuple[Array, Array]) -> Array:
     middle = Projection(float(others[0][0]), float(others[1][0]))
     (x, y), (to_x, to_y) = (to_local(middle, *each) for each in (places, others))
     return np.asarray(np.hypot(x[:, None] - to_x, y[:, None] - to_y))
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """What errs.
+
+    Attributes:
+        fix_std: Of each component of a fix that states no error [m].
+        tide_std: Speed of tides and inertial motion that the forecast does not hold [m/s].
+    """
+
+    fix_std: float
+    tide_std: float
+
+
+def displacement(
+    first: tuple[Source, DrifterFix], last: tuple[Source, DrifterFix], errors: Errors, dive: int
+) -> LinearMeasurement | None:
+    """Return the mean current between two fixes of one drifter; None where they are too near in time, or too far.
+
+    Args:
+        first: Message and fix.
+        last: The later one.
+        errors: What errs.
+        dive: Number of the vehicle's dive, for statistics.
+    """
+    seconds = (last[0].time_ns - first[0].time_ns) * 1e-9
+    if not _SHORTEST <= seconds <= _LONGEST:
+        return None
+    before, after = (
+        VehicleState(source.time_ns, fix.longitude, fix.latitude, fix.depth, False, source)
+        for source, fix in (first, last)
+    )
+    velocity = drift_velocity(begin(before), after)
+    # a drifter goes with the water: no way through it
+    still = replace(after, longitude=before.longitude, latitude=before.latitude)
+    places = math.hypot(
+        *(errors.fix_std if math.isnan(fix.error) else fix.error for _, fix in (first, last))
+    )
+    turns = math.pi * seconds / _PERIOD
+    tide = errors.tide_std * min(1.0, 1.0 / turns)
+    error = math.hypot(places / seconds, _SLIP, tide)
+    mean = path_mean(extend(begin(before), still), after, velocity, error, "drift", dive)
+    return replace(mean.linear, label=Label(dive, last[0], kind="drifters"))
+
+
+def is_over(first: Source, now: Source) -> bool:
+    """Return whether a fix is too old to begin a mean that ends now."""
+    return (now.time_ns - first.time_ns) * 1e-9 > _LONGEST

@@ -1,1 +1,0 @@
-"""Currents at the surface: by HF radar, and by drifters."""
