@@ -39,9 +39,13 @@ class ConditionedPrior:
 
     def matvec(self, weights: Array) -> Array:
         """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
+        return self.less_taken(weights, self.before.matvec(weights))
+
+    def less_taken(self, weights: Array, product: Array) -> Array:
+        """Return the covariance times each weight vector, given its product with that of the prior before the rows."""
         rows = self.gain.reshape(-1, self.mean.size)
         taken = (weights.reshape(len(weights), -1) @ rows.T) @ rows
-        return np.asarray(self.before.matvec(weights) - taken.reshape(weights.shape))
+        return np.asarray(product - taken.reshape(weights.shape))
 
     def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""

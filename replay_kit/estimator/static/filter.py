@@ -46,6 +46,7 @@ from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import Posterior, PriorCrossCovariance, means
 from replay_kit.estimator.update.representation import (
+    PathProducts,
     PosteriorCovariance,
     inflated,
     predict,
@@ -127,6 +128,7 @@ class ReducedBasisEstimator(StaticEstimator):
             for screened in (screen_group((each,), None, self.grid),)
         ]:
             prefetched: Iterator[PriorCrossCovariance] = iter(())
+            products = PathProducts(rows for _, rows in block)
             made_by: Posterior | None = None
             for index, (screened, rows) in enumerate(block):
                 innovation, posterior = screened.unused(0), state.posterior
@@ -135,7 +137,7 @@ class ReducedBasisEstimator(StaticEstimator):
                     if made_by is None or made_by.prefetched_for is not posterior.prefetched_for:
                         made_by = posterior
                         prefetched = prefetch(posterior, [each for _, each in block[index:]])
-                    predicted = predict(posterior, rows, prefetched)
+                    predicted = predict(posterior, rows, prefetched, products)
                     if not rows.at_one_place:
                         made_by = None
                     screened = screened.following(state.last)

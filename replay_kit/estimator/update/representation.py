@@ -140,9 +140,13 @@ class RowsTaken:
     whitened: Array
     gain: Array
 
-    def matvec(self, design: Array) -> Array:
-        """Return the posterior's covariance times weight vectors, shape (m, Z, r), in the same shape."""
-        cross = self.prior.matvec(design)
+    def cross(self, rows: PathRows, products: "PathProducts") -> Array:
+        """Return the posterior's covariance times the rows, shape (m, Z, r)."""
+        design, prior = rows.by_level, self.prior
+        if isinstance(prior, ConditionedPrior):
+            cross = prior.less_taken(design, products.of(prior.before, rows))
+        else:
+            cross = products.of(prior, rows)
         taken = (design.reshape(len(design), -1) @ self.gain.T) @ self.gain
         return cross - taken.reshape(cross.shape)
 
@@ -296,19 +300,45 @@ def prefetch(posterior: Posterior, rows: Iterable[Rows | None]) -> Iterator[Prio
     return iter(posterior.prefetch(profiles) if profiles else ())
 
 
+class PathProducts:
+    """Products of a prior with sums over several places: those of coming ones are made together, as reading the prior takes longest."""
+
+    def __init__(self, coming: Iterable[Rows | None]) -> None:
+        """Begin with the rows of a block."""
+        self._coming = [each for each in coming if each is not None and not each.at_one_place]
+        self._prior: Prior | None = None
+        self._made: list[Array] = []
+
+    def of(self, prior: Prior, rows: PathRows) -> Array:
+        """Return the product of the block's next rows, shape (m, Z, r)."""
+        while self._coming[0] is not rows:
+            del self._coming[0], self._made[:1]
+        if self._prior is not prior:
+            parts = [each.by_level for each in self._coming]
+            ends = np.cumsum([len(each) for each in parts])[:-1]
+            self._prior = prior
+            self._made = np.split(prior.matvec(np.concatenate(parts)), ends)
+        return self._made[0]
+
+
 def predict(
-    posterior: Posterior, rows: Rows, prefetched: Iterator[PriorCrossCovariance]
+    posterior: Posterior,
+    rows: Rows,
+    prefetched: Iterator[PriorCrossCovariance],
+    products: PathProducts | None = None,
 ) -> PredictedObservation[Posterior]:
-    """Return the prediction of rows; of those at one place the next of ``prefetched`` is theirs."""
+    """Return the prediction of rows; of those at one place the next of ``prefetched`` is theirs, of others ``products`` has theirs."""
     if rows.at_one_place:
         return posterior.predict(rows, next(prefetched))
-    return predict_path_mean(posterior, rows)
+    return predict_path_mean(posterior, rows, products or PathProducts([rows]))
 
 
-def predict_path_mean(posterior: Posterior, rows: PathRows) -> PredictedObservation[Posterior]:
+def predict_path_mean(
+    posterior: Posterior, rows: PathRows, products: PathProducts
+) -> PredictedObservation[Posterior]:
     """Return the prediction of sums over several places; its update gives a prior without rows, as these have no single place."""
     before = rows_taken(posterior)
-    cross = before.matvec(rows.by_level)
+    cross = before.cross(rows, products)
 
     def update(lower: Array, whitened: Array, error_scale: float) -> ObservationSpacePosterior:
         scaled = np.stack([rows.by_level, cross]).reshape(2, len(cross), -1) / error_scale

@@ -31,7 +31,7 @@ from replay_kit.workflows.replay.stages.estimation import (
 #: Events that wait at most: a log may hold positions and nothing else.
 BUFFERED = 4096
 # Mean currents of several vehicles that are assimilated together, where the estimator takes blocks.
-_MEANS_TOGETHER = 4
+_MEANS_TOGETHER = 8
 
 Input = VehicleState | Measurement
 
