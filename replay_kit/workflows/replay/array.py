@@ -116,11 +116,6 @@ def _to_end(messages: Iterator[Message], number: int) -> Iterator[Message]:
     yield Message(last_ns, "", END, {}, number, 2**62)
 
 
-def can_be_denied(session: ArraySession) -> bool:
-    """Return whether the estimate without each vehicle can be made in minutes, not hours."""
-    return len(session.vehicles) * len(session.shared.kept) <= _MOST_DENIED
-
-
 def value_of_each(
     session: ArraySession, flow: FlowEstimate
 ) -> dict[str, Mapping[str, float | int | None]]:
@@ -131,7 +126,7 @@ def value_of_each(
         flow: The estimate.
     """
     found: dict[str, Mapping[str, float | int | None]] = {}
-    if session.shared.is_pooled and not can_be_denied(session):
+    if len(session.vehicles) * len(session.shared.kept) > _MOST_DENIED:
         return found
     with session.clock.stage("value"):
         pooled = _on_slices(flow, session)
