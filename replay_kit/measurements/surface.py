@@ -106,8 +106,8 @@ def _averaged(
 
     length = currents.error_length or _ERROR_LENGTH
     std = np.empty(count)
-    for box in range(count):
-        at = np.flatnonzero(number == box)
+    of_boxes = np.split(np.argsort(number, kind="stable"), np.cumsum(size)[:-1])
+    for box, at in enumerate(of_boxes):
         apart = np.hypot(x[at, None] - x[at], y[at, None] - y[at])
         own = currents.error_std[at]
         std[box] = np.sqrt(own @ np.exp(-apart / length) @ own) / at.size
@@ -151,9 +151,10 @@ def _width(currents: RadarCurrents, spacing: float, most: int) -> float:
 
 def _boxes(x: Array, y: Array, spacing: float) -> tuple[NDArray[np.intp], int]:
     """Return the number of each place's box, shape (n,), and how many there are."""
-    at = np.column_stack([np.floor(x / spacing), np.floor(y / spacing)]).astype(np.int64)
-    found, number = np.unique(at, axis=0, return_inverse=True)
-    return number.ravel().astype(np.intp), len(found)
+    east, north = (np.floor((each - each.min()) / spacing).astype(np.int64) for each in (x, y))
+    # as one number each: rows are ten times slower to compare
+    found, number = np.unique(east * (north.max() + 1) + north, return_inverse=True)
+    return number.astype(np.intp), found.size
 
 
 @dataclass(frozen=True, slots=True)

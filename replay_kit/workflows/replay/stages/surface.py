@@ -10,7 +10,8 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution
-from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local
+from replay_kit.core.flow.netcdf import wet_at
+from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_geographic, to_local
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.measurements.surface import ResidualField
 from replay_kit.results.slices import Slice
@@ -18,7 +19,7 @@ from replay_kit.results.slices import Slice
 # times that say what the covariance is, and vectors that a time has at least to be one
 _TIMES, _LEAST_VECTORS = 2, 20
 # cells of a grid at most; each is half as wide as vectors are apart
-_MOST_CELLS = 2500
+_MOST_CELLS = 1600
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,10 +63,11 @@ def surface_step(
         vectors: Total vectors at one depth.
         flow: The estimate after them.
     """
-    longitude, latitude = vectors.value_places
     projection, depth = flow.grid.projection, float(vectors.depth[0])
-    seen = np.column_stack(rotate_to_local(projection, longitude, latitude, *vectors.value.T))
-    residual = seen - _estimated(flow, vectors.time_ns, longitude, latitude, depth)
+    places = vectors.value_places
+    seen = np.column_stack(rotate_to_local(projection, *places, *vectors.value.T))
+    local = to_local(projection, *places)
+    residual = seen - _estimated(flow, vectors.time_ns, *local, depth)
     if np.isfinite(residual).all(axis=1).sum() < _LEAST_VECTORS:
         return state, ()
     field = state.field
@@ -73,29 +75,24 @@ def surface_step(
         times = (*state.seen, (vectors, residual))
         field = ResidualField.likeliest(times)
         state = SurfaceState(times if len(times) < _TIMES else (), field)
-    east, north = _grid(np.column_stack(to_local(projection, longitude, latitude)))
-    nodes = np.meshgrid(east, north)
-    longitude, latitude = (each.ravel() for each in to_geographic(projection, *nodes))
-    beside, error = field.between(vectors, residual, longitude, latitude)
-    velocity = _estimated(flow, vectors.time_ns, longitude, latitude, depth) + beside
-    shape = (*nodes[0].shape, 2)
+    east, north = _grid(np.column_stack(local))
+    x, y = (each.ravel() for each in np.meshgrid(east, north))
+    beside, error = field.between(vectors, residual, *to_geographic(projection, x, y))
+    velocity = _estimated(flow, vectors.time_ns, x, y, depth) + beside
+    shape = (north.size, east.size, 2)
     known = np.where(np.isfinite(velocity), error[:, None], np.nan)
     value = Slice(depth, east, north, velocity.reshape(shape), known.reshape(shape))
     return state, (SurfaceCurrent(vectors.time_ns, value),)
 
 
-def _estimated(
-    flow: FlowEstimate, time_ns: int, longitude: Array, latitude: Array, depth: float
-) -> Array:
-    """Return the estimate with its oscillations at places [degrees], shape (n, 2) [m/s], local axes; NaN where it has none."""
-    found = flow.velocity_at(longitude, latitude, depth)
-    local = rotate_to_local(flow.grid.projection, longitude, latitude, found.u, found.v)
-    velocity = np.column_stack(local)
+def _estimated(flow: FlowEstimate, time_ns: int, east: Array, north: Array, depth: float) -> Array:
+    """Return the estimate with its oscillations at local places [m], shape (n, 2) [m/s], local axes; NaN where it has none."""
+    known = wet_at(flow.grid, east, north, depth) & inside_grid(flow.grid, east, north)
+    velocity = np.where(known[:, None], flow.velocity(east, north, depth), np.nan)
     beside = flow.later.oscillation if isinstance(flow.later, Evolution) else None
-    if beside is None:
-        return velocity
-    common = [np.interp(depth, flow.levels, each) for each in beside.velocity(time_ns)]
-    return np.asarray(velocity + common)
+    if beside is not None:
+        velocity += [np.interp(depth, flow.levels, each) for each in beside.velocity(time_ns)]
+    return velocity
 
 
 def _grid(places: Array) -> tuple[Array, Array]:
