@@ -30,7 +30,6 @@ from replay_kit.estimator.next_dive.mixtures import (
     Settings,
     flight_combinations,
     ground_combinations,
-    inverse,
     log_densities,
 )
 
@@ -283,10 +282,11 @@ def _after(state: DiveState, errors: Array, cases: list[_Case]) -> DiveState:
     gains, moves = [], []
     for case in cases:
         # component by component: inner loops over two numbers would take several times as long
-        (first, both), (_, second) = np.moveaxis(inverse(case.spread), (-2, -1), (0, 1))[..., None]
-        east, north = case.cross
-        gains.append((first * east + both * north, both * east + second * north))
-        moves.append(gains[-1][0] * errors[..., :1] + gains[-1][1] * errors[..., 1:])
+        (of_east, both), (_, of_north) = np.moveaxis(case.spread, (-2, -1), (0, 1))[..., None]
+        (east, north), over = case.cross, 1.0 / (of_east * of_north - both**2)
+        gain = over * (of_north * east - both * north), over * (of_east * north - both * east)
+        gains.append(gain)
+        moves.append(gain[0] * errors[..., :1] + gain[1] * errors[..., 1:])
     move = np.sum([share * part for share, part in zip(shares, moves, strict=True)], axis=0)
     left, right, more = [], [], 0.0 * move
     for share, gain, each, case in zip(shares, gains, moves, cases, strict=True):

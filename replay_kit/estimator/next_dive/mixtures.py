@@ -193,21 +193,13 @@ class Mixture:
         angle = _GOLDEN_ANGLE * np.arange(_POINTS)
         unit = np.sqrt(-2.0 * np.log1p(-rank)) * np.array([np.cos(angle), np.sin(angle)])
         kept = self.log_weights > _LEAST_LOG_WEIGHT
-        whiten = np.linalg.inv(np.linalg.cholesky(self.cov))
-        roots, means = (
-            whiten @ np.linalg.cholesky(self.covs[kept]),
-            (self.means[kept] - self.mean) @ whiten.T,
+        root = np.linalg.cholesky(self.covs[kept])
+        points = self.means[kept, :, None] - self.mean[:, None] + root @ unit
+        whitened = np.linalg.inv(np.linalg.cholesky(self.cov)) @ points.transpose(1, 0, 2).reshape(
+            2, -1
         )
-        # component by component, in place: there are a hundred thousand points
-        squares = np.zeros((len(means), _POINTS))
-        for (along, across), mean in zip(roots.transpose(1, 2, 0)[..., None], means.T, strict=True):
-            part = along * unit[0]
-            part += across * unit[1]
-            part += mean[:, None]
-            part *= part
-            squares += part
         return weighted_quantiles(
-            np.sqrt(squares).ravel(),
+            np.hypot(*whitened),
             np.repeat(np.exp(self.log_weights[kept]) / _POINTS, _POINTS),
             shares,
         )
@@ -238,13 +230,6 @@ def weighted_quantiles(values: Array, weights: Array, shares: Sequence[float]) -
             )
         )
     return np.array(found)
-
-
-def inverse(matrices: Array) -> Array:
-    """Return the inverse of symmetric matrices, shape (..., 2, 2)."""
-    (east, both), (_, north) = np.moveaxis(matrices, (-2, -1), (0, 1))
-    turned = np.stack([np.stack([north, -both], -1), np.stack([-both, east], -1)], -2)
-    return np.asarray(turned / (east * north - both**2)[..., None, None])
 
 
 def log_densities(errors: Array, covs: Array) -> Array:

@@ -243,7 +243,7 @@ class MeanCurrentProcess:
         # latent states of both components, then the flight model's error, which stays
         move = _both(moved, np.eye(2))
         mean, cov = state.mean @ move.transpose(0, 2, 1), move @ state.cov @ move.transpose(0, 2, 1)
-        cov[:, : 2 * _STATES, : 2 * _STATES] += _kron(noise[:, :_STATES, :_STATES])
+        cov += _both(noise[:, :_STATES, :_STATES], np.zeros((2, 2)))
         amplitude = settings.amplitude[:, None] * settings.parts
         design = self._flight_design(dive)
         of_parts = np.einsum("hp,hpk->hk", amplitude, kept)
@@ -274,16 +274,10 @@ def _instants(dive: DiveMean) -> list[int]:
     return [dive.time_ns + int(each * dive.seconds * 1e9) for each in share]
 
 
-def _kron(block: Array) -> Array:
-    """Return the same block for each of two components, shape (h, 14, 14)."""
-    out = np.zeros((len(block), 2 * _STATES, 2 * _STATES))
-    out[:, :_STATES, :_STATES] = out[:, _STATES:, _STATES:] = block
-    return out
-
-
 def _both(block: Array, rest: Array) -> Array:
+    """Return the same block for each of two components, and the flight model's, shape (h, 16, 16)."""
     out = np.zeros((len(block), _SIZE, _SIZE))
-    out[:, : 2 * _STATES, : 2 * _STATES] = _kron(block)
+    out[:, :_STATES, :_STATES] = out[:, _STATES : 2 * _STATES, _STATES : 2 * _STATES] = block
     out[:, 2 * _STATES :, 2 * _STATES :] = rest
     return out
 

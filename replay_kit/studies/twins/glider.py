@@ -84,22 +84,22 @@ def missions(
     schedules: Sequence[Schedule],
 ) -> list[Mission]:
     """Return the missions of several gliders, of which all ping equally often; arguments as of ``mission``, one for each."""
-    begins_ns, every = np.array(starts_ns, np.int64), schedules[0].ping_steps * _STEP_NS
-    corners = [int(rng.integers(len(_COURSE))) for rng in rngs]
-    corners = [0 if one.course else at for one, at in zip(schedules, corners, strict=True)]
+    every = schedules[0].ping_steps * _STEP_NS
     courses = [np.array(one.course or _COURSE) for one in schedules]
+    corners = [int(rng.integers(len(_COURSE))) for rng in rngs]
+    targets = [0 if one.course else at for one, at in zip(schedules, corners, strict=True)]
     places = np.stack(
-        [_place_of(field, course[at]) for course, at in zip(courses, corners, strict=True)]
+        [_place_of(field, course[at]) for course, at in zip(courses, targets, strict=True)]
     )
-    targets = [corner + 1 for corner in corners]
+    targets = [corner + 1 for corner in targets]
     # a stay at the surface begins and ends the mission, so that each dive lies between two fixes
-    flown = [_surface(field, places, begins_ns)]
+    flown = [_surface(field, places, np.array(starts_ns, np.int64))]
     while flown[-1][0].end_ns <= starts_ns[0] + (pings - 1) * every:
-        places = _places(flown)
-        found = [_aim(field, *each) for each in zip(places, targets, courses, strict=True)]
-        aims, targets = np.stack([aim for aim, _ in found]), [target for _, target in found]
-        flown.append(_dive(field, places, _ends_ns(flown), aims))
-        flown.append(_surface(field, _places(flown), _ends_ns(flown)))
+        places, now_ns = _end(flown[-1])
+        aimed = [_aim(field, *each) for each in zip(places, targets, courses, strict=True)]
+        targets = [target for _, target in aimed]
+        flown.append(_dive(field, places, now_ns, np.stack([aim for aim, _ in aimed])))
+        flown.append(_surface(field, *_end(flown[-1])))
     return [
         _logged(field, list(tracks), start_ns + np.arange(pings) * every, one.to_the_end)
         for tracks, start_ns, one in zip(
@@ -108,14 +108,12 @@ def missions(
     ]
 
 
-def _places(flown: list[list[Track]]) -> Array:
-    """Return where the last tracks end, shape (g, 2)."""
-    return np.stack([track.place[-1] for track in flown[-1]])
-
-
-def _ends_ns(flown: list[list[Track]]) -> NDArray[np.int64]:
-    """Return when the last tracks end, shape (g,) [ns, UTC]."""
-    return np.array([track.end_ns for track in flown[-1]], np.int64)
+def _end(tracks: Sequence[Track]) -> tuple[Array, NDArray[np.int64]]:
+    """Return where tracks end, shape (g, 2), and when, shape (g,) [ns, UTC]."""
+    return (
+        np.stack([track.place[-1] for track in tracks]),
+        np.array([track.end_ns for track in tracks], np.int64),
+    )
 
 
 def _place_of(field: Field, fraction: Array) -> Array:

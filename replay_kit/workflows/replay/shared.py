@@ -141,8 +141,14 @@ class SharedEstimate:
         for number, queue in enumerate(queued.queues):
             for due_ns, event in queue:
                 self._push(due_ns, number, event)
-        begun = [number for number, due_ns in enumerate(self._due_ns) if due_ns is not None]
-        self._awaited = {of for of in begun if not (self._ended[of] or self._n_queued[of])}
+            self._await(number)
+
+    def _await(self, number: int) -> None:
+        """Note whether the others wait for a vehicle."""
+        begun = self._due_ns[number] is not None
+        waits = begun and not (self._ended[number] or self._n_queued[number])
+        change = self._awaited.add if waits else self._awaited.discard
+        change(number)
 
     def _push(self, due_ns: int, number: int, event: Input) -> None:
         self._n_given += 1
@@ -152,7 +158,7 @@ class SharedEstimate:
         """Take note of a vehicle's first message [ns, UTC], before which the others need not wait for it."""
         if self._due_ns[number] is None:
             self._due_ns[number] = time_ns
-            self._awaited.add(number)
+            self._await(number)
 
     def give(self, number: int, event: Input) -> None:
         """Take the next event of a vehicle's log."""
@@ -163,13 +169,13 @@ class SharedEstimate:
         self._due_ns[number] = due_ns
         self._push(due_ns, number, event)
         self._n_queued[number] += 1
-        self._awaited.discard(number)
+        self._await(number)
         self._release()
 
     def end(self, number: int) -> None:
         """Take note that a vehicle's logs have ended."""
         self._ended[number] = True
-        self._awaited.discard(number)
+        self._await(number)
         self._release()
 
     def _release(self) -> None:
@@ -177,8 +183,7 @@ class SharedEstimate:
         while self._queue and not self._awaited:
             _, number, _, event = heappop(self._queue)
             self._n_queued[number] -= 1
-            if not (self._n_queued[number] or self._ended[number]):
-                self._awaited.add(number)
+            self._await(number)
             self._take(number, event)
 
     def _take(self, number: int, event: Input) -> None:
@@ -244,8 +249,7 @@ class SharedEstimate:
             ]
             heapify(self._queue)
             self._n_queued[number] = sum(one[1] == number for one in self._queue)
-            if not (self._n_queued[number] or self._ended[number]):
-                self._awaited.add(number)
+            self._await(number)
             kept = self.kept
         with self.clock.stage("estimate"):
             states, steps = assimilate_together(self._contributors(begun=True), list(kept))
