@@ -12,9 +12,14 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
-from replay_kit.measurements.section import noise
 from replay_kit.measurements.section.hydrography import GRAVITY, RHO0, Section
-from replay_kit.measurements.section.noise import Regime, Statistics
+from replay_kit.measurements.section.noise import (
+    Regime,
+    Statistics,
+    fit,
+    garrett_munk,
+    rossby_radius,
+)
 
 #: Degrees from the equator, within which there is no geostrophic balance to use.
 EQUATOR = 5.0
@@ -84,7 +89,7 @@ def regime_of(section: Section, speed: float) -> Regime:
         raise MeasurementError(
             f"geostrophic shear: expected a latitude of at least {EQUATOR:g} degrees, got {section.latitude:.2f}"
         )
-    radius = noise.rossby_radius(section.levels, section.n2, section.coriolis, _BOTTOM)
+    radius = rossby_radius(section.levels, section.n2, section.coriolis, _BOTTOM)
     return Regime(section.coriolis, radius, speed)
 
 
@@ -101,8 +106,8 @@ def fitted_line(section: Section, speed: float) -> FittedLine:
         )
     to_geopotential = geopotential_matrix(section.levels)
     values = section.anomaly @ to_geopotential.T
-    waves = noise.garrett_munk(section.levels, section.n2, to_geopotential)
-    fitted = noise.fit(values, section.along, section.time, waves, regime)
+    waves = garrett_munk(section.levels, section.n2, to_geopotential)
+    fitted = fit(values, section.along, section.time, waves, regime)
     return FittedLine(section, values, fitted, regime)
 
 

@@ -26,10 +26,11 @@ from replay_kit.measurements.messages.vehicle import Depth, Pose, Position, Pres
 from replay_kit.measurements.messages.water import DrifterFix
 from replay_kit.measurements.ping.adcp_ping import Orientation, PlatformVelocity
 from replay_kit.measurements.steps.position_matching import PlacedPing, WaitingPing, place, ready
-from replay_kit.measurements.vehicle import mean_current as currents
 from replay_kit.measurements.vehicle.dead_reckoning import Fixes, append_fix
 from replay_kit.measurements.vehicle.dives import depth_of_pressure, is_submerged
-from replay_kit.measurements.vehicle.mean_current import Dives, MeanCurrent
+from replay_kit.measurements.vehicle.mean_current import Dives, MeanCurrent, stated_mean
+from replay_kit.measurements.vehicle.mean_current import record_depth as record_depth_of_dive
+from replay_kit.measurements.vehicle.mean_current import record_position as record_place_of_dive
 
 if TYPE_CHECKING:
     from replay_kit.measurements.section.lines import SectionLine
@@ -89,7 +90,7 @@ def at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -
     """Return the state with a depth noted; see ``is_submerged`` for where dives begin and end."""
     submerged, dives = (
         is_submerged(depth, config.surface_depth, state.submerged),
-        currents.record_depth(state.dives, depth),
+        record_depth_of_dive(state.dives, depth),
     )
     if depth == state.depth and submerged == state.submerged and dives is state.dives:
         return state
@@ -118,7 +119,7 @@ def record_position(
     origins = state.origins if fix.dead_reckoned else {}
     released, left = ready(state.waiting, fix.time_ns)
     events = [event for ping in released for event in place(ping, state.fix, fix, track, config)]
-    dives, means = currents.record_position(state.dives, fix, state.submerged, state.dive, config)
+    dives, means = record_place_of_dive(state.dives, fix, state.submerged, state.dive, config)
     return replace(state, fix=fix, waiting=left, dives=dives, track=track, origins=origins), [
         Used(source.topic),
         fix,
@@ -205,7 +206,7 @@ def record_mean_current(
 ) -> Step:
     """Return the state after a stated mean current, and the current with its path."""
     dive = state.dive if stated.dive is None else stated.dive
-    dives, mean = currents.stated_mean(state.dives, stated, dive, source, config)
+    dives, mean = stated_mean(state.dives, stated, dive, source, config)
     events: list[Event | PlacedPing] = (
         [Skipped(source.topic, mean)] if isinstance(mean, str) else [Used(source.topic), mean]
     )

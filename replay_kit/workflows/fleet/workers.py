@@ -50,7 +50,7 @@ def check_workers(cluster: Cluster, files: Iterable[Path], out: Path | None = No
 
 @contextmanager
 def calls_made_by(scheduler: str | None, workers: int | None) -> Iterator[Cluster | None]:
-    """Let workers make the calls of ``core.tasks.each_call`` in the block; those of this process where neither is given.
+    """Let workers make the calls of ``core.progress.each_call`` in the block; those of this process where neither is given.
 
     Args:
         scheduler: As in ``cluster.open_cluster``.
