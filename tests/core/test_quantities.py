@@ -21,6 +21,7 @@ KNOWN = [
     (metres_per_second, 0.001, "mm/s|mm s-1"),
     (metres_per_second, 1852.0 / 3600.0, "knots|kt"),
     (decibars, 1.0, "dbar|decibars"),
+    (decibars, 10.0, "bar"),
     (decibars, 1e-4, "Pa"),
 ]
 
