@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Innovation
 from replay_kit.results.schemas import CONTRACT_VERSION
 
@@ -23,19 +22,20 @@ _SINCE = (
 )
 
 
-def mean_current_values(value: Innovation, used: Array) -> dict[str, Any]:
+def mean_current_values(value: Innovation) -> dict[str, Any]:
     """Return the values of ``replay_kit.MeanCurrent``: measured, corrected for the flight model's error, predicted and estimated.
 
     Args:
-        value: The innovation of a mean current.
-        used: shape (2,) [m/s], what the estimator was given.
+        value: The innovation of a mean current, or of another source, of which the kind alone is known.
     """
+    measured, corrected, used = (
+        np.full(2, np.nan) if each is None else each
+        for each in (value.mean_current, value.corrected_current, value.used_current)
+    )
     parts: dict[str, Any] = {
-        "measured": value.mean_current,
+        "measured": measured,
         "predicted": used - value.innovation[0],
-        "corrected": np.full(2, np.nan)
-        if value.corrected_current is None
-        else value.corrected_current,
+        "corrected": corrected,
         "estimated": used - value.residual[0],
     }
     numbers = {

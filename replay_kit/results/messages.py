@@ -176,8 +176,8 @@ def innovation(value: Innovation) -> bytes:
         values["replayed_residual_east"], values["replayed_residual_north"] = (
             value.replayed_residual.T
         )
-    if (used := value.used_current) is not None:
-        values["mean_current"] = mean_current_values(value, used)
+    if value.mean_kind:
+        values["mean_current"] = mean_current_values(value)
     return encode("Innovation", values | _attributes(value, _OF_INNOVATION))
 
 

@@ -24,9 +24,10 @@ def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
     used = [
         *([profiles] if own or not means + others else []),
         *([currents] if means else []),
+        "{rejected} rejected",
     ]
     yield sentence(
-        f"Observations: {', '.join(used)}, {{rejected}} rejected; bins not used: {rejected or 'none'}",
+        f"Observations: {', '.join(used)}; bins not used: {rejected or 'none'}",
         counts,
         "observations.",
     )

@@ -141,7 +141,7 @@ class Innovation:
         log_likelihood: Logarithm of the measured values' density under the prediction, with the stated errors, without the constant of
             2 pi; NaN without a usable bin, or when the estimator predicts no variance.
         mean_current: shape (2,) [m/s], local east and north, what a mean along a path measured; None for a profile.
-        mean_kind: Of the mean along a path, as in ``PathMean``; empty for a profile.
+        mean_kind: Of the mean along a path, as in ``PathMean``, or of another source, as in ``Label``; empty for a profile.
         mean_std: Error of each component of ``mean_current`` [m/s].
         corrected_current: shape (2,) [m/s], ``mean_current`` without the flight model's error; None where there is no correction.
         corrected_std: Error of each component of it [m/s].

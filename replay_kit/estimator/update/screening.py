@@ -162,10 +162,11 @@ def screen_group(
 def _with_mean_current(
     innovation: Innovation, linear: LinearMeasurement, projection: Projection
 ) -> Innovation:
-    """Return an innovation with the measured mean along a path, and with the mean corrected for the flight model's error; others as are."""
+    """Return an innovation with the measured mean along a path and its correction, or with the source that is not the vehicle's own."""
     mean = linear.label.mean
     if mean is None:
-        return innovation
+        kind = linear.label.kind
+        return replace(innovation, mean_kind=kind) if kind else innovation
     if mean.corrected is not None:
         innovation = replace(
             innovation,

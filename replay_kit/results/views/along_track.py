@@ -85,7 +85,7 @@ def bins_along_track(
         most: Largest number of profiles.
     """
     observations, bins = measured.observations, measured.innovations
-    of_profiles = ~observations["mean_current_kind"].isin(("dac", "drift"))
+    of_profiles = observations["mean_current_kind"].isna()
     wanted = np.flatnonzero((observations["dof"] > 0) & of_profiles)
     kept = wanted[thinned(wanted.size, most)]
     used = bins[

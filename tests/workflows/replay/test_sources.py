@@ -1,5 +1,7 @@
 """Measurements beside the vehicle's own in a replay: counted by source, withheld by source, the same from the result and after a pause."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,7 @@ from replay_kit.workflows.sound import open_result
 from tests import synthetic
 from tests.logs.surface import made
 from tests.measurements.section.test_lines import mission
+from tests.workflows.replay.interrupted import Killed, run_until
 
 LEVELS = np.array([5.0, 100.0, 300.0, 600.0])
 
@@ -72,7 +75,13 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
         tmp_path / "drifters.nc", engine="h5netcdf"
     )
     others = tuple(tmp_path / name for name in ("totals.nc", "one.ruv", "drifters.nc"))
-    alone = run(ocean, logs=others)
+    alone = run(ocean, tmp_path / "alone.mcap", others)
+    assert str(next(estimate_sentences(outcome_of(alone)))).startswith(
+        "Observations: 0 rejected; bins not used"
+    )
+    rows = export(Contents(open_result(tmp_path / "alone.mcap")), tmp_path / "alone.nc")
+    assert (rows["track"], rows["section"]) == (0, 0)
+    assert rows["innovations"] > 0
     assert {row.kind: row.rejected for row in alone.sources} == {"drifters": 0, "radar": 0}
     assert all(row.rms_after < row.rms_before for row in alone.sources)
     beside = run(ocean, tmp_path / "out.mcap", (*others, ocean / "glider.mcap"))
@@ -84,6 +93,10 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
     off = cells[["u", "v"]].to_numpy() - (0.1, 0.05)
     assert np.sqrt(np.mean(off**2)) < 0.01
     assert (cells["u_standard_error"] > 0.0).all()
+    # the section is of the glider's own profiles
+    assert result.measured.profiles == Contents(result).bins.time_ns.size == 0
+    kinds = set(result.observations["mean_current_kind"])
+    assert kinds >= {"shear", "radar", "drifters"}
     rows = export(Contents(result), tmp_path / "surface.csv", table="surface")
     assert rows == {"surface": len(cells)}
     (said,) = [note for note in beside.notes if "table surface has both" in note]
@@ -93,3 +106,21 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
     content = inspect_logs(others, load_config(None))
     assert [info.content.surface for info in content] == [4, 11, 8]
     assert {info.use for info in content} == {"ready for replay: currents at the surface found"}
+
+
+@pytest.mark.parametrize("stop_after", [2, 3])
+def test_after_a_pause_the_surface_is_that_of_one_run(ocean, tmp_path, stop_after):
+    totals = made.totals((0.1, 0.05), 4, west=-59.9, south=39.8)
+    totals.to_netcdf(tmp_path / "totals.nc", engine="h5netcdf")
+    settings = {"estimator": {"modes": 7}, "output": {"checkpoint_interval": 1.0}}
+    whole, job = (
+        ReplayJob((tmp_path / "totals.nc",), ocean / "ensemble.nc", tmp_path / name)
+        for name in ("whole.mcap", "out.mcap")
+    )
+    replay(whole, config := load_config(None, settings))
+    job = dataclasses.replace(job, checkpoint=tmp_path / "checkpoint")
+    with pytest.raises(Killed):
+        run_until(job, config, stop_after)
+    assert job.checkpoint.exists()
+    run_until(job, config, None)
+    assert job.out.read_bytes() == whole.out.read_bytes()
