@@ -114,11 +114,13 @@ def is_matrix(prior: Prior) -> bool:
     return isinstance(getattr(prior, "before", prior), FullCovariancePrior)
 
 
-def one_matrix(prior: Prior) -> "FullCovariancePrior | None":
-    """Return a prior that is one matrix, with all rows taken from it; None for one in parts."""
-    if isinstance(prior, ConditionedPrior) and isinstance(prior.before, FullCovariancePrior):
-        return prior.before.downdate(prior.mean, prior.gain.reshape(-1, prior.mean.size))
-    return prior if isinstance(prior, FullCovariancePrior) else None
+def one_matrix(prior: Prior) -> "FullCovariancePrior":
+    """Return a prior that is one matrix, with all rows taken from it."""
+    if isinstance(prior, FullCovariancePrior):
+        return prior
+    assert isinstance(prior, ConditionedPrior)
+    assert isinstance(prior.before, FullCovariancePrior)
+    return prior.before.downdate(prior.mean, prior.gain.reshape(-1, prior.mean.size))
 
 
 def conditioned(prior: Prior, design: Array, innovation: Array) -> tuple[ConditionedPrior, Array]:

@@ -102,12 +102,11 @@ def select_representation(posterior: Posterior) -> Posterior:
 
 def full_covariance_of(posterior: Posterior) -> FullCovariancePrior:
     """Return the posterior as a Gaussian with one covariance matrix."""
-    if isinstance(posterior, ObservationSpacePosterior):
+    if isinstance(posterior, ObservationSpacePosterior) and is_matrix(posterior.prior):
         matrix = one_matrix(posterior.prior)
-        if matrix is not None and posterior.n:
-            return matrix.downdate(posterior.mean, posterior.whitened_cross())
-        if matrix is not None:
+        if not posterior.n:
             return matrix
+        return matrix.downdate(posterior.mean, posterior.whitened_cross())
     return full_covariance_prior(posterior.mean, posterior.covariance(), posterior.n_levels)
 
 
