@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -65,7 +64,7 @@ from replay_kit.workflows.replay.inputs.provenance import (
     run_settings_toml,
     vehicles_record,
 )
-from replay_kit.workflows.replay.inputs.scan import check_span
+from replay_kit.workflows.replay.inputs.scan import check_span, next_block
 from replay_kit.workflows.replay.inputs.vehicles import by_tracks, check_places, identified
 from replay_kit.workflows.replay.scoring import check_against, rival_inputs, rivals
 from replay_kit.workflows.replay.session import Session
@@ -82,8 +81,6 @@ from replay_kit.workflows.replay.store.checkpoint import (
 )
 from replay_kit.workflows.replay.store.followed import FollowedStates
 
-# Messages that are decoded and tested together; one with thousands of vectors, 2 MB, is the last of its block.
-_BLOCK, _LARGE = 128, "replay_kit.RadarCurrents"
 # Of one vehicle, or of several.
 AnySession = Session | ArraySession
 # Objects made before those are looked for that hold each other: a replay makes none, and to look takes a tenth of its loop.
@@ -335,7 +332,7 @@ def _loop(
     measurements = for_region(session.config, inputs.forecasts.ensemble).measurements
     while True:
         with session.clock.stage("read"):
-            block = list(_block(stream.messages))
+            block = next_block(stream.messages)
         if not block:
             check_span(inputs.job.logs, session.config, session.last_ns if count else None)
             break
@@ -363,14 +360,6 @@ def _loop(
     session.shared.assimilate(last=True)
     for one, merged, readers in zip(sessions, stream.merged, inputs.by_vehicle, strict=True):
         one.statistics = one.statistics.with_order(merged, readers[0].input)
-
-
-def _block(messages: Iterator[Message]) -> Iterator[Message]:
-    """Yield the messages of the next block."""
-    for message in islice(messages, _BLOCK):
-        yield message
-        if message.schema == _LARGE:
-            return
 
 
 def _interpreted(

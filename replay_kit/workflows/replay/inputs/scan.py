@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +10,16 @@ import numpy as np
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, MeasurementError
-from replay_kit.core.message import LogReader
+from replay_kit.core.message import LogReader, Message
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.logs import merge, open_logs
-from replay_kit.measurements.interpret import MAVLINK_NAMES, initial_state, interpret
+from replay_kit.measurements.interpret import MAVLINK_NAMES, initial_state, interpret_block
 from replay_kit.results.losses import iso_time
 
 # Positions are kept to this fraction of a degree: a long log has millions.
 _PER_DEGREE = 100
+# Messages that are decoded and tested together; one with thousands of vectors, 2 MB, is the last of its block.
+_BLOCK, _LARGE = 128, "replay_kit.RadarCurrents"
 
 
 def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
@@ -131,15 +134,28 @@ def _placed(
     """Yield the time of each message [ns, UTC] with the positions and placed measurements it completes, in the time span alone."""
     settings = config.logs
     state = initial_state(settings.system)
-    for message in merge(
-        open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns
-    ):
-        state, events = interpret(state, message, config.measurements)
-        counts = settings.start_ns is None or message.time_ns >= settings.start_ns
-        yield (
-            message.time_ns,
-            [event for event in events if counts and isinstance(event, VehicleState | Observation)],
+    messages = iter(
+        merge(
+            open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns
         )
+    )
+    while block := next_block(messages):
+        steps = interpret_block(state, block, config.measurements)
+        state = steps[-1][0]
+        for message, (_, events) in zip(block, steps, strict=True):
+            counts = settings.start_ns is None or message.time_ns >= settings.start_ns
+            kept = [event for event in events if isinstance(event, VehicleState | Observation)]
+            yield message.time_ns, kept if counts else []
+
+
+def next_block(messages: Iterator[Message]) -> list[Message]:
+    """Return the messages of the next block; none at the end."""
+    found: list[Message] = []
+    for message in islice(messages, _BLOCK):
+        found.append(message)
+        if message.schema == _LARGE:
+            break
+    return found
 
 
 def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float], int | None]:
