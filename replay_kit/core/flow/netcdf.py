@@ -258,7 +258,9 @@ def trajectory(
         values[name.upper()][2]["vocabulary"] = f"{_VOCABULARY}/{term}/"
     first = {name: values[name.upper()] for name in _TERMS_OF_FIXES}
     for name, term in _TERMS_OF_FIXES.items():
-        missing = np.full_like(first[name][1], np.datetime64("NaT") if name == "time" else np.nan)
+        missing = np.full_like(
+            first[name][1], np.datetime64("NaT", "ns") if name == "time" else np.nan
+        )
         attributes = {
             **ATTRIBUTES[name],
             "long_name": f"{name} of each GPS location",
