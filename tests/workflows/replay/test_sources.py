@@ -17,6 +17,7 @@ from replay_kit.show.sentences import estimate_sentences
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.report import report
 from replay_kit.workflows.sound import open_result
 from tests import synthetic
 from tests.logs.surface import made
@@ -101,6 +102,9 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
     assert rows == {"surface": len(cells)}
     (said,) = [note for note in beside.notes if "table surface has both" in note]
     assert said.startswith("radars show currents beside the estimate, a field of ")
+    report(tmp_path / "out.mcap", tmp_path / "out.html")
+    told = (tmp_path / "out.html").read_text(encoding="utf-8")
+    assert all(f"{name}: " in told for name in ("geostrophic shear", "HF radar", "drifters"))
     denied = run(ocean, None, (*others, ocean / "glider.mcap"), without=["radar", "drifters"])
     assert [row.kind for row in denied.sources] == ["shear"]
     content = inspect_logs(others, load_config(None))
