@@ -219,13 +219,14 @@ def test_truth_of_one_field_or_of_a_named_member(tmp_path):
         read_truth(f"{single}#1", PLAIN)
 
 
-def test_centimetres_are_read_and_strange_units_refused(tmp_path):
+@pytest.mark.parametrize(("unit", "of_one"), [("cm s-1", 100.0), ("knots", 3600.0 / 1852.0)])
+def test_stated_units_are_converted_and_strange_ones_refused(tmp_path, unit, of_one):
     ds = synthetic.dataset()
     for name in ("uo", "vo"):
-        ds[name] = (ds[name] * 100.0).assign_attrs(ds[name].attrs, units="cm s-1")
+        ds[name] = (ds[name] * of_one).assign_attrs(ds[name].attrs, units=unit)
     assert_same_current(ds, tmp_path)
-    ds["uo"].attrs["units"] = "knots"
-    refused("'knots'", write(ds, tmp_path / "k.nc"))
+    ds["uo"].attrs["units"] = "furlongs"
+    refused("'furlongs'", write(ds, tmp_path / "k.nc"))
 
 
 def without(name):

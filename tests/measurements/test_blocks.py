@@ -59,7 +59,7 @@ def _values(event):
             event.latitude,
             event.dive,
             event.common_std,
-            event.raw,
+            repr(event.raw),
             event.position_std,
         )
         return tuple((part.dtype.str, part.tobytes()) for part in arrays) + rest

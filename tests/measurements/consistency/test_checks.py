@@ -57,12 +57,9 @@ def test_raw_values_tell_dead_cells_from_living_ones():
 
 def test_too_few_cells_say_nothing():
     missing = np.vstack([np.full((4, 3), 0.1), np.full((3, 3), np.nan)])
-    assert (
-        raw_values(missing)
-        == raw_values(np.zeros((1, 2)))
-        == raw_values(noise(cells=4))
-        == RawValues()
-    )
+    for cells in (missing, np.zeros((1, 2)), noise(cells=4)):
+        # as text: what is not a number equals nothing
+        assert repr(raw_values(cells)) == repr(RawValues())
     assert raw_values(np.zeros((2, 2))).kind == "zero"
     assert RawHistory().after(1, raw_values(missing)) == (RawHistory(), "")
 
