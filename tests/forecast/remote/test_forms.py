@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 
 from replay_kit.forecast.remote.kept import record_of
 from tests.forecast.remote.conftest import refused, sea
@@ -58,7 +59,9 @@ def test_zarr_over_https_is_cut_to_box_depths_and_times(asker, zarr_format):
 def test_a_sharded_store_gives_parts_of_its_shards(asker):
     options = {"chunks": (1, 3, 1, 10, 10), "shards": (2, 3, 4, 30, 40)}
     ds = zarr_objects(sea(), zarr_format=3, encoding={"uo": options, "vo": options})
-    with serving(Files(ds)) as files:
+    # later versions than 3.1 join parts less than a megabyte apart, which is more than this store has
+    apart = zarr.config.set({"array.sharding_coalesce_max_gap_bytes": 0})
+    with serving(Files(ds)) as files, apart:
         assert_same(asker(files.url, logs=SPAN, levels=(5.0, 60.0)))
         assert files.sent < 0.5 * sum(map(len, ds.values()))
 
