@@ -121,6 +121,19 @@ def test_a_damaged_file_is_named_and_not_used(ocean, tmp_path, change, said):
         built(forecasts, config, job_in(ocean, tmp_path))
 
 
+def test_what_a_killed_process_left_is_removed_by_the_next_one_that_builds(ocean, tmp_path):
+    config = load_config(None, SETTINGS)
+    forecasts = forecasts_in(ocean, config)
+    built(forecasts, config, job_in(ocean, tmp_path))
+    (path,) = tmp_path.glob("*.basis")
+    path.unlink()
+    for name in (f"{path.stem}-1.new.part", f"{path.stem}-2.new", "another-1.new.part"):
+        (tmp_path / name).write_bytes(b"half")
+    built(forecasts, config, job_in(ocean, tmp_path))
+    assert path.exists()
+    assert [left.name for left in tmp_path.glob("*.new*")] == ["another-1.new.part"]
+
+
 def test_nothing_is_left_of_a_file_that_cannot_be_written(ocean, tmp_path, monkeypatch):
     config = load_config(None, SETTINGS)
 

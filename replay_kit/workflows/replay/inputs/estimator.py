@@ -119,7 +119,10 @@ def built(forecasts: Forecasts, config: RunConfig, job: ReplayJob) -> Estimator[
         return build(forecasts, config, goal_depth)
     path = job.basis_store / f"{_identity(forecasts, config, job)}.basis"
     if not path.exists():
-        with _locked(path.with_suffix(".lock")):
+        with _locked(path.with_suffix(".lock")) as alone:
+            # of processes that were killed as they wrote
+            for left in path.parent.glob(f"{path.stem}-*.new*") if alone else ():
+                left.unlink(missing_ok=True)
             if not path.exists():
                 _write(path, build(forecasts, config, goal_depth))
     # read also by who made it: all replays have the same value
@@ -173,14 +176,16 @@ def _read(path: Path) -> Estimator[Any]:
 
 
 @contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Let one process at a time through; the lock of one that is killed is free again.
+def _locked(path: Path) -> Iterator[bool]:
+    """Let one process at a time through, and say whether it is the only one; the lock of one that is killed is free again.
 
     Where the file system has no locks, a basis may be made more than once, to the same bytes.
     """
     import fcntl
 
     with path.open("wb") as file:
+        alone = False
         with suppress(OSError):
             fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+            alone = True
+        yield alone
