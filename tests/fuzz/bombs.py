@@ -5,6 +5,7 @@ import shutil
 import sqlite3
 import zlib
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from functools import cache
 from pathlib import Path
 
@@ -183,7 +184,7 @@ def _areas(name: str, data: Callable[[], bytes]) -> Attack:
 
 def _package(select: str) -> Attack:
     def attack(folder: Path) -> list[str]:
-        with sqlite3.connect(folder / "areas.gpkg") as file:
+        with closing(sqlite3.connect(folder / "areas.gpkg")) as file, file:
             file.execute("CREATE TABLE gpkg_geometry_columns (table_name, column_name, srs_id)")
             file.execute("INSERT INTO gpkg_geometry_columns VALUES ('areas', 'geom', 4326)")
             file.execute(f"CREATE VIEW areas AS {select}")

@@ -7,6 +7,7 @@ import itertools
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -222,7 +223,8 @@ def _of_kml(content: bytes) -> Iterator[Mapping[str, Any]]:
 def _of_geopackage(path: Path) -> Iterator[Mapping[str, Any]]:
     """Yield the rows of a GeoPackage's tables of geometries."""
     try:
-        with sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True) as opened:
+        address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
+        with closing(sqlite3.connect(address, uri=True)) as opened:
             opened.row_factory = sqlite3.Row
             # a view may have no end, and a value any length
             steps = itertools.count()
