@@ -11,7 +11,6 @@ from replay_kit.cli.options import (
     NETCDF,
     OUTPUTS,
     PART_OF_FORECAST,
-    TO_INPUTS,
     TO_OPTIONS,
     TO_OUTPUTS,
     Answer,
@@ -37,13 +36,6 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fetched:
-    """What is fetched."""
-
-    ensemble: Ensemble
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Copied(Answer):
     """What is written."""
 
@@ -61,7 +53,7 @@ class Copied(Answer):
 @takes_settings("logs", "measurements", "forecast", "estimator.name", "estimator.preset", "time")
 def fetch(
     *logs: LogIfAny,
-    inputs: Annotated[Fetched, TO_INPUTS],
+    ensemble: Ensemble,
     outputs: Annotated[Copied, TO_OUTPUTS] = Copied(),
     settings: Settings,
     dry_run: Annotated[
@@ -69,7 +61,7 @@ def fetch(
     ] = False,
 ) -> int:
     """Return 0."""
-    addresses = addresses_in(inputs.ensemble)
+    addresses = addresses_in(ensemble)
     if not addresses:
         raise ConfigError(
             "--ensemble: expected an address, such as https://...; files need no fetching"
@@ -87,7 +79,7 @@ def fetch(
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
     with progress():
-        request = request_of(ReplayJob(logs, inputs.ensemble), config)
+        request = request_of(ReplayJob(logs, ensemble), config)
         if dry_run:
             write_json(outputs.json_file, _price(request, console))
             return 0

@@ -12,7 +12,6 @@ from replay_kit.cli.options import (
     MCAP,
     PART_OF_FORECAST,
     SOURCES,
-    TO_INPUTS,
     TO_OUTPUTS,
     Answer,
     Ending,
@@ -222,13 +221,6 @@ def verify(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Replayed:
-    """What is smoothed."""
-
-    ensemble: Ensemble
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Smoothed(Answer):
     """What is written."""
 
@@ -244,13 +236,13 @@ class Smoothed(Answer):
 @takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", "output")
 def smooth(
     *logs: Log,
-    inputs: Annotated[Replayed, TO_INPUTS],
+    ensemble: Ensemble,
     outputs: Annotated[Smoothed, TO_OUTPUTS],
     settings: Settings,
 ) -> int:
     """Return the exit code of the summary."""
     check_paths(
-        (*logs, *inputs.ensemble, settings.file),
+        (*logs, *ensemble, settings.file),
         (outputs.out, outputs.json_file),
         outputs.overwrite,
     )
@@ -261,7 +253,7 @@ def smooth(
     from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
     from replay_kit.workflows.smooth import smooth as smooth_logs
 
-    job = ReplayJob(logs, inputs.ensemble, outputs.out, overwrite=outputs.overwrite)
+    job = ReplayJob(logs, ensemble, outputs.out, overwrite=outputs.overwrite)
     (job,) = local_forecasts([(job, config)])
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     with part_named(outputs.out), progress() as advance:
