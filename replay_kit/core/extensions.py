@@ -109,14 +109,18 @@ def on_demand(package: str, file: str) -> Callable[[str], object]:
         package: Its ``__name__``.
         file: Its ``__file__``, of which each import below ``if TYPE_CHECKING`` is done when its name is first asked for.
     """
-    places = {
-        name.asname or name.name: (str(line.module), name.name)
-        for block in ast.parse(Path(file).read_text(encoding="utf-8")).body
-        if isinstance(block, ast.If)
-        for line in block.body
-        if isinstance(line, ast.ImportFrom)
-        for name in line.names
-    }
+
+    @cache
+    def places() -> Mapping[str, tuple[str, str]]:
+        # when a name is asked for: commands import the package and ask for none
+        return {
+            name.asname or name.name: (str(line.module), name.name)
+            for block in ast.parse(Path(file).read_text(encoding="utf-8")).body
+            if isinstance(block, ast.If)
+            for line in block.body
+            if isinstance(line, ast.ImportFrom)
+            for name in line.names
+        }
 
     def get(name: str) -> object:
         """Return the value of a name.
@@ -124,11 +128,11 @@ def on_demand(package: str, file: str) -> Callable[[str], object]:
         Raises:
             AttributeError: The package has no such name.
         """
-        if name not in places:
+        if name not in places():
             raise AttributeError(
-                f"module {package!r} has no attribute {name!r}; it has {', '.join(sorted(places))}"
+                f"module {package!r} has no attribute {name!r}; it has {', '.join(sorted(places()))}"
             )
-        module, there = places[name]
+        module, there = places()[name]
         return getattr(import_module(module), there)
 
     return get
