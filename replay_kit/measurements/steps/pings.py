@@ -156,8 +156,11 @@ def in_metres_per_second(ping: AdcpPing, config: MeasurementConfig) -> AdcpPing:
         ping: The ping; errors and the platform's velocity that it states are in m/s.
         config: The unit.
     """
-    factor = metres_per_second(config.velocity_unit or "m/s")
-    return ping if factor in (None, 1.0) else replace(ping, velocity=ping.velocity * factor)
+    if config.velocity_unit in (None, "m/s"):
+        return ping
+    factor = metres_per_second(config.velocity_unit)
+    assert factor is not None, "the configuration takes no other unit"
+    return replace(ping, velocity=ping.velocity * factor)
 
 
 def resolve_ping(
