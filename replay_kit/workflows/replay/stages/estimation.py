@@ -158,11 +158,7 @@ def assimilate_together(
                     known = innovation if start is before else estimator.step(start, event)[1]
                     std, of_dive = known.innovation_std, known.innovation
                 if of_dive is None or np.isnan(of_dive).all():
-                    of_dive = (
-                        estimator.group_innovation(start, event)
-                        if isinstance(event, ProfileGroup)
-                        else estimator.innovation(start, event)
-                    )
+                    of_dive = _since(start, estimator, event)
                 found = Assimilation(innovation, of_dive, next(weights), std)
                 steps.append((vehicle, Step(event, before, current, found)))
                 if std is not None and len(vehicles) > 1:
@@ -198,6 +194,13 @@ def state_after(
             for stepped in vehicles[own[0][0]].estimator.group_steps(current, given):
                 current = stepped.after
     return current
+
+
+def _since(start: Any, estimator: Estimator[Any], event: Measurement | ProfileGroup) -> Array:
+    """Return measured minus predicted from a state before the dive."""
+    if isinstance(event, ProfileGroup):
+        return estimator.group_innovation(start, event)
+    return estimator.innovation(start, event)
 
 
 _Item = VehicleState | Measurement | ProfileGroup
