@@ -90,12 +90,12 @@ class DiveMean:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DiveState:
-    """What is known after some dives; leading axes are of several states, of dives of the same times.
+    """What is known after some dives, or k times that: of dives of the same times.
 
     Attributes:
-        mean: shape (..., h, 8), of the unknowns under each combination of settings.
-        cov: shape (..., h, 8, 8).
-        log_weights: shape (..., h), of the combinations; the weights sum to one.
+        mean: shape (8, k, h), of the unknowns under each combination of settings.
+        cov: shape (8, 8, k, h).
+        log_weights: shape (k, h), of the combinations; the weights sum to one.
         time_ns: Of the last dive [ns, UTC]; None before the first.
         dives: Number of dives.
     """
@@ -106,29 +106,41 @@ class DiveState:
     time_ns: int | None = None
     dives: int = 0
 
+    @property
+    def variance(self) -> Array:
+        """Variances of the unknowns, shape (8, k, h): a view."""
+        return np.einsum("ii...->i...", self.cov)
+
 
 class _Case(NamedTuple):
     """What a dive may be.
 
     Attributes:
         log_share: Logarithm of its probability.
-        cross: shape (2, ..., h, 8), covariance of each component of the mean current with the unknowns.
-        spread: shape (..., h, 2, 2), covariance of the mean current.
-        more: shape (h, 8), variances of the unknowns beyond those of the state.
+        spread: shape (2, 2, k, h), covariance of the mean current.
+        changed: Whether the current has changed by more than it usually does.
     """
 
     log_share: float
-    cross: Array
     spread: Array
-    more: Array
+    changed: bool = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _SeenDive:
-    """A dive, the state at its time, and what the dive may be."""
+class _Seen(NamedTuple):
+    """A dive, the state at its time, and what the dive may be.
+
+    Attributes:
+        state: At the dive's time.
+        dive: The dive.
+        rows: shape (r, 8, k, h), covariance of the mean current with the unknowns; of four rows the last two are what a change adds.
+        more: shape (8, h), what a change adds to the variances of the unknowns.
+        cases: What the dive may be.
+    """
 
     state: DiveState
     dive: DiveMean
+    rows: Array
+    more: Array
     cases: list[_Case]
 
 
@@ -162,18 +174,20 @@ class DiveModel:
     def initial(self) -> DiveState:
         """Return the state before the first dive."""
         size = self.settings.size
-        cov = self.settings.variance[:, :, None] * np.eye(UNKNOWNS)
-        return DiveState(np.zeros((size, UNKNOWNS)), cov, self.settings.log_prior)
+        cov = np.eye(UNKNOWNS)[:, :, None, None] * self.settings.variance.T[:, None]
+        return DiveState(np.zeros((UNKNOWNS, 1, size)), cov, self.settings.log_prior[None])
 
     def predict(self, state: DiveState, time_ns: int) -> DiveState:
         """Return the state at a later time, before the dive of that time; unchanged for an earlier time."""
         if state.time_ns is None:
             return replace(state, time_ns=time_ns)
         time_ns = max(time_ns, state.time_ns)
-        kept = np.exp(-(time_ns - state.time_ns) / _NS / self.settings.scales)
-        cov = state.cov * (kept[:, :, None] * kept[:, None, :])
-        cov[..., range(UNKNOWNS), range(UNKNOWNS)] += (1.0 - kept**2) * self.settings.variance
-        return replace(state, mean=state.mean * kept, cov=cov, time_ns=time_ns)
+        kept = np.exp(-(time_ns - state.time_ns) / _NS / self.settings.scales).T[:, None]
+        later = replace(
+            state, mean=state.mean * kept, cov=state.cov * (kept[:, None] * kept), time_ns=time_ns
+        )
+        later.variance[...] += (1.0 - kept**2) * self.settings.variance.T[:, None]
+        return later
 
     def forecast(self, state: DiveState, dive: DiveMean) -> Mixture:
         """Return what is expected of a dive's mean current.
@@ -188,36 +202,59 @@ class DiveModel:
         """Return the state after a dive."""
         return self.after(self.seen(state, dive))
 
-    def seen(self, state: DiveState, dive: DiveMean) -> _SeenDive:
-        """Return a dive as a state sees it: what a forecast of it and the state after it have in common."""
-        state = self.predict(state, dive.time_ns)
-        return _SeenDive(state, dive, self._cases(state, dive))
+    def seen(self, state: DiveState, dive: DiveMean) -> _Seen:
+        """Return a dive as a state sees it: what a forecast of it and the state after it have in common.
 
-    def mixture(self, seen: _SeenDive) -> Mixture:
+        It may be as the dives before, after a change, and, where that is asked for, with a wrong mean current.
+        """
+        state, variance, right = (
+            self.predict(state, dive.time_ns),
+            self.settings.variance,
+            1.0 - self.wrong,
+        )
+        more = np.zeros((UNKNOWNS, self.settings.size))
+        more[_JUMPING] = (_JUMP_FACTOR - 1.0) * variance.T[_JUMPING]
+        further = dive.design[:, :, None] * more
+        own = self.settings.white_std**2 + dive.position_variance
+        rows, usual = _as_expected(state, dive.design, own, right * (1.0 - self.jump))
+        spread = usual.spread + np.einsum("aih,bi->abh", further, dive.design)[:, :, None]
+        changed = _Case(float(np.log(right * self.jump)), spread, True)
+        further = np.broadcast_to(further[:, :, None], rows.shape)
+        cases = [usual, changed, *self._wrong(usual)]
+        return _Seen(state, dive, np.concatenate([rows, further]), more, cases)
+
+    def mixture(self, seen: _Seen) -> Mixture:
         """Return what is expected of the mean current of a dive that a state sees."""
         state, dive = seen.state, seen.dive
-        expected = state.mean @ dive.design.T + self._background(dive)
-        parts = [(state.log_weights + case.log_share, expected, case.spread) for case in seen.cases]
+        expected = (dive.design @ state.mean[:, 0] + self._background(dive)).T
+        parts = [
+            (
+                state.log_weights[0] + case.log_share,
+                expected,
+                np.moveaxis(case.spread[:, :, 0], -1, 0),
+            )
+            for case in seen.cases
+        ]
         log_weights, means, covs = (np.concatenate(part) for part in zip(*parts, strict=True))
         return Mixture(log_weights, means, covs)
 
-    def after(self, seen: _SeenDive) -> DiveState:
+    def after(self, seen: _Seen) -> DiveState:
         """Return the state after the dive that it sees."""
-        state, dive = seen.state, seen.dive
-        errors = dive.velocity - self._background(dive) - state.mean @ dive.design.T
-        state = replace(_after(state, errors, seen.cases), dives=state.dives + 1)
+        dive = seen.dive
+        errors = (dive.velocity[:, None] - self._background(dive))[:, None]
+        errors = errors - np.tensordot(dive.design, seen.state.mean, 1)
+        state = replace(_after(seen, errors), dives=seen.state.dives + 1)
         return state if dive.inverted is None else self._with_inverted(state, dive, dive.inverted)
 
     def flight_bias(self, state: DiveState) -> tuple[Array, Array]:
         """Return mean and standard deviation of the flight model's error along and across the way, as shares of it; shape (2,) each."""
-        weights = np.exp(state.log_weights)
-        means, parts = state.mean[:, FLIGHT_BIAS], np.arange(UNKNOWNS)[FLIGHT_BIAS]
-        mean = weights @ means
-        variance = weights @ (state.cov[:, parts, parts] + (means - mean) ** 2)
+        weights, means = np.exp(state.log_weights[0]), state.mean[FLIGHT_BIAS, 0]
+        mean = means @ weights
+        variance = (state.variance[FLIGHT_BIAS, 0] + (means - mean[:, None]) ** 2) @ weights
         return np.asarray(mean), np.sqrt(variance)
 
     def flight_evidence(self, state: DiveState) -> Array:
-        """Return the log evidence of an error of the flight model over none [nats], shape (...); the settings have both."""
+        """Return the log evidence of an error of the flight model over none [nats], shape (k,); the settings have both."""
         has = self.settings.has_flight_bias
 
         def log_odds(log_weights: Array) -> Array:
@@ -229,75 +266,77 @@ class DiveModel:
         return log_odds(state.log_weights) - log_odds(self.settings.log_prior)
 
     def _background(self, dive: DiveMean) -> Array:
-        """Return what the current is measured about under each combination, shape (h, 2); zero where it is not known."""
-        return np.vstack([np.zeros(2), np.nan_to_num(dive.backgrounds)])[self.settings.background]
-
-    def _cases(self, state: DiveState, dive: DiveMean) -> list[_Case]:
-        """Return what a dive may be: as the dives before, after a change, and, where that is asked for, with a wrong mean current."""
-        own = (self.settings.white_std**2 + dive.position_variance)[:, None, None] * np.eye(2)
-        right, more = 1.0 - self.wrong, np.zeros((self.settings.size, UNKNOWNS))
-        usual = _as_expected(state, dive.design, own, right * (1.0 - self.jump))
-        more[:, _JUMPING] = (_JUMP_FACTOR - 1.0) * self.settings.variance[:, _JUMPING]
-        further = dive.design[:, None] * more
-        spread = usual.spread + np.tensordot(further, dive.design, (-1, 1)).swapaxes(0, 1)
-        cross = usual.cross + further.reshape(2, *[1] * (state.mean.ndim - 2), *more.shape)
-        changed = _Case(float(np.log(right * self.jump)), cross, spread, more)
-        return [usual, changed, *self._wrong(usual)]
+        """Return what the current is measured about under each combination, shape (2, h); zero where it is not known."""
+        about = np.vstack([np.zeros(2), np.nan_to_num(dive.backgrounds)])
+        return about[self.settings.background].T
 
     def _wrong(self, usual: _Case) -> list[_Case]:
         """Return the case of a wrong mean current, where that is asked for."""
         if not self.wrong:
             return []
-        spread = usual.spread + _WRONG_STD**2 * np.eye(2)
-        return [usual._replace(log_share=float(np.log(self.wrong)), spread=spread)]
+        return [_Case(float(np.log(self.wrong)), with_own(usual.spread, _WRONG_STD**2))]
 
     def _with_inverted(self, state: DiveState, dive: DiveMean, inverted: Array) -> DiveState:
         """Return the state after the inverted current: what is left of the mean current without it is the flight model's error."""
         design = dive.design.copy()
         design[:, : FLIGHT_BIAS.start] = 0.0
-        errors = dive.velocity - inverted - state.mean @ design.T
-        own = (INVERTED_STD**2 + dive.position_variance) * np.eye(2)
-        usual = _as_expected(state, design, own, 1.0 - self.wrong)
-        return _after(state, errors, [usual, *self._wrong(usual)])
+        errors = (dive.velocity - inverted)[:, None, None] - np.tensordot(design, state.mean, 1)
+        own = INVERTED_STD**2 + dive.position_variance
+        rows, usual = _as_expected(state, design, own, 1.0 - self.wrong)
+        none = np.zeros((UNKNOWNS, self.settings.size))
+        return _after(_Seen(state, dive, rows, none, [usual, *self._wrong(usual)]), errors)
 
 
-def _as_expected(state: DiveState, design: Array, own: Array, share: float) -> _Case:
-    """Return the case in which the unknowns are as a state knows them; ``own``, shape (..., 2, 2), is what they do not cause."""
-    cross = np.tensordot(design, state.cov, (1, -1))
-    spread = np.moveaxis(np.tensordot(cross, design, (-1, 1)), 0, -1) + own
-    return _Case(float(np.log(share)), cross, spread, np.zeros(state.mean.shape[-2:]))
+def with_own(spread: Array, own: Array | float) -> Array:
+    """Return covariances, shape (2, 2, ...), with what each component has of its own added to the variances."""
+    out = spread.copy()
+    out[[0, 1], [0, 1]] += own
+    return out
 
 
-def _after(state: DiveState, errors: Array, cases: list[_Case]) -> DiveState:
-    """Return the state after errors of a prediction, shape (..., h, 2), which some cases expect to be of different size.
+def _as_expected(
+    state: DiveState, design: Array, own: Array | float, share: float
+) -> tuple[Array, _Case]:
+    """Return the rows, and the case in which the unknowns are as a state knows them; ``own`` is the variance that they do not cause."""
+    rows = np.tensordot(design, state.cov, 1)
+    spread = np.einsum("aikh,bi->abkh", rows, design)
+    return rows, _Case(float(np.log(share)), with_own(spread, own))
 
-    The cases are joined to one Gaussian, combination by combination: what each takes from the covariance, and what its mean adds, are
-    products of columns, which are added up in one product.
+
+def _after(seen: _Seen, errors: Array) -> DiveState:
+    """Return the state after errors of a prediction, shape (2, k, h), which some cases expect to be of different size.
+
+    The cases are joined to one Gaussian, combination by combination. Each moves the mean along the rows, and what it takes from the
+    covariance is a form of them: of all cases it is one form, F, and the covariance grows by rows' F rows.
     """
+    state, rows, cases = seen.state, seen.rows, seen.cases
     log_likelihood = np.stack(
-        [case.log_share + log_densities(errors, case.spread) for case in cases]
+        [each.log_share + log_densities(errors, each.spread) for each in cases]
     )
     total = np.logaddexp.reduce(log_likelihood, axis=0)
-    shares = np.exp(log_likelihood - total)[..., None]
-    gains, moves = [], []
-    for case in cases:
-        # component by component: inner loops over two numbers would take several times as long
-        (of_east, both), (_, of_north) = np.moveaxis(case.spread, (-2, -1), (0, 1))[..., None]
-        (east, north), over = case.cross, 1.0 / (of_east * of_north - both**2)
-        gain = over * (of_north * east - both * north), over * (of_east * north - both * east)
-        gains.append(gain)
-        moves.append(gain[0] * errors[..., :1] + gain[1] * errors[..., 1:])
-    move = np.sum([share * part for share, part in zip(shares, moves, strict=True)], axis=0)
-    left, right, more = [], [], 0.0 * move
-    for share, gain, each, case in zip(shares, gains, moves, cases, strict=True):
-        about = each - move
-        left += [-share * gain[0], -share * gain[1], share * about]
-        right += [*case.cross, about]
-        more += share * case.more
-    cov = state.cov + np.swapaxes(np.stack(left, -2), -1, -2) @ np.stack(right, -2)
-    cov[..., range(UNKNOWNS), range(UNKNOWNS)] += more
-    # the rounding error of the two halves would grow from dive to dive
-    cov = 0.5 * (cov + np.swapaxes(cov, -1, -2))
+    shares, pairs = np.exp(log_likelihood - total), len(rows) // 2
+    moves = np.zeros((len(cases), pairs, 2, *total.shape))
+    form, more = np.zeros((pairs, 2, pairs, 2, *total.shape)), np.zeros(total.shape)
+    for share, case, along in zip(shares, cases, moves, strict=True):
+        (of_east, both), (_, of_north) = case.spread
+        inverse = np.array([[of_north, -both], [-both, of_east]]) / (of_east * of_north - both**2)
+        # a change adds to both pairs of rows
+        own = 1 + case.changed
+        along[:own] = np.sum(inverse * errors, axis=1)
+        form[:own, :, :own] -= share * inverse[:, None]
+        more += case.changed * share
+    move = np.sum(shares[:, None, None] * moves, axis=0)
+    for share, about in zip(shares, moves - move, strict=True):
+        form += (share * about)[:, :, None, None] * about
+    step = np.einsum("abkh,bikh->aikh", form.reshape(len(rows), len(rows), *total.shape), rows)
+    cov = np.empty_like(state.cov)
+    # a half that mirrors the other: the rounding error of two would grow from dive to dive
+    for i in range(UNKNOWNS):
+        cov[i, i:] = state.cov[i, i:] + np.einsum("akh,ajkh->jkh", rows[:, i], step[:, i:])
+        cov[i:, i] = cov[i, i:]
+    mean = state.mean + np.einsum("akh,aikh->ikh", move.reshape(len(rows), *total.shape), rows)
     log_weights = state.log_weights + total
     log_weights -= np.logaddexp.reduce(log_weights, axis=-1, keepdims=True)
-    return replace(state, mean=state.mean + move, cov=cov, log_weights=log_weights)
+    after = replace(state, mean=mean, cov=cov, log_weights=log_weights)
+    after.variance[...] += more * seen.more[:, None]
+    return after

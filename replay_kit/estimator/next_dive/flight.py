@@ -11,7 +11,6 @@ settings has no current beside the estimate: only what the estimate fails to exp
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -34,7 +33,7 @@ class FlightBias:
     """What is known of the flight model's error after some dives.
 
     Attributes:
-        known: shape (k, h), states of which the first is after all of them, the others after all but one; None before the first dive.
+        known: k states, of which the first is after all of them, the others after all but one; None before the first dive.
         way: shape (2,) [m/s], of the first dive since the last turn; None before the first dive.
     """
 
@@ -59,37 +58,27 @@ class FlightBias:
     @property
     def share(self) -> tuple[Array, Array]:
         """Mean and standard deviation of the error along and across the way, as shares of it; shape (2,) each."""
-        of_all = _FLIGHT_MODEL.initial() if self.known is None else _states(self.known, 0)
-        return _FLIGHT_MODEL.flight_bias(of_all)
+        return _FLIGHT_MODEL.flight_bias(self.known or _FLIGHT_MODEL.initial())
 
     def after(self, dive: DiveMean) -> "FlightBias":
         """Return what is known after one more dive."""
         turned = self.way is None or np.hypot(*(dive.way - self.way)) > _TURNED
         way = dive.way if turned else self.way
         assert way is not None
-        before = _states(_FLIGHT_MODEL.initial(), None) if self.known is None else self.known
-        after = _FLIGHT_MODEL.step(before, replace(dive, way=way))
-        left_out = _FLIGHT_MODEL.predict(_states(before, slice(1)), dive.time_ns)
-        without = _joined(_states(after, slice(1, None)), left_out)
-        least = np.argsort(_FLIGHT_MODEL.flight_evidence(without), kind="stable")[:_MOST_LEFT_OUT]
-        return FlightBias(_joined(_states(after, slice(1)), _states(without, least)), way)
-
-
-def _states(states: DiveState, chosen: Any) -> DiveState:
-    """Return some of several states, by an index of their first axis."""
-    mean, cov, log_weights = (
-        part[chosen] for part in (states.mean, states.cov, states.log_weights)
-    )
-    return DiveState(mean, cov, log_weights, states.time_ns, states.dives)
-
-
-def _joined(first: DiveState, second: DiveState) -> DiveState:
-    """Return states as one, with the number of dives of the first."""
-    mean, cov, log_weights = (
-        np.concatenate([getattr(one, name) for one in (first, second)])
-        for name in ("mean", "cov", "log_weights")
-    )
-    return DiveState(mean, cov, log_weights, first.time_ns, first.dives)
+        seen = _FLIGHT_MODEL.seen(self.known or _FLIGHT_MODEL.initial(), replace(dive, way=way))
+        after, before = _FLIGHT_MODEL.after(seen), seen.state
+        mean, cov, log_weights = (
+            np.concatenate([getattr(after, name), getattr(before, name)[..., :1, :]], axis=-2)
+            for name in ("mean", "cov", "log_weights")
+        )
+        known = replace(after, mean=mean, cov=cov, log_weights=log_weights)
+        if len(log_weights) > 1 + _MOST_LEFT_OUT:
+            evidence = _FLIGHT_MODEL.flight_evidence(known)[1:]
+            least = [0, *1 + np.argsort(evidence, kind="stable")[:_MOST_LEFT_OUT]]
+            known = replace(
+                known, mean=mean[:, least], cov=cov[:, :, least], log_weights=log_weights[least]
+            )
+        return FlightBias(known, way)
 
 
 _LOCAL_MODEL = DiveModel(local_combinations())
@@ -119,10 +108,10 @@ def local_current(state: DiveState | None) -> LocalCurrent | None:
     settings, part = _LOCAL_MODEL.settings, slice(_LOCAL, _LOCAL + 2)
     std, scale = np.sqrt(settings.variance[:, _LOCAL]), settings.scales[:, _LOCAL]
     return LocalCurrent(
-        np.exp(state.log_weights),
+        np.exp(state.log_weights[0]),
         std,
         scale,
-        state.mean[:, part],
-        state.cov[:, part, part],
+        state.mean[part, 0].T,
+        np.moveaxis(state.cov[part, part, 0], -1, 0),
         state.time_ns,
     )

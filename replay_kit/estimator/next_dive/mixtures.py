@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -140,10 +141,14 @@ _POINTS = 48
 _BINS = 1024
 # Logarithm of the least weight of a Gaussian that moves a radius: thousands of them hold less than a millionth.
 _LEAST_LOG_WEIGHT = -25.0
-_GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+_ANGLES = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_POINTS)
+_SPIRAL = np.sqrt(-2.0 * np.log1p(-(np.arange(_POINTS) + 0.5) / _POINTS)) * np.array(
+    [np.cos(_ANGLES), np.sin(_ANGLES)]
+)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+# Not slotted: the moments are computed once.
+@dataclass(frozen=True, eq=False)
 class Mixture:
     """Gaussians in the plane with weights.
 
@@ -157,22 +162,22 @@ class Mixture:
     means: Array
     covs: Array
 
-    @property
+    @cached_property
     def mean(self) -> Array:
         """Mean of the mixture, shape (2,)."""
         return np.asarray(np.exp(self.log_weights) @ self.means)
 
-    @property
+    @cached_property
     def cov(self) -> Array:
         """Covariance of the mixture, shape (2, 2)."""
         weights, about = np.exp(self.log_weights), self.means - self.mean
         return np.asarray(
-            np.einsum("n,nij->ij", weights, self.covs) + (weights[:, None] * about).T @ about
+            np.tensordot(weights, self.covs, 1) + (weights[:, None] * about).T @ about
         )
 
     def log_density(self, value: Array) -> float:
         """Return the logarithm of the density at a value, shape (2,)."""
-        densities = log_densities(value - self.means, self.covs)
+        densities = log_densities((value - self.means).T, np.moveaxis(self.covs, 0, -1))
         return float(np.logaddexp.reduce(self.log_weights + densities))
 
     def holds(self, value: Array, shares: Sequence[float]) -> tuple[bool, ...]:
@@ -189,20 +194,16 @@ class Mixture:
         Args:
             shares: Between 0 and 1.
         """
-        rank = (np.arange(_POINTS) + 0.5) / _POINTS
-        angle = _GOLDEN_ANGLE * np.arange(_POINTS)
-        unit = np.sqrt(-2.0 * np.log1p(-rank)) * np.array([np.cos(angle), np.sin(angle)])
         kept = self.log_weights > _LEAST_LOG_WEIGHT
-        root = np.linalg.cholesky(self.covs[kept])
-        points = self.means[kept, :, None] - self.mean[:, None] + root @ unit
-        whitened = np.linalg.inv(np.linalg.cholesky(self.cov)) @ points.transpose(1, 0, 2).reshape(
-            2, -1
-        )
-        return weighted_quantiles(
-            np.hypot(*whitened),
-            np.repeat(np.exp(self.log_weights[kept]) / _POINTS, _POINTS),
-            shares,
-        )
+        whiten = np.linalg.inv(np.linalg.cholesky(self.cov))
+        (of_east, _), (both, of_north) = np.moveaxis(
+            whiten @ np.linalg.cholesky(self.covs[kept]), 0, -1
+        )[..., None]
+        east, north = (whiten @ (self.means[kept] - self.mean).T)[..., None]
+        square = (east + of_east * _SPIRAL[0]) ** 2
+        square += (north + both * _SPIRAL[0] + of_north * _SPIRAL[1]) ** 2
+        weights = np.exp(self.log_weights[kept]) / _POINTS
+        return weighted_quantiles(np.sqrt(square).ravel(), np.repeat(weights, _POINTS), shares)
 
 
 def weighted_quantiles(values: Array, weights: Array, shares: Sequence[float]) -> Array:
@@ -233,9 +234,9 @@ def weighted_quantiles(values: Array, weights: Array, shares: Sequence[float]) -
 
 
 def log_densities(errors: Array, covs: Array) -> Array:
-    """Return the logarithm of the density of errors, shape (..., 2), under Gaussians of some covariances, shape (..., 2, 2)."""
-    (east, both), (_, north) = np.moveaxis(covs, (-2, -1), (0, 1))
-    first, second = np.moveaxis(errors, -1, 0)
+    """Return the logarithm of the density of errors, shape (2, ...), under Gaussians of some covariances, shape (2, 2, ...)."""
+    (east, both), (_, north) = covs
+    first, second = errors
     determinant = east * north - both**2
     square = (north * first**2 - 2.0 * both * first * second + east * second**2) / determinant
     return np.asarray(-0.5 * square - 0.5 * np.log(determinant) - np.log(2.0 * np.pi))

@@ -15,11 +15,13 @@ are shared by the backgrounds that the current may be measured about. ``tests/re
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.next_dive.filter import INVERTED_STD, DiveMean
+from replay_kit.estimator.next_dive.filter import INVERTED_STD, DiveMean, with_own
 from replay_kit.estimator.next_dive.mixtures import Mixture, log_densities
 
 _HOUR, _DAY = 3600.0, 86_400.0
@@ -98,9 +100,9 @@ class ProcessState:
     """What is known after some dives.
 
     Attributes:
-        mean: shape (h, b, 16), of the latent states, under each setting and about each background.
-        cov: shape (h, 16, 16).
-        log_weights: shape (h, b), of the settings and backgrounds; the weights sum to one.
+        mean: shape (b, 16, h), of the latent states, about each background and under each setting.
+        cov: shape (16, 16, h).
+        log_weights: shape (b, h), of the backgrounds and settings; the weights sum to one.
         time_ns: Last instant of the last dive [ns, UTC]; None before the first.
         dives: Number of dives.
     """
@@ -119,11 +121,11 @@ class SeenDive:
     Attributes:
         before: The state.
         dive: The dive.
-        mean: shape (h, b, 16).
-        cov: shape (h, 16, 16).
-        expected: shape (h, b, 2) [m/s], without the background.
-        cross: shape (h, 16, 2), covariance of the states with the mean current.
-        spread: shape (h, 2, 2), covariance of the mean current.
+        mean: shape (b, 16, h).
+        cov: shape (16, 16, h).
+        expected: shape (2, b, h) [m/s], without the background.
+        cross: shape (2, 16, h), covariance of the mean current with the states.
+        spread: shape (2, 2, h), covariance of the mean current.
     """
 
     before: ProcessState
@@ -135,7 +137,8 @@ class SeenDive:
     spread: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+# Not slotted: what the settings are in every dive is computed once.
+@dataclass(frozen=True, eq=False)
 class MeanCurrentProcess:
     """The process of dives' mean currents.
 
@@ -152,12 +155,24 @@ class MeanCurrentProcess:
         """Return the process with so many backgrounds beside none."""
         return cls(ProcessSettings.drawn(), n_backgrounds)
 
+    @cached_property
+    def _scales(self) -> tuple[Array, NDArray[np.intp]]:
+        """Each decorrelation time once, and which of them each setting has."""
+        scales, which = np.unique(self.settings.scale, return_inverse=True)
+        return scales, which
+
+    @cached_property
+    def _effects(self) -> tuple[Array, Array]:
+        """Amplitudes of the parts, shape (4, h), and ``axes``, shape (2, 2, h)."""
+        amplitude = self.settings.amplitude * self.settings.parts.T
+        return amplitude, np.ascontiguousarray(np.moveaxis(self.settings.axes, 0, -1))
+
     def initial(self) -> ProcessState:
         """Return the state before the first dive."""
         size, about = self.settings.amplitude.size, self.n_backgrounds + 1
-        cov = np.tile(np.eye(_SIZE), (size, 1, 1))
-        log_weights = np.full((size, about), -np.log(size * about))
-        return ProcessState(np.zeros((size, about, _SIZE)), cov, log_weights)
+        cov = np.repeat(np.eye(_SIZE)[..., None], size, axis=-1)
+        log_weights = np.full((about, size), -np.log(size * about))
+        return ProcessState(np.zeros((about, _SIZE, size)), cov, log_weights)
 
     def forecast(self, state: ProcessState, dive: DiveMean) -> Mixture:
         """Return what is expected of a dive's mean current.
@@ -174,10 +189,11 @@ class MeanCurrentProcess:
 
     def mixture(self, seen: SeenDive) -> Mixture:
         """Return what is expected of the mean current of a dive that a state sees."""
-        about = self._backgrounds(seen.dive)
-        means = (seen.expected + about).reshape(-1, 2)
-        spread = np.repeat(seen.spread, about.shape[0], axis=0)
-        changed = np.repeat(self._changed(seen.spread), about.shape[0], axis=0)
+        means = (seen.expected + self._backgrounds(seen.dive)).reshape(2, -1).T
+        spread, changed = (
+            np.tile(np.moveaxis(each, -1, 0), (self.n_backgrounds + 1, 1, 1))
+            for each in (seen.spread, self._changed(seen.spread))
+        )
         weights = seen.before.log_weights.ravel()
         return Mixture(
             np.concatenate([weights + np.log(1.0 - _JUMP), weights + np.log(_JUMP)]),
@@ -188,20 +204,21 @@ class MeanCurrentProcess:
     def after(self, seen: SeenDive) -> ProcessState:
         """Return the state after the dive that it sees."""
         state, dive = seen.before, seen.dive
-        errors = dive.velocity - self._backgrounds(dive) - seen.expected
-        after = _updated(seen.mean, seen.cov, seen.cross, seen.spread, errors)
+        errors = dive.velocity[:, None, None] - self._backgrounds(dive) - seen.expected
+        after = _updated((seen.mean, seen.cov), seen.cross, seen.spread, errors)
         density = np.logaddexp(
-            np.log(1.0 - _JUMP) + _densities(errors, seen.spread),
-            np.log(_JUMP) + _densities(errors, self._changed(seen.spread)),
+            np.log(1.0 - _JUMP) + log_densities(errors, seen.spread[:, :, None]),
+            np.log(_JUMP) + log_densities(errors, self._changed(seen.spread)[:, :, None]),
         )
         if dive.inverted is not None:
             # what is left of the mean current without the inverted one is the flight model's error
             design = self._flight_design(dive)
-            cross = after[1] @ design.transpose(0, 2, 1)
-            spread = design @ cross + (INVERTED_STD**2 + dive.position_variance) * np.eye(2)
-            errors = (dive.velocity - dive.inverted) - after[0] @ design.transpose(0, 2, 1)
-            after = _updated(*after, cross, spread, errors)
-            density = density + _densities(errors, spread)
+            cross, expected = _products(design, *after)
+            spread = np.einsum("ikh,jkh->ijh", design, cross)
+            spread = with_own(spread, np.array(INVERTED_STD**2 + dive.position_variance))
+            errors = (dive.velocity - dive.inverted)[:, None, None] - expected
+            after = _updated(after, cross, spread, errors)
+            density = density + log_densities(errors, spread[:, :, None])
         log_weights = state.log_weights + density
         instants = _instants(dive)
         return replace(
@@ -214,57 +231,54 @@ class MeanCurrentProcess:
         )
 
     def _backgrounds(self, dive: DiveMean) -> Array:
-        """Return what the current is measured about, shape (b, 2); zero where it is not known."""
+        """Return what the current is measured about, shape (2, b, 1); zero where it is not known."""
         about = np.zeros((self.n_backgrounds + 1, 2))
         known = np.nan_to_num(dive.backgrounds[: self.n_backgrounds])
         about[1 : len(known) + 1] = known
-        return about
+        return about.T[..., None]
 
     def _changed(self, spread: Array) -> Array:
-        return np.asarray(spread + self.settings.amplitude[:, None, None] ** 2 * np.eye(2))
+        return with_own(spread, self.settings.amplitude**2)
 
     def _flight_design(self, dive: DiveMean) -> Array:
-        """Return the effect of the latent states on the mean current through the flight model alone, shape (h, 2, 16)."""
-        design = np.zeros((self.settings.amplitude.size, 2, _SIZE))
+        """Return the effect of the latent states on the mean current through the flight model alone, shape (2, 16, h)."""
+        design = np.zeros((2, _SIZE, self.settings.amplitude.size))
         east, north = dive.way
         turn = np.array([[east, -0.5 * north], [north, 0.5 * east]])
-        design[:, :, 2 * _STATES :] = self.settings.flight[:, None, None] * turn
+        design[:, 2 * _STATES :] = turn[..., None] * self.settings.flight
         return design
 
     def seen(self, state: ProcessState, dive: DiveMean) -> SeenDive:
         """Return a dive as a state sees it: what a forecast of it and the state after it have in common."""
-        settings = self.settings
+        settings, (amplitude, axes), (scales, of_scale) = self.settings, self._effects, self._scales
         instants = _instants(dive)
         before = instants[0] if state.time_ns is None else state.time_ns
         # an instant before the last one known counts as at it
         gaps = np.maximum(np.diff([before, *instants]) * 1e-9, 0.0)
-        scales, of_scale = np.unique(settings.scale, return_inverse=True)
-        moved, kept, noise = (each[of_scale] for each in _over_dive(gaps, scales))
-        # latent states of both components, then the flight model's error, which stays
-        move = _both(moved, np.eye(2))
-        mean, cov = state.mean @ move.transpose(0, 2, 1), move @ state.cov @ move.transpose(0, 2, 1)
-        cov += _both(noise[:, :_STATES, :_STATES], np.zeros((2, 2)))
-        amplitude = settings.amplitude[:, None] * settings.parts
-        design = self._flight_design(dive)
-        of_parts = np.einsum("hp,hpk->hk", amplitude, kept)
-        design[:, :, : 2 * _STATES] = np.einsum("hij,hk->hijk", settings.axes, of_parts).reshape(
-            -1, 2, 2 * _STATES
+        move, kept, noise = (
+            np.moveaxis(each, 0, -1).take(of_scale, axis=-1) for each in _over_dive(gaps, scales)
         )
-        mean_noise = np.einsum("hp,hkp->hk", amplitude, noise[:, :_STATES, _STATES:])
+        cov = _moved(move, _moved(move, state.cov).swapaxes(0, 1))
+        for own in (slice(_STATES), slice(_STATES, 2 * _STATES)):
+            cov[own, own] += noise[:_STATES, :_STATES]
+        design = self._flight_design(dive)
+        of_parts = np.einsum("ph,pkh->kh", amplitude, kept)
+        design[:, : 2 * _STATES] = (axes[:, :, None] * of_parts).reshape(2, 2 * _STATES, -1)
+        cross, expected = _products(design, state.mean, state.cov)
+        spread = np.einsum("ikh,jkh->ijh", design, cross)
+        cross = _moved(move, cross.swapaxes(0, 1)).swapaxes(0, 1)
+        mean_noise = np.einsum("ph,kph->kh", amplitude, noise[:_STATES, _STATES:])
+        cross[:, : 2 * _STATES] += (axes[:, :, None] * mean_noise).reshape(2, 2 * _STATES, -1)
         variance = (
-            np.einsum("hp,hpq,hq->h", amplitude, noise[:, _STATES:, _STATES:], amplitude)
+            np.einsum("ph,pqh,qh->h", amplitude, noise[_STATES:, _STATES:], amplitude)
             + (settings.amplitude * settings.white) ** 2
         )
-        seen = state.cov @ design.transpose(0, 2, 1)
-        cross = move @ seen
-        cross[:, : 2 * _STATES] += np.einsum("hij,hk->hjki", settings.axes, mean_noise).reshape(
-            -1, 2 * _STATES, 2
-        )
-        along = settings.axes @ settings.axes.transpose(0, 2, 1)
         # a way that is planned, not known, moves the flight model's error by 1 + 1/4 of its variance
-        own = dive.position_variance + _FLOOR**2 + 1.25 * (settings.flight * dive.way_std) ** 2
-        spread = design @ seen + variance[:, None, None] * along + own[:, None, None] * np.eye(2)
-        expected = state.mean @ design.transpose(0, 2, 1)
+        own_variance = (
+            dive.position_variance + _FLOOR**2 + 1.25 * (settings.flight * dive.way_std) ** 2
+        )
+        spread = with_own(spread + variance * np.einsum("ikh,jkh->ijh", axes, axes), own_variance)
+        mean = _moved(move, state.mean.swapaxes(0, 1)).swapaxes(0, 1)
         return SeenDive(state, dive, mean, cov, expected, cross, spread)
 
 
@@ -274,12 +288,21 @@ def _instants(dive: DiveMean) -> list[int]:
     return [dive.time_ns + int(each * dive.seconds * 1e9) for each in share]
 
 
-def _both(block: Array, rest: Array) -> Array:
-    """Return the same block for each of two components, and the flight model's, shape (h, 16, 16)."""
-    out = np.zeros((len(block), _SIZE, _SIZE))
-    out[:, :_STATES, :_STATES] = out[:, _STATES : 2 * _STATES, _STATES : 2 * _STATES] = block
-    out[:, 2 * _STATES :, 2 * _STATES :] = rest
+def _moved(move: Array, states: Array) -> Array:
+    """Return latent states, shape (16, n, h), after transitions of a component, shape (7, 7, h), part by part; the flight model's stay."""
+    out = np.empty(states.shape)
+    out[2 * _STATES :] = states[2 * _STATES :]
+    before, after = (
+        each[: 2 * _STATES].reshape(2, _STATES, *each.shape[1:]) for each in (states, out)
+    )
+    for part in _PARTS:
+        np.einsum("ijh,cjnh->cinh", move[part, part], before[:, part], out=after[:, part])
     return out
+
+
+def _products(design: Array, mean: Array, cov: Array) -> tuple[Array, Array]:
+    """Return design times covariance, shape (2, 16, h), and times mean, shape (2, b, h)."""
+    return np.einsum("ikh,klh->ilh", design, cov), np.einsum("ikh,bkh->ibh", design, mean)
 
 
 def _over_dive(gaps: Array, scales: Array) -> tuple[Array, Array, Array]:
@@ -294,44 +317,47 @@ def _over_dive(gaps: Array, scales: Array) -> tuple[Array, Array, Array]:
         and means, shape (s, 11, 11).
     """
     size = _STATES + len(_PARTS)
-    move, new = np.tile(np.eye(size), (scales.size, 1, 1)), np.zeros((scales.size, size, size))
-    through, firsts = move[:, :, :_STATES].copy(), [states.start for states in _PARTS]
+    steps, noises = _transitions(gaps, scales)
+    move, new = np.tile(np.eye(size), (gaps.size, scales.size, 1, 1)), np.zeros((size, size))
+    through, firsts = np.eye(size)[:, :_STATES], [states.start for states in _PARTS]
     # what is new in a part's first state is new in its mean
     grow = np.eye(size)[:, :_STATES]
-    grow[range(_STATES, size), firsts] = 1.0 / len(gaps)
-    for gap in gaps:
-        step, noise = _transition(gap, scales)
-        move[:, :_STATES, :_STATES] = step
-        move[:, _STATES:, :_STATES] = step[:, firsts] / len(gaps)
-        through = move @ through
-        new = move @ new @ move.transpose(0, 2, 1) + grow @ noise @ grow.T
+    grow[range(_STATES, size), firsts] = 1.0 / gaps.size
+    move[:, :, :_STATES, :_STATES] = steps
+    move[:, :, _STATES:, :_STATES] = steps[:, :, firsts] / gaps.size
+    for each, noise in zip(move, grow @ noises @ grow.T, strict=True):
+        through = each @ through
+        new = each @ new @ each.transpose(0, 2, 1) + noise
     return through[:, :_STATES], through[:, _STATES:], new
 
 
-def _transition(gap: float, scales: Array) -> tuple[Array, Array]:
-    """Return how a component's latent states pass a time, shape (s, 7, 7), and the covariance of what is new in them."""
-    move = np.zeros((scales.size, _STATES, _STATES))
-    move[:, 0, 0] = np.exp(-gap / _SLOW)
+def _transitions(gaps: Array, scales: Array) -> tuple[Array, Array]:
+    """Return how a component's latent states pass each time, shape (n, s, 7, 7), and the covariance of what is new in them."""
+    move = np.zeros((gaps.size, scales.size, _STATES, _STATES))
+    move[:, :, 0, 0] = np.exp(-gaps / _SLOW)[:, None]
     # velocity and its rate times the scale over the square root of 3, both of unit variance
-    r = np.sqrt(3.0) * gap / scales
-    move[:, 1:3, 1:3] = np.moveaxis(np.exp(-r) * np.array([[1.0 + r, r], [-r, 1.0 - r]]), -1, 0)
+    r = np.sqrt(3.0) * gaps[:, None] / scales
+    move[:, :, 1:3, 1:3] = np.moveaxis(
+        np.exp(-r) * np.array([[1.0 + r, r], [-r, 1.0 - r]]), (0, 1), (-2, -1)
+    )
     for states, (decay, period) in zip(_PARTS[2:], _TIDES, strict=True):
-        angle = 2.0 * np.pi * gap / period
+        angle = 2.0 * np.pi * gaps / period
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        move[:, states, states] = np.exp(-gap / decay) * turn
-    return move, np.eye(_STATES) - move @ move.transpose(0, 2, 1)
+        move[:, :, states, states] = np.moveaxis(np.exp(-gaps / decay) * turn, -1, 0)[:, None]
+    return move, np.eye(_STATES) - move @ np.swapaxes(move, -1, -2)
 
 
 def _updated(
-    mean: Array, cov: Array, cross: Array, spread: Array, errors: Array
+    known: tuple[Array, Array], cross: Array, spread: Array, errors: Array
 ) -> tuple[Array, Array]:
-    """Return mean and covariance of the states after errors of a prediction, shape (h, b, 2)."""
-    gain = cross @ np.linalg.inv(spread)
-    after = cov - gain @ cross.transpose(0, 2, 1)
-    # the rounding error of the two halves would grow from dive to dive
-    return mean + errors @ gain.transpose(0, 2, 1), 0.5 * (after + after.transpose(0, 2, 1))
-
-
-def _densities(errors: Array, spread: Array) -> Array:
-    """Return the logarithm of the density of errors, shape (h, b, 2), under Gaussians of some covariances, shape (h, 2, 2)."""
-    return log_densities(errors, spread[:, None])
+    """Return mean and covariance of the states, from those ``known`` before, after errors of a prediction, shape (2, b, h)."""
+    (of_east, both), (_, of_north) = spread
+    east, north = cross
+    over = 1.0 / (of_east * of_north - both**2)
+    gain = over * np.array([of_north * east - both * north, of_east * north - both * east])
+    mean, cov = known[0] + np.einsum("ibh,ikh->bkh", errors, gain), np.empty_like(known[1])
+    # a half that mirrors the other: the rounding error of two would grow from dive to dive
+    for k in range(_SIZE):
+        cov[k, k:] = known[1][k, k:] - np.einsum("ih,ilh->lh", gain[:, k], cross[:, k:])
+        cov[k:, k] = cov[k, k:]
+    return mean, cov

@@ -116,7 +116,7 @@ def test_of_many_dives_those_are_left_out_without_which_the_evidence_is_least(mo
     whole = after(given)[-1]
     monkeypatch.setattr(flight, "_MOST_LEFT_OUT", 3)
     few = after(given)[-1]
-    assert len(few.known.mean) == 1 + 3
+    assert len(few.known.log_weights) == 1 + 3
     assert few.evidence == pytest.approx(whole.evidence, rel=1e-9)
 
 

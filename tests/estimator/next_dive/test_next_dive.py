@@ -78,7 +78,7 @@ def assert_is_gaussian_of_all(settings, chosen, given):
         )
         np.testing.assert_allclose(found.covs[position], spread, rtol=1e-8, atol=1e-14)
     expected = np.exp(np.array(densities) - np.max(densities))
-    np.testing.assert_allclose(np.exp(state.log_weights), expected / expected.sum(), rtol=1e-7)
+    np.testing.assert_allclose(np.exp(state.log_weights[0]), expected / expected.sum(), rtol=1e-7)
 
 
 @pytest.mark.parametrize("inverted", [False, True])
@@ -120,7 +120,7 @@ def test_a_steady_way_is_told_from_a_changing_current_that_is_known():
         state = model.step(state, coming)
     assert np.hypot(*(expected.mean - coming.velocity)) < 0.01
     assert np.sqrt(np.linalg.det(expected.cov)) < 0.03**2
-    assert np.exp(state.log_weights)[model.settings.background == 1].sum() > 0.99
+    assert np.exp(state.log_weights[0])[model.settings.background == 1].sum() > 0.99
 
 
 @pytest.mark.parametrize("inverted", [False, True])
@@ -161,8 +161,9 @@ def test_after_many_dives_covariances_are_still_those_of_something():
     state = model.initial()
     for dive in dives(90, inverted=False, noise=0.05):
         state = model.step(state, dive)
-    np.testing.assert_allclose(state.cov, state.cov.transpose(0, 2, 1), rtol=0.0, atol=1e-15)
-    assert np.linalg.eigvalsh(state.cov).min() > -1e-15
+    cov = np.moveaxis(state.cov[:, :, 0], -1, 0)
+    np.testing.assert_array_equal(cov, cov.transpose(0, 2, 1))
+    assert np.linalg.eigvalsh(cov).min() > -1e-15
 
 
 def test_a_long_time_forgets_the_change_but_not_the_flight_bias():
@@ -171,8 +172,8 @@ def test_a_long_time_forgets_the_change_but_not_the_flight_bias():
     for dive in dives(5):
         state = model.step(state, dive)
     later = model.predict(state, state.time_ns + int(1e3 * 86400e9))
-    np.testing.assert_allclose(later.mean[:, 2:6], 0.0, atol=1e-30)
-    np.testing.assert_allclose(later.mean[:, 6:], state.mean[:, 6:])
+    np.testing.assert_allclose(later.mean[2:6], 0.0, atol=1e-30)
+    np.testing.assert_allclose(later.mean[6:], state.mean[6:])
     np.testing.assert_allclose(model.predict(state, state.time_ns - 5).cov, state.cov)
 
 
