@@ -23,7 +23,7 @@ class ConditionedPrior:
     Attributes:
         before: The prior.
         mean: shape (Z r,).
-        whitened: shape (m, Z, r), A.
+        whitened: shape (m, Z, r), A; empty where ``before`` is one matrix, of which no factors are kept.
         gain: shape (m, Z, r), A P0; the sum of the rows' outer products is taken from the covariance.
     """
 
@@ -85,14 +85,11 @@ class ConditionedPrior:
             whitened: shape (k, Z, r), L2^-1 H2.
             gain: shape (k, Z, r), the same times this covariance.
         """
-        of_before = whitened.reshape(-1, mean.size) @ self.gain.reshape(-1, mean.size).T
-        further = whitened - np.tensordot(of_before, self.whitened, axes=1)
-        return ConditionedPrior(
-            self.before,
-            mean,
-            np.concatenate([self.whitened, further]),
-            np.concatenate([self.gain, gain]),
-        )
+        rows = self.whitened
+        if not isinstance(self.before, FullCovariancePrior):
+            of_before = whitened.reshape(-1, mean.size) @ self.gain.reshape(-1, mean.size).T
+            rows = np.concatenate([rows, whitened - np.tensordot(of_before, rows, axes=1)])
+        return ConditionedPrior(self.before, mean, rows, np.concatenate([self.gain, gain]))
 
     def scaled(self, before: Prior, factor: float) -> "ConditionedPrior":
         """Return the same with its covariance multiplied by a factor; ``before`` has it already."""
@@ -226,10 +223,6 @@ class FullCovariancePrior:
         for (level, other, _), block in zip(self._lower(), blocks, strict=True):
             block -= by_level[:, level].T @ by_level[:, other]
         return FullCovariancePrior(mean, blocks)
-
-    def after_rows(self, mean: Array, whitened: Array, gain: Array) -> "FullCovariancePrior":
-        """Return the Gaussian after rows, as ``ConditionedPrior.after_rows`` does; the rows themselves, ``whitened``, are not kept."""
-        return self.downdate(mean, gain.reshape(len(whitened), -1))
 
     def _lower(self) -> Iterator[tuple[int, int, Array]]:
         """Yield each block with the levels of its rows and its columns."""

@@ -151,11 +151,16 @@ class ReducedBasisEstimator(StaticEstimator):
                 yield state, innovation
 
     def _block(self, state: FilterState) -> int:
-        """Return how many observations to take together: the prior of an average of the mean's amplitude is another one."""
+        """Return how many observations to take together: the prior of an average of the mean's amplitude is another one.
+
+        After a mean along a path there is no average any more.
+        """
         posterior, amplitude = state.posterior, state.mean_amplitude
         due = (
             amplitude.until_due(posterior.n)
-            if amplitude and isinstance(posterior, ObservationSpacePosterior)
+            if amplitude
+            and isinstance(posterior, ObservationSpacePosterior)
+            and isinstance(posterior.prior, AmplitudePrior | HybridPrior)
             else None
         )
         return min(self.block_size, due or self.block_size)

@@ -133,7 +133,7 @@ class RowsTaken:
         gain: shape (K, Z r), the same times the prior's covariance.
     """
 
-    prior: FullCovariancePrior | ConditionedPrior
+    prior: ConditionedPrior
     mean: Array
     bias_sensitivity: Array
     whitened: Array
@@ -142,10 +142,7 @@ class RowsTaken:
     def cross(self, rows: PathRows, products: "PathProducts") -> Array:
         """Return the posterior's covariance times the rows, shape (m, Z, r)."""
         design, prior = rows.by_level, self.prior
-        if isinstance(prior, ConditionedPrior):
-            cross = prior.less_taken(design, products.of(prior.before, rows))
-        else:
-            cross = products.of(prior, rows)
+        cross = prior.less_taken(design, products.of(prior.before, rows))
         taken = (design.reshape(len(design), -1) @ self.gain.T) @ self.gain
         return cross - taken.reshape(cross.shape)
 
@@ -186,7 +183,8 @@ def rows_taken(posterior: Posterior) -> RowsTaken:
             change = posterior.forward.T @ gain
             after = bias_sensitivity + change[1:].reshape(bias_sensitivity.shape)
             return RowsTaken(prior, prior.mean + change[0], after, whitened, gain)
-    whole, none = full_covariance_of(posterior), np.empty((0, posterior.n_weights))
+    whole = as_conditioned(full_covariance_of(posterior), posterior.n_levels)
+    none = np.empty((0, posterior.n_weights))
     return RowsTaken(whole, whole.mean, posterior.bias_sensitivity(), none, none)
 
 

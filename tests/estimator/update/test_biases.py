@@ -11,7 +11,7 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving.build import build_evolving
-from replay_kit.estimator.prior.conditioned import FullCovariancePrior
+from replay_kit.estimator.prior.conditioned import is_matrix
 from replay_kit.estimator.update import representation
 from replay_kit.estimator.update.biases import (
     NAMES,
@@ -183,9 +183,7 @@ def test_a_static_estimate_takes_off_what_the_current_absorbed_in_every_form(for
     assert type(state.posterior) is (
         ReducedSubspacePosterior if form == "span" else ObservationSpacePosterior
     )
-    assert isinstance(state.posterior.prior, FullCovariancePrior) == (
-        form in ("dense", "with a mean current")
-    )
+    assert is_matrix(state.posterior.prior) == (form in ("dense", "with a mean current"))
     np.testing.assert_allclose(state.bias_score.score, same.bias_score.score, rtol=1e-6)
     np.testing.assert_allclose(state.bias_score.information, same.bias_score.information, rtol=1e-6)
 
