@@ -18,7 +18,8 @@ from replay_kit.core.grid import Grid, Projection
 _ELLIPSOID = Geod(ellps="WGS84")
 
 
-@lru_cache(maxsize=64)
+# each vehicle of an array has some of its own
+@lru_cache(maxsize=256)
 def _proj(projection: Projection) -> Proj:
     return Proj(
         proj="aeqd", lat_0=projection.latitude, lon_0=projection.longitude, ellps="WGS84", units="m"

@@ -51,7 +51,7 @@ class MeasurementState:
         frames: Frames by name of MAVLink pings that are not complete yet.
         components: By topic and the names of both, the component of a velocity that waits for the other.
         gps_fix_ns: Time of the last three-dimensional fix of each MAVLink system's GPS [ns, UTC]; None while it had none.
-        dives: The way since the last fixes, for mean currents.
+        dives: The way since the last fixes, for mean currents; None where these are not wanted.
         bottom: Last velocity over the ground by a DVL, after its time [ns, UTC].
         track: Latest fixes at the surface.
         line: Of the CTD; None before its first sample.
@@ -69,7 +69,7 @@ class MeasurementState:
     frames: Mapping[Key, Mapping[str, PingFrame]] = field(default_factory=dict)
     components: Mapping[tuple[str, str, str], Component] = field(default_factory=dict)
     gps_fix_ns: Mapping[str, int | None] = field(default_factory=dict)
-    dives: Dives = field(default_factory=Dives)
+    dives: Dives | None = field(default_factory=Dives)
     bottom: tuple[int, PlatformVelocity] | None = None
     track: Fixes = ()
     system: str | None = None
@@ -90,7 +90,7 @@ def at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -
     """Return the state with a depth noted; see ``is_submerged`` for where dives begin and end."""
     submerged, dives = (
         is_submerged(depth, config.surface_depth, state.submerged),
-        record_depth_of_dive(state.dives, depth),
+        state.dives and record_depth_of_dive(state.dives, depth),
     )
     if depth == state.depth and submerged == state.submerged and dives is state.dives:
         return state
@@ -119,12 +119,13 @@ def record_position(
     origins = state.origins if fix.dead_reckoned else {}
     released, left = ready(state.waiting, fix.time_ns)
     events = [event for ping in released for event in place(ping, state.fix, fix, track, config)]
-    dives, means = record_place_of_dive(state.dives, fix, state.submerged, state.dive, config)
+    if (dives := state.dives) is not None:
+        dives, means = record_place_of_dive(dives, fix, state.submerged, state.dive, config)
+        events += means
     return replace(state, fix=fix, waiting=left, dives=dives, track=track, origins=origins), [
         Used(source.topic),
         fix,
         *events,
-        *means,
     ]
 
 
@@ -206,6 +207,8 @@ def record_mean_current(
 ) -> Step:
     """Return the state after a stated mean current, and the current with its path."""
     dive = state.dive if stated.dive is None else stated.dive
+    if state.dives is None:
+        return state, [Used(source.topic)]
     dives, mean = stated_mean(state.dives, stated, dive, source, config)
     events: list[Event | PlacedPing] = (
         [Skipped(source.topic, mean)] if isinstance(mean, str) else [Used(source.topic), mean]

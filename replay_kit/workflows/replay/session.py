@@ -13,6 +13,7 @@ from typing import Any
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array, replace
+from replay_kit.core.as_flown import FlownDive
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Observation, PathMean
@@ -113,6 +114,7 @@ class Session:
         self._speeds = speeds
         self.config = config
         self._problem = problem
+        self._flown: tuple[tuple[FlownDive, ...], PlanningProblem | None] = ((), problem)
         self.writer: ResultWriter | None = None
         self._levels = levels
         self._inputs = inputs_of(estimator)
@@ -161,10 +163,13 @@ class Session:
     @property
     def problem(self) -> PlanningProblem | None:
         """What is planned, for a vehicle that flies as its dives so far; None where nothing is."""
-        problem, flown = self._problem, self.forecasts.as_flown
-        if problem is None or flown is None or not isinstance(problem.planner, VehiclePlanner):
+        problem, dives = self._problem, self.forecasts.dives
+        if problem is None or not dives or not isinstance(problem.planner, VehiclePlanner):
             return problem
-        return replace(problem, planner=problem.planner.as_flown(flown))
+        if self._flown[0] is not dives and (flown := self.forecasts.as_flown) is not None:
+            # asked for at every event, and another one only after a dive
+            self._flown = dives, replace(problem, planner=problem.planner.as_flown(flown))
+        return self._flown[1]
 
     def restore(self, state: Any) -> None:
         """Continue from a ``ReplayState``."""

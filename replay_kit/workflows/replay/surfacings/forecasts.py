@@ -54,7 +54,6 @@ class ForecastState:
         outcomes: Of the dives so far.
         local: Of the current beside the estimate; None before the first dive.
         dives: How the vehicle flew each dive that shows it.
-        as_flown: Their median; None without any.
     """
 
     model: ProcessState | None = None
@@ -66,7 +65,11 @@ class ForecastState:
     outcomes: tuple[DiveOutcome, ...] = ()
     local: DiveState | None = None
     dives: tuple[FlownDive, ...] = ()
-    as_flown: AsFlown | None = None
+
+    @property
+    def as_flown(self) -> AsFlown | None:
+        """The median of the dives; None without any."""
+        return AsFlown.of(self.dives)
 
 
 def forecast_step(
@@ -123,10 +126,7 @@ def _with_ground(
 
 def _with_dive(state: ForecastState, dive: FlownDive | None) -> ForecastState:
     """Return the state after a dive was flown; None shows nothing."""
-    if dive is None:
-        return state
-    dives = (*state.dives, dive)
-    return replace(state, dives=dives, as_flown=AsFlown.of(dives))
+    return state if dive is None else replace(state, dives=(*state.dives, dive))
 
 
 def forecast_mean(
@@ -147,9 +147,9 @@ def forecast_mean(
     of_dives = Before(_MODEL, before, state.persistence)
     outcome, model = of_dives.outcome(dive, mean.fixes, mean.dive)
     # dives without a mean current are known less well
-    known = replace(state, dives=(), as_flown=None) if state.model is None else state
+    known = replace(state, dives=()) if state.model is None else state
     after = replace(
-        _with_dive(known, flown_of(mean)),
+        _with_dive(known, _flown(dive, mean)),
         model=model,
         persistence=state.persistence.after(dive.velocity),
         last=dive,
@@ -213,7 +213,11 @@ def flown_of(mean: PathMean) -> FlownDive | None:
     """Return how the dive of a mean current was flown; None for a drift at the surface, or where its way through the water is not known."""
     if mean.kind != "dac" or mean.fixes is None:
         return None
-    dive = dive_mean(ForecastState(), mean, _UNKNOWN)
+    return _flown(dive_mean(ForecastState(), mean, _UNKNOWN), mean)
+
+
+def _flown(dive: DiveMean, mean: PathMean) -> FlownDive | None:
+    assert mean.fixes is not None
     return flown_dive(dive.seconds, dive.way, mean.depth, mean.deepest, mean.fixes[0].time_ns)
 
 
