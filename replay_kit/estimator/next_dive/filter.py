@@ -109,7 +109,7 @@ class DiveState:
     @property
     def variance(self) -> Array:
         """Variances of the unknowns, shape (8, k, h): a view."""
-        return np.einsum("ii...->i...", self.cov)
+        return np.asarray(np.einsum("ii...->i...", self.cov))
 
 
 class _Case(NamedTuple):
