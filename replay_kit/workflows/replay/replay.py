@@ -203,10 +203,11 @@ def _prepare(
         if vehicle.goal is not None and planner_of is not None:
             planner = planner_of(own.planner, ensemble.grid)
             check_goal(planner, prior_flow, vehicle, own)
-            goals = () if job.following is None else job.following.goals
-            problem = PlanningProblem(
-                planner, vehicle.goal, own.planner, own.measurements.surface_depth, goals
+            goals, made = (
+                ((), None) if job.following is None else (job.following.goals, job.following.made)
             )
+            surface = own.measurements.surface_depth
+            problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, goals, made)
         levels = ensemble.grid.levels
         sessions.append(Session(estimator, levels, own, problem, speeds, shared, vehicle.name))
     # without a goal nothing reads the bathymetry

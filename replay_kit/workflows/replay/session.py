@@ -330,9 +330,8 @@ class Session:
         """Finish a surfacing and plan from the last position; return the estimate that was planned on."""
         at = partial(self._flow, self.estimation.current)
         self._expect(forecast_end(self.forecasts))
-        self._plan(plans.finish_surfacing, at)
         flow = at(self.last_ns)
-        self._plan(plans.make_last_plan, flow, self.last_ns)
+        self._plan(plans.plan_at_end, at, flow, self.last_ns)
         return flow
 
     def publish(self, flow: FlowEstimate, time_ns: int) -> None:

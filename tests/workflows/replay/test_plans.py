@@ -1,6 +1,7 @@
 """When a replay's loop plans, and from where: at intervals, at surfacings, and after the drift at the surface."""
 
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from replay_kit.core.plan import Place
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.update.screening import unused_innovation
 from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.stages.planner import MadePlans, PlanQuery, PlanResult
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from tests import synthetic
 from tests.planners.flow_samples import CENTRE, uniform_flow
@@ -127,3 +129,58 @@ def test_a_plan_at_a_surfacing_begins_where_the_current_takes_the_vehicle(second
     drift = to_local(Projection(CENTRE.longitude, CENTRE.latitude), start.longitude, start.latitude)
     np.testing.assert_allclose(drift, [0.3 * seconds, -0.4 * seconds], rtol=0.02, atol=1e-6)
     assert start.depth == 0.0
+
+
+class Counting:
+    """A planner, of a speed, that counts its plans, and notes of which the odds alone were asked for."""
+
+    def __init__(self, speed: float, asked: list[bool]):
+        self.speed, self.asked = speed, asked
+
+    def plan(self, flow: Any, query: Any) -> PlanResult:
+        self.asked.append(query.is_answered)
+        plan = SimpleNamespace(start=query.start, start_time_ns=query.start_time_ns)
+        return PlanResult(plan, None, len(self.asked))
+
+    def with_odds(self):
+        return self
+
+    def __reduce__(self):
+        return float, (self.speed,)
+
+
+@pytest.mark.parametrize(
+    ("more", "surface_time", "answered"),
+    [([], None, True), ([fix(95, 0.0)], None, False), ([], 600.0, False)],
+)
+def test_the_plan_at_a_surfacing_where_the_log_ends_is_the_last_one(more, surface_time, answered):
+    planner, config = Counting(0.3, []), PlannerConfig(when="surfacing", surface_time=surface_time)
+    problem = PlanningProblem(planner, Place(152.6, -40.0, 0.0), config, 5.0)
+    session = Session(Still(), FLOW.levels, RunConfig(planner=config), problem)
+    for event in [fix(0, 0.0), profile(10), fix(20, 50.0), fix(90, 0.0), *more]:
+        session.take_message(event.time_ns, [event], session.summarised([event]))
+    session.shared.assimilate()
+    session.end()
+    assert planner.asked == [False, answered]
+
+
+def test_a_plan_is_made_again_unless_all_that_it_follows_from_is_the_same():
+    uncertain = replace(FLOW, modes=FLOW.latent[:, :1], covariance=np.eye(FLOW.levels.size))
+    query, planner, made = (
+        PlanQuery(Place(152.5, -40.0, 0.0), Place(152.6, -40.0, 0.0), 5),
+        Counting(0.3, []),
+        MadePlans(),
+    )
+    latent = FLOW.latent.copy()
+    latent[0, 0] = np.nextafter(latent[0, 0], 1.0)
+    each = (
+        (planner, uncertain, query),
+        (planner, uncertain, replace(query, start_time_ns=6)),
+        (planner, uncertain, replace(query, warm=PlanResult(1))),
+        (planner, replace(uncertain, latent=latent), query),
+        (planner, replace(uncertain, time_ns=7), query),
+        (planner, replace(uncertain, covariance=1.001 * np.eye(FLOW.levels.size)), query),
+        (Counting(0.4, planner.asked), uncertain, query),
+    )
+    for _ in range(2):
+        assert [made.plan(*one).memory for one in each] == list(range(1, len(each) + 1))

@@ -22,6 +22,7 @@ from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region, recorded_region
 from replay_kit.workflows.replay.inputs.scan import look_ahead, open_readers
+from replay_kit.workflows.replay.stages.planner import MadePlans
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +33,13 @@ class Following:
         states: Folder of its states, from which the next one goes on.
         record: What is to be said of the inputs in the result, by key.
         goals: From when on [ns, UTC] the goal is another one than the job's, in order.
+        made: Plans of the replays before; None remembers none.
     """
 
     states: Path
     record: Mapping[str, str] = field(default_factory=dict)
     goals: tuple[tuple[int, Place], ...] = ()
+    made: MadePlans | None = None
 
 
 #: Another ensemble: a file, folder or pattern, or files that belong together.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from replay_kit.core.surfacing import Surfacing, SurfacingOutcome, surfacing_out
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.stages.estimation import Step
-from replay_kit.workflows.replay.stages.planner import Planner, PlanQuery, PlanResult
+from replay_kit.workflows.replay.stages.planner import MadePlans, Planner, PlanQuery, PlanResult
 from replay_kit.workflows.replay.stages.publishing import LogWarning, Output, PublishedPlan
 
 #: Returns the estimate for a time [ns, UTC].
@@ -32,6 +33,7 @@ class PlanningProblem:
         settings: When to plan.
         surface_depth: Shallower than this the vehicle is at the surface [m].
         later_goals: From when on [ns, UTC] it should go elsewhere, in order.
+        made: Of the replays of a mission that is followed; None of one replay, which makes each plan once.
     """
 
     planner: Planner
@@ -39,6 +41,7 @@ class PlanningProblem:
     settings: PlannerConfig
     surface_depth: float
     later_goals: tuple[tuple[int, Place], ...] = ()
+    made: MadePlans | None = None
 
     def goal_at(self, time_ns: int) -> Place:
         """Return the goal of a plan that begins at a time [ns, UTC]."""
@@ -171,6 +174,7 @@ def make_plan(
     flow: FlowEstimate,
     start_time_ns: int,
     start: Place | None = None,
+    is_answered: bool = False,
 ) -> tuple[PlanningState, tuple[Output, ...]]:
     """Return the state with a new plan, and the plan; a vehicle outside the region gives a warning and does not end the replay.
 
@@ -180,13 +184,19 @@ def make_plan(
         flow: The estimate.
         start_time_ns: [ns, UTC].
         start: Where the plan begins; None for the last position. Before the first position nothing is planned.
+        is_answered: As of ``PlanQuery``.
     """
     if state.position is None:
         return state, ()
-    start = start or _place_of(state.position)
+    start, goal = start or _place_of(state.position), problem.goal_at(start_time_ns)
+    query = PlanQuery(start, goal, start_time_ns, state.result, is_answered)
+    plan = (
+        problem.planner.plan
+        if problem.made is None
+        else partial(problem.made.plan, problem.planner)
+    )
     try:
-        goal = problem.goal_at(start_time_ns)
-        result = problem.planner.plan(flow, PlanQuery(start, goal, start_time_ns, state.result))
+        result = plan(flow, query)
     except PlanError as error:
         return replace(state, result=None, failure=str(error), expected=None), (
             LogWarning(start_time_ns, f"no plan: {error}"),
@@ -197,13 +207,35 @@ def make_plan(
     )
 
 
-def make_last_plan(
-    problem: PlanningProblem, state: PlanningState, flow: FlowEstimate, start_time_ns: int
+def plan_at_end(
+    problem: PlanningProblem,
+    state: PlanningState,
+    flow_at: FlowAt,
+    flow: FlowEstimate,
+    last_ns: int,
 ) -> tuple[PlanningState, tuple[Output, ...]]:
-    """Return ``make_plan`` with the odds of the plan, which is the one to act on; those of all plans would take as long as the plans."""
-    return make_plan(
-        replace(problem, planner=problem.planner.with_odds()), state, flow, start_time_ns
+    """Return the state at the end of a log: a surfacing is finished, and the last plan, the one to act on, has its odds.
+
+    Those of all plans would take as long as the plans. Where the log ends with a surfacing, the plan from there is the last one too.
+
+    Args:
+        problem: What stays the same.
+        state: After the last step.
+        flow_at: The estimate after it.
+        flow: That for ``last_ns``.
+        last_ns: Time of the last message [ns, UTC].
+    """
+    state, outputs = finish_surfacing(problem, state, flow_at)
+    result, position = state.result, state.position
+    is_answered = (
+        result is not None
+        and position is not None
+        and any(isinstance(output, PublishedPlan) for output in outputs)
+        and (result.plan.start, result.plan.start_time_ns) == (_place_of(position), last_ns)
     )
+    judging = replace(problem, planner=problem.planner.with_odds())
+    state, more = make_plan(judging, state, flow, last_ns, is_answered=is_answered)
+    return state, (*outputs, *more)
 
 
 def _place_of(position: VehicleState) -> Place:
@@ -217,6 +249,8 @@ def _place_of(position: VehicleState) -> Place:
 
 def _after_drift(flow: FlowEstimate, fix: VehicleState, seconds: float) -> Place:
     """Return where a vehicle leaves the surface that drifts with the current for some time after a fix."""
+    if seconds == 0.0:
+        return Place(fix.longitude, fix.latitude, 0.0)
     projection = flow.grid.projection
     east, north = to_local(projection, fix.longitude, fix.latitude)
     current = flow.velocity(east, north, 0.0)
