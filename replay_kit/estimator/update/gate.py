@@ -14,7 +14,7 @@ wrong ensemble, and a covariance without bounds would follow it.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,9 +96,29 @@ class Gates:
         return Gates(*(whole(each.name) for each in fields(Gates)))
 
 
+class Spectrum(NamedTuple):
+    """Innovations of n profiles along the eigenvectors of their predicted covariance, without the noise of unit variance.
+
+    Attributes:
+        variance: shape (n or 1, m), eigenvalues; 0 of empty rows.
+        vectors: shape (n or 1, m, m), eigenvectors.
+        along: shape (n, m), innovations along these.
+    """
+
+    variance: Array
+    vectors: Array
+    along: Array
+
+    @staticmethod
+    def of(innovation: Array, cov: Array) -> "Spectrum":
+        """Return that of innovations, shape (n, m), 0 of empty rows, and their covariance, shape (n or 1, m, m)."""
+        variance, vectors = np.linalg.eigh(cov)
+        along = np.matmul(vectors.swapaxes(1, 2), innovation[..., None])[..., 0]
+        return Spectrum(np.maximum(variance, 0.0), vectors, along)
+
+
 def gate_innovations(
-    innovation: Array,
-    cov: Array,
+    spectrum: Spectrum,
     dof: NDArray[np.intp],
     residual: tuple[Array, NDArray[np.intp]],
     config: GatingConfig | None,
@@ -107,17 +127,14 @@ def gate_innovations(
     """Return the gate's decisions on profiles.
 
     Args:
-        innovation: shape (n, m), of compressed rows with noise of unit variance; 0 of empty rows.
-        cov: shape (n or 1, m, m), predicted covariance of the rows without their noise.
+        spectrum: Of their compressed rows.
         dof: shape (n,), number of rows that are not empty.
         residual: Squared norm of the whitened compression residual, and its degrees of freedom, shape (n,) each.
         config: None accepts every profile with its stated errors.
         is_consistent: Whether recent innovations agree with the estimate; if not, a profile beyond the gate is softened, not rejected.
     """
-    n = len(innovation)
-    values, vectors = np.linalg.eigh(cov)
-    values = np.broadcast_to(np.maximum(values, 0.0), innovation.shape)
-    along = np.matmul(vectors.swapaxes(1, 2), innovation[..., None])[..., 0]
+    n, along = len(spectrum.along), spectrum.along
+    values = np.broadcast_to(spectrum.variance, along.shape)
     square, residual_dof = residual
     scale = np.ones(n)
     if config and config.adapt_errors:
@@ -135,11 +152,14 @@ def gate_innovations(
         exceeds = (statistic > threshold) | np.any(beyond, axis=1)
         decision = np.where(exceeds, REJECTED, 0)
         soft = np.full(n, config.gate == "soften") | (exceeds & (not is_consistent))
-        softened = softened_variance(values, scale[:, None], along, _SOFTENING).max(axis=1)
-        is_softened = softened > scale * _LEAST_SOFTENING
-        decision = np.where(soft, np.where(is_softened, SOFTENED, 0), decision)
-        scale = np.where(soft, softened, scale)
-    return Gates(decision, statistic, threshold, exceeds, scale, dof, values, vectors, along)
+        if soft.any():
+            softened = softened_variance(values, scale[:, None], along, _SOFTENING).max(axis=1)
+            is_softened = softened > scale * _LEAST_SOFTENING
+            decision = np.where(soft, np.where(is_softened, SOFTENED, 0), decision)
+            scale = np.where(soft, softened, scale)
+    return Gates(
+        decision, statistic, threshold, exceeds, scale, dof, values, spectrum.vectors, along
+    )
 
 
 def _of_each(numbers: NDArray[np.intp], function: Callable[[int], float]) -> Array:

@@ -17,6 +17,7 @@ column's few unknowns instead of the weights.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.update.biases import NAMES, scale_jacobian
-from replay_kit.estimator.update.gate import Gates, gate_innovations
+from replay_kit.estimator.update.gate import Gates, Spectrum, gate_innovations
 from replay_kit.estimator.update.noise import dependence_inflation, is_significant
 from replay_kit.estimator.update.stack import Stack
 
@@ -182,68 +183,97 @@ def evaluate_group(
         correlated: Whether errors grow where residuals are correlated along a profile.
         is_consistent: Whether recent innovations agree with the estimate.
     """
-    gates, misfits, parts, jacobian, first = [], [], [], 0.0, column
+    judging = Judging(gating, correlated, is_consistent)
+    judged = _judged_alike if len(stack.layouts) == 1 else _judged_in_turn
+    gates, predicted = judged(stack, column, judging)
+    misfit, accepted = stack.misfit(predicted), np.flatnonzero(gates.accepted)
+    if not accepted.size:
+        return GroupUpdate(stack, gates, misfit, 0.0, None)
+    known, jacobian = stack.bias_rows(misfit), 0.0
+    if known is not None:
+        jacobians = scale_jacobian(gates, gates.error_factor, stack.ones, stack.scale_error_std)
+        jacobian = float(jacobians[accepted].sum())
+    biases = np.zeros((*stack.y.shape, len(NAMES))) if known is None else known
+    values = np.concatenate([stack.y[..., None], biases], axis=-1)
+    whole = _together(stack.of("r"), values, gates)
+    return GroupUpdate(stack, gates, misfit, jacobian, column.updated(whole))
+
+
+class Judging(NamedTuple):
+    """How profiles are judged: the arguments of ``evaluate_group`` after the column."""
+
+    gating: GatingConfig | None
+    correlated: bool
+    is_consistent: bool
+
+
+def _together(r: Array, values: Array, gates: Gates) -> CombinedRows:
+    """Return the accepted profiles as one, of rows R and values as of ``combined``."""
+    accepted = gates.accepted
+    weight = 1.0 / gates.error_factor[accepted]
+    return combined(r if len(r) == 1 else r[accepted], values[accepted], weight)
+
+
+def _judged_in_turn(stack: Stack, column: Column, judging: Judging) -> tuple[Gates, Array]:
+    """Return the gate's decisions on profiles, and their rows as predicted before each, shape (n, c, q)."""
+    column, gates, predicted = replace(column, means=column.means[:, :1]), [], []
     for rows in _stages(len(stack.observations)):
         part = stack.part(rows)
         r = part.of("r")
-        predicted, cov = column.predicted(r)[..., 0], column.predicted_cov(r)
-        gate = gate_profiles(part, (predicted, cov), gating, correlated, is_consistent)
-        misfit = part.misfit(predicted)
+        mean = column.predicted(r)[..., 0]
+        spectrum = Spectrum.of((part.y - mean).reshape(len(rows), -1), column.predicted_cov(r))
+        gate = gate_profiles(part, mean, spectrum, judging)
         gates.append(gate)
-        misfits.append(misfit)
-        accepted = np.flatnonzero(gate.accepted)
-        if not accepted.size:
-            continue
-        known = part.bias_rows(misfit)
-        biases = np.zeros((*part.y.shape, len(NAMES))) if known is None else known
-        values = np.concatenate([part.y[..., None], biases], axis=-1)[accepted]
-        whole = combined(
-            r if len(r) == 1 else r[accepted], values, 1.0 / gate.error_factor[accepted]
+        predicted.append(np.broadcast_to(mean, part.y.shape))
+        if gate.accepted.any() and rows[-1] + 1 < len(stack.observations):
+            column = column.updated(_together(r, part.y[..., None], gate)).after
+    return Gates.joined(gates), np.concatenate(predicted)
+
+
+def _judged_alike(stack: Stack, column: Column, judging: Judging) -> tuple[Gates, Array]:
+    """Return the same of profiles of one layout, all at once.
+
+    Whatever came before, the covariance of their rows has the same eigenvectors: a variance v becomes v / (1 + W v) with W the sum of
+    one over the error factors of those before. Each is judged as if these were as the last time, at first all accepted as stated, until
+    they are: a stage depends on those before it alone.
+    """
+    n, r = len(stack.observations), stack.of("r")
+    first = column.predicted(r)[..., 0]
+    variance, vectors, along = Spectrum.of(
+        (stack.y - first).reshape(n, -1), column.predicted_cov(r)
+    )
+    before = np.concatenate([np.full(len(rows), rows[0]) for rows in _stages(n)])
+    weight = np.ones(n)
+    while True:
+        weights, sums = (
+            np.vstack([np.zeros_like(each[:1]), np.cumsum(each, axis=0)])[before]
+            for each in (weight[:, None], weight[:, None] * along)
         )
-        parts.append(whole)
-        if rows[-1] + 1 < len(stack.observations):
-            column = column.updated(whole).after
-        if known is not None:
-            jacobians = scale_jacobian(gate, gate.error_factor, part.ones, part.scale_error_std)
-            jacobian += float(jacobians[accepted].sum())
-    whole_rows = parts[0] if parts else None
-    if len(parts) > 1:
-        r, y = (np.stack([getattr(part, name) for part in parts]) for name in ("r", "y"))
-        whole_rows = combined(r, y, np.ones(len(parts)))
-        residual = whole_rows.residual + sum(part.residual for part in parts)
-        whole_rows = replace(whole_rows, residual=residual)
-    step = None if whole_rows is None else first.updated(whole_rows)
-    return GroupUpdate(stack, Gates.joined(gates), np.concatenate(misfits), jacobian, step)
+        left = variance / (1.0 + weights * variance)
+        moved = left * sums
+        mean = first + (moved @ vectors[0].T).reshape(n, *first.shape[1:])
+        gates = gate_profiles(stack, mean, Spectrum(left, vectors, along - moved), judging)
+        found = np.where(gates.accepted, 1.0 / gates.error_factor, 0.0)
+        if np.array_equal(found, weight):
+            return gates, mean
+        weight = found
 
 
-def gate_profiles(
-    stack: Stack,
-    predicted: tuple[Array, Array],
-    gating: GatingConfig | None,
-    correlated: bool,
-    is_consistent: bool,
-) -> Gates:
+def gate_profiles(stack: Stack, mean: Array, spectrum: Spectrum, judging: Judging) -> Gates:
     """Return the gate's decisions on profiles, with errors that grow where their residuals are correlated.
 
     Args:
         stack: The profiles.
-        predicted: Their rows, shape (n or 1, c, q), and the covariance of these, shape (n or 1, c q, c q).
-        gating: See ``evaluate_group``, as for the others.
-        correlated: Whether errors grow.
-        is_consistent: Whether recent innovations agree with the estimate.
+        mean: Their rows as predicted, shape (n, c, q).
+        spectrum: Of what they differ by.
+        judging: How they are judged.
     """
-    n, dof, (mean, cov) = len(stack.observations), stack.of_each("dof"), predicted
+    n, dof = len(stack.observations), stack.of_each("dof")
     rows = len(stack.components) * stack.of_each("k")
-    gates = gate_innovations(
-        (stack.y - mean).reshape(n, -1),
-        cov,
-        rows,
-        (stack.residual_square, dof - rows),
-        gating,
-        is_consistent,
-    )
+    left = stack.residual_square, dof - rows
+    gates = gate_innovations(spectrum, rows, left, judging.gating, judging.is_consistent)
     # one value has no neighbour
-    if not correlated or stack.used.shape[1] < 2:
+    if not judging.correlated or stack.used.shape[1] < 2:
         return gates
     scale = gates.error_factor[:, None]
     share = gates.variance / (gates.variance + scale) * gates.along

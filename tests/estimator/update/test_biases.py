@@ -21,7 +21,7 @@ from replay_kit.estimator.update.biases import (
     in_words,
     scale_jacobian,
 )
-from replay_kit.estimator.update.gate import gate_innovations
+from replay_kit.estimator.update.gate import Spectrum, gate_innovations
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior
 from replay_kit.estimator.update.screening import relative_velocities
@@ -197,7 +197,8 @@ def test_the_stretch_is_the_slope_of_the_measure_of_what_is_logged():
         rows = estimator.rows(one, np.arange(1))
         # an innovation as large as its covariance says
         nothing = np.array([0.0]), np.array([0])
-        gates = gate_innovations(np.ones((1, 2)), np.zeros((1, 2, 2)), np.array([2]), nothing, None)
+        spectrum = Spectrum.of(np.ones((1, 2)), np.zeros((1, 2, 2)))
+        gates = gate_innovations(spectrum, np.array([2]), nothing, None)
         found = scale_jacobian(gates, np.ones(1), rows.stack.ones, np.array([common_std]))
         assert found == pytest.approx(expected, abs=1e-3)
 

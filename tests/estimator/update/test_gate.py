@@ -15,6 +15,7 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.update.gate import (
     DECISIONS,
     ConsistencyMonitor,
+    Spectrum,
     gate_innovations,
     softened_variance,
 )
@@ -32,9 +33,8 @@ def gate_innovation(innovation, cov, residual, config, is_consistent=True):
     """The gate's decision on one profile."""
     square, dof = (np.array([each]) for each in residual)
     size = np.array([innovation.size])
-    gates = gate_innovations(
-        innovation[None], cov[None], size, (square, dof), config, is_consistent
-    )
+    spectrum = Spectrum.of(innovation[None], cov[None])
+    gates = gate_innovations(spectrum, size, (square, dof), config, is_consistent)
     names = ("statistic", "threshold", "exceeds", "error_factor")
     values = {name: getattr(gates, name)[0] for name in names}
     return SimpleNamespace(decision=DECISIONS[gates.decision[0]], **values)
@@ -210,8 +210,7 @@ def test_an_overconfident_estimate_is_noticed_and_grows_its_errors():
 def test_the_watch_ignores_one_bad_profile_in_ten_and_sees_one_in_two():
     sound, bad = (
         gate_innovations(
-            np.full((1, 16), np.sqrt(nis / 16)),
-            np.zeros((1, 16, 16)),
+            Spectrum.of(np.full((1, 16), np.sqrt(nis / 16)), np.zeros((1, 16, 16))),
             np.array([16]),
             (np.zeros(1), np.zeros(1, np.intp)),
             TRUST,

@@ -10,12 +10,18 @@ from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.static.group import profiles_of
-from replay_kit.estimator.update.gate import DECISIONS
+from replay_kit.estimator.update.gate import DECISIONS, Spectrum
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.noise import dependence_inflation
 from replay_kit.estimator.update.reduced_subspace import Buffer
 from replay_kit.estimator.update.screening import screen_group
-from replay_kit.estimator.update.superobservation import Column, combined, gate_profiles
+from replay_kit.estimator.update.superobservation import (
+    Column,
+    Judging,
+    combined,
+    evaluate_group,
+    gate_profiles,
+)
 from replay_kit.workflows.replay.inputs.estimator import with_window
 from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
@@ -193,7 +199,8 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
     column, stack = column_and_stack(log)
     predicted = column.predicted(stack.of("r"))[..., 0]
     cov = column.predicted_cov(stack.of("r"))
-    found = gate_profiles(stack, (predicted, cov), config, True, is_consistent)
+    spectrum = Spectrum.of((stack.y - predicted).reshape(len(log), -1), cov)
+    found = gate_profiles(stack, predicted, spectrum, Judging(config, True, is_consistent))
     seen = set()
     for i in range(len(log)):
         part = stack.part(np.array([i]))
@@ -247,6 +254,36 @@ def test_rows_of_one_layout_are_combined_as_those_of_several():
         )
         square = np.sum(weight[:, None, None] * y[..., 0] ** 2) - np.sum(whole.y[..., 0] ** 2)
         assert whole.residual == pytest.approx(square)
+
+
+@pytest.mark.parametrize("is_consistent", [True, False])
+def test_profiles_of_one_layout_are_judged_at_once_as_in_turn(is_consistent):
+    log = quick_log(40)
+    rng = np.random.default_rng(0)
+    for i, size in ((0, 2.0), (3, 3.0), (17, 1.0), (30, 0.3)):
+        log[i] = replace(log[i], velocity=log[i].velocity + size)
+    smooth = np.cumsum(rng.standard_normal(log[7].velocity.shape), axis=0)
+    log[7] = replace(log[7], velocity=log[7].velocity + 0.05 * smooth)
+    column, stack = column_and_stack(log)
+    assert len(stack.layouts) == 1
+    judging = GatingConfig(), True, is_consistent
+    both = replace(stack, layouts=2 * stack.layouts, layout=np.arange(40) % 2)
+    found, expected = (evaluate_group(each, column, *judging) for each in (stack, both))
+    decision = expected.gate.decision
+    np.testing.assert_array_equal(found.gate.decision, decision)
+    assert set(decision.tolist()) == ({0, 2} if is_consistent else {0, 1})
+    assert np.count_nonzero(expected.gate.error_factor != 1.0) > 1
+    for name in ("statistic", "error_factor", "nis"):
+        np.testing.assert_allclose(
+            getattr(found.gate, name), getattr(expected.gate, name), rtol=1e-12
+        )
+    np.testing.assert_allclose(found.before, expected.before, rtol=1e-12, atol=1e-14)
+    assert found.step is not None
+    assert expected.step is not None
+    for name in ("means", "cov"):
+        one, other = (getattr(each.step.after, name) for each in (found, expected))
+        np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(found.step.rows.residual, expected.step.rows.residual, rtol=1e-12)
 
 
 @pytest.mark.parametrize("through_time", [False, True])
