@@ -5,7 +5,7 @@ clock. Their states together are what a checkpoint keeps.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import repeat
@@ -34,10 +34,12 @@ from replay_kit.workflows.replay.stages.planner import VehiclePlanner
 from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.stages.publishing import (
     Findings,
+    LocalPlace,
     LogWarning,
     Output,
     PublishingState,
     depth_slices,
+    local_places,
     publish_step,
     publish_windows,
     withdraw_windows,
@@ -119,6 +121,7 @@ class Session:
         self._levels = levels
         self._inputs = inputs_of(estimator)
         self._uncounted: list[Event] = []
+        self._unwritten, self._waits = list[Output](), False
         self.name = name
         self.shared = shared or SharedEstimate(Stopwatch())
         self.clock = self.shared.clock
@@ -286,8 +289,17 @@ class Session:
         self.statistics = self.statistics.after_steps(steps)
         self.monitoring = consistency.with_gated(self.monitoring, steps)
 
-    def follow_up(self, step: Step) -> None:
-        """Publish a step, plan where a plan is due, and compare the dives that it ends with what was expected."""
+    def follow_up(self, steps: Sequence[Step]) -> None:
+        """Publish steps, plan where a plan is due, and compare the dives that they end with what was expected."""
+        places: Iterator[LocalPlace] = iter(())
+        if self.writer is not None:
+            self.publishing, places = local_places(self.publishing, steps, self._flow)
+        with self._at_once():
+            for step in steps:
+                self._follow_up(step, places)
+
+    def _follow_up(self, step: Step, places: Iterator[LocalPlace]) -> None:
+        """Publish a step, and what follows from it; ``places`` as of ``publish_step``."""
         before, after = partial(self._flow, step.before), partial(self._flow, step.after)
         self._plan(plans.before_step, step, before)
         if self.writer is not None:
@@ -295,16 +307,14 @@ class Session:
                 due_ns = self.shared.next_slices_ns
                 self.publishing = replace(self.publishing, next_slices_ns=due_ns)
             self.publishing, outputs = publish_step(
-                self.publishing, step, self._levels, self.config.output, after
+                self.publishing, step, places, self._levels, self.config.output, after
             )
             if pooled:
                 self.shared.next_slices_ns = self.publishing.next_slices_ns
             self._write(outputs)
-        with self.clock.stage("expect"):
-            expected = forecast_step(
-                self.forecasts, step, before, self.config.measurements.surface_depth
-            )
-        self._expect(expected)
+        self._expect(
+            forecast_step(self.forecasts, step, before, self.config.measurements.surface_depth)
+        )
         self._plan(plans.after_step, step, after)
 
     def after_block(self) -> None:
@@ -358,10 +368,24 @@ class Session:
         if outcomes:
             self._write(outcomes)
 
+    @contextmanager
+    def _at_once(self) -> Iterator[None]:
+        """Write what is published in a context when it ends."""
+        self._waits = True
+        try:
+            yield
+        finally:
+            self._waits = False
+        self._write(())
+
     def _write(self, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
-        if self.writer is not None:
+        if self.writer is None:
+            return
+        self._unwritten += outputs
+        if not self._waits and self._unwritten:
             own = self.writer.of(self.name) if self.name else _ONLY
             with own, self.clock.stage("write"):
-                for output in outputs:
+                for output in self._unwritten:
                     write(self.writer, output)
+            self._unwritten = []

@@ -7,6 +7,8 @@ waits until every vehicle that goes on has a later one; of equal times that of t
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
+from itertools import groupby
+from operator import itemgetter
 from typing import Any, Protocol
 
 from replay_kit.core.arrays import replace
@@ -46,8 +48,8 @@ class Vehicle(Protocol):
         """Count the steps of a block."""
         ...
 
-    def follow_up(self, step: Step) -> None:
-        """Publish a step, and what follows from it."""
+    def follow_up(self, steps: Sequence[Step]) -> None:
+        """Publish steps, and what follows from them."""
         ...
 
     def after_block(self) -> None:
@@ -220,8 +222,8 @@ class SharedEstimate:
             vehicle.estimation = state
             if number in by_vehicle:
                 vehicle.after_steps(by_vehicle[number])
-        for number, step in steps:
-            self.vehicles[number].follow_up(step)
+        for number, of_vehicle in groupby(steps, key=itemgetter(0)):
+            self.vehicles[number].follow_up([step for _, step in of_vehicle])
         self.vehicles[0].after_block()
 
     def spread(self, current: Any) -> None:

@@ -1,8 +1,9 @@
 """The publishing stage: what is published of each step, and when the depth slices are due."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -210,9 +211,36 @@ class PublishingState:
     surface: SurfaceState = field(default_factory=SurfaceState)
 
 
+#: A vehicle's local east and north [m].
+LocalPlace = tuple[float, float]
+
+
+def local_places(
+    state: PublishingState, steps: Sequence[Step], flow_at: Callable[[Any, int], FlowEstimate]
+) -> tuple[PublishingState, Iterator[LocalPlace]]:
+    """Return the state with the local frame, and the places of the positions among some steps: many take little more time than one.
+
+    Args:
+        state: Before the steps.
+        steps: Positions and others.
+        flow_at: Returns the estimate of a state of the estimator for a time [ns, UTC].
+    """
+    positions = [
+        (step.before, step.event) for step in steps if isinstance(step.event, VehicleState)
+    ]
+    if not positions:
+        return state, iter(())
+    before, first = positions[0]
+    projection = state.projection or flow_at(before, first.time_ns).grid.projection
+    degrees = np.array([(each.longitude, each.latitude) for _, each in positions])
+    local = (each.tolist() for each in to_local(projection, *degrees.T))
+    return replace(state, projection=projection), zip(*local, strict=True)
+
+
 def publish_step(
     state: PublishingState,
     step: Step,
+    places: Iterator[LocalPlace],
     levels: Array,
     settings: OutputConfig,
     flow_at: Callable[[int], FlowEstimate],
@@ -222,12 +250,13 @@ def publish_step(
     Args:
         state: Before the step.
         step: A position, or a measurement with its assimilation.
+        places: Of the positions from this step on.
         levels: shape (Z,) [m], of the weights.
         settings: Interval and depths of the slices.
         flow_at: Returns the estimate after the step for a time [ns, UTC].
     """
     if isinstance(step.event, VehicleState):
-        return _moved(state, step.event, flow_at)
+        return _moved(state, step.event, next(places))
     if step.assimilation is None:
         return state, ()
     now_ns, (innovation, weights) = (
@@ -254,19 +283,16 @@ def publish_step(
 
 
 def _moved(
-    state: PublishingState, position: VehicleState, flow_at: Callable[[int], FlowEstimate]
+    state: PublishingState, position: VehicleState, place: LocalPlace
 ) -> tuple[PublishingState, tuple[Output, ...]]:
     """Return the state after a position, with the position and the vehicle's frame, which looks along its way."""
-    projection = state.projection or flow_at(position.time_ns).grid.projection
-    east, north = (
-        float(value) for value in to_local(projection, position.longitude, position.latitude)
-    )
+    east, north = place
     turned = state.turned or (east, north, 0.0)
     moved = east - turned[0], north - turned[1]
     if math.hypot(*moved) > _MOVED:
         turned = east, north, float(np.arctan2(*moved))
     pose = VehiclePose(position.time_ns, (east, north, _depth(position)), turned[2])
-    return replace(state, projection=projection, position=position, turned=turned), (position, pose)
+    return replace(state, position=position, turned=turned), (position, pose)
 
 
 def at_vehicle(time_ns: int, position: VehicleState, flow: FlowEstimate) -> AtVehicle:
