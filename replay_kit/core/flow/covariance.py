@@ -69,8 +69,13 @@ def quadratic_form(rows: Array, symmetric: Array) -> Array:
 
 def symmetric(matrix: Array) -> Array:
     """Return a matrix that is symmetric but for rounding, shape (n, n), with its lower half on both sides."""
-    lower = np.tril(matrix)
-    return np.asarray(lower + np.tril(matrix, -1).T)
+    out = matrix.copy()
+    for start in range(0, len(out), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        out[:start, rows] = matrix[rows, :start].T
+        lower = np.tril(matrix[rows, rows])
+        out[rows, rows] = lower + np.tril(lower, -1).T
+    return out
 
 
 def root_of(cov: Array) -> Array:

@@ -228,8 +228,8 @@ def _with(
 
 
 def _after_position(state: ConsistencyState, vehicle: VehicleState) -> ConsistencyState:
-    positions = tuple(each.after(vehicle) for each in state.positions)
-    found = _new((each.found(vehicle, state.named) for each in positions), state.named)
+    positions = tuple([each.after(vehicle) for each in state.positions])
+    found = _new([each.found(vehicle, state.named) for each in positions], state.named)
     depths = state.depths.after(Depth(vehicle.time_ns, vehicle.depth, vehicle.dead_reckoned))
     places = with_position(state.places, vehicle)
     if not found:
@@ -246,7 +246,7 @@ def _after_position(state: ConsistencyState, vehicle: VehicleState) -> Consisten
 
 def _new(found: Iterable[Finding | None], named: frozenset[str]) -> tuple[Finding, ...]:
     """Return what was found and has not been named before."""
-    return tuple(finding for finding in found if finding is not None and finding.name not in named)
+    return tuple([one for one in found if one is not None and one.name not in named])
 
 
 def _after_ping(
@@ -313,7 +313,7 @@ def _measured(
     sources = (
         instrument.sources if summary.near is None else instrument.sources.after_ping(summary.near)
     )
-    after = tuple(each.after(ping, summary) for each in instrument.pings)
+    after = tuple([each.after(ping, summary) for each in instrument.pings])
     depths = instrument.depths.after_ping(ping.time_ns, ping.raw.depth)
     headings = instrument.headings.after_ping(ping.time_ns, ping.raw.heading)
     return replace(
@@ -323,9 +323,8 @@ def _measured(
 
 def _of_ping(instrument: Instrument, before: SourceStatistics, ping: Observation) -> list[Finding]:
     """Return what a ping established about its instrument, whose sources were others before it."""
-    found = list(
-        _new((each.found(ping, instrument.named) for each in instrument.pings), instrument.named)
-    )
+    named = instrument.named
+    found = list(_new([each.found(ping, named) for each in instrument.pings], named))
     sources, topic = instrument.sources, ping.source.topic
     moves = sources.track is not before.track and sources.track.is_due
     if findings.COMPASS not in instrument.named:

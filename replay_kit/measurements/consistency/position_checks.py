@@ -1,9 +1,10 @@
 """The checks of positions: one spot to the last digit in dives, fixes out of reach, and places that no one vehicle can join."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
+from replay_kit.core.arrays import replace
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import VehicleState
@@ -145,12 +146,13 @@ class Displacements:
             return self
         if seconds > _LONGEST_STEP:
             return replace(self, last=vehicle, fix=None, beyond=())
-        if self._reaches(last, vehicle):
-            return self._reached(last, vehicle, seconds)
+        way = apart(last, vehicle)
+        if self._reaches(last, vehicle, way):
+            return self._reached(vehicle, seconds, way)
         away = replace(self, beyond=(*self.beyond, vehicle))
         if len(away.beyond) < _LEAST:
             return away
-        if all(self._reaches(*pair) for pair in pairwise(away.beyond)):
+        if all(self._reaches(*pair, apart(*pair)) for pair in pairwise(away.beyond)):
             # it stays there
             there = replace(self, last=vehicle, fix=None, beyond=(), reached=_LEAST)
             far = apart(last, away.beyond[0])
@@ -160,23 +162,24 @@ class Displacements:
             return replace(there, far=far, moved=self.moved or away.beyond[0])
         return replace(away, beyond=away.beyond[1:])
 
-    def _reached(
-        self, last: VehicleState, vehicle: VehicleState, seconds: float
-    ) -> "Displacements":
-        way = apart(last, vehicle)
-        far = max((apart(last, one) for one in self.beyond), default=0.0)
-        reckoned = last.dead_reckoned and not vehicle.dead_reckoned
-        gap = max(way - self._fastest * seconds, 0.0)
-        return Displacements(
-            vehicle,
-            self.fix if vehicle.dead_reckoned else vehicle,
-            (),
-            (*self.speeds, way / seconds)[-_REMEMBERED:] if seconds >= 60.0 else self.speeds,
-            (*self.gaps, gap)[-_REMEMBERED:] if reckoned else self.gaps,
-            self.displaced + bool(self.beyond),
-            max(self.far, far),
-            self.moved,
-            self.reached + 1,
+    def _reached(self, vehicle: VehicleState, seconds: float, way: float) -> "Displacements":
+        last, speeds, gaps = self.last, self.speeds, self.gaps
+        assert last is not None, "it was reached from there"
+        far = max([self.far, *(apart(last, one) for one in self.beyond)])
+        if seconds >= 60.0:
+            speeds = (*speeds, way / seconds)[-_REMEMBERED:]
+        if last.dead_reckoned and not vehicle.dead_reckoned:
+            gaps = (*gaps, max(way - self._fastest * seconds, 0.0))[-_REMEMBERED:]
+        return replace(
+            self,
+            last=vehicle,
+            fix=self.fix if vehicle.dead_reckoned else vehicle,
+            beyond=(),
+            speeds=speeds,
+            gaps=gaps,
+            displaced=self.displaced + bool(self.beyond),
+            far=far,
+            reached=self.reached + 1,
         )
 
     @property
@@ -185,15 +188,16 @@ class Displacements:
         typical = sorted(self.speeds)[len(self.speeds) // 2] if self.speeds else _FASTEST
         return min(max(_FASTER * typical, _LEAST_SPEED), _FASTEST)
 
-    def _reaches(self, start: VehicleState, end: VehicleState) -> bool:
+    def _reaches(self, start: VehicleState, end: VehicleState, way: float) -> bool:
+        """Return whether the vehicle can have come from one position to another, so far away [m]."""
         seconds = abs(end.time_ns - start.time_ns) * 1e-9
         error = _ERROR
         if start.dead_reckoned and not end.dead_reckoned:
             if len(self.gaps) < _LEAST_GAPS:
                 before = self.fix
-                return before is None or self._reaches(before, end)
+                return before is None or self._reaches(before, end, apart(before, end))
             error += _FASTER * sorted(self.gaps)[len(self.gaps) // 2]
-        return apart(start, end) <= error + self._fastest * seconds
+        return way <= error + self._fastest * seconds
 
     def found(self, vehicle: VehicleState, named: frozenset[str]) -> Finding | None:
         """Return that positions are displaced, if they are."""
