@@ -294,6 +294,23 @@ def with_own(spread: Array, own: Array | float) -> Array:
     return out
 
 
+def inverse_of(spread: Array) -> Array:
+    """Return the inverses of covariances, shape (2, 2, ...)."""
+    (of_east, both), (_, of_north) = spread
+    adjugate = np.array([[of_north, -both], [-both, of_east]])
+    return np.asarray(adjugate / (of_east * of_north - both**2))
+
+
+def grown(cov: Array, left: Array, right: Array) -> Array:
+    """Return covariances, shape (n, n, ...), plus the products of rows, shape (r, n, ...) each, which are symmetric together."""
+    out = np.empty_like(cov)
+    # a half that mirrors the other: the rounding error of two would grow from dive to dive
+    for i in range(len(cov)):
+        out[i, i:] = cov[i, i:] + np.einsum("a...,aj...->j...", left[:, i], right[:, i:])
+        out[i:, i] = out[i, i:]
+    return out
+
+
 def _as_expected(
     state: DiveState, design: Array, own: Array | float, share: float
 ) -> tuple[Array, _Case]:
@@ -318,8 +335,7 @@ def _after(seen: _Seen, errors: Array) -> DiveState:
     moves = np.zeros((len(cases), pairs, 2, *total.shape))
     form, more = np.zeros((pairs, 2, pairs, 2, *total.shape)), np.zeros(total.shape)
     for share, case, along in zip(shares, cases, moves, strict=True):
-        (of_east, both), (_, of_north) = case.spread
-        inverse = np.array([[of_north, -both], [-both, of_east]]) / (of_east * of_north - both**2)
+        inverse = inverse_of(case.spread)
         # a change adds to both pairs of rows
         own = 1 + case.changed
         along[:own] = np.sum(inverse * errors, axis=1)
@@ -329,14 +345,9 @@ def _after(seen: _Seen, errors: Array) -> DiveState:
     for share, about in zip(shares, moves - move, strict=True):
         form += (share * about)[:, :, None, None] * about
     step = np.einsum("abkh,bikh->aikh", form.reshape(len(rows), len(rows), *total.shape), rows)
-    cov = np.empty_like(state.cov)
-    # a half that mirrors the other: the rounding error of two would grow from dive to dive
-    for i in range(UNKNOWNS):
-        cov[i, i:] = state.cov[i, i:] + np.einsum("akh,ajkh->jkh", rows[:, i], step[:, i:])
-        cov[i:, i] = cov[i, i:]
     mean = state.mean + np.einsum("akh,aikh->ikh", move.reshape(len(rows), *total.shape), rows)
     log_weights = state.log_weights + total
     log_weights -= np.logaddexp.reduce(log_weights, axis=-1, keepdims=True)
-    after = replace(state, mean=mean, cov=cov, log_weights=log_weights)
+    after = replace(state, mean=mean, cov=grown(state.cov, rows, step), log_weights=log_weights)
     after.variance[...] += more * seen.more[:, None]
     return after

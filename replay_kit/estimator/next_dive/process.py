@@ -21,7 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.next_dive.filter import INVERTED_STD, DiveMean, with_own
+from replay_kit.estimator.next_dive.filter import (
+    INVERTED_STD,
+    DiveMean,
+    grown,
+    inverse_of,
+    with_own,
+)
 from replay_kit.estimator.next_dive.mixtures import Mixture, log_densities
 
 _HOUR, _DAY = 3600.0, 86_400.0
@@ -156,16 +162,11 @@ class MeanCurrentProcess:
         return cls(ProcessSettings.drawn(), n_backgrounds)
 
     @cached_property
-    def _scales(self) -> tuple[Array, NDArray[np.intp]]:
-        """Each decorrelation time once, and which of them each setting has."""
-        scales, which = np.unique(self.settings.scale, return_inverse=True)
-        return scales, which
-
-    @cached_property
-    def _effects(self) -> tuple[Array, Array]:
-        """Amplitudes of the parts, shape (4, h), and ``axes``, shape (2, 2, h)."""
-        amplitude = self.settings.amplitude * self.settings.parts.T
-        return amplitude, np.ascontiguousarray(np.moveaxis(self.settings.axes, 0, -1))
+    def _shared(self) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+        """Amplitudes of the parts, shape (4, h); ``axes``, shape (2, 2, h); each scale once, and which of them each setting has."""
+        amplitude, axes = self.settings.amplitude * self.settings.parts.T, self.settings.axes
+        scales, of_scale = np.unique(self.settings.scale, return_inverse=True)
+        return amplitude, np.ascontiguousarray(np.moveaxis(axes, 0, -1)), scales, of_scale
 
     def initial(self) -> ProcessState:
         """Return the state before the first dive."""
@@ -215,7 +216,7 @@ class MeanCurrentProcess:
             design = self._flight_design(dive)
             cross, expected = _products(design, *after)
             spread = np.einsum("ikh,jkh->ijh", design, cross)
-            spread = with_own(spread, np.array(INVERTED_STD**2 + dive.position_variance))
+            spread = with_own(spread, INVERTED_STD**2 + dive.position_variance)
             errors = (dive.velocity - dive.inverted)[:, None, None] - expected
             after = _updated(after, cross, spread, errors)
             density = density + log_densities(errors, spread[:, :, None])
@@ -250,7 +251,7 @@ class MeanCurrentProcess:
 
     def seen(self, state: ProcessState, dive: DiveMean) -> SeenDive:
         """Return a dive as a state sees it: what a forecast of it and the state after it have in common."""
-        settings, (amplitude, axes), (scales, of_scale) = self.settings, self._effects, self._scales
+        settings, (amplitude, axes, scales, of_scale) = self.settings, self._shared
         instants = _instants(dive)
         before = instants[0] if state.time_ns is None else state.time_ns
         # an instant before the last one known counts as at it
@@ -351,13 +352,5 @@ def _updated(
     known: tuple[Array, Array], cross: Array, spread: Array, errors: Array
 ) -> tuple[Array, Array]:
     """Return mean and covariance of the states, from those ``known`` before, after errors of a prediction, shape (2, b, h)."""
-    (of_east, both), (_, of_north) = spread
-    east, north = cross
-    over = 1.0 / (of_east * of_north - both**2)
-    gain = over * np.array([of_north * east - both * north, of_east * north - both * east])
-    mean, cov = known[0] + np.einsum("ibh,ikh->bkh", errors, gain), np.empty_like(known[1])
-    # a half that mirrors the other: the rounding error of two would grow from dive to dive
-    for k in range(_SIZE):
-        cov[k, k:] = known[1][k, k:] - np.einsum("ih,ilh->lh", gain[:, k], cross[:, k:])
-        cov[k:, k] = cov[k, k:]
-    return mean, cov
+    gain = np.einsum("abh,bkh->akh", inverse_of(spread), cross)
+    return known[0] + np.einsum("ibh,ikh->bkh", errors, gain), grown(known[1], -gain, cross)
