@@ -45,14 +45,7 @@ def screen(
         each[None] if spread else each[:, None] for each in to_local(grid.projection, *places)
     )
     outside = np.broadcast_to(~inside_grid(grid, east, north), flags.shape)
-    # the level nearest in depth decides whether a bin is in the forecast's water
-    level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
-    nearest = np.argmin(
-        (grid.east.ravel() - east[..., None]) ** 2 + (grid.north.ravel() - north[..., None]) ** 2,
-        axis=-1,
-    )
-    wet = grid.wet.reshape(grid.levels.size, -1)
-    dry = ~outside & ~wet[level, nearest]
+    dry = ~outside & (False if grid.wet.all() else ~_is_wet(grid, depth, east, north))
     wrong = ~np.isfinite(value).all(axis=2) | ~(error_std > 0.0) | ~np.isfinite(error_std)
     for failed, reason in (
         (depth > grid.levels[-1], Reason.BELOW_GRID),
@@ -68,6 +61,16 @@ def screen(
     reasons[alone] |= np.int32(Reason.PLATFORM_REFERENCE)
     flags[alone[:, None] & usable(flags)] = Flag.FAIL
     return flags, reasons
+
+
+def _is_wet(grid: Grid, depth: Array, east: Array, north: Array) -> NDArray[np.bool_]:
+    """Return whether values, shape (n, m), lie in the forecast's water: the level nearest in depth decides, at the nearest grid point."""
+    level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
+    nearest = np.argmin(
+        (grid.east.ravel() - east[..., None]) ** 2 + (grid.north.ravel() - north[..., None]) ** 2,
+        axis=-1,
+    )
+    return np.asarray(grid.wet.reshape(grid.levels.size, -1)[level, nearest])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,6 +225,11 @@ def is_duplicate(last: LinearMeasurement | None, observation: Measurement) -> bo
 
 def _places(measurements: Sequence[LinearMeasurement]) -> tuple[Array, Array]:
     """Return longitude and latitude of measurements, shape (n,) each [degrees]."""
+    if all(each.longitude.size == 1 for each in measurements):
+        return (
+            np.concatenate([each.longitude for each in measurements]),
+            np.concatenate([each.latitude for each in measurements]),
+        )
     longitude, latitude = np.array([*zip(*(each.middle for each in measurements), strict=True)])
     return longitude, latitude
 

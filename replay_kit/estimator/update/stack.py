@@ -259,21 +259,20 @@ def stacked(
         relative: See there.
         factors: Returns the noise, Q and R of a measurement's used values.
     """
-    found: dict[tuple[bytes, bytes, bytes, float], int] = {}
+    known: dict[bytes, int] = {}
     layouts: list[Layout] = []
-    which = np.empty(len(observations), np.intp)
-    for i, (observation, bins) in enumerate(zip(observations, used, strict=True)):
-        key = (
-            observation.depth.tobytes(),
-            observation.error_std.tobytes(),
-            bins.tobytes(),
-            observation.common_std,
-        )
-        if key not in found:
-            found[key] = len(layouts)
-            at = np.flatnonzero(bins)
-            layouts.append(layout_of(observation, at, *factors(observation, at)))
-        which[i] = found[key]
+    depth, error_std, common_std = (
+        np.array([getattr(each, name) for each in observations])
+        for name in ("depth", "error_std", "common_std")
+    )
+    rows = np.column_stack([depth, error_std, common_std, used])
+    which = np.zeros(len(rows), np.intp)
+    # they are all alike of an instrument that stays at one depth
+    if not (rows == rows[0]).all():
+        which[:] = [known.setdefault(row.tobytes(), len(known)) for row in rows]
+    for first in np.unique(which, return_index=True)[1].tolist():
+        at = np.flatnonzero(used[first])
+        layouts.append(layout_of(observations[first], at, *factors(observations[first], at)))
     return Stack(
         tuple(observations),
         used,

@@ -137,13 +137,13 @@ def ground_step(
             else (state.path, end, number)
         )
         state = replace(state, path=None, surfaced=surfaced)
-    state = replace(state, detection=detection)
     outcomes: tuple[DiveOutcome, ...] = ()
     if begins:
         state = concluded(state)
         outcomes = () if state.concluded is None else (state.concluded,)
         state = _begun(state, flow_at)
-    return _moved(state, first, surface_depth), outcomes
+    latest, path = _moved(state, first, surface_depth)
+    return replace(state, detection=detection, latest=latest, path=path), outcomes
 
 
 def concluded(state: GroundState) -> GroundState:
@@ -228,19 +228,18 @@ def _begun(state: GroundState, flow_at: FlowAt) -> GroundState:
 
 def _moved(
     state: GroundState, event: VehicleState | Observation, surface_depth: float
-) -> GroundState:
-    """Return the state after a position, or after the depth of a profile's first bin where positions have none."""
-    path = state.path
+) -> tuple[VehicleState | None, Path | None]:
+    """Return fix and path after a position, or after the depth of a profile's first bin where positions have none."""
+    latest, path = state.latest, state.path
     if isinstance(event, Observation):
-        known = event.depth[np.isfinite(event.depth)]
-        return (
-            state
-            if path is None or path.reckoned or not known.size
-            else replace(state, path=at_depth(path, float(known.min())))
-        )
-    if not event.dead_reckoned and not event.depth > surface_depth:
-        return replace(state, latest=event)
-    return state if path is None else replace(state, path=extend(path, event))
+        if path is not None and not path.reckoned:
+            known = event.depth[np.isfinite(event.depth)]
+            path = at_depth(path, float(known.min())) if known.size else path
+    elif not event.dead_reckoned and not event.depth > surface_depth:
+        latest = event
+    elif path is not None:
+        path = extend(path, event)
+    return latest, path
 
 
 def _ahead(state: GroundState, flow: FlowEstimate) -> Ahead | None:
