@@ -9,20 +9,15 @@ from replay_kit.config.estimation import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import inside_grid
-from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.core.region import Region, inside
 from replay_kit.estimator.interface import Estimator, Stepped
-from replay_kit.estimator.prior.conditioned import conditioned
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
 from replay_kit.estimator.static.state import FilterState
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
-from replay_kit.estimator.update.observation_space import initial
-from replay_kit.estimator.windows.handover import learnt, next_window, velocities_at
+from replay_kit.estimator.windows.handover import hand_over
+from replay_kit.estimator.windows.placing import next_window
 
-# Points of an overlap at most: every second or third row and column of a window's own.
-_POINTS = 600
 # Measurements in a row outside the window after which a window is made about them: one may have a wrong position.
 _STRAYS = 3
 
@@ -231,62 +226,8 @@ class WindowedEstimator(Estimator[WindowedState]):
         return self._of(state.current.region).spread_record(state.current.state)
 
 
-def hand_over(
-    before: ReducedBasisEstimator, state: FilterState, after: ReducedBasisEstimator
-) -> tuple[FilterState, float]:
-    """Return the next window's first state, with the information of the one before where they overlap, and the loss [m/s].
-
-    The amplitudes of the prior's covariance and of the ensemble mean, where they are fitted to the log, are kept as they are from then on.
-
-    Args:
-        before: Estimator of the window before.
-        state: Its last state.
-        after: Estimator of the next window, in the same local frame and with the same levels.
-    """
-    old, new = before.prior, after.prior
-    spread = None if state.spread is None else replace(state.spread, apart=(), past=None)
-    if spread is not None:
-        old, new = spread.scale(old), spread.scale(new)
-    amplitude = None if state.mean_amplitude is None else state.mean_amplitude.ended()
-    if amplitude is not None:
-        old, new = before.prior_with(amplitude), after.prior_with(amplitude)
-    no_bias = np.zeros((len(state.posterior.prior_bias_sensitivity), *after.prior_weights.shape))
-    begun = replace(state, posterior=initial(new, no_bias), spread=spread, mean_amplitude=amplitude)
-    points = overlap(before.basis.grid, after.basis.grid)
-    said = None
-    if len(points):
-        next_modes, next_offset = velocities_at(after.basis, points)
-        said = learnt(
-            old,
-            state.posterior,
-            *velocities_at(before.basis, points),
-            next_modes,
-            after.representation_std,
-        )
-    if said is None:
-        # the log has no information on the mean's amplitude elsewhere
-        elsewhere = new if amplitude is None else after.prior
-        return replace(
-            begun, posterior=initial(elsewhere, no_bias), mean_amplitude=after.mean_amplitude
-        ), 0.0
-    innovation = said.values.copy()
-    innovation[:, 0] -= said.of(next_offset + next_modes @ after.by_level(new.mean).T)
-    prior, sensitivity = conditioned(new, said.design(next_modes), innovation)
-    return replace(begun, posterior=initial(prior, sensitivity)), said.loss
-
-
 def _place(observation: Measurement | ProfileGroup) -> tuple[float, float]:
     """Return longitude and latitude of an observation [degrees]; of a path its end."""
     return float(np.atleast_1d(observation.longitude)[-1]), float(
         np.atleast_1d(observation.latitude)[-1]
     )
-
-
-def overlap(one: Grid, other: Grid) -> Array:
-    """Return points at which two windows both know the current, shape (P, 2) [m]: nodes of the first, thinned to some hundreds."""
-    wet = one.wet[0] & inside_grid(other, one.east, one.north)
-    every = max(1, int(np.ceil(np.sqrt(wet.sum() / _POINTS))))
-    thin = np.zeros_like(wet)
-    thin[::every, ::every] = True
-    chosen = wet & thin
-    return np.column_stack([one.east[chosen], one.north[chosen]])

@@ -14,99 +14,24 @@ counted twice: the first window's prior is not handed over, for the second has i
 What the second basis cannot represent, and what the combinations leave out, is added to the errors, and returned as the loss.
 """
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import unwrap_longitude
-from replay_kit.core.region import (
-    DEGREE,
-    Region,
-    centre,
-    degree_of_longitude,
-    inside,
-    rounded,
-    width,
-)
+from replay_kit.core.geodesy import inside_grid
+from replay_kit.core.grid import Grid
 from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator.prior.conditioned import conditioned
 from replay_kit.estimator.prior.hybrid import Prior
+from replay_kit.estimator.static.filter import ReducedBasisEstimator
+from replay_kit.estimator.static.state import FilterState
+from replay_kit.estimator.update.observation_space import initial
 from replay_kit.estimator.update.posterior import Posterior
 
-# Margins between the vehicle and the side of a new window behind it.
-_BEHIND = 1.5
-# Sides nearer to each other are the same [degrees]: boxes are rounded outwards.
-_SAME = 2e-3
-# Margins by which a new window must have more room around the vehicle to be worth it.
-_MORE = 0.25
-
-
-def next_window(
-    region: Region, margin: float, bounds: Region, place: tuple[float, float]
-) -> Region | None:
-    """Return the window that a vehicle needs that nears the side of its own; None where it does not, or where none has more room.
-
-    It is as large as the one before and lies ahead: the way from the middle of the window before to the vehicle goes on. At the side of the
-    forecast it is moved into it.
-
-    Args:
-        region: The window.
-        margin: Distance from the vehicle to a window's sides that an estimate needs [m]; nearer than half of it is near.
-        bounds: The forecast's box.
-        place: Longitude and latitude of the vehicle [degrees].
-    """
-    room = room_in(region, bounds, place)
-    if room >= 0.5 * margin or not inside(bounds, *place):
-        return None
-    (x, y), half = centre(region), (0.5 * width(region), 0.5 * (region[3] - region[1]))
-    lengths = (degree_of_longitude(y), DEGREE)
-    ahead = [0.0, 0.0]
-    if room >= 0.0:
-        from_centre = (float(unwrap_longitude(place[0], x)) - x) / half[0], (place[1] - y) / half[1]
-        longest = max(map(abs, from_centre))
-        ahead = [
-            max(size - _BEHIND * margin / length, 0.0) * part / longest
-            for size, length, part in zip(half, lengths, from_centre, strict=True)
-        ]
-    found = moved_into(bounds, (place[0] + ahead[0], place[1] + ahead[1]), half)
-    return found if room_in(found, bounds, place) > room + _MORE * margin else None
-
-
-def room_in(region: Region, bounds: Region, place: tuple[float, float]) -> float:
-    """Return how far a place lies from the nearest side of a window that is not the forecast's own [m]; negative outside it."""
-    (x, y), half = centre(region), 0.5 * width(region)
-    along = float(unwrap_longitude(place[0], x)) - x
-    to_bounds = [(side - x + 180.0) % 360.0 - 180.0 for side in (bounds[0], bounds[2])]
-    open_sides = [
-        (along + half, width(bounds) == 360.0 or -half > to_bounds[0] + _SAME),
-        (half - along, width(bounds) == 360.0 or half < to_bounds[1] - _SAME),
-    ]
-    across = [
-        (place[1] - region[1], region[1] > bounds[1] + _SAME),
-        (region[3] - place[1], region[3] < bounds[3] - _SAME),
-    ]
-    rooms = [room * degree_of_longitude(y) for room, is_open in open_sides if is_open]
-    return min([*rooms, *(room * DEGREE for room, is_open in across if is_open)], default=math.inf)
-
-
-def moved_into(bounds: Region, middle: tuple[float, float], half: tuple[float, float]) -> Region:
-    """Return a window about a place, moved into a box where it reaches beyond it."""
-    wide, (x, y) = width(bounds), centre(bounds)
-    east = (
-        middle[0]
-        if wide == 360.0
-        else x + _within(float(unwrap_longitude(middle[0], x)) - x, 0.5 * wide - half[0])
-    )
-    north = y + _within(middle[1] - y, 0.5 * (bounds[3] - bounds[1]) - half[1])
-    return rounded((east - half[0], north - half[1], east + half[0], north + half[1]))
-
-
-def _within(value: float, most: float) -> float:
-    return min(max(value, -most), most) if most > 0.0 else 0.0
-
-
+# Points of an overlap at most: every second or third row and column of a window's own.
+_POINTS = 600
 # Share of the variance at the overlap's points that the combinations may leave out, in the horizontal and in depth.
 _LEFT_OUT = 1e-3
 # Combinations at most: the work goes with the cube of their number, some seconds for so many.
@@ -143,6 +68,60 @@ class Learnt:
         """Return A of weights, shape (m, Z, r), of modes with these velocities at the points, shape (2P, r)."""
         of_modes = self.directions @ (self.across.T @ modes)  # (m, q, r)
         return np.asarray(np.einsum("mqr,qz->mzr", of_modes, self.vertical))
+
+
+def hand_over(
+    before: ReducedBasisEstimator, state: FilterState, after: ReducedBasisEstimator
+) -> tuple[FilterState, float]:
+    """Return the next window's first state, with the information of the one before where they overlap, and the loss [m/s].
+
+    The amplitudes of the prior's covariance and of the ensemble mean, where they are fitted to the log, are kept as they are from then on.
+
+    Args:
+        before: Estimator of the window before.
+        state: Its last state.
+        after: Estimator of the next window, in the same local frame and with the same levels.
+    """
+    old, new = before.prior, after.prior
+    spread = None if state.spread is None else replace(state.spread, apart=(), past=None)
+    if spread is not None:
+        old, new = spread.scale(old), spread.scale(new)
+    amplitude = None if state.mean_amplitude is None else state.mean_amplitude.ended()
+    if amplitude is not None:
+        old, new = before.prior_with(amplitude), after.prior_with(amplitude)
+    no_bias = np.zeros((len(state.posterior.prior_bias_sensitivity), *after.prior_weights.shape))
+    begun = replace(state, posterior=initial(new, no_bias), spread=spread, mean_amplitude=amplitude)
+    points = overlap(before.basis.grid, after.basis.grid)
+    said = None
+    if len(points):
+        next_modes, next_offset = velocities_at(after.basis, points)
+        said = learnt(
+            old,
+            state.posterior,
+            *velocities_at(before.basis, points),
+            next_modes,
+            after.representation_std,
+        )
+    if said is None:
+        # the log has no information on the mean's amplitude elsewhere
+        elsewhere = new if amplitude is None else after.prior
+        return replace(
+            begun, posterior=initial(elsewhere, no_bias), mean_amplitude=after.mean_amplitude
+        ), 0.0
+    innovation = said.values.copy()
+    innovation[:, 0] -= said.of(next_offset + next_modes @ after.by_level(new.mean).T)
+    prior, sensitivity = conditioned(new, said.design(next_modes), innovation)
+    return replace(begun, posterior=initial(prior, sensitivity)), said.loss
+
+
+def overlap(one: Grid, other: Grid) -> Array:
+    """Return points at which two windows both know the current, shape (P, 2) [m]: nodes of the first, thinned to some hundreds."""
+    wet = one.wet[0] & inside_grid(other, one.east, one.north)
+    every = max(1, int(np.ceil(np.sqrt(wet.sum() / _POINTS))))
+    thin = np.zeros_like(wet)
+    thin[::every, ::every] = True
+    chosen = wet & thin
+    return np.column_stack([one.east[chosen], one.north[chosen]])
 
 
 def velocities_at(basis: Basis, points: Array) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.prior.amplitude import MeanAmplitude, before_the_log, mixture
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.representation import PosteriorCovariance
-from replay_kit.estimator.windows.filter import hand_over
+from replay_kit.estimator.windows.handover import hand_over
 from replay_kit.workflows.replay.store.pickling import dump, load
 from tests import synthetic
 from tests.estimator.runs import after, rows_of

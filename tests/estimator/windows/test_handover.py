@@ -12,7 +12,8 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.prior.conditioned import conditioned
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.representation import select_representation, to_full_covariance
-from replay_kit.estimator.windows.filter import WindowedEstimator, hand_over, overlap
+from replay_kit.estimator.windows.filter import WindowedEstimator
+from replay_kit.estimator.windows.handover import hand_over, overlap
 from tests import synthetic
 
 CONFIG = EstimatorConfig(modes=20, sample_share=0.4, representation_error_std=0.0)

@@ -6,7 +6,7 @@ import pytest
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.region import centre, inside, width
 from replay_kit.estimator.windows.filter import WindowedEstimator
-from replay_kit.estimator.windows.handover import next_window, room_in
+from replay_kit.estimator.windows.placing import next_window, room_in
 from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
 
 BOUNDS = (-20.0, 30.0, 20.0, 50.0)

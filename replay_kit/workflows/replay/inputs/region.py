@@ -15,7 +15,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, Region, around, centre, degree_of_longitude, inside, text
 from replay_kit.core.sealed import Kind, read_head
 from replay_kit.estimator.basis.slices import correlation_length
-from replay_kit.estimator.windows.handover import moved_into
+from replay_kit.estimator.windows.placing import moved_into
 from replay_kit.forecast.describe import Extent, open_extent
 from replay_kit.workflows.replay.inputs.scan import reach_of
 

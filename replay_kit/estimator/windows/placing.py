@@ -1,0 +1,85 @@
+"""Where windows lie: around a vehicle, and ahead of it."""
+
+import math
+
+from replay_kit.core.geodesy import unwrap_longitude
+from replay_kit.core.region import (
+    DEGREE,
+    Region,
+    centre,
+    degree_of_longitude,
+    inside,
+    rounded,
+    width,
+)
+
+# Margins between the vehicle and the side of a new window behind it.
+_BEHIND = 1.5
+# Sides nearer to each other are the same [degrees]: boxes are rounded outwards.
+_SAME = 2e-3
+# Margins by which a new window must have more room around the vehicle to be worth it.
+_MORE = 0.25
+
+
+def next_window(
+    region: Region, margin: float, bounds: Region, place: tuple[float, float]
+) -> Region | None:
+    """Return the window that a vehicle needs that nears the side of its own; None where it does not, or where none has more room.
+
+    It is as large as the one before and lies ahead: the way from the middle of the window before to the vehicle goes on. At the side of the
+    forecast it is moved into it.
+
+    Args:
+        region: The window.
+        margin: Distance from the vehicle to a window's sides that an estimate needs [m]; nearer than half of it is near.
+        bounds: The forecast's box.
+        place: Longitude and latitude of the vehicle [degrees].
+    """
+    room = room_in(region, bounds, place)
+    if room >= 0.5 * margin or not inside(bounds, *place):
+        return None
+    (x, y), half = centre(region), (0.5 * width(region), 0.5 * (region[3] - region[1]))
+    lengths = (degree_of_longitude(y), DEGREE)
+    ahead = [0.0, 0.0]
+    if room >= 0.0:
+        from_centre = (float(unwrap_longitude(place[0], x)) - x) / half[0], (place[1] - y) / half[1]
+        longest = max(map(abs, from_centre))
+        ahead = [
+            max(size - _BEHIND * margin / length, 0.0) * part / longest
+            for size, length, part in zip(half, lengths, from_centre, strict=True)
+        ]
+    found = moved_into(bounds, (place[0] + ahead[0], place[1] + ahead[1]), half)
+    return found if room_in(found, bounds, place) > room + _MORE * margin else None
+
+
+def room_in(region: Region, bounds: Region, place: tuple[float, float]) -> float:
+    """Return how far a place lies from the nearest side of a window that is not the forecast's own [m]; negative outside it."""
+    (x, y), half = centre(region), 0.5 * width(region)
+    along = float(unwrap_longitude(place[0], x)) - x
+    to_bounds = [(side - x + 180.0) % 360.0 - 180.0 for side in (bounds[0], bounds[2])]
+    open_sides = [
+        (along + half, width(bounds) == 360.0 or -half > to_bounds[0] + _SAME),
+        (half - along, width(bounds) == 360.0 or half < to_bounds[1] - _SAME),
+    ]
+    across = [
+        (place[1] - region[1], region[1] > bounds[1] + _SAME),
+        (region[3] - place[1], region[3] < bounds[3] - _SAME),
+    ]
+    rooms = [room * degree_of_longitude(y) for room, is_open in open_sides if is_open]
+    return min([*rooms, *(room * DEGREE for room, is_open in across if is_open)], default=math.inf)
+
+
+def moved_into(bounds: Region, middle: tuple[float, float], half: tuple[float, float]) -> Region:
+    """Return a window about a place, moved into a box where it reaches beyond it."""
+    wide, (x, y) = width(bounds), centre(bounds)
+    east = (
+        middle[0]
+        if wide == 360.0
+        else x + _within(float(unwrap_longitude(middle[0], x)) - x, 0.5 * wide - half[0])
+    )
+    north = y + _within(middle[1] - y, 0.5 * (bounds[3] - bounds[1]) - half[1])
+    return rounded((east - half[0], north - half[1], east + half[0], north + half[1]))
+
+
+def _within(value: float, most: float) -> float:
+    return min(max(value, -most), most) if most > 0.0 else 0.0
