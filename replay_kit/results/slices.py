@@ -71,12 +71,17 @@ class Slice:
 def depth_slice(flow: FlowEstimate, depth: float) -> Slice:
     """Return the flow at a depth [m] on a regular grid near the ensemble's own."""
     grid = flow.grid
-    east, north = _axis(grid, grid.east), _axis(grid, grid.north)
+    east, north = slice_axes(grid)
     e, n = np.meshgrid(east, north)
     known = (wet_at(grid, e, n, depth) & inside_grid(grid, e, n))[..., None]
     velocity = np.where(known, flow.velocity(e, n, depth), np.nan)
     error = np.where(known, flow.standard_error(e, n, depth), np.nan) if flow.n_modes else None
     return Slice(float(depth), east, north, velocity, error)
+
+
+def slice_axes(grid: Grid) -> tuple[Array, Array]:
+    """Return the cell centres east and north [m] of the slices of a flow on a grid."""
+    return _axis(grid, grid.east), _axis(grid, grid.north)
 
 
 def grid_message(time_ns: int, value: Slice) -> fox.Grid:

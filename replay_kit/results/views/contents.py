@@ -113,7 +113,9 @@ class Contents:
     @cached_property
     def slices(self) -> CurrentSlices | None:
         """The published current; that of the last estimate at its levels when none was published, None without that."""
-        published, estimate = published_slices(self.result.path), self.estimate
+        estimate = self.estimate
+        grid = None if estimate is None else estimate.grid
+        published = published_slices(self.result.path, grid)
         if estimate is None:
             return published
         return (

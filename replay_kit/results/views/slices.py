@@ -1,6 +1,6 @@
 """The published estimate on depth slices through time, and whether its stated uncertainty holds."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +14,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
-from replay_kit.results.slices import Slice, depth_slice, grid_cells
+from replay_kit.results.slices import Slice, depth_slice, grid_cells, slice_axes
+from replay_kit.results.topics import WINDOW_NAME
 from replay_kit.results.views.track import thinned
 
 #: Of the fields of a slice, those kept: u, v and their standard errors.
@@ -46,28 +47,42 @@ class CurrentSlices:
     outside: NDArray[np.bool_] | None = None
 
 
-def published_slices(path: Path, most_values: int = 1_600_000) -> CurrentSlices | None:
+def published_slices(
+    path: Path, grid: Grid | None = None, most_values: int = 1_600_000
+) -> CurrentSlices | None:
     """Return the slices in a result MCAP; None when it has none.
 
     Args:
         path: The result.
+        grid: Of its last estimate: of several windows this one's slices are taken. None takes those of the first.
         most_values: Largest number of values kept: times between the first and the last are left out until they fit.
     """
-    times, depths = _index(path)
+    times, depths, windowed = _index(path)
     if not times or not depths:
         return None
-    east, north, first = next(_read(path, [f"{_FOLDER}{depths[0]:g}m"], {times[0]}))[2:]
-    kept = [
-        times[k] for k in thinned(len(times), max(1, most_values // (first.size * len(depths))))
-    ]
-    fields = np.full((len(depths), len(kept), *first.shape), np.nan)
-    for time_ns, depth, _, _, values in _read(
-        path, [f"{_FOLDER}{depth:g}m" for depth in depths], set(kept)
-    ):
-        fields[depths.index(depth), kept.index(time_ns)] = values
+    topics = [f"{_FOLDER}{depth:g}m" for depth in depths]
+    east, north = next(_read(path, topics[:1], {times[0]}))[2:4]
+    if windowed:
+        east, north = (east, north) if grid is None else slice_axes(grid)
+        own = _read(path, topics[:1], set(times))
+        times = sorted({one[0] for one in own if _same(one[2:4], (east, north))})
+        if not times:
+            return None
+    most = max(1, most_values // (len(KEPT) * north.size * east.size * len(depths)))
+    kept = [times[k] for k in thinned(len(times), most)]
+    fields = np.full((len(depths), len(kept), len(KEPT), north.size, east.size), np.nan)
+    for time_ns, depth, *axes, values in _read(path, topics, set(kept)):
+        if not windowed or _same(axes, (east, north)):
+            fields[depths.index(depth), kept.index(time_ns)] = values
     return CurrentSlices(
         np.array(depths), np.array(kept), east, north, fields, len(times) - len(kept)
     )
+
+
+def _same(one: Sequence[Array], other: Sequence[Array]) -> bool:
+    """Return whether cell centres are the same, to the rounding of a message."""
+    pairs = list(zip(one, other, strict=True))
+    return all(a.size == b.size and np.allclose(a, b, rtol=1e-9, atol=1e-3) for a, b in pairs)
 
 
 def slices_of(flow: FlowEstimate, depths: Array) -> CurrentSlices:
@@ -101,23 +116,21 @@ def _fields_of(value: Slice) -> Array:
     return np.moveaxis(np.concatenate([value.velocity, error], axis=-1), -1, 0)
 
 
-def _index(path: Path) -> tuple[list[int], list[float]]:
-    """Return the times and the depths of the slices, both increasing."""
+def _index(path: Path) -> tuple[list[int], list[float], bool]:
+    """Return the times and the depths of the slices, both increasing, and whether there are several windows."""
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
-        topics = (
-            []
-            if summary is None
-            else [c.topic for c in summary.channels.values() if c.topic.startswith(_FOLDER)]
-        )
+        if summary is None:
+            return [], [], False
+        topics = [one.topic for one in summary.channels.values() if one.topic.startswith(_FOLDER)]
         times = (
             {message.log_time for _, _, message in make_reader(file).iter_messages(topics=topics)}
             if topics
             else set()
         )
-    return sorted(times), sorted(
-        float(topic.removeprefix(_FOLDER).removesuffix("m")) for topic in topics
-    )
+    windowed = any(one.name.startswith(WINDOW_NAME) for one in summary.attachment_indexes)
+    depths = (float(topic.removeprefix(_FOLDER).removesuffix("m")) for topic in topics)
+    return sorted(times), sorted(depths), windowed
 
 
 def _read(
