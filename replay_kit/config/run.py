@@ -238,8 +238,8 @@ class ForecastConfig(Section):
     window_points: int | None = Field(
         default=None,
         ge=100,
-        description="Points a level of a region found from the log; of a larger one windows of this size follow the vehicle, each "
-        "starting from the posterior of the one before. With a goal, and for estimates through time, one region holds all. "
+        description="Points a level of a region found from the log; of a larger one windows of this size follow each vehicle, each "
+        "starting from what the one before learnt. With a goal, and for estimates through time, one region holds all. "
         "Default: a square of 14 correlation lengths, at least 1,600.",
     )
     levels: Annotated[tuple[_Depth, ...] | None, Option("--levels", "Z1,Z2,...")] = Field(

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
+from replay_kit.core.grid import Grid
 
 Region = tuple[float, float, float, float]
 #: Metres a degree of latitude, on a sphere of the Earth's area: boxes are no geodesy.
@@ -39,6 +40,11 @@ def around(places: ArrayLike, margin: float) -> Region:
     if east - west >= 360.0:
         west, east = -180.0, 180.0
     return rounded((west, max(south, -90.0), east, min(north, 90.0)))
+
+
+def box_of(grid: Grid) -> Region:
+    """Return the smallest box that holds the points of a grid."""
+    return around(np.column_stack([grid.longitude.ravel(), grid.latitude.ravel()]), 0.0)
 
 
 def degree_of_longitude(latitude: float) -> float:

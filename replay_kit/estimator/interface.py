@@ -4,8 +4,8 @@ A state is an immutable value that only its own estimator reads. Everything that
 member here; none of them needs to know which estimator it has.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
+from replay_kit.core.region import Region
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 
 State = TypeVar("State")
@@ -152,13 +153,33 @@ class Estimator(Protocol[State]):
         """Return the current estimate of a state, at the state's time."""
         ...
 
+    def of_vehicle(self, number: int, first: Region) -> Self:
+        """Return the estimator of one of several vehicles with one state, with the window in which it begins [degrees]."""
+        return self
+
+    def window(self, state: State) -> Hashable:
+        """Return what tells the vehicle's window from those of other vehicles; None where one window holds all."""
+        return None
+
+    def moved(self, state: State, measurement: Measurement | ProfileGroup) -> State:
+        """Return the state with the vehicle where a measurement is, of which nothing is used."""
+        return state
+
+    def of_own(self, state: State) -> State:
+        """Return a state without the windows of other vehicles."""
+        return state
+
     def left_flows(self, state: State) -> Iterator[FlowEstimate]:
-        """Yield the last estimates of windows that the vehicle has left, in order; none where one window holds all."""
+        """Yield the last estimates of windows that vehicles have left, in order; none where one window holds all."""
         return iter(())
 
     def without_left(self, state: State) -> State:
-        """Return a state without the windows that the vehicle has left, once their estimates were published."""
+        """Return a state without the windows that vehicles have left, once their estimates were published."""
         return state
+
+    def window_notes(self, state: State) -> list[str]:
+        """Return notes on the windows, for the user; none where one holds all."""
+        return []
 
     def weights(self, states: Sequence[State]) -> Sequence[Array | None]:
         """Return the mean weights of states, each of shape (Z r,), level after level; None where the basis is not the run's own."""

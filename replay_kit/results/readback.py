@@ -205,7 +205,7 @@ def read_windows(path: str | Path) -> "tuple[FlowEstimate, ...]":
             for record in reader.iter_attachments()
             if record.name.startswith(WINDOW_NAME)
         }
-    withdrawn = int(records[0]["withdrawn"]) if records else 0
+    withdrawn = int(records[0].get("withdrawn", 0)) if records else 0
     return (
         *(
             load_bytes(left[number].data, f"{path}#{left[number].name}")

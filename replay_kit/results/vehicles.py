@@ -10,12 +10,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.reader import make_reader
+from mcap.reader import McapReader, make_reader
 from mcap.records import Channel
 from mcap.writer import CompressionType, Writer
 
 from replay_kit.core.atomic import atomic_file
-from replay_kit.results.topics import CONFIG_NAME, DIGEST_NAME, complete
+from replay_kit.results.topics import (
+    CONFIG_NAME,
+    DIGEST_NAME,
+    ESTIMATE_NAME,
+    WINDOW_NAME,
+    WINDOWS_RECORD,
+    complete,
+)
 
 #: Record of a result of several vehicles: name to logs and goal, as JSON.
 VEHICLES_RECORD = "replay_kit.vehicles"
@@ -110,8 +117,8 @@ def write_part(path: Path, vehicle: VehicleRecord, out: Path, estimate: bool = T
         writer.start(profile="replay-kit", library="replay-kit")
         summary = reader.get_summary()
         assert summary is not None
-        own = {channel.topic for channel in summary.channels.values()}
-        wanted = [topic for topic in own if _standard(vehicle.name, topic, estimate)]
+        topics = {channel.topic for channel in summary.channels.values()}
+        wanted = [topic for topic in topics if _standard(vehicle.name, topic, estimate)]
         numbers: dict[int, int] = {}
         for schema, channel, message in reader.iter_messages(wanted or [""], log_time_order=False):
             if channel.id not in numbers:
@@ -126,8 +133,9 @@ def write_part(path: Path, vehicle: VehicleRecord, out: Path, estimate: bool = T
                 message.publish_time,
                 message.sequence,
             )
+        own = _own_window(vehicle.name, reader)
         for found in reader.iter_attachments():
-            if name := _attached(vehicle.name, found.name, estimate):
+            if name := _attached(vehicle.name, own.get(found.name, found.name), estimate):
                 writer.add_attachment(
                     found.create_time, found.log_time, name, found.media_type, found.data
                 )
@@ -156,6 +164,14 @@ def _attached(vehicle: str, name: str, estimate: bool) -> str:
     if owner == vehicle:
         return own
     return name if name == CONFIG_NAME or (estimate and name.startswith("estimate")) else ""
+
+
+def _own_window(vehicle: str, reader: McapReader) -> dict[str, str]:
+    """Return the names that two estimates change, so that the last one of a vehicle's part is that of its window; none where it is."""
+    records = (one.metadata for one in reader.iter_metadata() if one.name == WINDOWS_RECORD)
+    number = json.loads(next(records, {}).get("vehicles", "{}")).get(vehicle)
+    name = f"{WINDOW_NAME}{number}.nc"
+    return {name: ESTIMATE_NAME, ESTIMATE_NAME: name} if number else {}
 
 
 def _registered(writer: Writer, channel: Channel, topic: str, schema: int) -> int:

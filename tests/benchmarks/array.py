@@ -1,31 +1,38 @@
 """Several gliders with one estimate beside each alone: members are left out in turn, and twins fly distinct courses through them.
 
 ``python -m tests.benchmarks array`` writes a row for each sea, kind of measurement and number of gliders; two on what the checks say of
-sound arrays and of one compass that is turned; and 50 gliders of 30 days, in a process of its own.
+sound arrays and of one compass that is turned; 50 gliders of 30 days, in a process of its own; and two pairs of gliders in a sea of a
+basin's size, which windows follow.
 """
 
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from replay_kit.config.run import EstimatorConfig, ForecastConfig, RunConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble
 from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.show.notebook import Result, open_result
 from replay_kit.studies.twins.adcp import Faults
+from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import leave_out
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
 from tests.arrays import write_array
-from tests.benchmarks.measure import Row, alone, row
+from tests.benchmarks.measure import Row, alone, row, runner
+from tests.benchmarks.windows import LEVELS, QUICK, Strip, sea
 from tests.places import DATA, SAMPLES
 
 SEAS = {
@@ -43,6 +50,16 @@ _HALF = 1.6449
 _ARRAYS, _CHECKED_PINGS, _CHECKED_MODES, _TURNED = 100, 150, 20, 40.0
 _VEHICLES, _DAYS = 50, 30
 _DEFAULT = RunConfig()
+# A sea of 2,100 by 1,100 km, and the courses of two pairs that fly through each other's water.
+_BASIN, _BASIN_PINGS, _SMALL = (
+    Strip(120, 300, 30, 2.5, 1600, 0),
+    10 * 144,
+    Strip(12, 104, 10, 1.2, 300, 0),
+)
+_PAIRS = tuple(
+    ((row, column), (row + 0.05, column + 0.04), (row, column + 0.08))
+    for row, column in ((0.3, 0.15), (0.34, 0.17), (0.6, 0.75), (0.64, 0.77))
+)
 # What replays a job of some logs.
 _Outcome = tuple[ReplaySummary, FlowEstimate]
 
@@ -53,7 +70,9 @@ def rows(tiny: bool) -> list[Row]:
     if tiny:
         small = synthetic.ensemble(n_members=6, shape=(8, 9))
         config = RunConfig(estimator=EstimatorConfig(modes=6))
-        return list(beside_singles("synthetic", small, {2: (0, 3)}, range(1), 40, config))
+        quick = RunConfig(estimator=QUICK, forecast=ForecastConfig(window_points=_SMALL.window))
+        together = beside_singles("synthetic", small, {2: (0, 3)}, range(1), 40, config)
+        return [*together, in_basin(_SMALL, 20, quick, runner(tiny))]
     found = [
         each
         for name, path in seas.items()
@@ -62,7 +81,8 @@ def rows(tiny: bool) -> list[Row]:
             name, _read(path), _TOGETHER, range(_TRUTHS), _PINGS[dac_only], dac_only=dac_only
         )
     ]
-    return [*found, *(findings_of(turned, range(_ARRAYS)) for turned in (False, True)), many()]
+    checked = (findings_of(turned, range(_ARRAYS)) for turned in (False, True))
+    return [*found, *checked, many(), in_basin(_BASIN, _BASIN_PINGS, _DEFAULT)]
 
 
 def beside_singles(
@@ -189,6 +209,68 @@ def many(vehicles: int = _VEHICLES, days: int = _DAYS) -> Row:
             return row(name, time.process_time() - begin)
 
         return alone(work)
+
+
+def in_basin(
+    strip: Strip, pings: int, config: RunConfig, run: Callable[[Callable[[], Row]], Row] = alone
+) -> Row:
+    """Return the error about the tracks of two pairs of gliders far apart, in windows, beside that of each alone."""
+    of = sea(strip)
+    truth = of.part(None, slice(strip.members, None))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        members = np.moveaxis(of.velocity[: strip.members], 1, 0)
+        forecast = synthetic.as_forecast(members, LEVELS, of.latitude, of.longitude)
+        forecast.to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+        logs = write_array(folder, truth, 4, pings, dac_only=True, courses=_PAIRS)
+
+        def replayed(names: Sequence[str]) -> Callable[[], Row]:
+            own = tuple(Vehicle(one, (logs[one],)) for one in names) if len(names) > 1 else ()
+            paths, out = tuple(logs[one] for one in names), folder / f"{'-'.join(names)}.out.mcap"
+            job = ReplayJob(paths, folder / "ensemble.nc", out, vehicles=own)
+
+            def work() -> Row:
+                begin = time.process_time()
+                replay(job, config)
+                return row("", time.process_time() - begin)
+
+            return work
+
+        found, singles = run(replayed(list(logs))), [replayed([one])() for one in logs]
+        pooled = open_result(folder / f"{'-'.join(logs)}.out.mcap")
+        tracks = {
+            one: part.fixes[:: len(part.fixes) // 200 + 1] for one, part in pooled.vehicles.items()
+        }
+        single = {one: open_result(folder / f"{one}.out.mcap") for one in logs}
+        others = dict(zip(logs, ("sg2", "sg1", "sg4", "sg3"), strict=True))
+        error = {
+            "pooled": _error(truth, [(pooled, track) for track in tracks.values()]),
+            "alone": _error(truth, [(single[one], tracks[one]) for one in logs]),
+            "alone_about_the_other": _error(
+                truth, [(single[one], tracks[others[one]]) for one in logs]
+            ),
+        }
+        size = f"{strip.columns * strip.rows} points, {len(pooled.estimates)} windows of {strip.window}"
+        return found | row(
+            f"4 gliders in pairs far apart, {pings // 144} days of mean currents, {size}",
+            found["ours_s"],
+            "each alone",
+            sum(one["ours_s"] for one in singles),
+            error=error,
+            peak_mb=found["peak_mb"],
+        )
+
+
+def _error(truth: Ensemble, tracks: Iterable[tuple[Result, pd.DataFrame]]) -> float:
+    """Return the RMS of the error of estimates at places of tracks that they know [m/s], a component."""
+    squares, levels = list[Array](), LEVELS[None, :-1]
+    for result, track in tracks:
+        at = [track[axis].to_numpy()[:, None] for axis in ("longitude", "latitude")]
+        found, place = result.velocity_at(*at, levels), to_local(truth.grid.projection, *at)
+        true = build_field(truth).velocity(*place, levels)
+        u, v = rotate_to_geographic(truth.grid.projection, *at, true[..., 0], true[..., 1])
+        squares += [(found.u - u) ** 2, (found.v - v) ** 2]
+    return float(np.sqrt(np.nanmean(np.concatenate(squares))))
 
 
 def _read(path: Path) -> Ensemble:

@@ -179,7 +179,7 @@ def rows(tiny: bool) -> list[Row]:
     estimator = windowed(of, strip, pings[0], margin, config)
     state, jumps, flows = estimator.initial(), list[float](), list[FlowEstimate]()
     for ping in pings:
-        before, state = state, estimator._moved(state, ping)
+        before, state = state, estimator.moved(state, ping)
         if state.left:
             jumps.append(_jump(estimator, before, state, ping))
             flows += estimator.left_flows(state)

@@ -1,4 +1,4 @@
-"""An estimator of windows that follow the vehicle."""
+"""An estimator of windows that follow vehicles."""
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,65 +10,33 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
-from replay_kit.core.region import Region, inside
+from replay_kit.core.region import Region, centre, inside
 from replay_kit.estimator.interface import Estimator, Stepped
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
-from replay_kit.estimator.static.state import FilterState
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.windows.handover import hand_over
-from replay_kit.estimator.windows.placing import next_window
+from replay_kit.estimator.windows.placing import Window, WindowedState, next_window
 
 # Measurements in a row outside the window after which a window is made about them: one may have a wrong position.
 _STRAYS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Window:
-    """A window, and the estimate in it.
-
-    Attributes:
-        region: West, south, east, north [degrees].
-        state: Of its estimator.
-    """
-
-    region: Region
-    state: FilterState
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WindowedState:
-    """The estimate in the window that holds the vehicle, and the last ones of those it left, until they are forgotten.
-
-    Attributes:
-        current: The window that holds the vehicle.
-        left: Windows that were left, in order; those forgotten are not among them.
-        number: Of windows so far, the current one included.
-        loss: Largest root mean square so far of the information on the next window that was not handed over [m/s].
-        strays: Number of measurements in a row that lay outside the window.
-        unusable: Windows that could not be made, each with the reason.
-    """
-
-    current: Window
-    left: tuple[Window, ...] = ()
-    number: int = 1
-    loss: float = 0.0
-    strays: int = 0
-    unusable: tuple[tuple[Region, str], ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class WindowedEstimator(Estimator[WindowedState]):
-    """Static estimators of windows, one after the other; each begins with the information of the one before it where they overlap.
+    """Static estimators of windows; each begins with the information of the one that its vehicle was in before, where they overlap.
 
-    All windows have one local frame, and the same levels.
+    Vehicles near each other are in one window, and each measurement is given to all windows that hold it, as if each were alone. So
+    nothing counts twice in any. What is asked of a state is answered from the vehicle's window. All windows have one local frame, and the
+    same levels.
 
     Attributes:
-        first: The first window [degrees].
-        margin: Distance from the vehicle to a window's sides that an estimate needs [m].
+        first: The vehicle's first window [degrees].
+        margin: Distance from a vehicle to its window's sides that an estimate needs [m].
         bounds: The forecast's box [degrees].
         build: Returns the estimator of a window; the same window gives the same estimator, and the latest are kept.
         gating: Gate and covariance inflation; None accepts every profile with its stated errors.
         grouping: Which profiles are combined; None combines none.
+        vehicle: Number of the vehicle whose measurements it is given.
     """
 
     first: Region
@@ -77,6 +45,7 @@ class WindowedEstimator(Estimator[WindowedState]):
     build: Callable[[Region], ReducedBasisEstimator]
     gating: GatingConfig | None = None
     grouping: Grouping | None = None
+    vehicle: int = 0
 
     supports_path_means = True
     block_size = ReducedBasisEstimator.block_size
@@ -94,9 +63,25 @@ class WindowedEstimator(Estimator[WindowedState]):
     def _of(self, region: Region) -> ReducedBasisEstimator:
         return replace(self.build(region), gating=self.gating, grouping=self.grouping)
 
+    def of_vehicle(self, number: int, first: Region) -> "WindowedEstimator":
+        """Return the estimator of one of several vehicles, with its first window."""
+        return replace(self, vehicle=number, first=first)
+
     def initial(self) -> WindowedState:
-        """Return the prior of the first window as a state."""
-        return WindowedState(Window(self.first, self._of(self.first).initial()))
+        """Return the state without a window: a vehicle's first one begins with its first measurement."""
+        return WindowedState()
+
+    def _window(self, state: WindowedState) -> Window:
+        """Return the vehicle's window: before its first measurement the one that holds where it begins, or the prior of its first one."""
+        return self._held(state) or Window(self.first, self._of(self.first).initial())
+
+    def _held(self, state: WindowedState) -> Window | None:
+        return state.of(self.vehicle) or state.holding(centre(self.first), self.bounds, 0.0)
+
+    def window(self, state: WindowedState) -> Region:
+        """Return the vehicle's window."""
+        held = self._held(state)
+        return self.first if held is None else held.region
 
     def step(
         self, state: WindowedState, observation: Measurement
@@ -121,51 +106,73 @@ class WindowedEstimator(Estimator[WindowedState]):
                 state = yield from self._in_window(state, block)
                 block = []
             if not block:
-                state = self._moved(state, item)
+                state = self.moved(state, item)
             block.append(item)
-        yield from self._in_window(state, block)
+        if block:
+            yield from self._in_window(state, block)
 
     def _in_window(
         self, state: WindowedState, block: Sequence[Measurement | ProfileGroup]
     ) -> Generator[Stepped[WindowedState], None, WindowedState]:
-        """Yield the outcome of measurements and groups in one window; return the last state."""
-        for event, _, inner, innovation, _ in self._of(state.current.region).group_steps(
-            state.current.state, block
-        ):
-            before, state = state, replace(state, current=replace(state.current, state=inner))
+        """Yield the outcome of measurements and groups in the vehicle's window; return the last state."""
+        if self.vehicle not in state.strays:
+            others = tuple(self._beside(window, block) for window in state.windows)
+            state = replace(state, windows=others)
+        own = self._window(state)
+        for event, _, inner, innovation, _ in self._of(own.region).group_steps(own.state, block):
+            before = state
+            changed = tuple(
+                replace(one, state=inner) if self.vehicle in one.vehicles else one
+                for one in state.windows
+            )
+            state = replace(state, windows=changed)
             yield Stepped(event, before, state, innovation)
         return state
 
+    def _beside(self, window: Window, block: Sequence[Measurement | ProfileGroup]) -> Window:
+        """Return a window of other vehicles after the measurements that it holds; the vehicle's own as it is."""
+        held = [item for item in block if inside(window.region, *_places(item)).all()]
+        if self.vehicle in window.vehicles or not held:
+            return window
+        *_, last = self._of(window.region).group_steps(window.state, held)
+        return replace(window, state=last.after)
+
     def _stays(self, state: WindowedState, observation: Measurement | ProfileGroup) -> bool:
-        """Return whether an observation certainly leaves the window as it is."""
-        region, place = state.current.region, _place(observation)
+        """Return whether an observation certainly leaves the vehicle in its window."""
+        region, place = self.window(state), _place(observation)
         return (
-            not state.strays
+            self.vehicle not in state.strays
             and inside(region, *place).item()
             and next_window(region, self.margin, self.bounds, place) is None
         )
 
-    def _moved(
-        self, state: WindowedState, observation: Measurement | ProfileGroup
-    ) -> WindowedState:
-        """Return the state in the window that an observation needs."""
-        place, region = _place(observation), state.current.region
+    def moved(self, state: WindowedState, measurement: Measurement | ProfileGroup) -> WindowedState:
+        """Return the state with the vehicle in the window that a measurement needs."""
+        place, own = _place(measurement), self._window(state)
+        if self.vehicle not in own.vehicles:
+            state = state.entered(self.vehicle, own)
+        region = own.region
         strays = (
-            0 if inside(region, *place) or not inside(self.bounds, *place) else state.strays + 1
+            0
+            if inside(region, *place) or not inside(self.bounds, *place)
+            else state.strays.get(self.vehicle, 0) + 1
         )
         following = (
             next_window(region, self.margin, self.bounds, place) if strays in (0, _STRAYS) else None
         )
+        if following is not None:
+            other = state.holding(place, self.bounds, 0.5 * self.margin)
+            if other is not None:
+                return state.entered(self.vehicle, other)
         if following is None or following in [refused for refused, _ in state.unusable]:
-            return state if strays == state.strays else replace(state, strays=strays)
+            return state.with_strays(self.vehicle, strays)
         try:
-            begun, loss = hand_over(self._of(region), state.current.state, self._of(following))
+            begun, loss = hand_over(self._of(region), own.state, self._of(following))
         except ForecastError as error:
-            return replace(state, strays=0, unusable=(*state.unusable, (following, str(error))))
-        left, most = (*state.left, state.current), max(state.loss, loss)
-        return WindowedState(
-            Window(following, begun), left, state.number + 1, most, 0, state.unusable
-        )
+            state = replace(state, unusable=(*state.unusable, (following, str(error))))
+            return state.with_strays(self.vehicle, 0)
+        state = state.entered(self.vehicle, Window(following, begun))
+        return replace(state, loss=max(state.loss, loss))
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether an observation has a bin that ``step`` would use, if it lies in water: windows are made when they are needed."""
@@ -181,53 +188,65 @@ class WindowedEstimator(Estimator[WindowedState]):
         )
 
     def innovation(self, state: WindowedState, observation: Measurement) -> Array:
-        """Return measured minus predicted in the state's window, shape (n, 2) [m/s], local axes; NaN for bins that are not usable."""
-        return self._of(state.current.region).innovation(state.current.state, observation)
+        """Return measured minus predicted in the vehicle's window, shape (n, 2) [m/s], local axes; NaN for bins that are not usable."""
+        own = self._window(state)
+        return self._of(own.region).innovation(own.state, observation)
 
     def group_innovation(self, state: WindowedState, group: ProfileGroup) -> Array:
         """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
-        return self._of(state.current.region).group_innovation(state.current.state, group)
+        own = self._window(state)
+        return self._of(own.region).group_innovation(own.state, group)
 
     def flow(self, state: WindowedState) -> FlowEstimate:
-        """Return the current estimate in the state's window."""
-        return self._of(state.current.region).flow(state.current.state)
+        """Return the current estimate in the vehicle's window."""
+        own = self._window(state)
+        return self._of(own.region).flow(own.state)
 
     def left_flows(self, state: WindowedState) -> Iterator[FlowEstimate]:
-        """Yield the last estimate of each window that was left; before the latest two each is made from the forecast again."""
+        """Yield the last estimate of each window that was left; before the latest ones each is made from the forecast again."""
         for window in state.left:
             yield self._of(window.region).flow(window.state)
 
     def without_left(self, state: WindowedState) -> WindowedState:
-        """Return a state that holds the current window alone, so that its size does not grow with the way."""
+        """Return a state that holds the windows of vehicles alone, so that its size does not grow with their ways."""
         return replace(state, left=()) if state.left else state
+
+    def of_own(self, state: WindowedState) -> WindowedState:
+        """Return a state of the vehicle's window alone; as it is where there is no other."""
+        own = state.of(self.vehicle)
+        if own is None or len(state.windows) == 1:
+            return state
+        return replace(state, windows=(own,))
 
     def notes(self) -> list[str]:
         """Return the settings of the first window's prior."""
         return self._of(self.first).notes()
 
     def bias_notes(self, state: WindowedState) -> list[str]:
-        """Return the notes of the last window, and on the windows."""
-        notes = self._of(state.current.region).bias_notes(state.current.state)
-        if state.number > 1:
-            lost = f"{100.0 * state.loss:.1f} cm/s RMS"
-            notes.append(
-                f"{state.number} windows followed the vehicle; up to {lost} of what one had learnt was not handed over"
-            )
-        return [
-            *notes,
-            *(
-                f"no window could be made at {refused}: {reason}"
-                for refused, reason in state.unusable
-            ),
-        ]
+        """Return the notes of the vehicle's window, and on the windows."""
+        own = self._window(state)
+        return [*self._of(own.region).bias_notes(own.state), *self.window_notes(state)]
+
+    def window_notes(self, state: WindowedState) -> list[str]:
+        """Return how many windows there were, what was lost between them, and which could not be made."""
+        lost = f"up to {100.0 * state.loss:.1f} cm/s RMS of what one had learnt was not handed over"
+        several = len({number for one in state.windows for number in one.vehicles}) > 1
+        followed = f"{state.number} windows followed the vehicle{'s' if several else ''}; {lost}"
+        refused = (f"no window could be made at {at}: {reason}" for at, reason in state.unusable)
+        return [*([followed] if state.number > 1 else []), *refused]
 
     def spread_record(self, state: WindowedState) -> dict[str, str]:
-        """Return the amplitude of the prior's covariance in a state, and what it was fitted to."""
-        return self._of(state.current.region).spread_record(state.current.state)
+        """Return the amplitude of the prior's covariance in the vehicle's window, and what it was fitted to."""
+        own = self._window(state)
+        return self._of(own.region).spread_record(own.state)
 
 
 def _place(observation: Measurement | ProfileGroup) -> tuple[float, float]:
     """Return longitude and latitude of an observation [degrees]; of a path its end."""
-    return float(np.atleast_1d(observation.longitude)[-1]), float(
-        np.atleast_1d(observation.latitude)[-1]
-    )
+    longitude, latitude = _places(observation)
+    return float(longitude[-1]), float(latitude[-1])
+
+
+def _places(observation: Measurement | ProfileGroup) -> tuple[Array, Array]:
+    """Return the longitudes and latitudes of an observation [degrees], shape (m,)."""
+    return np.atleast_1d(observation.longitude), np.atleast_1d(observation.latitude)

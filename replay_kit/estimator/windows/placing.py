@@ -1,6 +1,8 @@
-"""Where windows lie: around a vehicle, and ahead of it."""
+"""Where windows lie, around vehicles and ahead of them, and which vehicle each follows."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.region import (
@@ -12,6 +14,87 @@ from replay_kit.core.region import (
     rounded,
     width,
 )
+from replay_kit.estimator.static.state import FilterState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """A window, and the estimate in it.
+
+    Attributes:
+        region: West, south, east, north [degrees].
+        state: Of its estimator.
+        vehicles: Numbers of those that it follows.
+    """
+
+    region: Region
+    state: FilterState
+    vehicles: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowedState:
+    """The estimates in the windows that follow vehicles, and the last ones of those that all left, until they are forgotten.
+
+    Attributes:
+        windows: Those that follow a vehicle, in the order in which they began.
+        left: Windows that were left, in order; those forgotten are not among them.
+        number: Of windows so far.
+        loss: Largest root mean square so far of the information on the next window that was not handed over [m/s].
+        strays: Of a vehicle, how many measurements in a row lay outside its window; none where the last one did not.
+        unusable: Windows that could not be made, each with the reason.
+    """
+
+    windows: tuple[Window, ...] = ()
+    left: tuple[Window, ...] = ()
+    number: int = 0
+    loss: float = 0.0
+    strays: Mapping[int, int] = field(default_factory=dict)
+    unusable: tuple[tuple[Region, str], ...] = ()
+
+    def of(self, vehicle: int) -> Window | None:
+        """Return the window of a vehicle; None before its first measurement."""
+        return next((one for one in self.windows if vehicle in one.vehicles), None)
+
+    def holding(self, place: tuple[float, float], bounds: Region, least: float) -> Window | None:
+        """Return the window that holds a place farthest from its sides; None where none holds it so far from them.
+
+        Args:
+            place: Longitude and latitude [degrees].
+            bounds: The forecast's box.
+            least: Distance from the sides [m].
+        """
+        found = max(self.windows, key=lambda one: room_in(one.region, bounds, place), default=None)
+        held = found is not None and room_in(found.region, bounds, place) >= least
+        return found if held else None
+
+    def entered(self, vehicle: int, window: Window) -> "WindowedState":
+        """Return the state with a vehicle in a window, one of these or a new one; that it was alone in is left."""
+        begins = all(window is not one for one in self.windows)
+        each = [
+            replace(
+                one,
+                vehicles=(
+                    *(number for number in one.vehicles if number != vehicle),
+                    *((vehicle,) if one is window else ()),
+                ),
+            )
+            for one in (*self.windows, *((window,) if begins else ()))
+        ]
+        return replace(
+            self.with_strays(vehicle, 0),
+            windows=tuple(one for one in each if one.vehicles),
+            left=(*self.left, *(one for one in each if not one.vehicles)),
+            number=self.number + begins,
+        )
+
+    def with_strays(self, vehicle: int, number: int) -> "WindowedState":
+        """Return the state with how many measurements in a row lay outside a vehicle's window."""
+        if number == self.strays.get(vehicle, 0):
+            return self
+        others = {key: count for key, count in self.strays.items() if key != vehicle}
+        return replace(self, strays={**others, vehicle: number} if number else others)
+
 
 # Margins between the vehicle and the side of a new window behind it.
 _BEHIND = 1.5

@@ -14,7 +14,9 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load_noted
 from replay_kit.core.grid import Grid
 from replay_kit.core.inputs import open_input
+from replay_kit.core.plan import Place
 from replay_kit.core.progress import announce
+from replay_kit.core.region import box_of, inside
 
 # the planners and what reads results load slowly: a place outside of an estimate is refused without them
 if TYPE_CHECKING:
@@ -61,7 +63,9 @@ def planned_on(request: PlanRequest, config: PlannerConfig) -> PlannedOn:
         ReplayKitError: A file cannot be read, the files of the current do not follow each other, or a place is not in their water.
     """
     announce("reading the estimate")
-    files = [(path, read_flow(path)) for path in request.flows]
+    named = bool(request.glider or request.start is None)
+    places = () if named else (request.start_place, *request.goals)
+    files = [(path, read_flow(path, places)) for path in request.flows]
     region, bottom = files[0][1].flow.grid, None
     if not (request.learns or request.glider or request.mooring):
         locate_all(Region(region, config.depth_limit), request.start_place, request.goals)
@@ -124,22 +128,34 @@ def read_known(
     return known, AsFlown.in_metadata(last.metadata)
 
 
-def read_flow(path: Path) -> FlowFile:
+def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
     """Return the estimate in a file: NetCDF of ``--save-estimate``, or a result MCAP, which its first bytes tell.
+
+    Args:
+        path: The file.
+        places: Of a result of several windows, the estimate of the one that holds these; the last where it does, or where none does.
 
     Raises:
         ReplayKitError: The reader's error, when there is no such file or it holds no estimate.
     """
     if _is_result(path):
-        from replay_kit.results.readback import read_estimate
+        from replay_kit.results.readback import read_estimate, read_windows
         from replay_kit.show.status.held import read_held
         from replay_kit.workflows.sound import sound_result
 
         with sound_result(path) as sound:
             flow, held = read_estimate(sound.path), read_held(sound.path)
+            if not _holds(flow, places):
+                flows = reversed(read_windows(sound.path))
+                flow = next((one for one in flows if _holds(one, places)), flow)
         return FlowFile(flow, held, sound.lines, sound.exit_code)
     flow, note = load_noted(path)
     return FlowFile(flow, None, (note,) if note else ())
+
+
+def _holds(flow: FlowEstimate, places: Sequence[Place]) -> bool:
+    box = box_of(flow.grid)
+    return all(inside(box, place.longitude, place.latitude) for place in places)
 
 
 def _is_result(path: Path) -> bool:

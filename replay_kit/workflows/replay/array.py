@@ -1,14 +1,13 @@
 """The replay of several vehicles: a session for each, and one estimate of what all of them measured."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from heapq import merge as merged_by
 from typing import Any
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
 from replay_kit.estimator import Estimator
@@ -46,6 +45,8 @@ class ArraySession:
     Attributes:
         vehicles: The sessions, in the order of their names.
         last_ns: Time of the last message [ns, UTC].
+        flows: At the end, the estimate of each vehicle, by name: of its window, or of all.
+        windows: At the end, the numbers of the windows of vehicles that are in another one than the first.
     """
 
     def __init__(self, sessions: Sequence[Session]) -> None:
@@ -54,6 +55,8 @@ class ArraySession:
         first = sessions[0]
         self.shared, self.clock, self.config = first.shared, first.clock, first.config
         self.last_ns = 0
+        self.flows: dict[str, FlowEstimate] = {}
+        self.windows: dict[str, int] = {}
 
     @property
     def estimator(self) -> Estimator[Any]:
@@ -87,13 +90,28 @@ class ArraySession:
         self.shared.restore(state.queued)
         self.last_ns = state.last_ns
 
-    def conclude(self) -> FlowEstimate:
-        """Finish surfacings, plan for each vehicle and publish the last depth slices; return the last estimate."""
-        for session in self.vehicles:
+    def conclude(self, about: Mapping[str, str]) -> FlowEstimate:
+        """Finish surfacings, plan for each vehicle, publish slices and others' windows; return the first's estimate, with its citation."""
+        held = dict[Hashable, FlowEstimate]()
+        of = {
+            session: session.built.window(session.estimation.current) for session in self.vehicles
+        }
+        for session, window in of.items():
             session.end()
-        flow = flow_at(self.estimator, self.vehicles[0].estimation.current, self.last_ns)
+            if window not in held:
+                flow = flow_at(session.built, session.estimation.current, self.last_ns)
+                held[window] = replace(flow, about=about)
+            self.flows[session.name] = held[window]
+        (first, flow), *others = held.items()
         if self.writer is not None:
-            self.vehicles[0].publish(flow, self.last_ns)
+            publishes = self.vehicles[0]
+            numbers = publishes.publish_windows(one for _, one in others)
+            of_window = dict(zip(dict(others), numbers, strict=True))
+            self.windows = {
+                session.name: of_window[window] for session, window in of.items() if window != first
+            }
+            for one in (*dict(others).values(), flow):
+                publishes.publish(one, self.last_ns)
         return flow
 
 
@@ -116,23 +134,18 @@ def _to_end(messages: Iterator[Message], number: int) -> Iterator[Message]:
     yield Message(last_ns, "", END, {}, number, 2**62)
 
 
-def value_of_each(
-    session: ArraySession, flow: FlowEstimate
-) -> dict[str, Mapping[str, float | int | None]]:
-    """Return what each vehicle gives to the estimate: what it would be without the vehicle's measurements (data denial).
-
-    Args:
-        session: After all measurements.
-        flow: The estimate.
-    """
+def value_of_each(session: ArraySession) -> dict[str, Mapping[str, float | int | None]]:
+    """Return what each vehicle gives to the estimate, after all: what it would be without the vehicle's measurements (data denial)."""
     found: dict[str, Mapping[str, float | int | None]] = {}
     if len(session.vehicles) * len(session.shared.kept) > _MOST_DENIED:
         return found
     with session.clock.stage("value"):
-        pooled = _on_slices(flow, session)
+        windows = {id(session.flows[one.name]): one for one in session.vehicles}.values()
+        pooled = _on_slices([session.flows[one.name] for one in windows], session)
         for number, vehicle in enumerate(session.vehicles):
-            at = partial(flow_at, session.estimator, session.shared.without(number))
-            without = _on_slices(at(session.last_ns), session)
+            state = session.shared.without(number)
+            flows = [flow_at(one.built, state, session.last_ns) for one in windows]
+            without = _on_slices(flows, session)
             error, error_without = (_rms(one[1]) for one in (pooled, without))
             found[vehicle.name] = {
                 "measurements": sum(of == number for of, _ in session.shared.kept),
@@ -143,10 +156,10 @@ def value_of_each(
     return found
 
 
-def _on_slices(flow: FlowEstimate, session: ArraySession) -> tuple[Array, Array]:
+def _on_slices(flows: Sequence[FlowEstimate], session: ArraySession) -> tuple[Array, Array]:
     """Return the velocity at the published depths, shape (n, 2), and the length of its standard error, shape (n,) [m/s]."""
-    depths = depth_slices(session.last_ns, flow, session.config.output).depths
-    each = [depth_slice(flow, depth) for depth in depths]
+    depths = depth_slices(session.last_ns, flows[0], session.config.output).depths
+    each = [depth_slice(flow, depth) for flow in flows for depth in depths]
     velocity = np.concatenate([one.velocity.reshape(-1, 2) for one in each])
     known = [one.standard_error for one in each if one.standard_error is not None]
     errors = (

@@ -1,5 +1,6 @@
 """The end of a replay: its summary, its estimate, and the score against a truth."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -47,18 +48,24 @@ def conclude(
     job, useless = inputs.job, _useless(session, inputs)
     logs = [file for path in job.logs for file in logs_in(path)]
     about = cited((*logs, *ensemble_files(job.ensemble)), session.vehicles[0].config)
-    flow = replace(session.conclude(), about=about)
+    flow = session.conclude(about)
+    flows = session.flows if isinstance(session, ArraySession) else {}
     each = {
-        one.name: _summary(one, readers, inputs, flow, others)
+        one.name: _summary(one, readers, inputs, flows.get(one.name, flow), others)
         for one, readers in zip(session.vehicles, inputs.by_vehicle, strict=True)
     }
     summary = next(iter(each.values()))
     if isinstance(session, ArraySession):
-        value = value_of_each(session, flow)
+        value = value_of_each(session)
         unused = {one.name: one.why_not for one in job.vehicles if one.why_not} | useless
         notes = (*_notes(session, inputs, flow, ()), *map(": ".join, unused.items()))
         if not value:
             notes += (_NOT_DENIED,)
+        if session.windows:
+            first = session.vehicles[0].name
+            notes += (
+                f"estimate.nc, --netcdf, --save-estimate and a score against a truth are of the window of {first}; the result holds all",
+            )
         notes += tuple(f"{one.name}: {text}" for one in job.vehicles for text in one.notes)
         summary = replace(
             counted(session, inputs),
@@ -81,6 +88,8 @@ def conclude(
                     _record(session.writer, one, each[one.name])
             if isinstance(session, ArraySession):
                 session.writer.summary(session.last_ns, outcome_of(summary).to_record())
+            if windows := _windows(session):
+                session.writer.write_metadata(WINDOWS_RECORD, windows)
             if spread := session.estimator.spread_record(_state(session)):
                 session.writer.write_metadata("replay_kit.spread", spread)
             session.writer.finish(flow)
@@ -193,8 +202,15 @@ def _record(writer: ResultWriter, session: Session, summary: ReplaySummary) -> N
     writer.summary(session.last_ns, outcome_of(summary).to_record())
     if (flown := session.forecasts.as_flown) is not None:
         writer.record(AS_FLOWN, flown.to_record())
-    if withdrawn := session.publishing.withdrawn:
-        writer.record(WINDOWS_RECORD, {"withdrawn": str(withdrawn)})
+
+
+def _windows(session: Session | ArraySession) -> dict[str, str]:
+    """Return what a result states of its windows: how many do not count, and of vehicles whose is not the last one which it is."""
+    withdrawn = session.vehicles[0].publishing.withdrawn
+    own = session.windows if isinstance(session, ArraySession) else {}
+    return ({"withdrawn": str(withdrawn)} if withdrawn else {}) | (
+        {"vehicles": json.dumps(own)} if own else {}
+    )
 
 
 def _notes(
@@ -210,7 +226,8 @@ def _notes(
         else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
     )
     # biases are one instrument's
-    biases = [] if inputs.job.vehicles else estimator.bias_notes(_state(session))
+    about = estimator.window_notes if inputs.job.vehicles else estimator.bias_notes
+    biases = about(_state(session))
     return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *no_goal]
 
 

@@ -25,6 +25,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.inputs import check_unchanged
 from replay_kit.core.message import Message
 from replay_kit.core.progress import Progress, Stopwatch, silent
+from replay_kit.core.region import centre, inside
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
@@ -65,7 +66,7 @@ from replay_kit.workflows.replay.inputs.provenance import (
     vehicles_record,
 )
 from replay_kit.workflows.replay.inputs.scan import check_span, next_block
-from replay_kit.workflows.replay.inputs.vehicles import by_tracks, check_places, identified
+from replay_kit.workflows.replay.inputs.vehicles import by_tracks, first_windows, identified
 from replay_kit.workflows.replay.scoring import check_against, rival_inputs, rivals
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.shared import SharedEstimate
@@ -190,14 +191,15 @@ def _prepare(
         ensemble = forecasts.ensemble
         speeds = checked_speeds(ensemble, config)
         truth = open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
-    check_places(job, ensemble.grid)
+    firsts = first_windows(job, forecasts)
     readers = open_each(job, config)
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         estimator = built(forecasts, with_planner_kind(job, flat(readers), config), job)
         prior_flow = estimator.flow(estimator.initial())
     shared, sessions = SharedEstimate(clock), list[Session]()
-    for vehicle, of_vehicle in zip(job.each_vehicle, readers, strict=True):
+    speeds_in = {} if forecasts.box is None else {forecasts.box: speeds}
+    for number, (vehicle, of_vehicle) in enumerate(zip(job.each_vehicle, readers, strict=True)):
         own = with_planner_kind(vehicle, of_vehicle, config)
         problem = None
         if vehicle.goal is not None and planner_of is not None:
@@ -208,8 +210,14 @@ def _prepare(
             )
             surface = own.measurements.surface_depth
             problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, goals, made)
-        levels = ensemble.grid.levels
-        sessions.append(Session(estimator, levels, own, problem, speeds, shared, vehicle.name))
+        levels, follows = ensemble.grid.levels, estimator
+        if forecasts.read is not None and (first := firsts.get(vehicle.name)) is not None:
+            follows = estimator.of_vehicle(number, first)
+            region = next((each for each in speeds_in if inside(each, *centre(first))), first)
+            if region not in speeds_in:
+                speeds_in[region] = checked_speeds(forecasts.read(region), config)
+            speeds = speeds_in[region]
+        sessions.append(Session(follows, levels, own, problem, speeds, shared, vehicle.name))
     # without a goal nothing reads the bathymetry
     arguments, bathymetry = (
         find_sources(job.ensemble).arguments,

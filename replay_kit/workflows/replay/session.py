@@ -4,7 +4,7 @@ The stages (``estimation``, ``publishing``, ``plans``, ``statistics``) are funct
 clock. Their states together are what a checkpoint keeps.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
@@ -29,7 +29,7 @@ from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.shared import BUFFERED, SharedEstimate
 from replay_kit.workflows.replay.stages import consistency, plans
 from replay_kit.workflows.replay.stages.consistency import MonitoringState
-from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, inputs_of
+from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, inputs_of, kept
 from replay_kit.workflows.replay.stages.planner import VehiclePlanner
 from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.stages.publishing import (
@@ -273,7 +273,8 @@ class Session:
         if consistency.is_distrusted(found):
             kept = means if self.estimator.supports_path_means else ()
             steps = self.shared.rebuild(self._number, kept)
-            self.publishing = withdraw_windows(self.publishing)
+            publishes = self.shared.vehicles[0]
+            publishes.publishing = withdraw_windows(publishes.publishing)
             counts = consistency.rebuilt(counts, steps)
             self.monitoring = replace(self.monitoring, gated=())
         self.estimation, self.monitoring, counts = consistency.readmitted(
@@ -304,13 +305,14 @@ class Session:
         self._plan(plans.before_step, step, before)
         if self.writer is not None:
             if pooled := self.shared.is_pooled:
-                due_ns = self.shared.next_slices_ns
+                window = self.estimator.window(step.after)
+                due_ns = self.shared.next_slices_ns.get(window)
                 self.publishing = replace(self.publishing, next_slices_ns=due_ns)
             self.publishing, outputs = publish_step(
                 self.publishing, step, places, self._levels, self.config.output, after
             )
             if pooled:
-                self.shared.next_slices_ns = self.publishing.next_slices_ns
+                self.shared.next_slices_ns[window] = self.publishing.next_slices_ns
             self._write(outputs)
         self._expect(
             forecast_step(self.forecasts, step, before, self.config.measurements.surface_depth)
@@ -318,21 +320,21 @@ class Session:
         self._plan(plans.after_step, step, after)
 
     def after_block(self) -> None:
-        """Publish the last estimates of the windows that the vehicle has left, and forget them."""
+        """Publish the last estimates of the windows that vehicles have left, and forget them."""
         if self.writer is not None:
-            flows = self.estimator.left_flows(self.estimation.current)
-            self.publishing, windows = publish_windows(self.publishing, flows)
-            self._write(windows)
-        forget = self.estimator.without_left
-        self.estimation = replace(
-            self.estimation,
-            current=forget(self.estimation.current),
-            dive_start=forget(self.estimation.dive_start),
-        )
+            self.publish_windows(self.estimator.left_flows(self.estimation.current))
+        for vehicle in self.shared.vehicles:
+            vehicle.estimation = kept(vehicle.estimator, vehicle.estimation)
 
-    def conclude(self) -> FlowEstimate:
-        """Finish a surfacing, plan from the last position and publish the last depth slices; return the last estimate."""
-        flow = self.end()
+    def publish_windows(self, flows: Iterator[FlowEstimate]) -> list[int]:
+        """Publish the last estimates of windows; return their numbers."""
+        self.publishing, windows = publish_windows(self.publishing, flows)
+        self._write(windows)
+        return [window.number for window in windows]
+
+    def conclude(self, about: Mapping[str, str]) -> FlowEstimate:
+        """Finish a surfacing, plan from the last position and publish the last slices; return the last estimate, with its citation."""
+        flow = replace(self.end(), about=about)
         self.publish(flow, self.last_ns)
         return flow
 

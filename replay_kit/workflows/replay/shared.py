@@ -4,7 +4,7 @@ Each vehicle's events come in the order of its log, but not when they happened: 
 waits until every vehicle that goes on has a later one; of equal times that of the first vehicle comes first. With one vehicle none waits.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import groupby
@@ -29,6 +29,7 @@ from replay_kit.workflows.replay.stages.estimation import (
     assimilate_together,
     state_after,
 )
+from replay_kit.workflows.replay.stages.publishing import PublishingState
 
 #: Events that wait at most: a log may hold positions and nothing else.
 BUFFERED = 4096
@@ -43,6 +44,7 @@ class Vehicle(Protocol):
 
     estimator: Estimator[Any]
     estimation: EstimationState
+    publishing: PublishingState
 
     def after_steps(self, steps: Sequence[Step]) -> None:
         """Count the steps of a block."""
@@ -66,14 +68,14 @@ class Queued:
         due_ns: Of each vehicle, when its last event was due; None before its first message.
         ended: Of each vehicle, whether its logs have ended.
         kept: Measurements so far in their order, with their vehicles; none with one vehicle.
-        next_slices_ns: When the next depth slices are due [ns, UTC].
+        next_slices_ns: Of each window, when its next depth slices are due [ns, UTC].
     """
 
     queues: tuple[tuple[tuple[int, Input], ...], ...]
     due_ns: tuple[int | None, ...]
     ended: tuple[bool, ...]
     kept: tuple[tuple[int, Measurement], ...]
-    next_slices_ns: int | None = None
+    next_slices_ns: Mapping[Hashable, int | None]
 
 
 class SharedEstimate:
@@ -90,7 +92,7 @@ class SharedEstimate:
         """Begin without a vehicle; the clock counts the time of the estimate."""
         self.vehicles: list[Vehicle] = []
         self.kept: list[tuple[int, Measurement]] = []
-        self.next_slices_ns: int | None = None
+        self.next_slices_ns: dict[Hashable, int | None] = {}
         self.clock = clock
         # events that wait, first the one that is due first: when, vehicle, number of the event
         self._queue: list[tuple[int, int, int, Input]] = []
@@ -132,13 +134,13 @@ class SharedEstimate:
             tuple(self._due_ns),
             tuple(self._ended),
             tuple(self.kept),
-            self.next_slices_ns,
+            dict(self.next_slices_ns),
         )
 
     def restore(self, queued: Queued) -> None:
         """Go on from a checkpoint."""
         self._due_ns, self._ended = list(queued.due_ns), list(queued.ended)
-        self.kept, self.next_slices_ns = list(queued.kept), queued.next_slices_ns
+        self.kept, self.next_slices_ns = list(queued.kept), dict(queued.next_slices_ns)
         self._queue, self._n_queued = [], list(map(len, queued.queues))
         for number, queue in enumerate(queued.queues):
             for due_ns, event in queue:
@@ -260,10 +262,12 @@ class SharedEstimate:
         return [step for of, step in steps if of == number]
 
     def without(self, number: int) -> Any:
-        """Return the state of the estimator that all measurements but those of a vehicle lead to."""
-        kept = [one for one in self.kept if one[0] != number]
+        """Return the state of the estimator that all measurements but those of a vehicle lead to, in the same windows."""
+        begun = self._contributors(begun=True)
+        windowed = begun[0].estimator.window(begun[0].state.current) is not None
+        kept = [one for one in self.kept if windowed or one[0] != number]
         size = max(self.vehicles[0].estimator.block_size, 1)
-        return state_after(self._contributors(begun=True), kept, size)
+        return state_after(begun, kept, size, number)
 
     def _contributors(self, begun: bool = False) -> list[Contributor]:
         """Return the vehicles with their states, or with the prior."""

@@ -66,7 +66,7 @@ def test_steps_in_blocks_are_single_steps(scene):
     *_, (blocks, _) = estimator.steps(estimator.initial(), pings)
     assert [window.region for window in blocks.left] == [window.region for window in state.left]
     assert len(blocks.left) > 1
-    assert np.allclose(blocks.current.state.mean, state.current.state.mean, atol=1e-8)
+    assert np.allclose(blocks.windows[0].state.mean, state.windows[0].state.mean, atol=1e-8)
 
 
 def test_windows_that_were_left_can_be_forgotten(scene):
@@ -82,7 +82,7 @@ def test_windows_that_were_left_can_be_forgotten(scene):
         assert brief.left == ()
     assert len(flows) == len(kept.left) == brief.number - 1 > 1
     assert estimator.bias_notes(brief) == estimator.bias_notes(kept)
-    assert np.array_equal(brief.current.state.mean, kept.current.state.mean)
+    assert np.array_equal(brief.windows[0].state.mean, kept.windows[0].state.mean)
     for one, other in zip(flows, estimator.left_flows(kept), strict=True):
         assert np.array_equal(one.latent, other.latent)
 
@@ -92,12 +92,12 @@ def test_one_measurement_far_away_does_not_move_the_window_but_three_do(scene):
     estimator = windowed(of, TINY, pings[0], 25_000.0, QUICK)
     first, far = pings[:3], pings[-5:]
     *_, (state, innovation) = estimator.steps(estimator.initial(), [*first, far[0], *first])
-    assert state.current.region == estimator.first
+    assert estimator.window(state) == estimator.first
     assert not state.strays
     assert innovation.accepted or innovation.decision != "unused"
     *_, (state, _) = estimator.steps(estimator.initial(), [*first, *far])
-    assert state.current.region != estimator.first
-    assert inside(state.current.region, far[-1].longitude, far[-1].latitude)
+    assert estimator.window(state) != estimator.first
+    assert inside(estimator.window(state), far[-1].longitude, far[-1].latitude)
 
 
 def test_a_window_that_cannot_be_made_leaves_the_vehicle_in_its_own_and_is_told(scene):
@@ -111,7 +111,7 @@ def test_a_window_that_cannot_be_made_leaves_the_vehicle_in_its_own_and_is_told(
 
     estimator = WindowedEstimator(whole.first, whole.margin, whole.bounds, only_first)
     *_, (state, _) = estimator.steps(estimator.initial(), pings)
-    assert state.current.region == whole.first
+    assert estimator.window(state) == whole.first
     assert any(
         "no window could be made at" in note and "is land" in note
         for note in estimator.bias_notes(state)

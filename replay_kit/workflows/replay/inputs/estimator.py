@@ -40,20 +40,24 @@ _KIND = Kind("basis", 2, "delete the file, and run again")
 _SECTIONS = {"forecast", "estimator", "time", "gating"}
 
 
-def build(forecasts: Forecasts, config: RunConfig, goal_depth: float | None) -> Estimator[Any]:
+def build(
+    forecasts: Forecasts, config: RunConfig, goal_depth: float | None, vehicles: int = 1
+) -> Estimator[Any]:
     """Return the estimator of a run.
 
     Args:
         forecasts: What it is built from.
         config: The run's settings.
         goal_depth: [m]; ``depth_average`` alone needs it.
+        vehicles: Number of vehicles that windows may follow.
 
     Raises:
         ConfigError: The estimator's name is unknown.
     """
     if forecasts.region is not None and forecasts.read is not None:
         return with_window(
-            _windowed(forecasts, forecasts.region, forecasts.read, config), config.time.window
+            _windowed(forecasts, forecasts.region, forecasts.read, config, vehicles),
+            config.time.window,
         )
     if forecasts.evolves:
         return with_window(
@@ -80,11 +84,15 @@ def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> E
 
 
 def _windowed(
-    forecasts: Forecasts, found: FoundRegion, read: Callable[[Region], Ensemble], config: RunConfig
+    forecasts: Forecasts,
+    found: FoundRegion,
+    read: Callable[[Region], Ensemble],
+    config: RunConfig,
+    vehicles: int,
 ) -> WindowedEstimator:
-    """Return the estimator of windows that follow the vehicle; the latest two are kept."""
+    """Return the estimator of windows that follow vehicles; as many of the latest are kept, and one more."""
 
-    @lru_cache(maxsize=2)
+    @lru_cache(maxsize=vehicles + 1)
     def estimator_of(region: Region) -> ReducedBasisEstimator:
         ensemble = forecasts.ensemble if region == found.region else read(region)
         return build_estimator(ensemble, config.estimator, config.gating)
@@ -115,8 +123,9 @@ def built(forecasts: Forecasts, config: RunConfig, job: ReplayJob) -> Estimator[
     if job.estimator is not None:
         return job.estimator(forecasts, config)
     goal_depth = None if job.goal is None else job.goal.depth
-    if job.basis_store is None:
-        return build(forecasts, config, goal_depth)
+    if job.basis_store is None or forecasts.read is not None:
+        # windows are begun as vehicles go on
+        return build(forecasts, config, goal_depth, len(job.each_vehicle))
     path = job.basis_store / f"{_identity(forecasts, config, job)}.basis"
     if not path.exists():
         with _locked(path.with_suffix(".lock")) as alone:

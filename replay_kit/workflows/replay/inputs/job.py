@@ -232,7 +232,7 @@ def forecasts_of(job: ReplayJob, config: RunConfig) -> Forecasts:
     region = (
         job.region
         or recorded_region(job.checkpoint)
-        or find_region(job.logs, job.ensemble, config, near_ns, job.goals, not job.vehicles)
+        or find_region(job.logs, job.ensemble, config, near_ns, job.goals)
     )
     return read_forecasts(job.ensemble, config, near_ns, place_at, region)
 

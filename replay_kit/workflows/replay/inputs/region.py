@@ -12,7 +12,16 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Paths
 from replay_kit.core.plan import Place
-from replay_kit.core.region import DEGREE, Region, around, centre, degree_of_longitude, inside, text
+from replay_kit.core.region import (
+    DEGREE,
+    Region,
+    around,
+    centre,
+    degree_of_longitude,
+    inside,
+    text,
+    width,
+)
 from replay_kit.core.sealed import Kind, read_head
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.placing import moved_into
@@ -24,7 +33,7 @@ REGION_RECORD = "replay_kit.found_region"
 #: Correlation lengths between the log's positions and the side of the region found from them.
 MARGIN_LENGTHS = 4.0
 #: The states of a run; the head has the part of the forecast that was found, so that the continued run reads the same.
-CHECKPOINT = Kind("checkpoint", 12, "delete it to begin anew")
+CHECKPOINT = Kind("checkpoint", 13, "delete it to begin anew")
 # Points a level of a forecast that is taken whole, and the share of a larger one from which on it is.
 _SMALL, _MOST = 1200, 2.0 / 3.0
 # Side of a window in correlation lengths, and its points at least, where the settings state none.
@@ -38,9 +47,9 @@ class FoundRegion:
     """The part of a forecast that a run reads, found from its log.
 
     Attributes:
-        region: West, south, east, north [degrees]; of windows that follow the vehicle the first.
+        region: West, south, east, north [degrees]; of windows that follow vehicles the first.
         margin: Between the vehicle and the region's sides [m].
-        follows: Whether windows of this size follow the vehicle.
+        follows: Whether windows of this size follow the vehicle, or each of several.
         bounds: The box of the whole forecast [degrees].
         note: What was taken of what, for the user.
     """
@@ -50,6 +59,11 @@ class FoundRegion:
     follows: bool
     bounds: Region
     note: str
+
+    def about(self, place: tuple[float, float]) -> Region:
+        """Return a window of this size about a place [degrees]."""
+        high = self.region[3] - self.region[1]
+        return moved_into(self.bounds, place, (0.5 * width(self.region), 0.5 * high))
 
     def to_record(self) -> dict[str, str]:
         """Return it as a result and a checkpoint keep it."""

@@ -6,19 +6,17 @@ from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
-import numpy as np
-
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
-from replay_kit.core.grid import Grid
 from replay_kit.core.observation import VehicleState
-from replay_kit.core.region import around, inside
+from replay_kit.core.region import Region, box_of, inside
 from replay_kit.core.text import some_text, time_text
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.registry import logs_in
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.tracks import LogTracks
 from replay_kit.results.vehicles import RESERVED
+from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import file_hash
 from replay_kit.workflows.replay.inputs.scan import open_readers, positions_in, reach_of
@@ -172,16 +170,27 @@ def _of_times(name: str, spans: Mapping[str, tuple[int, int]]) -> tuple[str, ...
     return ()
 
 
-def check_places(job: ReplayJob, grid: Grid) -> None:
-    """Raise MeasurementError when a vehicle was nowhere in the region of a forecast: it shares no estimate with the others."""
-    box = around(np.column_stack([grid.longitude.ravel(), grid.latitude.ravel()]), 0.0)
+def first_windows(job: ReplayJob, forecasts: Forecasts) -> dict[str, Region]:
+    """Return the window in which each of several vehicles begins, by its name; none where one holds all.
+
+    Raises:
+        MeasurementError: A vehicle was nowhere there: it shares no estimate with the others.
+    """
+    region, found = forecasts.region, dict[str, Region]()
+    follows = region if region is not None and region.follows else None
+    box = box_of(forecasts.ensemble.grid) if follows is None else follows.bounds
     for one in job.vehicles:
-        if one.places and not any(inside(box, *place) for place in one.places):
+        held = [place for place in one.places if inside(box, *place)]
+        if held and follows is not None:
+            found[one.name] = follows.about(held[0])
+        elif one.places and not held:
             longitude, latitude = one.places[-1]
+            anew = ", or delete the folder of states: the first logs chose the region"
             raise MeasurementError(
                 f"{one.name}: was at {latitude:.2f} N, {longitude:.2f} E, outside the region of the forecast, so that it shares no "
-                "estimate with the others; replay it apart, with a forecast of its place"
+                f"estimate with the others; replay it apart, with a forecast of its place{anew if job.following else ''}"
             )
+    return found
 
 
 def by_tracks(job: ReplayJob, config: RunConfig, error: MeasurementError) -> tuple[Vehicle, ...]:

@@ -175,7 +175,10 @@ def assimilate_together(
 
 
 def state_after(
-    vehicles: Sequence[Contributor], events: Sequence[tuple[int, Measurement]], size: int
+    vehicles: Sequence[Contributor],
+    events: Sequence[tuple[int, Measurement]],
+    size: int,
+    unused: int | None = None,
 ) -> Any:
     """Return the estimator's state after measurements, and nothing else; arguments as of ``assimilate_together``.
 
@@ -183,6 +186,7 @@ def state_after(
         vehicles: With their states before.
         events: All there are.
         size: Of the blocks in which they are given.
+        unused: Vehicle whose window goes with it although its measurements are not used; None for none.
     """
     items, _ = _in_turn(vehicles, events, last=True)
     current = vehicles[0].state.current
@@ -191,9 +195,22 @@ def state_after(
         for _, of_estimator in groupby(block, key=lambda item: id(vehicles[item[0]].estimator)):
             own = list(of_estimator)
             given: list[Any] = [item for _, item in own]
-            for stepped in vehicles[own[0][0]].estimator.group_steps(current, given):
-                current = stepped.after
+            estimator = vehicles[own[0][0]].estimator
+            if own[0][0] == unused:
+                for item in given:
+                    current = estimator.moved(current, item)
+            else:
+                for stepped in estimator.group_steps(current, given):
+                    current = stepped.after
+            current = estimator.without_left(current)
     return current
+
+
+def kept(estimator: Estimator[Any], state: EstimationState) -> EstimationState:
+    """Return the state without windows that vehicles have left, and of the dive's start the vehicle's window alone."""
+    forget = estimator.without_left
+    start = estimator.of_own(forget(state.dive_start))
+    return replace(state, current=forget(state.current), dive_start=start)
 
 
 def _since(start: Any, estimator: Estimator[Any], event: Measurement | ProfileGroup) -> Array:

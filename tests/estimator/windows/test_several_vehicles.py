@@ -1,0 +1,118 @@
+"""Windows that follow several vehicles: apart as if each were alone, together as one estimate, and each measurement in all that hold it."""
+
+from dataclasses import replace
+from heapq import merge
+
+import numpy as np
+import pytest
+
+from replay_kit.estimator.windows.placing import Window, WindowedState, room_in
+from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
+
+MARGIN = 25_000.0
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """An estimator whose window is at the west end of a strip, pings from there along its middle, and the window about a longitude."""
+    of = sea(TINY)
+    pings = mission(of, TINY, of.part(None, slice(TINY.members, None)), MARGIN)
+    west = windowed(of, TINY, pings[0], MARGIN, QUICK)
+    half = 0.5 * (west.first[2] - west.first[0])
+    pings = [replace(ping, latitude=float(of.latitude.mean())) for ping in pings]
+    return west, pings, lambda x: (x - half, west.first[1], x + half, west.first[3])
+
+
+def at(number, ping):
+    return replace(ping, time_ns=number * 10**9)
+
+
+def estimates(estimators, events):
+    """The state after measurements, each with the number of its vehicle."""
+    state = estimators[0].initial()
+    for number, ping in events:
+        state, _ = estimators[number].step(state, ping)
+    return state
+
+
+def weights(estimator, state):
+    return estimator.flow(state).latent
+
+
+def test_vehicles_far_apart_are_each_as_alone(scene):
+    west, pings, about = scene
+    east = west.of_vehicle(1, about(pings[-1].longitude))
+    own = [(0, at(2 * k, ping)) for k, ping in enumerate(pings[:5])]
+    other = [(1, at(2 * k + 1, ping)) for k, ping in enumerate(pings[:-6:-1])]
+    together = estimates((west, east), merge(own, other, key=lambda event: event[1].time_ns))
+    assert [window.vehicles for window in together.windows] == [(0,), (1,)]
+    for estimator, events in ((west, own), (east, other)):
+        alone = estimates((west, east), events)
+        np.testing.assert_allclose(
+            weights(estimator, together), weights(estimator, alone), rtol=0.0, atol=1e-10
+        )
+        assert len(estimator.of_own(together).windows) == len(alone.windows) == 1
+
+
+def test_vehicles_near_each_other_share_the_window_of_one_estimate(scene):
+    west, pings, about = scene
+    other = west.of_vehicle(1, about(pings[1].longitude))
+    state = estimates((west, other), [(k % 2, ping) for k, ping in enumerate(pings[:4])])
+    (window,) = state.windows
+    assert (window.region, window.vehicles, state.number) == (west.first, (0, 1), 1)
+    one = west.build(west.first)
+    *_, (expected, _) = one.steps(one.initial(), pings[:4])
+    np.testing.assert_allclose(window.state.mean, expected.mean, rtol=0.0, atol=1e-10)
+    assert west.window(state) == other.window(state) == west.first
+    assert "windows" not in " ".join(west.window_notes(state))
+
+
+def test_each_measurement_counts_once_in_every_window_that_holds_it(scene):
+    west, pings, about = scene
+    other = west.of_vehicle(1, about(west.first[2] + 0.2))
+    far = next(ping for ping in pings if ping.longitude > west.first[2] + 0.1)
+    near = next(ping for ping in pings if ping.longitude > other.first[0] + 0.02)
+    begun = estimates((west, other), [(0, pings[0]), (1, far)])
+    assert len(begun.windows) == 2
+    state = estimates((west, other), [(0, pings[0]), (1, far), (0, near)])
+    for window, events in zip(state.windows, ([pings[0], near], [far, near]), strict=True):
+        one = west.build(window.region)
+        *_, (expected, _) = one.steps(one.initial(), events)
+        np.testing.assert_allclose(window.state.mean, expected.mean, rtol=0.0, atol=1e-10)
+
+
+def test_a_vehicle_joins_the_window_that_holds_it_and_the_one_that_all_left_is_kept_once(scene):
+    west, pings, about = scene
+    east = west.of_vehicle(1, about(west.first[2]))
+    events = [(1, next(ping for ping in pings if ping.longitude > west.first[2]))]
+    state = estimates((west, east), [*events, *((0, ping) for ping in pings[:9])])
+    (window,) = state.windows
+    assert (window.vehicles, len(state.left), state.number) == ((1, 0), 1, 2)
+    assert state.left[0].region == west.first
+    assert west.without_left(state).left == ()
+    assert len(list(west.left_flows(state))) == 1
+    assert west.window_notes(state)[0].startswith("2 windows followed the vehicles; up to")
+
+
+def test_a_vehicle_whose_measurements_are_not_used_takes_its_window_with_it(scene):
+    west, pings, _ = scene
+    state = unused = west.initial()
+    for ping in pings:
+        state, unused = west.step(state, ping)[0], west.moved(unused, ping)
+    assert [one.region for one in unused.left] == [one.region for one in state.left]
+    prior = west.build(west.window(state))
+    np.testing.assert_allclose(
+        unused.windows[0].state.mean, prior.initial().mean, rtol=0.0, atol=1e-10
+    )
+
+
+def test_of_windows_that_hold_a_place_the_one_with_the_most_room_does(scene):
+    west, _, about = scene
+    begun = west.build(west.first).initial()
+    windows = [Window(about(x), begun, (k,)) for k, x in enumerate((-13.0, -12.6))]
+    state, place = WindowedState(tuple(windows)), (-12.7, 40.4)
+    assert state.holding(place, west.bounds, 0.0) is windows[1]
+    most = room_in(windows[1].region, west.bounds, place)
+    assert state.holding(place, west.bounds, most + 1.0) is None
+    assert state.of(0) is windows[0]
+    assert state.of(2) is None
