@@ -27,6 +27,7 @@ from replay_kit.estimator.update.superobservation import (
     Column,
     ColumnUpdate,
     GroupUpdate,
+    Judging,
     evaluate_group,
 )
 
@@ -169,8 +170,8 @@ class GroupedEstimator(Estimator[State], Protocol[State]):
 
     def evaluated(self, state: State, at: GroupColumn[State]) -> GroupUpdate:
         """Return the evaluation of measurements against the column that they see."""
-        consistent = state.monitor.is_consistent
-        return evaluate_group(at.stack, at.column, self.gating, self.adapts_errors, consistent)
+        judging = Judging(self.gating, self.adapts_errors, state.monitor.is_consistent)
+        return evaluate_group(at.stack, at.column, judging)
 
     def assimilated(
         self,

@@ -167,23 +167,22 @@ class GroupUpdate:
         return self.gate.nis + self.stack.residual_square
 
 
-def evaluate_group(
-    stack: Stack,
-    column: Column,
-    gating: GatingConfig | None,
-    correlated: bool,
-    is_consistent: bool,
-) -> GroupUpdate:
-    """Return the evaluation of a group.
+class Judging(NamedTuple):
+    """How profiles are judged.
 
-    Args:
-        stack: Its profiles.
-        column: The estimate before them.
+    Attributes:
         gating: Gate; None accepts everything.
         correlated: Whether errors grow where residuals are correlated along a profile.
         is_consistent: Whether recent innovations agree with the estimate.
     """
-    judging = Judging(gating, correlated, is_consistent)
+
+    gating: GatingConfig | None
+    correlated: bool
+    is_consistent: bool
+
+
+def evaluate_group(stack: Stack, column: Column, judging: Judging) -> GroupUpdate:
+    """Return the evaluation of a group of profiles, given the estimate before them."""
     judged = _judged_alike if len(stack.layouts) == 1 else _judged_in_turn
     gates, predicted = judged(stack, column, judging)
     misfit, accepted = stack.misfit(predicted), np.flatnonzero(gates.accepted)
@@ -197,14 +196,6 @@ def evaluate_group(
     values = np.concatenate([stack.y[..., None], biases], axis=-1)
     whole = _together(stack.of("r"), values, gates)
     return GroupUpdate(stack, gates, misfit, jacobian, column.updated(whole))
-
-
-class Judging(NamedTuple):
-    """How profiles are judged: the arguments of ``evaluate_group`` after the column."""
-
-    gating: GatingConfig | None
-    correlated: bool
-    is_consistent: bool
 
 
 def _together(r: Array, values: Array, gates: Gates) -> CombinedRows:
@@ -233,9 +224,8 @@ def _judged_in_turn(stack: Stack, column: Column, judging: Judging) -> tuple[Gat
 def _judged_alike(stack: Stack, column: Column, judging: Judging) -> tuple[Gates, Array]:
     """Return the same of profiles of one layout, all at once.
 
-    Whatever came before, the covariance of their rows has the same eigenvectors: a variance v becomes v / (1 + W v) with W the sum of
-    one over the error factors of those before. Each is judged as if these were as the last time, at first all accepted as stated, until
-    they are: a stage depends on those before it alone.
+    The covariance of their rows keeps its eigenvectors: after some, a variance v is v / (1 + W v), with W the sum of one over their error
+    factors. A stage depends on those before it alone: all are judged as if all were accepted as stated, then as found, until that holds.
     """
     n, r = len(stack.observations), stack.of("r")
     first = column.predicted(r)[..., 0]

@@ -232,15 +232,13 @@ def _after_position(state: ConsistencyState, vehicle: VehicleState) -> Consisten
     found = _new([each.found(vehicle, state.named) for each in positions], state.named)
     depths = state.depths.after(Depth(vehicle.time_ns, vehicle.depth, vehicle.dead_reckoned))
     places = with_position(state.places, vehicle)
-    if not found:
-        return replace(state, positions=positions, depths=depths, places=places)
     return replace(
         state,
         positions=positions,
         depths=depths,
         places=places,
-        named=state.named | {each.name for each in found},
-        findings=state.findings + found,
+        named=state.named.union(each.name for each in found) if found else state.named,
+        findings=state.findings + found if found else state.findings,
     )
 
 

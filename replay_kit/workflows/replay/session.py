@@ -5,7 +5,7 @@ clock. Their states together are what a checkpoint keeps.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import repeat
@@ -121,7 +121,6 @@ class Session:
         self._levels = levels
         self._inputs = inputs_of(estimator)
         self._uncounted: list[Event] = []
-        self._unwritten, self._waits = list[Output](), False
         self.name = name
         self.shared = shared or SharedEstimate(Stopwatch())
         self.clock = self.shared.clock
@@ -295,9 +294,8 @@ class Session:
         places: Iterator[LocalPlace] = iter(())
         if self.writer is not None:
             self.publishing, places = local_places(self.publishing, steps, self._flow)
-        with self._at_once():
-            for step in steps:
-                self._follow_up(step, places)
+        for step in steps:
+            self._follow_up(step, places)
 
     def _follow_up(self, step: Step, places: Iterator[LocalPlace]) -> None:
         """Publish a step, and what follows from it; ``places`` as of ``publish_step``."""
@@ -370,24 +368,10 @@ class Session:
         if outcomes:
             self._write(outcomes)
 
-    @contextmanager
-    def _at_once(self) -> Iterator[None]:
-        """Write what is published in a context when it ends."""
-        self._waits = True
-        try:
-            yield
-        finally:
-            self._waits = False
-        self._write(())
-
     def _write(self, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
-        if self.writer is None:
-            return
-        self._unwritten += outputs
-        if not self._waits and self._unwritten:
+        if self.writer is not None:
             own = self.writer.of(self.name) if self.name else _ONLY
             with own, self.clock.stage("write"):
-                for output in self._unwritten:
+                for output in outputs:
                     write(self.writer, output)
-            self._unwritten = []

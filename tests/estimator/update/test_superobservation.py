@@ -266,24 +266,22 @@ def test_profiles_of_one_layout_are_judged_at_once_as_in_turn(is_consistent):
     log[7] = replace(log[7], velocity=log[7].velocity + 0.05 * smooth)
     column, stack = column_and_stack(log)
     assert len(stack.layouts) == 1
-    judging = GatingConfig(), True, is_consistent
-    both = replace(stack, layouts=2 * stack.layouts, layout=np.arange(40) % 2)
-    found, expected = (evaluate_group(each, column, *judging) for each in (stack, both))
+    judging = Judging(GatingConfig(), True, is_consistent)
+    several = replace(stack, layouts=2 * stack.layouts, layout=np.arange(40) % 2)
+    found, expected = (evaluate_group(each, column, judging) for each in (stack, several))
     decision = expected.gate.decision
     np.testing.assert_array_equal(found.gate.decision, decision)
     assert set(decision.tolist()) == ({0, 2} if is_consistent else {0, 1})
     assert np.count_nonzero(expected.gate.error_factor != 1.0) > 1
-    for name in ("statistic", "error_factor", "nis"):
-        np.testing.assert_allclose(
-            getattr(found.gate, name), getattr(expected.gate, name), rtol=1e-12
-        )
-    np.testing.assert_allclose(found.before, expected.before, rtol=1e-12, atol=1e-14)
-    assert found.step is not None
-    assert expected.step is not None
-    for name in ("means", "cov"):
-        one, other = (getattr(each.step.after, name) for each in (found, expected))
-        np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-13)
-    np.testing.assert_allclose(found.step.rows.residual, expected.step.rows.residual, rtol=1e-12)
+    for of in (
+        lambda each: each.gate.statistic,
+        lambda each: each.gate.error_factor,
+        lambda each: each.before,
+        lambda each: each.step.after.means,
+        lambda each: each.step.after.cov,
+        lambda each: each.step.rows.residual,
+    ):
+        np.testing.assert_allclose(of(found), of(expected), rtol=1e-11, atol=1e-13)
 
 
 @pytest.mark.parametrize("through_time", [False, True])
