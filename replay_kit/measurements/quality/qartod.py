@@ -185,14 +185,17 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(velocity).all(axis=-1))
     n_finite = np.count_nonzero(finite, axis=-1)
     at = _windows(velocity.shape[-2], window)
-    around = np.where(finite[..., None], velocity, np.nan)[..., at, :]
     count = np.count_nonzero(finite[..., at], axis=-1)
-    middle = _median(around, count)
-    apart = np.abs(velocity - middle)
+    # components first, so that a window's bins are neighbours in memory
+    of_each, known = np.ascontiguousarray(velocity.swapaxes(-1, -2)), finite[..., None, :]
+    around = np.where(known, of_each, np.nan)[..., at]
+    middle = _median(around, count[..., None, :])
+    apart = np.abs(of_each - middle)
     # the few bins of a window often lie close together by chance: what is usual in the profile counts too
-    usual = _median(np.where(finite[..., None], apart, np.nan), n_finite)[..., None, :]
-    scale = _MAD * np.maximum(_median(np.abs(around - middle[..., None, :]), count), usual)
-    ratio = (apart / np.maximum(scale, floor[..., None])).max(axis=-1)
+    usual = _median(np.where(known, apart, np.nan), n_finite[..., None])[..., None]
+    spread = _median(np.abs(around - middle[..., None]), count[..., None, :])
+    scale = np.maximum(_MAD * np.maximum(spread, usual), floor[..., None, :])
+    ratio = (apart / scale).max(axis=-2)
     return np.where(finite & (count >= _FEWEST) & (n_finite >= _FEWEST)[..., None], ratio, np.nan)
 
 
@@ -205,16 +208,12 @@ def _windows(n: int, window: int) -> NDArray[np.intp]:
 
 
 def _median(values: Array, count: NDArray[np.intp]) -> Array:
-    """Return medians along the last axis but one, shape (..., 2), of the ``count`` numbers in it; numpy's own take far longer."""
-    ordered = np.sort(values, axis=-2)
-    width = values.shape[-2]
+    """Return medians of the ``count`` numbers along the last axis, the others NaN; numpy's own take far longer."""
+    ordered, width = np.sort(values, axis=-1), values.shape[-1]
     if np.all(count == width):
-        return np.asarray(0.5 * (ordered[..., (width - 1) // 2, :] + ordered[..., width // 2, :]))
-    at = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, width - 1)], axis=-1)[
-        ..., None
-    ]
-    pair = np.take_along_axis(ordered, at, axis=-2)
-    return np.asarray(0.5 * (pair[..., 0, :] + pair[..., 1, :]))
+        return np.asarray(0.5 * (ordered[..., (width - 1) // 2] + ordered[..., width // 2]))
+    at = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, width - 1)], axis=-1)
+    return np.asarray(0.5 * np.take_along_axis(ordered, at, axis=-1).sum(axis=-1))
 
 
 def rolled_up(
