@@ -212,11 +212,11 @@ class Session:
             pings: What ``summarised`` gives of its profiles and those that follow; None for these events alone.
         """
         pings = self.summarised(events) if pings is None else pings
-        self._uncounted += [event for event in events if self._is_counted(event)]
         if len(self._uncounted) >= BUFFERED:
             self._count()
         for given in events:
             if isinstance(given, Used | Skipped):
+                self._uncounted.append(given)
                 continue
             if (
                 isinstance(given, PathMean)
@@ -230,7 +230,11 @@ class Session:
             )
             if isinstance(event, self._inputs):
                 self.shared.give(self._number, event)
-            elif isinstance(event, PathMean):
+                continue
+            # one beside profiles that were computed from it is no loss
+            if not (isinstance(event, PathMean) and event.beside_profiles):
+                self._uncounted.append(event)
+            if isinstance(event, PathMean):
                 self._expect(forecast_mean(self.forecasts, event))
 
     def _count(self) -> None:
@@ -238,12 +242,6 @@ class Session:
         if self._uncounted:
             self._statistics = self._statistics.after_events(self._uncounted)
             self._uncounted = []
-
-    def _is_counted(self, event: Event) -> bool:
-        """Return whether an event goes no further; a mean current beside profiles that were computed from it is no loss."""
-        return not isinstance(event, self._inputs) and not (
-            isinstance(event, PathMean) and event.beside_profiles
-        )
 
     def _corrected(self, event: Event) -> Event:
         """Return an event as the estimate is given it: of a mean current without the flight model's error, from which it can be rebuilt."""
