@@ -38,7 +38,7 @@ from replay_kit.workflows.replay.inputs.provenance import run_metadata, run_sett
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.stages.consistency import MonitoringState, require_one_vehicle
 from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate, inputs_of
-from replay_kit.workflows.replay.stages.publishing import Weights, depth_slices, write
+from replay_kit.workflows.replay.stages.publishing import depth_slices
 from replay_kit.workflows.replay.statistics import RunStatistics
 from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used
 from replay_kit.workflows.replay.surfacings.forecasts import flown_of
@@ -230,14 +230,8 @@ def _write(
         for event, innovation in zip(forward.events, forward.innovations, strict=True):
             while due < len(published) and published[due] <= event.time_ns:
                 _write_weights(writer, estimator, states[due], published[due], prior.levels)
-                write(
-                    writer,
-                    depth_slices(
-                        published[due],
-                        flow_at(estimator, states[due], published[due]),
-                        config.output,
-                    ),
-                )
+                flow = flow_at(estimator, states[due], published[due])
+                depth_slices(published[due], flow, config.output)(writer)
                 due += 1
             if innovation is None:
                 writer.fix(event)  # type: ignore[arg-type]  # a measurement has an innovation
@@ -259,7 +253,7 @@ def _write_weights(
     """Write the weights of a state, if it has any."""
     (weights,) = estimator.weights([state])
     if weights is not None:
-        write(writer, Weights(time_ns, weights, levels))
+        writer.estimate(time_ns, weights, levels)
 
 
 def _smoothed(

@@ -16,7 +16,7 @@ from replay_kit.results.slices import depth_slice
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.session import ReplayState, Session
 from replay_kit.workflows.replay.shared import Queued
-from replay_kit.workflows.replay.stages.publishing import depth_slices
+from replay_kit.workflows.replay.stages.publishing import published_depths
 
 # Measurements times vehicles up to which the estimate is made without each: it takes as many updates.
 _MOST_DENIED = 20_000
@@ -158,7 +158,7 @@ def value_of_each(session: ArraySession) -> dict[str, Mapping[str, float | int |
 
 def _on_slices(flows: Sequence[FlowEstimate], session: ArraySession) -> tuple[Array, Array]:
     """Return the velocity at the published depths, shape (n, 2), and the length of its standard error, shape (n,) [m/s]."""
-    depths = depth_slices(session.last_ns, flows[0], session.config.output).depths
+    depths = published_depths(flows[0], session.config.output)
     each = [depth_slice(flow, depth) for flow in flows for depth in depths]
     velocity = np.concatenate([one.velocity.reshape(-1, 2) for one in each])
     known = [one.standard_error for one in each if one.standard_error is not None]

@@ -33,9 +33,7 @@ from replay_kit.workflows.replay.stages.estimation import EstimationState, Step,
 from replay_kit.workflows.replay.stages.planner import VehiclePlanner
 from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.stages.publishing import (
-    Findings,
     LocalPlace,
-    LogWarning,
     Output,
     PublishingState,
     depth_slices,
@@ -43,7 +41,6 @@ from replay_kit.workflows.replay.stages.publishing import (
     publish_step,
     publish_windows,
     withdraw_windows,
-    write,
 )
 from replay_kit.workflows.replay.statistics import RunStatistics
 from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used
@@ -279,8 +276,9 @@ class Session:
         )
         self.shared.spread(self.estimation.current)
         self.statistics = RunStatistics(self.statistics.messages, counts)
-        self._write(LogWarning(finding.since_ns, str(finding)) for finding in found)
-        self._write((Findings(self.last_ns, self.monitoring.checks.findings),))
+        named = self.monitoring.checks.findings
+        self._write(map(_warning, found))
+        self._write((lambda writer: writer.consistency(self.last_ns, named),))
 
     def after_steps(self, steps: Sequence[Step]) -> None:
         """Count the steps of a block."""
@@ -324,9 +322,10 @@ class Session:
 
     def publish_windows(self, flows: Iterator[FlowEstimate]) -> list[int]:
         """Publish the last estimates of windows; return their numbers."""
+        before = self.publishing.windows
         self.publishing, windows = publish_windows(self.publishing, flows)
         self._write(windows)
-        return [window.number for window in windows]
+        return list(range(before + 1, self.publishing.windows + 1))
 
     def conclude(self, about: Mapping[str, str]) -> FlowEstimate:
         """Finish a surfacing, plan from the last position and publish the last slices; return the last estimate, with its citation."""
@@ -364,7 +363,7 @@ class Session:
         """Take up the state of the forecasts of surfacings, and write the outcomes of those that came."""
         self.forecasts, outcomes = expected
         if outcomes:
-            self._write(outcomes)
+            self._write(map(_dive_outcome, outcomes))
 
     def _write(self, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
@@ -372,4 +371,12 @@ class Session:
             own = self.writer.of(self.name) if self.name else _ONLY
             with own, self.clock.stage("write"):
                 for output in outputs:
-                    write(self.writer, output)
+                    output(self.writer)
+
+
+def _warning(finding: Finding) -> Output:
+    return lambda writer: writer.log(finding.since_ns, "warning", str(finding))
+
+
+def _dive_outcome(outcome: DiveOutcome) -> Output:
+    return lambda writer: writer.dive_outcome(outcome)

@@ -17,7 +17,7 @@ from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.stages.planner import MadePlans, Planner, PlanQuery, PlanResult
-from replay_kit.workflows.replay.stages.publishing import LogWarning, Output, PublishedPlan
+from replay_kit.workflows.replay.stages.publishing import Output
 
 #: Returns the estimate for a time [ns, UTC].
 FlowAt = Callable[[int], FlowEstimate]
@@ -153,10 +153,8 @@ def finish_surfacing(
         return state, ()
     if state.expected is not None:
         outcome = surfacing_outcome(*state.expected, fix)
-        state, outputs = (
-            replace(state, expected=None, outcomes=(*state.outcomes, outcome)),
-            (outcome,),
-        )
+        state = replace(state, expected=None, outcomes=(*state.outcomes, outcome))
+        outputs = (lambda writer: writer.outcome(outcome),)
     state = replace(state, surfaced=None)
     if not problem.plans_at(fix.time_ns, state.next_plan_ns):
         return state, outputs
@@ -198,12 +196,13 @@ def make_plan(
     try:
         result = plan(flow, query)
     except PlanError as error:
-        return replace(state, result=None, failure=str(error), expected=None), (
-            LogWarning(start_time_ns, f"no plan: {error}"),
+        failure = str(error)
+        return replace(state, result=None, failure=failure, expected=None), (
+            lambda writer: writer.log(start_time_ns, "warning", f"no plan: {failure}"),
         )
     expected = None if result.surfacing is None else (result.plan.start_time_ns, result.surfacing)
     return replace(state, result=result, failure="", expected=expected), (
-        PublishedPlan(result.plan, flow.grid.projection),
+        lambda writer: writer.plan(result.plan, flow.grid.projection),
     )
 
 
@@ -225,12 +224,13 @@ def plan_at_end(
         flow: That for ``last_ns``.
         last_ns: Time of the last message [ns, UTC].
     """
+    before = state.result
     state, outputs = finish_surfacing(problem, state, flow_at)
     result, position = state.result, state.position
     is_answered = (
         result is not None
         and position is not None
-        and any(isinstance(output, PublishedPlan) for output in outputs)
+        and result is not before
         and (result.plan.start, result.plan.start_time_ns) == (_place_of(position), last_ns)
     )
     judging = replace(problem, planner=problem.planner.with_odds())

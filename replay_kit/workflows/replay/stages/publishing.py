@@ -3,22 +3,20 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import starmap
 from typing import Any
 
 import numpy as np
 
 from replay_kit.config.run import OutputConfig
 from replay_kit.core.arrays import Array, replace
-from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Innovation, LinearMeasurement, VehicleState
-from replay_kit.core.plan import Plan
-from replay_kit.core.surfacing import DiveOutcome, SurfacingOutcome
+from replay_kit.core.observation import LinearMeasurement, VehicleState
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.stages.estimation import Step
-from replay_kit.workflows.replay.stages.surface import SurfaceCurrent, SurfaceState, surface_step
+from replay_kit.workflows.replay.stages.surface import SurfaceState, surface_step
 
 #: Log time between estimates at the vehicle, at least [ns]: each takes as long as an update.
 AT_VEHICLE_NS = 1800 * 10**9
@@ -26,164 +24,8 @@ AT_VEHICLE_NS = 1800 * 10**9
 _MOVED = 10.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Weights:
-    """Mean weights after a measurement.
-
-    Attributes:
-        time_ns: Time of the measurement [ns, UTC].
-        weights: shape (r Z,), level after level.
-        levels: shape (Z,) [m].
-    """
-
-    time_ns: int
-    weights: Array
-    levels: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DepthSlices:
-    """A flow to be written at some depths, followed by a digest of the messages so far.
-
-    Attributes:
-        time_ns: [ns, UTC].
-        flow: The flow.
-        depths: [m].
-    """
-
-    time_ns: int
-    flow: FlowEstimate
-    depths: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PublishedPlan:
-    """A plan.
-
-    Attributes:
-        plan: The plan.
-        projection: The local frame of its track.
-    """
-
-    plan: Plan
-    projection: Projection
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LeftWindow:
-    """The last estimate of a window that the vehicle has left.
-
-    Attributes:
-        number: Of the window, from 1.
-        flow: The estimate.
-    """
-
-    number: int
-    flow: FlowEstimate
-
-
-@dataclass(frozen=True, slots=True)
-class VehiclePose:
-    """Where the vehicle is in the local frame.
-
-    Attributes:
-        time_ns: [ns, UTC].
-        place: Local east, local north and depth [m].
-        heading: Of its way, clockwise from local north [rad].
-    """
-
-    time_ns: int
-    place: tuple[float, float, float]
-    heading: float
-
-
-@dataclass(frozen=True, slots=True)
-class AtVehicle:
-    """The estimate at the vehicle.
-
-    Attributes:
-        time_ns: [ns, UTC].
-        place: Longitude, latitude [degrees] and depth [m].
-        velocity: Towards true east and true north [m/s].
-        error: Standard errors of both [m/s]; NaN where unknown.
-    """
-
-    time_ns: int
-    place: tuple[float, float, float]
-    velocity: tuple[float, float]
-    error: tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class Findings:
-    """All contradictions so far, at a time [ns, UTC]."""
-
-    time_ns: int
-    findings: tuple[Finding, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class LogWarning:
-    """A warning for ``/log``.
-
-    Attributes:
-        time_ns: [ns, UTC].
-        text: The warning.
-    """
-
-    time_ns: int
-    text: str
-
-
-#: A position, what a measurement changed, a plan, how a plan or an expected surfacing turned out, a window's last estimate,
-#: contradictions, or a warning.
-Output = (
-    VehicleState
-    | VehiclePose
-    | Innovation
-    | Weights
-    | AtVehicle
-    | DepthSlices
-    | SurfaceCurrent
-    | PublishedPlan
-    | SurfacingOutcome
-    | DiveOutcome
-    | LeftWindow
-    | Findings
-    | LogWarning
-)
-
-
-def write(writer: ResultWriter, output: Output) -> None:
-    """Write an output to a result."""
-    match output:
-        case VehicleState():
-            writer.fix(output)
-        case VehiclePose(time_ns, place, heading):
-            writer.vehicle(time_ns, place, heading)
-        case AtVehicle(time_ns, place, velocity, error):
-            writer.at_vehicle(time_ns, place, velocity, error)
-        case Findings(time_ns, findings):
-            writer.consistency(time_ns, findings)
-        case Innovation():
-            writer.innovation(output)
-        case Weights(time_ns, weights, levels):
-            writer.estimate(time_ns, weights, levels)
-        case DepthSlices(time_ns, flow, depths):
-            writer.grids(time_ns, flow, depths)
-            writer.digest(time_ns)
-        case SurfaceCurrent(time_ns, value):
-            writer.surface(time_ns, value)
-        case PublishedPlan(plan, projection):
-            writer.plan(plan, projection)
-        case SurfacingOutcome():
-            writer.outcome(output)
-        case DiveOutcome():
-            writer.dive_outcome(output)
-        case LeftWindow(number, flow):
-            writer.window(number, flow)
-        case LogWarning(time_ns, text):
-            writer.log(time_ns, "warning", text)
+#: Writes what is published to a result.
+Output = Callable[[ResultWriter], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,9 +105,9 @@ def publish_step(
         step.event.time_ns,
         (step.assimilation.innovation, step.assimilation.weights),
     )
-    outputs: list[Output] = [innovation]
+    outputs: list[Output] = [lambda writer: writer.innovation(innovation)]
     if innovation.accepted and weights is not None:
-        outputs.append(Weights(now_ns, weights, levels))
+        outputs.append(lambda writer: writer.estimate(now_ns, weights, levels))
     if (
         innovation.accepted
         and (position := state.position) is not None
@@ -275,7 +117,9 @@ def publish_step(
         outputs.append(at_vehicle(now_ns, position, flow_at(now_ns)))
     if isinstance(step.event, LinearMeasurement) and (vectors := step.event.label.vectors):
         surface, found = surface_step(state.surface, vectors, flow_at(now_ns))
-        state, outputs = replace(state, surface=surface), [*outputs, *found]
+        state = replace(state, surface=surface)
+        if found is not None:
+            outputs.append(lambda writer: writer.surface(now_ns, found))
     if state.next_slices_ns is None or now_ns >= state.next_slices_ns:
         state = replace(state, next_slices_ns=now_ns + int(settings.interval * 1e9))
         outputs.append(depth_slices(now_ns, flow_at(now_ns), settings))
@@ -291,11 +135,14 @@ def _moved(
     moved = east - turned[0], north - turned[1]
     if math.hypot(*moved) > _MOVED:
         turned = east, north, float(np.arctan2(*moved))
-    pose = VehiclePose(position.time_ns, (east, north, _depth(position)), turned[2])
-    return replace(state, position=position, turned=turned), (position, pose)
+    pose, heading = (east, north, _depth(position)), turned[2]
+    return replace(state, position=position, turned=turned), (
+        lambda writer: writer.fix(position),
+        lambda writer: writer.vehicle(position.time_ns, pose, heading),
+    )
 
 
-def at_vehicle(time_ns: int, position: VehicleState, flow: FlowEstimate) -> AtVehicle:
+def at_vehicle(time_ns: int, position: VehicleState, flow: FlowEstimate) -> Output:
     """Return an estimate at a vehicle's position, at the surface where its depth is unknown."""
     east, north = to_local(flow.grid.projection, position.longitude, position.latitude)
     depth = _depth(position)
@@ -307,17 +154,20 @@ def at_vehicle(time_ns: int, position: VehicleState, flow: FlowEstimate) -> AtVe
     )
     error = np.sqrt(np.maximum(variance, 0.0))
     place = (position.longitude, position.latitude, depth)
-    return AtVehicle(
-        time_ns, place, (float(velocity[0]), float(velocity[1])), (float(error[0]), float(error[1]))
-    )
+    values = velocity.tolist(), error.tolist()
+    return lambda writer: writer.at_vehicle(time_ns, place, *values)
 
 
 def publish_windows(
     state: PublishingState, flows: Iterator[FlowEstimate]
-) -> tuple[PublishingState, tuple[LeftWindow, ...]]:
+) -> tuple[PublishingState, tuple[Output, ...]]:
     """Return the state after the last estimates of windows that the vehicle has left since, and these with their numbers."""
-    left = tuple(LeftWindow(number, flow) for number, flow in enumerate(flows, state.windows + 1))
+    left = tuple(starmap(_window, enumerate(flows, state.windows + 1)))
     return replace(state, windows=state.windows + len(left)), left
+
+
+def _window(number: int, flow: FlowEstimate) -> Output:
+    return lambda writer: writer.window(number, flow)
 
 
 def withdraw_windows(state: PublishingState) -> PublishingState:
@@ -325,15 +175,22 @@ def withdraw_windows(state: PublishingState) -> PublishingState:
     return replace(state, withdrawn=state.windows)
 
 
-def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> DepthSlices:
-    """Return a flow with the depths at which it is published: those of the settings, or the first, middle and last level."""
+def published_depths(flow: FlowEstimate, settings: OutputConfig) -> tuple[float, ...]:
+    """Return the depths at which a flow is published [m]: those of the settings, or the first, middle and last level."""
     levels = flow.levels
-    return DepthSlices(
-        time_ns,
-        flow,
-        settings.depths
-        or tuple(float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1})),
+    return settings.depths or tuple(
+        float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1})
     )
+
+
+def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> Output:
+    """Return a flow at some depths, followed by a digest of the messages so far."""
+
+    def write(writer: ResultWriter) -> None:
+        writer.grids(time_ns, flow, published_depths(flow, settings))
+        writer.digest(time_ns)
+
+    return write
 
 
 def _depth(position: VehicleState) -> float:

@@ -23,14 +23,6 @@ _MOST_CELLS = 1600
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfaceCurrent:
-    """The current at the surface at a time [ns, UTC], by radar and the estimate."""
-
-    time_ns: int
-    value: Slice
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class SurfaceState:
     """What the vectors so far say of the field.
 
@@ -55,8 +47,8 @@ class SurfaceState:
 
 def surface_step(
     state: SurfaceState, vectors: LinearMeasurement, flow: FlowEstimate
-) -> tuple[SurfaceState, tuple[SurfaceCurrent, ...]]:
-    """Return the state after the vectors of a time, and the surface current on a grid over them; none where too few are in the water.
+) -> tuple[SurfaceState, Slice | None]:
+    """Return the state after the vectors of a time, and the surface current on a grid over them; None where too few are in the water.
 
     Args:
         state: Before them.
@@ -69,7 +61,7 @@ def surface_step(
     local = to_local(projection, *places)
     residual = seen - _estimated(flow, vectors.time_ns, *local, depth)
     if np.isfinite(residual).all(axis=1).sum() < _LEAST_VECTORS:
-        return state, ()
+        return state, None
     field = state.field
     if field is None or state.seen:
         times = (*state.seen, (vectors, residual))
@@ -81,8 +73,7 @@ def surface_step(
     velocity = _estimated(flow, vectors.time_ns, x, y, depth) + beside
     shape = (north.size, east.size, 2)
     known = np.where(np.isfinite(velocity), error[:, None], np.nan)
-    value = Slice(depth, east, north, velocity.reshape(shape), known.reshape(shape))
-    return state, (SurfaceCurrent(vectors.time_ns, value),)
+    return state, Slice(depth, east, north, velocity.reshape(shape), known.reshape(shape))
 
 
 def _estimated(flow: FlowEstimate, time_ns: int, east: Array, north: Array, depth: float) -> Array:
