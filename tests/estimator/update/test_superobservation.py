@@ -183,10 +183,8 @@ def column_and_stack(log):
     return Column(np.zeros((2 * levels.size, 4)), root @ root.T), stack
 
 
-@pytest.mark.parametrize("is_consistent", [True, False])
-@pytest.mark.parametrize("gate", ["reject", "soften", "off", None])
-@pytest.mark.parametrize("dropouts", [0.0, 0.3])
-def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
+def odd_log(dropouts):
+    """Profiles of which one is wrong as a whole, one scatters, and one errs alike in neighbouring bins."""
     log = quick_log(24, dropouts=dropouts)
     rng = np.random.default_rng(0)
     log[5] = replace(log[5], velocity=log[5].velocity + 3.0)
@@ -195,6 +193,14 @@ def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
     )
     smooth = np.cumsum(rng.standard_normal(log[7].velocity.shape), axis=0)
     log[7] = replace(log[7], velocity=log[7].velocity + 0.05 * smooth)
+    return log
+
+
+@pytest.mark.parametrize("is_consistent", [True, False])
+@pytest.mark.parametrize("gate", ["reject", "soften", "off", None])
+@pytest.mark.parametrize("dropouts", [0.0, 0.3])
+def test_the_gate_of_many_is_that_of_each(gate, is_consistent, dropouts):
+    log = odd_log(dropouts)
     config = None if gate is None else GatingConfig(gate=gate)
     column, stack = column_and_stack(log)
     predicted = column.predicted(stack.of("r"))[..., 0]
@@ -258,16 +264,10 @@ def test_rows_of_one_layout_are_combined_as_those_of_several():
 
 @pytest.mark.parametrize("is_consistent", [True, False])
 def test_profiles_of_one_layout_are_judged_at_once_as_in_turn(is_consistent):
-    log = quick_log(40)
-    rng = np.random.default_rng(0)
-    for i, size in ((0, 2.0), (3, 3.0), (17, 1.0), (30, 0.3)):
-        log[i] = replace(log[i], velocity=log[i].velocity + size)
-    smooth = np.cumsum(rng.standard_normal(log[7].velocity.shape), axis=0)
-    log[7] = replace(log[7], velocity=log[7].velocity + 0.05 * smooth)
-    column, stack = column_and_stack(log)
+    column, stack = column_and_stack(odd_log(0.0))
     assert len(stack.layouts) == 1
     judging = Judging(GatingConfig(), True, is_consistent)
-    several = replace(stack, layouts=2 * stack.layouts, layout=np.arange(40) % 2)
+    several = replace(stack, layouts=2 * stack.layouts, layout=np.arange(24) % 2)
     found, expected = (evaluate_group(each, column, judging) for each in (stack, several))
     decision = expected.gate.decision
     np.testing.assert_array_equal(found.gate.decision, decision)
