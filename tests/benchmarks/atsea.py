@@ -23,7 +23,7 @@ from tests.instalments import Instalment, delivered, dives_of
 from tests.places import ROOT
 
 # Seconds asked of each answer, on two cores, and megabytes.
-_ASKED, _ASKED_MB = 60.0, 1000.0
+_ASKED, _ASKED_MB = 15.0, 1000.0
 _PATIENCE = 600.0
 _TICKS = os.sysconf("SC_CLK_TCK")
 _KILLS, _DIVES = 10, 30
