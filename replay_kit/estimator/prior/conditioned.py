@@ -77,19 +77,23 @@ class ConditionedPrior:
         """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
         return reduction_by_products(self, directions, matrix)
 
-    def after_rows(self, mean: Array, whitened: Array, gain: Array) -> "ConditionedPrior":
-        """Return the Gaussian after further rows.
+    def after_rows(
+        self, innovation: Array, whitened: Array, gain: Array
+    ) -> "tuple[ConditionedPrior, Array]":
+        """Return the Gaussian after further rows, and the change of its mean for each instrument error of one unit, shape (b, Z, r).
 
         Args:
-            mean: shape (Z r,), after them.
+            innovation: shape (k, 1 + b): L2^-1 times that of the rows, and effects of instrument errors on it.
             whitened: shape (k, Z, r), L2^-1 H2.
             gain: shape (k, Z, r), the same times this covariance.
         """
-        rows = self.whitened
+        change, rows = np.tensordot(innovation, gain, axes=(0, 0)), self.whitened
         if not isinstance(self.before, FullCovariancePrior):
-            of_before = whitened.reshape(-1, mean.size) @ self.gain.reshape(-1, mean.size).T
+            size = self.mean.size
+            of_before = whitened.reshape(-1, size) @ self.gain.reshape(-1, size).T
             rows = np.concatenate([rows, whitened - np.tensordot(of_before, rows, axes=1)])
-        return ConditionedPrior(self.before, mean, rows, np.concatenate([self.gain, gain]))
+        mean, gains = self.mean + change[0].ravel(), np.concatenate([self.gain, gain])
+        return ConditionedPrior(self.before, mean, rows, gains), change[1:]
 
     def scaled(self, before: Prior, factor: float) -> "ConditionedPrior":
         """Return the same with its covariance multiplied by a factor; ``before`` has it already."""
@@ -135,16 +139,12 @@ def conditioned(prior: Prior, design: Array, innovation: Array) -> tuple[Conditi
     cross = prior.matvec(design)
     cov = design.reshape(size, -1) @ cross.reshape(size, -1).T
     lower = np.linalg.cholesky(0.5 * (cov + cov.T) + np.eye(size))
-    whitened, gain = (
+    whitened, gain, of_rows = (
         np.asarray(solve_triangular(lower, rows.reshape(size, -1), lower=True))
-        for rows in (design, cross)
+        for rows in (design, cross, innovation)
     )
-    change = np.asarray(solve_triangular(lower, innovation, lower=True)).T @ gain
     before = as_conditioned(prior, design.shape[1])
-    after = before.after_rows(
-        prior.mean + change[0], whitened.reshape(design.shape), gain.reshape(design.shape)
-    )
-    return after, change[1:].reshape(-1, *design.shape[1:])
+    return before.after_rows(of_rows, whitened.reshape(design.shape), gain.reshape(design.shape))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -121,52 +121,11 @@ def to_full_covariance(posterior: Posterior) -> ObservationSpacePosterior:
     return initial(full_covariance_of(posterior), posterior.bias_sensitivity())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RowsTaken:
-    """A posterior as a prior and rows of any form: those of profiles since the prior, of which there are none with one matrix.
+def as_prior(posterior: Posterior) -> tuple[ConditionedPrior, Array]:
+    """Return the posterior as a prior after rows of any form, and its bias sensitivity.
 
-    Attributes:
-        prior: Before the rows.
-        mean: shape (Z r,), after them.
-        bias_sensitivity: shape (b, Z, r), after them.
-        whitened: shape (K, Z r), L^-1 H.
-        gain: shape (K, Z r), the same times the prior's covariance.
+    Few rows are taken from a prior that stays in parts, many from one matrix.
     """
-
-    prior: ConditionedPrior
-    mean: Array
-    bias_sensitivity: Array
-    whitened: Array
-    gain: Array
-
-    def cross(self, rows: PathRows, products: "PathProducts") -> Array:
-        """Return the posterior's covariance times the rows, shape (m, Z, r)."""
-        design, prior = rows.by_level, self.prior
-        cross = prior.less_taken(design, products.of(prior.before, rows))
-        taken = (design.reshape(len(design), -1) @ self.gain.T) @ self.gain
-        return cross - taken.reshape(cross.shape)
-
-    def after_rows(self, change: Array, whitened: Array, gain: Array) -> ObservationSpacePosterior:
-        """Return the posterior after further rows, as a prior without rows.
-
-        Args:
-            change: shape (1 + b, Z r), of the mean and of the bias sensitivity.
-            whitened: shape (m, Z r), L2^-1 H2.
-            gain: shape (m, Z r), the same times the posterior's covariance.
-        """
-        shape = (-1, *self.bias_sensitivity.shape[1:])
-        further = whitened - (whitened @ self.gain.T) @ self.whitened
-        rows, gains = np.concatenate([self.whitened, further]), np.concatenate([self.gain, gain])
-        prior = self.prior.after_rows(
-            self.mean + change[0], rows.reshape(shape), gains.reshape(shape)
-        )
-        return initial(
-            prior, self.bias_sensitivity + change[1:].reshape(self.bias_sensitivity.shape)
-        )
-
-
-def rows_taken(posterior: Posterior) -> RowsTaken:
-    """Return the posterior as a prior and rows; few rows are taken from a prior that stays in parts, many from one matrix."""
     if isinstance(posterior, ObservationSpacePosterior):
         prior, most = (
             as_conditioned(posterior.prior, posterior.n_levels),
@@ -175,17 +134,16 @@ def rows_taken(posterior: Posterior) -> RowsTaken:
         if is_matrix(prior):
             most = -1 if posterior.n else _WAITING_ROWS
         if len(prior.gain) + posterior.n_rows <= most:
-            bias_sensitivity = posterior.prior_bias_sensitivity
             if not posterior.n:
-                none = np.empty((0, posterior.n_weights))
-                return RowsTaken(prior, prior.mean, bias_sensitivity, none, none)
-            whitened, gain = posterior.rows_in(posterior.profile_basis), posterior.whitened_cross()
-            change = posterior.forward.T @ gain
-            after = bias_sensitivity + change[1:].reshape(bias_sensitivity.shape)
-            return RowsTaken(prior, prior.mean + change[0], after, whitened, gain)
+                return prior, posterior.prior_bias_sensitivity
+            shape = (-1, *posterior.prior_bias_sensitivity.shape[1:])
+            rows = posterior.rows_in(posterior.profile_basis), posterior.whitened_cross()
+            after, change = prior.after_rows(
+                posterior.forward, *(each.reshape(shape) for each in rows)
+            )
+            return after, posterior.prior_bias_sensitivity + change
     whole = as_conditioned(full_covariance_of(posterior), posterior.n_levels)
-    none = np.empty((0, posterior.n_weights))
-    return RowsTaken(whole, whole.mean, posterior.bias_sensitivity(), none, none)
+    return whole, posterior.bias_sensitivity()
 
 
 def inflated(posterior: Posterior, factor: float) -> Posterior:
@@ -334,15 +292,17 @@ def predict_path_mean(
     posterior: Posterior, rows: PathRows, products: PathProducts
 ) -> PredictedObservation[Posterior]:
     """Return the prediction of sums over several places; its update gives a prior without rows, as these have no single place."""
-    before = rows_taken(posterior)
-    cross = before.cross(rows, products)
+    prior, bias_sensitivity = as_prior(posterior)
+    design = rows.by_level
+    cross = prior.less_taken(design, products.of(prior.before, rows))
 
     def update(lower: Array, whitened: Array, error_scale: float) -> ObservationSpacePosterior:
-        scaled = np.stack([rows.by_level, cross]).reshape(2, len(cross), -1) / error_scale
-        design, gain = (np.asarray(solve_triangular(lower, each, lower=True)) for each in scaled)
-        return before.after_rows(whitened.T @ gain, design, gain)
+        scaled = np.stack([design, cross]).reshape(2, len(cross), -1) / error_scale
+        solved = (np.asarray(solve_triangular(lower, each, lower=True)) for each in scaled)
+        after, change = prior.after_rows(whitened, *(each.reshape(cross.shape) for each in solved))
+        return initial(after, bias_sensitivity + change)
 
     cov = rows.matvec(cross)
-    of_mean = before.mean.reshape(1, *rows.by_level.shape[1:])
-    means = rows.matvec(np.vstack([of_mean, before.bias_sensitivity])).T
+    of_mean = prior.mean.reshape(1, *design.shape[1:])
+    means = rows.matvec(np.vstack([of_mean, bias_sensitivity])).T
     return PredictedObservation(means, 0.5 * (cov + cov.T), update)
