@@ -226,17 +226,12 @@ class DiveModel:
     def mixture(self, seen: _Seen) -> Mixture:
         """Return what is expected of the mean current of a dive that a state sees."""
         state, dive = seen.state, seen.dive
-        expected = (dive.design @ state.mean[:, 0] + self._background(dive)).T
+        expected = dive.design @ state.mean[:, 0] + self._background(dive)
         parts = [
-            (
-                state.log_weights[0] + case.log_share,
-                expected,
-                np.moveaxis(case.spread[:, :, 0], -1, 0),
-            )
+            (state.log_weights[0] + case.log_share, expected, case.spread[:, :, 0])
             for case in seen.cases
         ]
-        log_weights, means, covs = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return Mixture(log_weights, means, covs)
+        return Mixture(*(np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)))
 
     def after(self, seen: _Seen) -> DiveState:
         """Return the state after the dive that it sees."""

@@ -154,8 +154,8 @@ class Mixture:
 
     Attributes:
         log_weights: shape (n,); the weights sum to one.
-        means: shape (n, 2).
-        covs: shape (n, 2, 2).
+        means: shape (2, n).
+        covs: shape (2, 2, n).
     """
 
     log_weights: Array
@@ -165,19 +165,17 @@ class Mixture:
     @cached_property
     def mean(self) -> Array:
         """Mean of the mixture, shape (2,)."""
-        return np.asarray(np.exp(self.log_weights) @ self.means)
+        return np.asarray(self.means @ np.exp(self.log_weights))
 
     @cached_property
     def cov(self) -> Array:
         """Covariance of the mixture, shape (2, 2)."""
-        weights, about = np.exp(self.log_weights), self.means - self.mean
-        return np.asarray(
-            np.tensordot(weights, self.covs, 1) + (weights[:, None] * about).T @ about
-        )
+        weights, about = np.exp(self.log_weights), self.means - self.mean[:, None]
+        return np.asarray(self.covs @ weights + (weights * about) @ about.T)
 
     def log_density(self, value: Array) -> float:
         """Return the logarithm of the density at a value, shape (2,)."""
-        densities = log_densities((value - self.means).T, np.moveaxis(self.covs, 0, -1))
+        densities = log_densities(value[:, None] - self.means, self.covs)
         return float(np.logaddexp.reduce(self.log_weights + densities))
 
     def holds(self, value: Array, shares: Sequence[float]) -> tuple[bool, ...]:
@@ -196,10 +194,9 @@ class Mixture:
         """
         kept = self.log_weights > _LEAST_LOG_WEIGHT
         whiten = np.linalg.inv(np.linalg.cholesky(self.cov))
-        (of_east, _), (both, of_north) = np.moveaxis(
-            whiten @ np.linalg.cholesky(self.covs[kept]), 0, -1
-        )[..., None]
-        east, north = (whiten @ (self.means[kept] - self.mean).T)[..., None]
+        roots = whiten @ np.linalg.cholesky(np.moveaxis(self.covs[..., kept], -1, 0))
+        (of_east, _), (both, of_north) = np.moveaxis(roots, 0, -1)[..., None]
+        east, north = (whiten @ (self.means[:, kept] - self.mean[:, None]))[..., None]
         square = (east + of_east * _SPIRAL[0]) ** 2
         square += (north + both * _SPIRAL[0] + of_north * _SPIRAL[1]) ** 2
         weights = np.exp(self.log_weights[kept]) / _POINTS

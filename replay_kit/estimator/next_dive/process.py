@@ -16,6 +16,7 @@ are shared by the backgrounds that the current may be measured about. ``tests/re
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,8 +121,7 @@ class ProcessState:
     dives: int = 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SeenDive:
+class SeenDive(NamedTuple):
     """A dive as a state sees it before its current is used: states at its end, and its mean current.
 
     Attributes:
@@ -190,16 +190,13 @@ class MeanCurrentProcess:
 
     def mixture(self, seen: SeenDive) -> Mixture:
         """Return what is expected of the mean current of a dive that a state sees."""
-        means = (seen.expected + self._backgrounds(seen.dive)).reshape(2, -1).T
-        spread, changed = (
-            np.tile(np.moveaxis(each, -1, 0), (self.n_backgrounds + 1, 1, 1))
-            for each in (seen.spread, self._changed(seen.spread))
-        )
-        weights = seen.before.log_weights.ravel()
+        means = (seen.expected + self._backgrounds(seen.dive)).reshape(2, -1)
+        weights, each = seen.before.log_weights.ravel(), self.n_backgrounds + 1
+        covs = np.tile(seen.spread, each), np.tile(self._changed(seen.spread), each)
         return Mixture(
             np.concatenate([weights + np.log(1.0 - _JUMP), weights + np.log(_JUMP)]),
-            np.concatenate([means, means]),
-            np.concatenate([spread, changed]),
+            np.tile(means, 2),
+            np.concatenate(covs, axis=-1),
         )
 
     def after(self, seen: SeenDive) -> ProcessState:

@@ -113,14 +113,14 @@ def answer_of_json(said: Any, rows: int) -> Answer:
         cov = _numbers(said["cov"], (2, 2), "cov")
         if rows != 1 or np.any(np.linalg.eigvalsh(cov) <= 0.0):
             raise ValueError("cov: expected a positive definite matrix of one mean current")
-        return Answer.of_mixture(Mixture(np.zeros(1), velocity, cov[None]))
+        return Answer.of_mixture(Mixture(np.zeros(1), velocity.T, cov[..., None]))
     if said.get("std") is None:
         return Answer(velocity)
     std = _numbers(said["std"], (rows, 2), "std")
     if np.any(std <= 0.0):
         raise ValueError("std: expected numbers above 0")
     if rows == 1:
-        return Answer.of_mixture(Mixture(np.zeros(1), velocity, np.diag(std[0] ** 2)[None]))
+        return Answer.of_mixture(Mixture(np.zeros(1), velocity.T, np.diag(std[0] ** 2)[..., None]))
     return Answer(velocity, std)
 
 

@@ -74,9 +74,9 @@ def assert_is_gaussian_of_all(settings, chosen, given):
         mean, spread, density = slow.conditional(values, cov, len(values) - 2)
         densities.append(density + settings.log_prior[h])
         np.testing.assert_allclose(
-            found.means[position], mean + slow.about(last, settings.background[h]), rtol=1e-8
+            found.means[:, position], mean + slow.about(last, settings.background[h]), rtol=1e-8
         )
-        np.testing.assert_allclose(found.covs[position], spread, rtol=1e-8, atol=1e-14)
+        np.testing.assert_allclose(found.covs[..., position], spread, rtol=1e-8, atol=1e-14)
     expected = np.exp(np.array(densities) - np.max(densities))
     np.testing.assert_allclose(np.exp(state.log_weights[0]), expected / expected.sum(), rtol=1e-7)
 
@@ -204,21 +204,22 @@ def test_weighted_quantiles_are_those_of_all_values_sorted():
 
 def test_the_radii_of_a_mixture_hold_their_shares():
     gaussian = Mixture(
-        np.zeros(1), np.array([[0.1, 0.2]]), np.array([[[0.04, 0.01], [0.01, 0.02]]])
+        np.zeros(1),
+        np.array([[0.1], [0.2]]),
+        np.array([[0.04, 0.01], [0.01, 0.02]])[..., None],
     )
     np.testing.assert_allclose(
         gaussian.radii([0.5, 0.9]), np.sqrt(chi2.ppf([0.5, 0.9], 2)), rtol=0.03
     )
     mixture = Mixture(
         np.log([0.7, 0.3]),
-        np.array([[0.0, 0.0], [0.3, 0.1]]),
-        np.array([0.01 * np.eye(2), 0.2 * np.eye(2)]),
+        np.array([[0.0, 0.3], [0.0, 0.1]]),
+        np.eye(2)[..., None] * [0.01, 0.2],
     )
     rng = np.random.default_rng(0)
     chosen = rng.choice(2, 40_000, p=[0.7, 0.3])
-    draws = mixture.means[chosen] + np.sqrt(mixture.covs[chosen, 0, 0])[
-        :, None
-    ] * rng.standard_normal((40_000, 2))
+    noise = np.sqrt(mixture.covs[0, 0, chosen]) * rng.standard_normal((2, 40_000))
+    draws = (mixture.means[:, chosen] + noise).T
     about = draws - mixture.mean
     radius = np.sqrt(np.einsum("ni,ij,nj->n", about, np.linalg.inv(mixture.cov), about))
     for share, found in zip((0.5, 0.9), mixture.radii([0.5, 0.9]), strict=True):
@@ -226,7 +227,7 @@ def test_the_radii_of_a_mixture_hold_their_shares():
     density = np.log(
         sum(
             w * multivariate_normal(m, c).pdf([0.1, 0.1])
-            for w, m, c in zip([0.7, 0.3], mixture.means, mixture.covs, strict=True)
+            for w, m, c in zip([0.7, 0.3], mixture.means.T, mixture.covs.T, strict=True)
         )
     )
     assert mixture.log_density(np.array([0.1, 0.1])) == pytest.approx(density)

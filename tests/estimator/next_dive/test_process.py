@@ -39,8 +39,8 @@ def test_the_filter_is_the_gaussian_of_all_dives_at_once(inverted, monkeypatch):
     densities = []
     for h in range(4):
         mean, spread, density = slow.forecast(given, coming, process.settings, h)
-        np.testing.assert_allclose(found.means[h], mean, rtol=1e-8, atol=1e-12)
-        np.testing.assert_allclose(found.covs[h], spread, rtol=1e-8, atol=1e-14)
+        np.testing.assert_allclose(found.means[:, h], mean, rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(found.covs[..., h], spread, rtol=1e-8, atol=1e-14)
         densities.append(density)
     expected = np.exp(np.array(densities) - np.max(densities))
     np.testing.assert_allclose(np.exp(state.log_weights[0]), expected / expected.sum(), rtol=1e-7)

@@ -149,7 +149,7 @@ def forecast_mean(
     # dives without a mean current are known less well
     known = replace(state, dives=()) if state.model is None else state
     after = replace(
-        _with_dive(known, _flown(dive, mean)),
+        _with_dive(known, flown_of(mean, dive)),
         model=model,
         persistence=state.persistence.after(dive.velocity),
         last=dive,
@@ -209,15 +209,16 @@ def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveM
     )
 
 
-def flown_of(mean: PathMean) -> FlownDive | None:
-    """Return how the dive of a mean current was flown; None for a drift at the surface, or where its way through the water is not known."""
+def flown_of(mean: PathMean, dive: DiveMean | None = None) -> FlownDive | None:
+    """Return how the dive of a mean current was flown; None for a drift at the surface, or where its way through the water is not known.
+
+    Args:
+        mean: The mean current.
+        dive: What it says, where that is known.
+    """
     if mean.kind != "dac" or mean.fixes is None:
         return None
-    return _flown(dive_mean(ForecastState(), mean, _UNKNOWN), mean)
-
-
-def _flown(dive: DiveMean, mean: PathMean) -> FlownDive | None:
-    assert mean.fixes is not None
+    dive = dive or dive_mean(ForecastState(), mean, _UNKNOWN)
     return flown_dive(dive.seconds, dive.way, mean.depth, mean.deepest, mean.fixes[0].time_ns)
 
 
