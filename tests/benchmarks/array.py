@@ -100,7 +100,9 @@ def beside_singles(
     for member in truths:
         case = leave_out(ensemble, member)
         with tempfile.TemporaryDirectory() as folder:
-            logs = list(write_array(Path(folder), case.truth, 6, pings, dac_only).values())
+            # each truth has errors of its own: one draw would move all rows together
+            of_all = write_array(Path(folder), case.truth, 6, pings, dac_only, seed=member)
+            logs = list(of_all.values())
             run = _replays(case.ensemble, config)
             singles = {
                 k: run([logs[k]]) for k in sorted({k for each in together.values() for k in each})
