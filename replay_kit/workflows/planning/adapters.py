@@ -238,12 +238,6 @@ class MissionPlanner:
     def plan(self, flow: FlowEstimate, query: PlanQuery) -> PlanResult:
         """Return the best mission found from start to goal, begun at once; its memory is the mission."""
         start, goal, start_time_ns = query.start, query.goal, query.start_time_ns
-        if (
-            query.warm is not None
-            and query.is_answered
-            and not (self.judges and self.config.samples is None)
-        ):
-            return query.warm
         before: planners.MissionPlan | None = None if query.warm is None else query.warm.memory
         bound, origin = self.bound(flow, (goal,))
         if before is not None and bound.settings.legs is not None:
@@ -255,10 +249,7 @@ class MissionPlanner:
             before = None
         known, seconds = KnownCurrent((flow,), self.config.flow_step), bound.span(start, (goal,))
         currents = known.flow(start_time_ns, seconds)
-        if before is not None and query.is_answered:
-            mission = before
-        else:
-            mission = with_origin(planners.plan_mission(currents, request, warm=before), origin)
+        mission = with_origin(planners.plan_mission(currents, request, warm=before), origin)
         stated = self.config.samples
         count = sample_count(flow, stated) if self.judges else stated or 0
         drawn = known.samples(

@@ -132,13 +132,13 @@ def test_a_plan_at_a_surfacing_begins_where_the_current_takes_the_vehicle(second
 
 
 class Counting:
-    """A planner, of a speed, that counts its plans, and notes of which the odds alone were asked for."""
+    """A planner, of a speed, that notes when its plans begin."""
 
-    def __init__(self, speed: float, asked: list[bool]):
+    def __init__(self, speed: float, asked: list[int]):
         self.speed, self.asked = speed, asked
 
     def plan(self, flow: Any, query: Any) -> PlanResult:
-        self.asked.append(query.is_answered)
+        self.asked.append(query.start_time_ns // SECOND)
         plan = SimpleNamespace(start=query.start, start_time_ns=query.start_time_ns)
         return PlanResult(plan, None, len(self.asked))
 
@@ -150,18 +150,25 @@ class Counting:
 
 
 @pytest.mark.parametrize(
-    ("more", "surface_time", "answered"),
-    [([], None, True), ([fix(95, 0.0)], None, False), ([], 600.0, False)],
+    ("more", "settings", "starts"),
+    [
+        ([], {"samples": 10}, [90]),
+        ([fix(95, 0.0)], {"samples": 10}, [90, 95]),
+        ([], {"samples": 10, "surface_time": 600.0}, [690, 90]),
+        ([], {}, [90, 90]),
+    ],
 )
-def test_the_plan_at_a_surfacing_where_the_log_ends_is_the_last_one(more, surface_time, answered):
-    planner, config = Counting(0.3, []), PlannerConfig(when="surfacing", surface_time=surface_time)
+def test_the_plan_at_a_surfacing_where_the_log_ends_is_the_last_one_if_it_has_odds(
+    more, settings, starts
+):
+    planner, config = Counting(0.3, []), PlannerConfig(when="surfacing", **settings)
     problem = PlanningProblem(planner, Place(152.6, -40.0, 0.0), config, 5.0)
     session = Session(Still(), FLOW.levels, RunConfig(planner=config), problem)
     for event in [fix(0, 0.0), profile(10), fix(20, 50.0), fix(90, 0.0), *more]:
         session.take_message(event.time_ns, [event], session.summarised([event]))
     session.shared.assimilate()
     session.end()
-    assert planner.asked == [False, answered]
+    assert planner.asked == starts
 
 
 def test_a_plan_is_made_again_unless_all_that_it_follows_from_is_the_same():

@@ -41,14 +41,12 @@ class PlanQuery:
         goal: Where it leads.
         start_time_ns: When it begins [ns, UTC].
         warm: The last plan, to begin from; None without.
-        is_answered: Whether the last plan is one from here, made on this estimate, so that its odds alone are asked for.
     """
 
     start: Place
     goal: Place
     start_time_ns: int
     warm: PlanResult | None = None
-    is_answered: bool = False
 
 
 class HasGrid(Protocol):

@@ -172,7 +172,6 @@ def make_plan(
     flow: FlowEstimate,
     start_time_ns: int,
     start: Place | None = None,
-    is_answered: bool = False,
 ) -> tuple[PlanningState, tuple[Output, ...]]:
     """Return the state with a new plan, and the plan; a vehicle outside the region gives a warning and does not end the replay.
 
@@ -182,12 +181,11 @@ def make_plan(
         flow: The estimate.
         start_time_ns: [ns, UTC].
         start: Where the plan begins; None for the last position. Before the first position nothing is planned.
-        is_answered: As of ``PlanQuery``.
     """
     if state.position is None:
         return state, ()
     start, goal = start or _place_of(state.position), problem.goal_at(start_time_ns)
-    query = PlanQuery(start, goal, start_time_ns, state.result, is_answered)
+    query = PlanQuery(start, goal, start_time_ns, state.result)
     plan = (
         problem.planner.plan
         if problem.made is None
@@ -215,7 +213,7 @@ def plan_at_end(
 ) -> tuple[PlanningState, tuple[Output, ...]]:
     """Return the state at the end of a log: a surfacing is finished, and the last plan, the one to act on, has its odds.
 
-    Those of all plans would take as long as the plans. Where the log ends with a surfacing, the plan from there is the last one too.
+    Those of all plans would take as long as the plans. Where the log ends with a surfacing, and its plan has odds, that is the last one.
 
     Args:
         problem: What stays the same.
@@ -227,14 +225,16 @@ def plan_at_end(
     before = state.result
     state, outputs = finish_surfacing(problem, state, flow_at)
     result, position = state.result, state.position
-    is_answered = (
-        result is not None
+    if (
+        problem.settings.samples
+        and result is not None
         and position is not None
         and result is not before
         and (result.plan.start, result.plan.start_time_ns) == (_place_of(position), last_ns)
-    )
+    ):
+        return state, (*outputs, outputs[-1])
     judging = replace(problem, planner=problem.planner.with_odds())
-    state, more = make_plan(judging, state, flow, last_ns, is_answered=is_answered)
+    state, more = make_plan(judging, state, flow, last_ns)
     return state, (*outputs, *more)
 
 
