@@ -13,6 +13,7 @@ from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.core.region import Region, centre, inside
 from replay_kit.estimator.interface import Estimator, Stepped
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
+from replay_kit.estimator.static.state import FilterState
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.windows.handover import hand_over
 from replay_kit.estimator.windows.placing import Window, WindowedState, next_window
@@ -75,6 +76,11 @@ class WindowedEstimator(Estimator[WindowedState]):
         """Return the vehicle's window: before its first measurement the one that holds where it begins, or the prior of its first one."""
         return self._held(state) or Window(self.first, self._of(self.first).initial())
 
+    def _own(self, state: WindowedState) -> tuple[ReducedBasisEstimator, FilterState]:
+        """Return the estimator of the vehicle's window, and its state."""
+        own = self._window(state)
+        return self._of(own.region), own.state
+
     def _held(self, state: WindowedState) -> Window | None:
         return state.of(self.vehicle) or state.holding(centre(self.first), self.bounds, 0.0)
 
@@ -118,8 +124,8 @@ class WindowedEstimator(Estimator[WindowedState]):
         if self.vehicle not in state.strays:
             others = tuple(self._beside(window, block) for window in state.windows)
             state = replace(state, windows=others)
-        own = self._window(state)
-        for event, _, inner, innovation, _ in self._of(own.region).group_steps(own.state, block):
+        estimator, own = self._own(state)
+        for event, _, inner, innovation, _ in estimator.group_steps(own, block):
             before = state
             changed = tuple(
                 replace(one, state=inner) if self.vehicle in one.vehicles else one
@@ -189,18 +195,18 @@ class WindowedEstimator(Estimator[WindowedState]):
 
     def innovation(self, state: WindowedState, observation: Measurement) -> Array:
         """Return measured minus predicted in the vehicle's window, shape (n, 2) [m/s], local axes; NaN for bins that are not usable."""
-        own = self._window(state)
-        return self._of(own.region).innovation(own.state, observation)
+        estimator, own = self._own(state)
+        return estimator.innovation(own, observation)
 
     def group_innovation(self, state: WindowedState, group: ProfileGroup) -> Array:
         """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
-        own = self._window(state)
-        return self._of(own.region).group_innovation(own.state, group)
+        estimator, own = self._own(state)
+        return estimator.group_innovation(own, group)
 
     def flow(self, state: WindowedState) -> FlowEstimate:
         """Return the current estimate in the vehicle's window."""
-        own = self._window(state)
-        return self._of(own.region).flow(own.state)
+        estimator, own = self._own(state)
+        return estimator.flow(own)
 
     def left_flows(self, state: WindowedState) -> Iterator[FlowEstimate]:
         """Yield the last estimate of each window that was left; before the latest ones each is made from the forecast again."""
@@ -224,8 +230,8 @@ class WindowedEstimator(Estimator[WindowedState]):
 
     def bias_notes(self, state: WindowedState) -> list[str]:
         """Return the notes of the vehicle's window, and on the windows."""
-        own = self._window(state)
-        return [*self._of(own.region).bias_notes(own.state), *self.window_notes(state)]
+        estimator, own = self._own(state)
+        return [*estimator.bias_notes(own), *self.window_notes(state)]
 
     def window_notes(self, state: WindowedState) -> list[str]:
         """Return how many windows there were, what was lost between them, and which could not be made."""
@@ -237,8 +243,8 @@ class WindowedEstimator(Estimator[WindowedState]):
 
     def spread_record(self, state: WindowedState) -> dict[str, str]:
         """Return the amplitude of the prior's covariance in the vehicle's window, and what it was fitted to."""
-        own = self._window(state)
-        return self._of(own.region).spread_record(own.state)
+        estimator, own = self._own(state)
+        return estimator.spread_record(own)
 
 
 def _place(observation: Measurement | ProfileGroup) -> tuple[float, float]:

@@ -93,25 +93,21 @@ class ArraySession:
     def conclude(self, about: Mapping[str, str]) -> FlowEstimate:
         """Finish surfacings, plan for each vehicle, publish slices and others' windows; return the first's estimate, with its citation."""
         held = dict[Hashable, FlowEstimate]()
-        of = {
-            session: session.built.window(session.estimation.current) for session in self.vehicles
-        }
-        for session, window in of.items():
+        for session in self.vehicles:
             session.end()
-            if window not in held:
-                flow = flow_at(session.built, session.estimation.current, self.last_ns)
-                held[window] = replace(flow, about=about)
+            state = session.estimation.current
+            if (window := session.built.window(state)) not in held:
+                held[window] = replace(flow_at(session.built, state, self.last_ns), about=about)
             self.flows[session.name] = held[window]
-        (first, flow), *others = held.items()
+        flow, *others = held.values()
         if self.writer is not None:
-            publishes = self.vehicles[0]
-            numbers = publishes.publish_windows(one for _, one in others)
-            of_window = dict(zip(dict(others), numbers, strict=True))
+            first = self.vehicles[0]
+            numbers = dict(zip(map(id, others), first.publish_windows(iter(others)), strict=True))
             self.windows = {
-                session.name: of_window[window] for session, window in of.items() if window != first
+                name: numbers[id(one)] for name, one in self.flows.items() if one is not flow
             }
-            for one in (*dict(others).values(), flow):
-                publishes.publish(one, self.last_ns)
+            for one in (*others, flow):
+                first.publish(one, self.last_ns)
         return flow
 
 

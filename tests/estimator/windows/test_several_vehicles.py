@@ -6,7 +6,6 @@ from heapq import merge
 import numpy as np
 import pytest
 
-from replay_kit.estimator.windows.placing import Window, WindowedState, room_in
 from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
 
 MARGIN = 25_000.0
@@ -104,15 +103,3 @@ def test_a_vehicle_whose_measurements_are_not_used_takes_its_window_with_it(scen
     np.testing.assert_allclose(
         unused.windows[0].state.mean, prior.initial().mean, rtol=0.0, atol=1e-10
     )
-
-
-def test_of_windows_that_hold_a_place_the_one_with_the_most_room_does(scene):
-    west, _, about = scene
-    begun = west.build(west.first).initial()
-    windows = [Window(about(x), begun, (k,)) for k, x in enumerate((-13.0, -12.6))]
-    state, place = WindowedState(tuple(windows)), (-12.7, 40.4)
-    assert state.holding(place, west.bounds, 0.0) is windows[1]
-    most = room_in(windows[1].region, west.bounds, place)
-    assert state.holding(place, west.bounds, most + 1.0) is None
-    assert state.of(0) is windows[0]
-    assert state.of(2) is None
