@@ -257,9 +257,9 @@ def in_basin(
             f"4 gliders in pairs far apart, {pings // 144} days of mean currents, {size}",
             found["ours_s"],
             "each alone",
-            sum(one["ours_s"] for one in singles),
             error=error,
             peak_mb=found["peak_mb"],
+            alone_s=sum(one["ours_s"] for one in singles),
         )
 
 
