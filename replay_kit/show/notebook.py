@@ -54,7 +54,7 @@ class Result(ResultFile):
         return Plots(self)
 
 
-def open_result(path: str | Path) -> Result:
+def read_result(path: str | Path) -> Result:
     """Return a result that ``replay`` wrote, with its estimate and tables; they are read when first asked for.
 
     Raises:

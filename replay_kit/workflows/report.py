@@ -11,7 +11,7 @@ from replay_kit.results.schemas import CONTRACT_VERSION
 from replay_kit.results.vehicles import part_path
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import read_record
-from replay_kit.show.notebook import Result, open_result
+from replay_kit.show.notebook import Result, read_result
 from replay_kit.show.report.pages import report_html, several_html
 from replay_kit.workflows.sound import sound_result
 
@@ -65,7 +65,7 @@ def opened(path: Path, summary: ReplaySummary | None = None) -> Iterator[Content
         LogError: The file is missing, or is no result.
     """
     with sound_result(path) as sound:
-        result = open_result(sound.path)
+        result = read_result(sound.path)
         notes = (*sound.lines, *(_RECOVERED for _ in sound.losses[:1]), *_version_notes(result))
         given = type(result)(result.path, summary)
         yield Contents(given, notes, sound.exit_code)

@@ -114,12 +114,12 @@ def open_result(path: str | Path) -> "Result":
         ConfigError: The path is neither text nor a ``Path``.
     """
     # here, because tables and estimates take half a second to load
-    from replay_kit.show.notebook import open_result as open_whole
+    from replay_kit.show.notebook import read_result
 
     given, folder = as_path(path, "result"), tempfile.mkdtemp(prefix="replay_kit_")
     try:
         sound = recover(given, Path(folder))
-        result = open_whole(sound.path)
+        result = read_result(sound.path)
     except BaseException:
         shutil.rmtree(folder)
         raise

@@ -16,7 +16,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.messages import innovation as innovation_message
 from replay_kit.results.schemas import DESCRIPTOR_SET, decode
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.notebook import open_result
+from replay_kit.show.notebook import read_result
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
 from tests.synthetic_flow import synthetic_flow
 
@@ -105,7 +105,7 @@ def write(
             writer.plan(centred, centre)
         if estimate:
             writer.finish(flow)
-    return Contents(open_result(path))
+    return Contents(read_result(path))
 
 
 def failed(plan: Plan, message: str = "no path") -> Plan:

@@ -12,7 +12,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.notebook import open_result
+from replay_kit.show.notebook import read_result
 from replay_kit.show.report.sections.answer import found_warnings
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import status_text
@@ -76,8 +76,8 @@ def test_a_plan_that_must_not_be_flown_is_the_first_alarm_wherever_it_is_shown(
     assert text.splitlines()[1] == f"! PLAN: {said}"
     assert page.index(f"<b>plan</b> {said}") < page.index("<b>consistency</b>")
     assert "arrives after" not in text + page
-    assert open_result(path).outcome == outcome_of(replace(SUMMARY, plan=plan))
-    shown = found_warnings(Contents(open_result(path)))
+    assert read_result(path).outcome == outcome_of(replace(SUMMARY, plan=plan))
+    shown = found_warnings(Contents(read_result(path)))
     assert shown[0][1] == said[:1].upper() + said[1:] + "."
     assert shown[0][0] == ("stop" if plan.status in ("unsafe", "failed") else "care")
     made = replace(SUMMARY, plan=plan)
@@ -100,7 +100,7 @@ def test_a_plan_that_arrives_is_no_alarm(plan, tmp_path):
     assert status.alarms == ()
     assert "plan reached: arrives after 1.0 h, 12 m off" in status_text(status)
     assert outcome_of(replace(SUMMARY, plan=plan, findings=())).alarms == ()
-    assert not any("plan" in text for _, text in found_warnings(Contents(open_result(path))))
+    assert not any("plan" in text for _, text in found_warnings(Contents(read_result(path))))
 
 
 def test_a_replay_that_could_make_no_plan_in_the_end_says_so_first():

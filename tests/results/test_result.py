@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from replay_kit import open_result as open_any_result
+from replay_kit import open_result
 from replay_kit.core.errors import ForecastError, LogError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic
@@ -15,7 +15,7 @@ from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
-from replay_kit.show.notebook import Result, open_result
+from replay_kit.show.notebook import Result, read_result
 from tests.results.cases import failed
 from tests.results.result_samples import CONFIG, METADATA
 from tests.synthetic_flow import TIME_NS
@@ -58,7 +58,7 @@ def opened(
             SurfacingOutcome(TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 45.0)
         )
         writer.finish(flow)
-    return open_result(tmp_path / "out.mcap")
+    return read_result(tmp_path / "out.mcap")
 
 
 def test_fixes(opened):
@@ -106,7 +106,7 @@ def test_a_dive_with_a_mean_current_alone_begins_at_the_fix_before_it(
             writer.innovation(
                 replace(innovation, time_ns=TIME_NS + second * SECOND, dive=dive, **more)
             )
-    dives = open_result(tmp_path / "out.mcap").dives
+    dives = read_result(tmp_path / "out.mcap").dives
     # a profile begins when it was measured; so does a mean current without a fix before it
     assert [round((start - pd.Timestamp(TIME_NS)).total_seconds()) for start in dives["start"]] == [
         5,
@@ -175,7 +175,7 @@ def test_events_and_estimate(opened, flow):
 def test_a_result_without_estimate_or_data_says_so_and_has_empty_tables(flow, tmp_path):
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
-    opened = open_result(tmp_path / "out.mcap")
+    opened = read_result(tmp_path / "out.mcap")
     assert "no estimate; tables fixes (0)" in repr(opened)
     with pytest.raises(
         ForecastError,
@@ -199,17 +199,17 @@ def test_a_result_without_estimate_or_data_says_so_and_has_empty_tables(flow, tm
 
 def test_other_files_are_refused(run, tmp_path):
     with pytest.raises(LogError, match="cannot read the result: No such file"):
-        open_result(tmp_path / "none.mcap")
+        read_result(tmp_path / "none.mcap")
     path = run(tmp_path / "out.mcap")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(path.read_bytes()[:-300])
     with pytest.raises(
         LogError, match=r"expected a complete result of replay-kit replay.*convert recovers"
     ):
-        open_result(cut)
+        read_result(cut)
     with pytest.warns(UserWarning, match=r"LOST: cut\.mcap: cut inside a record"):
-        assert len(open_any_result(cut).fixes) == len(open_result(path).fixes)
+        assert len(open_result(cut).fixes) == len(read_result(path).fixes)
     with ResultWriter(tmp_path / "bare.mcap") as writer:
         writer.log(1, "info", "a log of somebody")
     with pytest.raises(LogError, match=r"no metadata record 'contract'.*open a log with open_log"):
-        open_result(tmp_path / "bare.mcap")
+        read_result(tmp_path / "bare.mcap")

@@ -10,7 +10,7 @@ import pytest
 
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.results.outcome.from_run import outcome_of
-from replay_kit.show.notebook import open_result
+from replay_kit.show.notebook import read_result
 from replay_kit.workflows.report import page_of, report
 from tests.command import invoke, succeed
 from tests.places import SAMPLES
@@ -114,7 +114,7 @@ def test_the_summary_in_the_result_is_that_of_the_run(replayed):  # type: ignore
     kept = read_record(replayed.path).summary
     made = outcome_of(replayed.summary)
     assert kept == made.to_record()
-    assert open_result(replayed.path).outcome == made
+    assert read_result(replayed.path).outcome == made
 
 
 def test_names_of_files_topics_and_frames_are_text_in_the_page(tmp_path):

@@ -14,7 +14,7 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.export import export
 from replay_kit.show.figures.map_layers import contour_step
 from replay_kit.show.figures.plan import profile_floor
-from replay_kit.show.notebook import open_result
+from replay_kit.show.notebook import read_result
 from replay_kit.show.plots.current_map import draw_seabed
 from replay_kit.show.plots.panel import CONTOUR_LABEL
 from replay_kit.show.plots.plots import drawn
@@ -64,7 +64,7 @@ def written(path, plan, seabed=None, metadata=METADATA, estimate=False):
         writer.plan(plan, flow.grid.projection)
         if estimate:
             writer.finish(flow)
-    return Contents(open_result(path))
+    return Contents(read_result(path))
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ from replay_kit.show.figures.along_track import (
     limits_of,
     quantities_of,
 )
-from replay_kit.show.notebook import open_result
+from replay_kit.show.notebook import read_result
 from tests.results.cases import one_bin
 from tests.results.result_samples import CONFIG, METADATA
 from tests.synthetic_flow import TIME_NS
@@ -126,7 +126,7 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
             time_ns = TIME_NS + (dive + 1) * SECOND
             writer.innovation(one_bin(innovation, time_ns=time_ns, source=source, **stated))
         writer.finish(flow)
-    result = open_result(tmp_path / "out.mcap")
+    result = read_result(tmp_path / "out.mcap")
     track = track_of(result.fixes, flow.grid.projection)
     history = EstimateHistory(result.path, result.estimate)
     bins = bins_along_track(result.measured, track, history, result.estimate, 10)
@@ -167,7 +167,7 @@ def test_mean_currents_are_those_that_the_log_states(flow, state, innovation, tm
             stated = {"mean_current": measured + number, "mean_kind": kind, "dive": number + 1}
             time_ns = TIME_NS + (number + 1) * SECOND
             writer.innovation(one_bin(innovation, time_ns=time_ns, source=source, **stated))
-    result = open_result(tmp_path / "out.mcap")
+    result = read_result(tmp_path / "out.mcap")
     table = result.observations
     assert table["mean_current_kind"].tolist()[1:] == ["dac", "drift", "dac"]
     assert table.filter(like="mean_current").iloc[0].isna().all()
@@ -193,7 +193,7 @@ def test_a_smoothed_result_keeps_the_estimate_before_smoothing(
         writer.innovation(replace(innovation, time_ns=TIME_NS + SECOND, replayed_residual=before))
         writer.estimate(TIME_NS, weights, flow.levels)
         writer.finish(flow)
-    result = open_result(tmp_path / "out.mcap")
+    result = read_result(tmp_path / "out.mcap")
     table = result.innovations
     assert table["replayed_residual_east"].iloc[:4].isna().all()
     np.testing.assert_array_equal(table["replayed_residual_north"].iloc[4:], before[:, 1])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from replay_kit.show.notebook import open_result
+from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
@@ -30,7 +30,7 @@ def _report(folder: Path, request: pytest.FixtureRequest) -> str:
     innovation = request.getfixturevalue("innovation")
     innovations = [replace(innovation, dive=k + 1) for k in range(4)]
     write(folder / "result.mcap", synthetic_flow(), innovations, request.getfixturevalue("plan"))
-    return report_html(open_result(folder / "result.mcap"))
+    return report_html(read_result(folder / "result.mcap"))
 
 
 def _survey(folder: Path, request: pytest.FixtureRequest) -> str:
@@ -58,7 +58,7 @@ def _survey(folder: Path, request: pytest.FixtureRequest) -> str:
         "-o",
         folder / "survey.mcap",
     )
-    return report_html(open_result(folder / "survey.mcap"))
+    return report_html(read_result(folder / "survey.mcap"))
 
 
 def _paper(folder: Path, request: pytest.FixtureRequest) -> str:

@@ -16,7 +16,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
-from replay_kit.show.notebook import open_result
+from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from tests.results.cases import failed, write_many
 from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
@@ -43,7 +43,7 @@ def write(tmp_path: Path, flow: FlowEstimate) -> Write:
             fill(writer)
             if estimate is not None:
                 writer.finish(estimate)
-        page = report_html(open_result(tmp_path / "out.mcap"))
+        page = report_html(read_result(tmp_path / "out.mcap"))
         assert str(tmp_path) not in page
         return page
 

@@ -21,7 +21,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Area
 from replay_kit.results import ResultWriter
-from replay_kit.show.notebook import open_result
+from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from tests.browser import MARKS, SCHEMES, check_drawn, chromium, opened, unfold
 from tests.results.cases import failed, one_bin, write
@@ -91,7 +91,7 @@ def test_odd_results_are_drawn(browser, tmp_path, state, plan, name):
             writer.plan(named, projection)
         if flow is not None:
             writer.finish(flow)
-    page = report_html(open_result(path))
+    page = report_html(read_result(path))
     for width in (1280, 390):
         with opened(browser, page, width) as tab:
             unfold(tab)
@@ -101,7 +101,7 @@ def test_odd_results_are_drawn(browser, tmp_path, state, plan, name):
 
 
 def _page(folder: Path, request: pytest.FixtureRequest, replay: Callable[[Path], Path]) -> str:
-    return report_html(open_result(replay(folder)))
+    return report_html(read_result(replay(folder)))
 
 
 def _small(folder: Path, request: pytest.FixtureRequest, kind: str) -> str:

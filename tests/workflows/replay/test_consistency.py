@@ -28,7 +28,7 @@ from replay_kit.measurements.consistency.monitor import ConsistencyState, Instru
 from replay_kit.measurements.vehicle.mean_current import TOO_FAST
 from replay_kit.results.outcome.from_run import failed, outcome_of
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.notebook import Result, open_result
+from replay_kit.show.notebook import Result, read_result
 from replay_kit.show.report.sections.answer import found_warnings
 from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.make import Twin, make_twin
@@ -402,7 +402,7 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
     assert finding_line(finding_json(finding)).startswith(
         f"{'WARNING' if place else 'MISFIT'}: {name}: "
     )
-    shown = found_warnings(Contents(open_result(ocean / "out.mcap")))
+    shown = found_warnings(Contents(read_result(ocean / "out.mcap")))
     wrong = [text for kind, text in shown if kind != "note"]
     assert [
         f"{name[:1].upper()}{name[1:]}: {finding.evidence}; {finding.advice}." in text

@@ -26,7 +26,7 @@ from replay_kit.estimator import embed_member
 from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.notebook import open_result
+from replay_kit.show.notebook import read_result
 from replay_kit.show.plots.panel import Chosen
 from replay_kit.show.plots.plots import plan_panels
 from replay_kit.show.report.sections.waypoint import editing
@@ -350,7 +350,7 @@ def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_
     run(ocean, out, config=CONFIG.model_copy(update={"planner": planner}))
     # the number of samples is not recorded where none was stated, or the plans before the last would have odds when it is made again
     assert verify(out, [ocean], planner_of).same
-    plans = open_result(out).plans
+    plans = read_result(out).plans
     last, figures = plans.iloc[-1], [name for name in plans if name.startswith("odds_")]
     assert len(plans) > 3
     assert plans[figures].iloc[:-1].isna().all(axis=None)
