@@ -2,16 +2,16 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf
-from replay_kit.logs.reader import VALUES, LogFile
+from replay_kit.logs.reader import VALUES, Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers
 
@@ -23,6 +23,8 @@ _VELOCITY = (
     "sea_water_x_velocity",
     "sea_water_y_velocity",
 )
+# Rows of which messages are made at once.
+_ROWS = 4096
 _NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
 _EXPECTED = "expected a Seaglider basestation file or a glider file of another known dialect"
 
@@ -72,16 +74,23 @@ class NetcdfRows(LogFile):
         self.statistics.notes = self._notes
         topic = f"{TOPIC}{self._name}"
         self._skip(topic, "row without a time", int((~self._known).sum()))
-        fixed = {name: _plain(values) for name, values in self._fixed.items()}
-        yield from self._by_time(
-            (
-                int(self._time_ns[k]),
-                topic,
-                "netcdf",
-                {**{name: _plain(values[k]) for name, values in self._rows.items()}, **fixed},
-            )
-            for k in np.flatnonzero(self._known).tolist()
-        )
+        known = np.flatnonzero(self._known)
+        in_time = known[np.argsort(self._time_ns[known], kind="stable")]
+        yield from self._by_time((), self._entries(topic, in_time))
+
+    def _entries(self, topic: str, rows: NDArray[np.intp]) -> Iterator[Entry]:
+        """Yield the entries of rows, some at a time: those of a long file would take many times its memory."""
+        fixed = {
+            name: numbers(values) if values.ndim else float(values)
+            for name, values in self._fixed.items()
+        }
+        for some in np.split(rows, range(_ROWS, rows.size, _ROWS)):
+            columns = [
+                numbers(values[some]) if values.ndim > 1 else values[some].astype(float).tolist()
+                for values in self._rows.values()
+            ]
+            for time_ns, *row in zip(self._time_ns[some].tolist(), *columns, strict=True):
+                yield time_ns, topic, "netcdf", dict(zip(self._rows, row, strict=True)) | fixed
 
 
 def _time_name(file: NetcdfFile) -> str:
@@ -132,7 +141,3 @@ def _split(file: NetcdfFile, time: str, n: int) -> tuple[dict[str, Array], dict[
         elif values.ndim < 2 and values.size < n:
             fixed[name] = values
     return rows, fixed
-
-
-def _plain(values: Any) -> Any:
-    return numbers(values) if np.ndim(values) else float(values)

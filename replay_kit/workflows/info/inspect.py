@@ -24,7 +24,7 @@ from replay_kit.core.progress import Progress, silent
 from replay_kit.logs import open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.events import NOT_A_KIND, Skipped
-from replay_kit.measurements.interpret import finish, initial_state, interpret
+from replay_kit.measurements.interpret import finish, initial_state, interpret_block
 from replay_kit.measurements.messages.suggest import NAMED, sample_key, suggested_entries
 from replay_kit.workflows.info.reading import Order, TopicInfo, count_alike, read_log
 
@@ -206,8 +206,9 @@ def _inspect(
         for block in reading.blocks:
             order.add(block)
             decoded.update(message.topic for message in block.messages)
-            for message in block.messages:
-                state, events = interpret(state, message, config.measurements)
+            steps = interpret_block(state, block.messages, config.measurements)
+            for message, (after, events) in zip(block.messages, steps, strict=True):
+                state = after
                 if count(events) and (
                     not message.topic.startswith("mavlink/") or message.topic.endswith(NAMED)
                 ):
