@@ -73,3 +73,7 @@ __all__ = [
 
 # a place outside of an estimate is refused without casadi
 __getattr__ = on_demand(__name__, __file__)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
