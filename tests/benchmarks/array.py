@@ -22,7 +22,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble
 from replay_kit.results.outcome.run import ReplaySummary
-from replay_kit.show.notebook import Result, open_result
+from replay_kit.show.notebook import Result, read_result
 from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import leave_out
@@ -239,11 +239,11 @@ def in_basin(
             return work
 
         found, singles = run(replayed(list(logs))), [replayed([one])() for one in logs]
-        pooled = open_result(folder / f"{'-'.join(logs)}.out.mcap")
+        pooled = read_result(folder / f"{'-'.join(logs)}.out.mcap")
         tracks = {
             one: part.fixes[:: len(part.fixes) // 200 + 1] for one, part in pooled.vehicles.items()
         }
-        single = {one: open_result(folder / f"{one}.out.mcap") for one in logs}
+        single = {one: read_result(folder / f"{one}.out.mcap") for one in logs}
         others = dict(zip(logs, ("sg2", "sg1", "sg4", "sg3"), strict=True))
         error = {
             "pooled": _error(truth, [(pooled, track) for track in tracks.values()]),

@@ -14,7 +14,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.region import box_of, inside
 from replay_kit.results.slices import slice_axes
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.notebook import open_result
+from replay_kit.show.notebook import read_result
 from replay_kit.workflows.follow.follow import follow
 from replay_kit.workflows.follow.watch import FollowOptions
 from replay_kit.workflows.planning.adapters import planner_of
@@ -63,7 +63,7 @@ def job_of(basin, out=None, names="abc", folder: Path | None = None, **more) -> 
 def pooled(basin, tmp_path_factory):
     out = tmp_path_factory.mktemp("pooled") / "out.mcap"
     summary, flow = replay(job_of(basin, out), SETTINGS)
-    return open_result(out), summary, flow
+    return read_result(out), summary, flow
 
 
 def columns_of(name):
