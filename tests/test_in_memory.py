@@ -110,6 +110,8 @@ def test_a_mean_current_is_a_straight_dive_between_its_fixes():
     assert isinstance(mean, PathMean)
     assert mean.weight.sum() == pytest.approx(1.0)
     assert mean.weight @ mean.depth == pytest.approx(150.0)
+    # as long before the middle of three hours as after it
+    assert mean.weight @ (mean.time_ns - mean.path_time_ns) == pytest.approx(1.5 * 3600e9)
     result = rk.replay([mean, *_profiles(3)], _dataset(), settings=SETTINGS)
     assert result.outcome.observations["used"] == 4
     with pytest.raises(ConfigError, match="an end after the start"):

@@ -32,6 +32,8 @@ def test_a_line_is_cut_where_it_crosses(offset):
 def test_a_polygon_is_cut_into_two_of_the_same_area_and_turn():
     parts = cut("Polygon", [RING])
     assert parts["type"] == "MultiPolygon"
+    # RFC 7946 wants the first place again at the end of a ring, and once
+    assert all(ring[0] == ring[-1] != ring[-2] for (ring,) in parts["coordinates"])
     shapes = [shapely.Polygon(rings[0]) for rings in parts["coordinates"]]
     assert sum(shape.area for shape in shapes) == pytest.approx(16.0)
     assert all(shapely.is_ccw(shape.exterior) for shape in shapes)
