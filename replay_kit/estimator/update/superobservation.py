@@ -232,9 +232,10 @@ def _judged_alike(stack: Stack, column: Column, judging: Judging) -> tuple[Gates
     variance, vectors, along = Spectrum.of(
         (stack.y - first).reshape(n, -1), column.predicted_cov(r)
     )
-    before = np.concatenate([np.full(len(rows), rows[0]) for rows in _stages(n)])
-    weight = np.ones(n)
-    while True:
+    stages, weight = list(_stages(n)), np.ones(n)
+    before = np.concatenate([np.full(len(rows), rows[0]) for rows in stages])
+    # each time one stage more is judged by what was found of those before it
+    for _ in stages:
         weights, sums = (
             np.vstack([np.zeros_like(each[:1]), np.cumsum(each, axis=0)])[before]
             for each in (weight[:, None], weight[:, None] * along)
@@ -245,8 +246,9 @@ def _judged_alike(stack: Stack, column: Column, judging: Judging) -> tuple[Gates
         gates = gate_profiles(stack, mean, Spectrum(left, vectors, along - moved), judging)
         found = np.where(gates.accepted, 1.0 / gates.error_factor, 0.0)
         if np.array_equal(found, weight):
-            return gates, mean
+            break
         weight = found
+    return gates, mean
 
 
 def gate_profiles(stack: Stack, mean: Array, spectrum: Spectrum, judging: Judging) -> Gates:
