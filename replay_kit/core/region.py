@@ -42,7 +42,7 @@ def around(places: ArrayLike, margin: float) -> Region:
     return rounded((west, max(south, -90.0), east, min(north, 90.0)))
 
 
-def box_of(grid: Grid) -> Region:
+def bounds_of(grid: Grid) -> Region:
     """Return the smallest box that holds the points of a grid."""
     return around(np.column_stack([grid.longitude.ravel(), grid.latitude.ravel()]), 0.0)
 

@@ -16,7 +16,7 @@ from replay_kit.core.grid import Grid
 from replay_kit.core.inputs import open_input
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import announce
-from replay_kit.core.region import box_of, inside
+from replay_kit.core.region import bounds_of, inside
 
 # the planners and what reads results load slowly: a place outside of an estimate is refused without them
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
 
 
 def _holds(flow: FlowEstimate, places: Sequence[Place]) -> bool:
-    box = box_of(flow.grid)
+    box = bounds_of(flow.grid)
     return all(inside(box, place.longitude, place.latitude) for place in places)
 
 

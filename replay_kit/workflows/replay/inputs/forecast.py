@@ -11,7 +11,7 @@ from replay_kit.config.run import ForecastConfig, RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble, Grid, Projection
 from replay_kit.core.paths import Paths
-from replay_kit.core.region import Region, box_of
+from replay_kit.core.region import Region, bounds_of
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.forecast import read_ensemble, read_series
 from replay_kit.forecast.grid import in_frame
@@ -55,7 +55,7 @@ class Forecasts:
 
     def in_last_window(self, grid: Grid) -> tuple["Forecasts", Region]:
         """Return the forecast in the window of a grid, where windows follow the vehicle, and the window's box [degrees]."""
-        box = box_of(grid)
+        box = bounds_of(grid)
         assert self.read is not None
         return replace(self, series=(self.read(box),)), box
 

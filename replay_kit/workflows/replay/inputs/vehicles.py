@@ -9,7 +9,7 @@ from pathlib import Path
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import VehicleState
-from replay_kit.core.region import Region, box_of, inside
+from replay_kit.core.region import Region, bounds_of, inside
 from replay_kit.core.text import some_text, time_text
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.registry import logs_in
@@ -178,7 +178,7 @@ def first_windows(job: ReplayJob, forecasts: Forecasts) -> dict[str, Region]:
     """
     region, found = forecasts.region, dict[str, Region]()
     follows = region if region is not None and region.follows else None
-    box = box_of(forecasts.ensemble.grid) if follows is None else follows.bounds
+    box = bounds_of(forecasts.ensemble.grid) if follows is None else follows.bounds
     for one in job.vehicles:
         held = [place for place in one.places if inside(box, *place)]
         if held and follows is not None:
