@@ -5,7 +5,7 @@ go to the summary only.
 """
 
 import gc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,13 +23,14 @@ from replay_kit.core.errors import (
 )
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.inputs import check_unchanged
-from replay_kit.core.message import Message
+from replay_kit.core.message import LogReader, Message
 from replay_kit.core.progress import Progress, Stopwatch, silent
-from replay_kit.core.region import centre, inside
+from replay_kit.core.region import Region, centre, inside
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
+from replay_kit.measurements.consistency.summary import EnsembleSpeeds
 from replay_kit.measurements.events import Event
 from replay_kit.measurements.interpret import finish, initial_state, interpret_block
 from replay_kit.measurements.steps.state import MeasurementState
@@ -198,7 +199,7 @@ def _prepare(
         estimator = built(forecasts, with_planner_kind(job, flat(readers), config), job)
         prior_flow = estimator.flow(estimator.initial())
     shared, sessions = SharedEstimate(clock), list[Session]()
-    speeds_in = {} if forecasts.box is None else {forecasts.box: speeds}
+    speeds_of = _speeds_of(firsts, forecasts, config, speeds)
     for number, (vehicle, of_vehicle) in enumerate(zip(job.each_vehicle, readers, strict=True)):
         own = with_planner_kind(vehicle, of_vehicle, config)
         problem = None
@@ -211,43 +212,79 @@ def _prepare(
             surface = own.measurements.surface_depth
             problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, goals, made)
         levels, follows = ensemble.grid.levels, estimator
-        if forecasts.read is not None and (first := firsts.get(vehicle.name)) is not None:
-            follows = estimator.of_vehicle(number, first)
-            region = next((each for each in speeds_in if inside(each, *centre(first))), first)
-            if region not in speeds_in:
-                speeds_in[region] = checked_speeds(forecasts.read(region), config)
-            speeds = speeds_in[region]
+        if vehicle.name in speeds_of:
+            follows, speeds = (
+                estimator.of_vehicle(number, firsts[vehicle.name]),
+                speeds_of[vehicle.name],
+            )
         sessions.append(Session(follows, levels, own, problem, speeds, shared, vehicle.name))
     # without a goal nothing reads the bathymetry
-    arguments, bathymetry = (
-        find_sources(job.ensemble).arguments,
-        config.planner.bathymetry_path if any(one.problem for one in sessions) else None,
-    )
-    options = run_options(job, prior_flow)
-    metadata = (
-        {}
-        if job.out is None
-        else run_metadata(job.logs, arguments, ensemble, options, bathymetry, forecasts.region)
-    )
-    if metadata and job.vehicles:
-        metadata[VEHICLES_RECORD] = vehicles_record(job)
-    if metadata and (
-        assumed := {
-            Path(log.path).name: "; ".join(log.report().notes)
-            for log in flat(readers)
-            if log.report().notes
-        }
-    ):
-        metadata["replay_kit.reading"] = assumed
-    if metadata and (times := forecast_times(forecasts)):
-        metadata["replay_kit.forecast"] = times
-    if metadata and job.following is not None:
-        metadata[FOLLOWED] = job.following.record
-    if metadata and job.against:
-        named = {key: named_hash(path) for key, path in rival_inputs(job.against).items()}
-        metadata["replay_kit.inputs"] = {**metadata["replay_kit.inputs"], **named}
+    bathymetry = config.planner.bathymetry_path if any(one.problem for one in sessions) else None
+    metadata = _metadata(job, forecasts, readers, prior_flow, bathymetry)
     session = ArraySession(sessions) if job.vehicles else sessions[0]
     return session, Prepared(job, readers, forecasts, prior_flow, truth, metadata)
+
+
+def _speeds_of(
+    firsts: Mapping[str, Region],
+    forecasts: Forecasts,
+    config: RunConfig,
+    speeds: EnsembleSpeeds | None,
+) -> dict[str, EnsembleSpeeds | None]:
+    """Return the speeds that the checks expect where each vehicle begins, by its name; those of one window serve all that begin in it.
+
+    Args:
+        firsts: The windows in which vehicles begin, by their names.
+        forecasts: With the first window of the run.
+        config: The run's settings.
+        speeds: Of that window.
+    """
+    found = dict[str, EnsembleSpeeds | None]()
+    if forecasts.read is None:
+        return found
+    known = {} if forecasts.box is None else {forecasts.box: speeds}
+    for name, first in firsts.items():
+        region = next((each for each in known if inside(each, *centre(first))), first)
+        if region not in known:
+            known[region] = checked_speeds(forecasts.read(region), config)
+        found[name] = known[region]
+    return found
+
+
+def _metadata(
+    job: ReplayJob,
+    forecasts: Forecasts,
+    readers: Sequence[Sequence[LogReader]],
+    prior_flow: FlowEstimate,
+    bathymetry: Path | None,
+) -> dict[str, Mapping[str, str]]:
+    """Return the records that a result has of its run, by their names; none where no result is written."""
+    if job.out is None:
+        return {}
+    metadata = run_metadata(
+        job.logs,
+        find_sources(job.ensemble).arguments,
+        forecasts.ensemble,
+        run_options(job, prior_flow),
+        bathymetry,
+        forecasts.region,
+    )
+    if job.vehicles:
+        metadata[VEHICLES_RECORD] = vehicles_record(job)
+    if assumed := {
+        Path(log.path).name: "; ".join(log.report().notes)
+        for log in flat(readers)
+        if log.report().notes
+    }:
+        metadata["replay_kit.reading"] = assumed
+    if times := forecast_times(forecasts):
+        metadata["replay_kit.forecast"] = times
+    if job.following is not None:
+        metadata[FOLLOWED] = job.following.record
+    if job.against:
+        named = {key: named_hash(path) for key, path in rival_inputs(job.against).items()}
+        metadata["replay_kit.inputs"] = {**metadata["replay_kit.inputs"], **named}
+    return metadata
 
 
 def _checkpoints(session: AnySession, inputs: Prepared) -> StateStore | None:
