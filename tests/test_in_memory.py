@@ -112,6 +112,9 @@ def test_a_mean_current_is_a_straight_dive_between_its_fixes():
     assert mean.weight @ mean.depth == pytest.approx(150.0)
     # as long before the middle of three hours as after it
     assert mean.weight @ (mean.time_ns - mean.path_time_ns) == pytest.approx(1.5 * 3600e9)
+    assert np.all(np.diff(mean.path_time_ns, append=mean.time_ns) > 0)
+    assert mean.weight @ mean.longitude == pytest.approx(152.25)
+    assert mean.weight @ mean.latitude == pytest.approx(-39.85)
     result = rk.replay([mean, *_profiles(3)], _dataset(), settings=SETTINGS)
     assert result.outcome.observations["used"] == 4
     with pytest.raises(ConfigError, match="an end after the start"):

@@ -129,6 +129,20 @@ def test_the_shift_is_a_length_or_half_of_it_as_suits_members_left_out(length, s
         assert chosen == start
 
 
+@pytest.mark.parametrize("shift", [None, 1e4])
+def test_as_many_steps_are_told_as_a_choice_takes(shift, monkeypatch):
+    told = []
+
+    def counted(_, total):
+        told.append(total)
+        return lambda: told.append(None)
+
+    monkeypatch.setattr(fit, "counted", counted)
+    members = members_of(0, 5, lambda rng, nodes: rng.standard_normal(len(nodes)), n_side=3)
+    choose_settings(members, 1e4, EstimatorConfig(shift_distance=shift))
+    assert told == [told[0], *[None] * told[0]]
+
+
 def test_three_members_are_too_few_to_spare_one():
     three = members_of(0, 3, lambda rng, nodes: rng.standard_normal(len(nodes)), n_side=3)
     assert score_sample_shares(three, PriorSettings(0.5, 0.0, 3e4), SHARES, 6) == []

@@ -46,9 +46,11 @@ def logged(kind, late, speed=2.0, turned=25.0):
     return own, positions
 
 
-@pytest.mark.parametrize("late", [7200.0, -7200.0, 20_000.0])
-def test_a_late_clock_is_found_by_the_turns_to_within_a_leg(late):
-    found = found_of_headings(*logged("turns", late), "/adcp")
+@pytest.mark.parametrize(
+    ("late", "speed"), [(7200.0, 2.0), (-7200.0, 2.0), (20_000.0, 2.0), (7200.0, 0.6)]
+)
+def test_a_late_clock_is_found_by_the_turns_to_within_a_leg(late, speed):
+    found = found_of_headings(*logged("turns", late, speed), "/adcp")
     assert found.name == "clock of the instrument"
     assert ("late" if late > 0.0 else "ahead") in found.cause
     hours = float(found.evidence.split("vehicle ")[1].split(" h ")[0])

@@ -71,6 +71,12 @@ def test_a_dvl_that_says_nothing(changes, said):
     assert dvl(dvl_message(0, velocity_covar=[-1.0] * 9).payload).error_std == 0.03
 
 
+def test_the_error_of_a_dvl_is_that_of_its_horizontal_velocity():
+    variances = np.diag([9e-4, 1e-4, 1.0]) + 0.5 * (1.0 - np.eye(3))
+    stated = dvl(dvl_message(0, velocity_covar=variances.ravel().tolist()).payload)
+    assert stated.error_std == pytest.approx(np.sqrt(5e-4))
+
+
 def test_bottom_track_makes_pings_absolute_that_state_no_motion():
     messages = [fix(0), heading_east(9.5), dvl_message(10), relative(11), relative(20), fix(60)]
     near, far = only(Observation, run(messages, TRUE_HEADING))

@@ -5,6 +5,7 @@ import io
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -98,6 +99,23 @@ def test_what_eddies_and_another_flow_cost_is_measured_by_flying(monkeypatch):
         ]
         is None
     )
+
+
+def test_the_way_that_a_list_leaves_to_the_plan_s_end_costs_time_too():
+    near, far = (
+        waypoints.Followed(
+            SimpleNamespace(places=PLACES, angles=np.full(2, np.deg2rad(25.0))),
+            np.zeros(2),
+            np.array([9e3]),
+            [(PLACES[-1] + off, 9e3)],
+            None,
+        )
+        for off in (np.zeros(2), np.array([300.0, -400.0]))
+    )
+    level = float(PLAN.vehicle.speeds(np, np.deg2rad(25.0))[0])
+    assert waypoints._lost(PLAN, near) == (False, 0, False, 9e3)
+    assert waypoints._lost(PLAN, far)[1:3] == (0, PLAN.settings.tolerance < 500.0)
+    assert waypoints._lost(PLAN, far)[3] == pytest.approx(9e3 + 500.0 / level)
 
 
 def test_in_a_somewhat_stronger_current_a_wider_radius_is_better():

@@ -70,6 +70,13 @@ def test_figures_have_panels_with_letters(contents, kind, letters, says):
         assert says in words(figure)
 
 
+def test_a_map_is_as_wide_as_its_middle_latitude_makes_a_degree(contents):
+    (axes, *_) = contents.result.plot.map().axes
+    assert axes.get_aspect() == pytest.approx(
+        1.0 / np.cos(np.deg2rad(np.mean(axes.get_ylim()))), rel=1e-6
+    )
+
+
 # the forms that take long, of other figures too in the full run
 @pytest.mark.full
 @pytest.mark.parametrize(

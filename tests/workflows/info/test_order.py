@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from replay_kit.core.message import Message
 from replay_kit.logs import merge
 from replay_kit.logs.shared.blocks import block_of, blocks_of
-from replay_kit.workflows.info.listing import late_and_gaps
+from replay_kit.workflows.info.listing import asks_for_replay, late_and_gaps
 from replay_kit.workflows.info.reading import Order, TopicInfo
 
 SECOND = 10**9
@@ -143,3 +144,17 @@ def test_blocks_hold_all_messages_in_order():
     assert np.concatenate([block.time_ns for block in found]).tolist() == [
         message.time_ns for message in said
     ]
+
+
+@pytest.mark.parametrize(
+    ("missions", "kind", "asked"),
+    [(["", ""], "bins", True), (["a", "a"], "surface", True), (["a", ""], "mean_currents", True)]
+    + [(["a", "b"], "bins", False), (["a"], "positions", False)],
+)
+def test_a_replay_comes_next_where_one_mission_measures_a_current(missions, kind, asked):
+    counts = dict.fromkeys(("bins", "mean_currents", "surface", "positions"), 0) | {kind: 3}
+    logs = [
+        SimpleNamespace(report=SimpleNamespace(mission=one), content=SimpleNamespace(**counts))
+        for one in missions
+    ]
+    assert asks_for_replay(logs) == asked

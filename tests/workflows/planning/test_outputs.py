@@ -1,11 +1,16 @@
 """What is said of a mission: whether it may be handed to a vehicle, and its energy."""
 
+import io
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
+from planners import MissionSettings, Weights
 from replay_kit.config.plan import PlanRequest
-from replay_kit.workflows.planning.outputs import unsafe_reason
+from replay_kit.show.text import SafeConsole
+from replay_kit.workflows.planning.outputs import print_mission, unsafe_reason
+from tests.planners.flow_samples import plan_between, still_flow
 
 SAFE, CROSSING = (
     SimpleNamespace(violation=violation, risk=None) for violation in (None, "crosses land")
@@ -52,3 +57,22 @@ def test_a_mission_is_handed_over_where_it_is_safe_or_no_one_asked(
     planned.waypoints, planned.policy = None, RISKY
     risky = unsafe_reason(planned, PlanRequest())
     assert risky == "the policy is not safe in 20 % of the samples"
+
+
+@pytest.mark.parametrize(
+    ("objective", "words"),
+    [("time", "miss"), (Weights(time=1e-5, closest=0.0), "farthest from the mooring")],
+)
+def test_the_samples_of_a_mooring_are_told_by_how_far_they_drift(objective, words):
+    settings = MissionSettings(depth=300.0)
+    plan = plan_between(still_flow(), (0.0, 0.0, 0.0), (3e3, 0.0), settings=settings)
+    figures = ("miss_median_m", "miss_90_percent_m", "miss_90_percent_held_m")
+    planned = SimpleNamespace(
+        plan=replace(plan, settings=replace(settings, objective=objective)),
+        samples=dict.fromkeys(figures, 70.0),
+        **dict.fromkeys(("departures", "notes"), ()),
+        **dict.fromkeys(("waypoints", "policy")),
+    )
+    said = io.StringIO()
+    print_mission(planned, SafeConsole(file=said, width=200))
+    assert f"in the samples: {words} in the median 70 m, 90 % within 70 m" in said.getvalue()
