@@ -7,6 +7,9 @@ from pathlib import Path
 import pytest
 
 import replay_kit as rk
+from replay_kit.config.run import ForecastConfig
+from replay_kit.forecast import read_truth
+from replay_kit.studies.twins.make import Twin, make_twin
 from tests.places import DATA, ROOT, SAMPLES
 
 # The resident memory that the kernel remembers of a process is, unlike that of ``getrusage``, not its parent's before it.
@@ -45,4 +48,17 @@ def seaglider(folder: Path) -> Path:
         pytest.skip("needs the Seaglider dives in ../shared/data")
     settings, out = {"estimator": {"modes": 20}, "forecast": {"place": True}}, folder / "dives.mcap"
     rk.replay(DIVES, SAMPLES / "ensemble.nc", settings=settings, out=out)
+    return out
+
+
+def month(folder: Path) -> Path:
+    """Return a result of 30 days with a ping every ten minutes."""
+    log, out = folder / "twin.mcap", folder / "month.mcap"
+    make_twin(
+        read_truth(str(SAMPLES / "truth.nc"), ForecastConfig()),
+        Twin("glider", 4320, 0.05, 3, interval_s=600.0),
+        log,
+    )
+    settings = {"estimator": {"modes": 10}, "forecast": {"levels": [5, 150, 500]}}
+    rk.replay(log, SAMPLES / "ensemble.nc", settings=settings, out=out)
     return out
