@@ -148,8 +148,13 @@ def test_blocks_hold_all_messages_in_order():
 
 @pytest.mark.parametrize(
     ("missions", "kind", "asked"),
-    [(["", ""], "bins", True), (["a", "a"], "surface", True), (["a", ""], "mean_currents", True)]
-    + [(["a", "b"], "bins", False), (["a"], "positions", False)],
+    [
+        (["", ""], "bins", True),
+        (["a", "a"], "surface", True),
+        (["a", ""], "mean_currents", True),
+        (["a", "b"], "bins", False),
+        (["a"], "positions", False),
+    ],
 )
 def test_a_replay_comes_next_where_one_mission_measures_a_current(missions, kind, asked):
     counts = dict.fromkeys(("bins", "mean_currents", "surface", "positions"), 0) | {kind: 3}
