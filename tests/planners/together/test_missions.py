@@ -98,6 +98,11 @@ def test_one_of_two_goes_round_and_what_is_stated_is_what_the_tracks_show():
     assert sum(one.duration for one in apart.plans) >= sum(one.duration for one in free.plans) - 1.0
     motions = [motion_of(plan, flow.grid.projection) for plan in apart.plans]
     assert nearest(*motions)[0][0] == pytest.approx(apart.nearness[0].distance)
+    # whoever goes round is not a matter of the order
+    other = plan_missions(flow, (), CROSSING[::-1], separation)
+    assert [one.duration for one in other.plans[::-1]] == pytest.approx(
+        [one.duration for one in apart.plans], rel=1e-6
+    )
 
 
 def test_what_one_keeps_out_of_is_one_area_about_all_of_the_other_s_way():
