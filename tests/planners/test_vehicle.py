@@ -35,6 +35,8 @@ def test_forces_balance_in_steady_flight():
         pressure * flight.lift * attack, buoyancy * np.cos(ANGLES), rtol=1e-12
     )
     assert np.all((speed > 0.2) & (speed < 0.6))
+    # hull 2.4 and wings 3.7 per radian (Merckelbach et al. 2010): 3 degrees of attack in a glide of 26
+    assert np.rad2deg(flight.angle_of_attack(np, np.deg2rad(26.0))) == pytest.approx(3.0, abs=0.1)
 
 
 def test_one_text_for_numpy_and_casadi():
