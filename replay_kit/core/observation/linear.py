@@ -7,11 +7,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, made_often
 from replay_kit.core.observation.quality import Flag, Source
 from replay_kit.core.text import span_text, time_text
 
 
+@made_often
 @dataclass(frozen=True, slots=True)
 class VehicleState:
     """Where the vehicle was at one time.
@@ -45,6 +46,7 @@ class Fix(NamedTuple):
 Kind = Literal["", "shear", "radar", "drifters"]
 
 
+@made_often
 @dataclass(frozen=True, slots=True)
 class Label:
     """What statistics say of a measurement; no estimate depends on it.

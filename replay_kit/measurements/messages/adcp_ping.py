@@ -151,15 +151,15 @@ def _of_ping(like: AdcpPing, payload: Mapping[str, Any], velocity: Array) -> Adc
     bottom, platform = (
         fields.part(payload.get(name)) for name in ("bottom_track", "platform_velocity")
     )
-    heading, pitch, roll = (number(payload.get(name)) for name in ("heading", "pitch", "roll"))
-    east, north, platform_std = (
-        number((platform or {}).get(name)) for name in ("east", "north", "velocity_std")
-    )
+    attitude, angles = like.attitude, [*map(payload.get, ("heading", "pitch", "roll"))]
+    if angles != [None] * len(angles):
+        heading, pitch, roll = map(number, angles)
+        attitude = replace(attitude, heading=heading, pitch=pitch, roll=roll)
     return replace(
         like,
         velocity=velocity,
         velocity_std=fields.believed_std(payload.get("velocity_std"), len(velocity)),
-        attitude=replace(like.attitude, heading=heading, pitch=pitch, roll=roll),
+        attitude=attitude,
         quality=quality,
         pressure=number(payload.get("pressure")),
         bottom_track=None
@@ -171,7 +171,12 @@ def _of_ping(like: AdcpPing, payload: Mapping[str, Any], velocity: Array) -> Adc
         ),
         platform_velocity=None
         if platform is None
-        else PlatformVelocity(east, north, platform_std, str(platform.get("source", "stated"))),
+        else PlatformVelocity(
+            number(platform.get("east")),
+            number(platform.get("north")),
+            number(platform.get("velocity_std")),
+            str(platform.get("source", "stated")),
+        ),
     )
 
 

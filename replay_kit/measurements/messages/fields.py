@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from itertools import chain
 from reprlib import repr as shorten
 from typing import Any
 
@@ -106,11 +107,15 @@ def velocity_cells(
         payloads: ``velocity``, ``n_cells`` and ``coordinate_system`` of them are read.
         systems: The coordinate systems that are known.
     """
-    listed = [payload.get("velocity") for payload in payloads]
+    listed: list[Any] = [payload.get("velocity") for payload in payloads]
     counts = {whole_number(payload.get("n_cells")) for payload in payloads}
     try:
-        # most pings list as many components for each of as many cells
-        plain = np.array(listed, np.float64)
+        # most pings list as many components for each of as many cells; of nested lists NumPy would ask for every length twice
+        cells = [*chain(*listed)]
+        plain = np.array([*chain(*cells)], np.float64)
+        alike = plain.ndim == 1 and {*map(type, cells)} <= {list, tuple}
+        shape = len(listed), *{*map(len, listed)}, *{*map(len, cells)}
+        plain = plain.reshape(shape) if alike else np.empty(0)
     except (TypeError, ValueError, OverflowError):
         plain = np.empty(0)
     if plain.ndim == 3 and plain.shape[2] >= 2 and counts == {plain.shape[1]}:

@@ -118,10 +118,10 @@ def _with_ground(
     state: ForecastState, ground: GroundState, ended: tuple[DiveOutcome, ...]
 ) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
     """Return the state after a step of the forecasts from displacements, and the outcome of the dive that has ended."""
+    if not ended:
+        return (state if ground is state.ground else replace(state, ground=ground)), ()
     state = replace(state, ground=ground, outcomes=(*state.outcomes, *ended))
-    return (
-        _with_dive(state, ground.last.flown) if ended and ground.last is not None else state
-    ), ended
+    return (state if ground.last is None else _with_dive(state, ground.last.flown)), ended
 
 
 def _with_dive(state: ForecastState, dive: FlownDive | None) -> ForecastState:
