@@ -4,6 +4,7 @@ The checks of pings ask for bins above the surface, and compare speeds with thos
 """
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
@@ -17,7 +18,7 @@ from replay_kit.measurements.consistency.position_checks import (
     PositionRun,
     SeparatePlaces,
 )
-from replay_kit.measurements.consistency.summary import MOST_SPEED, PingSummary
+from replay_kit.measurements.consistency.summary import MOST_SPEED, Pings, PingSummary, Summaries
 
 # Share of the pings above the surface, and the number of them, from which depths are wrong.
 _MOST_ABOVE, _LEAST_ABOVE = 0.1, 5
@@ -48,12 +49,23 @@ class PingCheck(Protocol):
         """
         ...
 
+    def quietly(self, pings: Pings, known: Summaries) -> Self | None:
+        """Return what is remembered after pings in the order of their times, if ``found`` is certain to be None after each; else None.
+
+        A check without this method is asked ping by ping, as are all others then.
+        """
+        ...
+
 
 class PositionCheck(Protocol):
     """What a check remembers of the vehicle's positions: a frozen value, made without arguments before the first."""
 
     def after(self, vehicle: VehicleState) -> Self:
         """Return what is remembered after a position."""
+        ...
+
+    def quietly(self, track: Sequence[VehicleState]) -> Self | None:
+        """Return what is remembered after ``steady`` positions, as of a ``PingCheck``; pings at all of them can be used."""
         ...
 
     def found(self, vehicle: VehicleState, named: frozenset[str]) -> Finding | None:
@@ -87,6 +99,12 @@ class DepthCounts:
             if summary.is_above is None
             else DepthCounts(self.pings + 1, self.above + summary.is_above)
         )
+
+    def quietly(self, pings: Pings, known: Summaries) -> "DepthCounts | None":
+        """Return the counts after pings of which none is above the surface."""
+        above = [each.is_above for each in known if each.is_above is not None]
+        quiet = not (self.is_wrong or any(above))
+        return DepthCounts(self.pings + len(above), self.above) if quiet else None
 
     def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
         """Return that the bins are above the surface, if they are."""
@@ -142,6 +160,13 @@ class SpeedCounts:
             self.log_ratio + 0.5 * math.log(measured / typical),
         )
 
+    def quietly(self, pings: Pings, known: Summaries) -> "SpeedCounts | None":
+        """Return the counts after pings, if those so far bound the share of the odd ones."""
+        after = self
+        for ping, each in zip(pings, known, strict=True):
+            after = after.after(ping, each)
+        return after if 2 * max(after.fast, after.slow) <= self.pings else None
+
     def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
         """Return that the speeds are no current's, or else that they contradict the ensemble's, if they do."""
         if findings.UNIT in named or not self.contradict_ensemble:
@@ -185,6 +210,17 @@ def added_checks(of_positions: bool) -> tuple[Any, ...]:
         "checks", lambda value: hasattr(value, "after") and hasattr(value, "found"), "a check"
     )
     return tuple(one for one in found.values() if hasattr(one, "is_unusable") == of_positions)
+
+
+def quiet(checks: Iterable[Any], *events: Any) -> tuple[Any, ...] | None:
+    """Return what checks remember after events of which none of them finds anything; None where one may, or is asked one by one."""
+    after = []
+    for each in checks:
+        quietly = getattr(each, "quietly", None)
+        if quietly is None or (one := quietly(*events)) is None:
+            return None
+        after.append(one)
+    return tuple(after)
 
 
 #: The checks before the first ping, and before the first position, in the order in which findings are reported.

@@ -5,6 +5,7 @@ that keep one shape in other water.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -15,15 +16,19 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.sources import metres_per_degree
-from replay_kit.measurements.consistency.summary import PingSummary
+from replay_kit.measurements.consistency.summary import Pings, PingSummary, Summaries
 
 # Pings or positions after which each is judged, and those after which stated errors are.
 _LEAST_PINGS, _LATER_PINGS = 30, 40
 # How many times as large as the stated error the noise of sound bins may be: below, the errors of a mean are stated for single pings, or
 # hold more than noise; above, the current changes from bin to bin.
 _LEAST_NOISE, _MOST_NOISE = 0.05, 8.0
+# Logarithms of ratios that are certainly between.
+_USUAL = math.log(1.01 * _LEAST_NOISE), math.log(0.99 * _MOST_NOISE)
 # m; by which the water about an instrument is another. Profiles in a row that are alike there, and how much.
 _OTHER_DEPTH, _OTHER_PLACE, _LEAST_ALIKE, _ALIKE = 20.0, 1000.0, 8, 0.7
+# Degrees of latitude, and of longitude anywhere, that are certainly less.
+_CLOSE = 0.005
 # How many times as large as that of the others the variance of a beam's noise is, or how many times as small, when the beam is bad.
 _UNLIKE = 25.0
 # m/s; a mean error velocity that no noise and no error of a beam's angle makes
@@ -46,6 +51,18 @@ class Repeats:
         """Return what is remembered after a ping or a position."""
         repeats = self.last is not None and event.time_ns == self.last.time_ns and _equal(event, self.last)  # fmt: skip
         return type(self)(event, (*self.latest, repeats)[-_LEAST_PINGS:])
+
+    def quietly(
+        self,
+        events: Pings | Sequence[VehicleState],
+        known: Summaries = (),
+    ) -> Self | None:
+        """Return what is remembered after events, if each is later than the one before it."""
+        times = [event.time_ns for event in (self.last, *events) if event is not None]
+        later = len(times) > len(events) and all(map(int.__lt__, times, times[1:]))
+        if not later or 3 * sum(self.latest) >= _LEAST_PINGS:
+            return None
+        return type(self)(events[-1], (*self.latest, *[False] * len(events))[-_LEAST_PINGS:])
 
     def found(self, event: Observation | VehicleState, named: frozenset[str]) -> Finding | None:
         """Return that the messages are duplicates, if a third of them are."""
@@ -92,6 +109,13 @@ class Noise:
             return self
         return Noise((*self.log_ratios, summary.noise)[-_LATER_PINGS:])
 
+    def quietly(self, pings: Pings, known: Summaries) -> "Noise | None":
+        """Return the noise after pings, if no median of it can be odd."""
+        ratios = (*self.log_ratios, *(each.noise for each in known if each.noise is not None))
+        usual = [ratio for ratio in ratios if _USUAL[0] < ratio < _USUAL[1]]
+        few = len(ratios) - len(usual) < _LATER_PINGS // 2
+        return Noise(ratios[-_LATER_PINGS:]) if few else None
+
     def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
         """Return that the stated errors are none of the instrument's, if they are not."""
         # wrong units and a bad beam, which explain it, are found in fewer pings
@@ -129,6 +153,19 @@ class Beams:
         variances = tuple(np.nanmean(raw.texture**2, axis=0).tolist())
         errors = (*self.errors, raw.error_velocity) if math.isfinite(raw.error_velocity) else self.errors  # fmt: skip
         return Beams((*self.variances, variances)[-_LEAST_PINGS:], errors[-_LEAST_PINGS:])
+
+    def quietly(self, pings: Pings, known: Summaries) -> "Beams | None":
+        """Return the noise after pings, if no median of it can be odd, by the extremes."""
+        after, odd = self, self.variances
+        for ping, each in zip(pings, known, strict=True):
+            after = after.after(ping, each)
+        if after is self:
+            return self
+        odd += after.variances
+        least, most = np.min(odd), np.max(odd)
+        alike = len(pings) <= _LEAST_PINGS and 0.0 < most < 0.99 * _UNLIKE * least
+        small = max(map(abs, self.errors + after.errors), default=0.0) < _MOST_ERROR
+        return after if alike and small else None
 
     def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
         """Return that one beam is unlike the others, if it is."""
@@ -176,15 +213,22 @@ class Stuck:
         now = texture, float(ping.depth[0]), ping.longitude, ping.latitude
         if self.before is None or self.before[0].shape != texture.shape:
             return Stuck(now)
-        before, depth, longitude, latitude = self.before
-        east, north = metres_per_degree(latitude)
-        moved = math.hypot(east * (now[2] - longitude), north * (now[3] - latitude))
-        if not (abs(now[1] - depth) >= _OTHER_DEPTH or moved >= _OTHER_PLACE):
-            return self
+        before = self.before[0]
+        deeper, east, north = (b - a for a, b in zip(self.before[1:], now[1:], strict=True))
+        if not abs(deeper) >= _OTHER_DEPTH:
+            if abs(east) < _CLOSE and abs(north) < _CLOSE:
+                return self
+            of_east, of_north = metres_per_degree(self.before[3])
+            if not math.hypot(of_east * east, of_north * north) >= _OTHER_PLACE:
+                return self
         known = np.isfinite(before + texture)
         a, b = before[known], texture[known]
         product = ping.time_ns, float(a @ b), float(a @ a), float(b @ b)
         return Stuck(now, (*self.products, product)[-_LEAST_PINGS:])
+
+    def quietly(self, pings: Pings, known: Summaries) -> "Stuck | None":
+        """Return the comparisons after pings that are all too near for one."""
+        return self if all(one is self for one in map(self.after, pings, known)) else None
 
     def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
         """Return that the instrument repeats itself, if it does."""

@@ -5,7 +5,7 @@ all logs of a mission.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,6 +34,7 @@ from replay_kit.measurements.consistency.depths import (
     least_lag,
 )
 from replay_kit.measurements.consistency.instrument import Beams
+from replay_kit.measurements.consistency.position_checks import steady
 from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
@@ -203,6 +204,61 @@ def check(
     return _after_ping(state, event, summary or summaries([event], ensemble)[0], through_water)
 
 
+def check_quiet(
+    state: ConsistencyState, run: Sequence[tuple[Checked, PingSummary | None]]
+) -> ConsistencyState | None:
+    """Return the state after positions and pings that are used as they are, as ``check`` gives it; None where one may show anything.
+
+    Args:
+        state: Before them.
+        run: In the order of the log; of each ping what ``summaries`` gives.
+    """
+    track = [event for event, _ in run if isinstance(event, VehicleState)]
+    positions = checks.quiet(state.positions, track) if track else state.positions
+    by_topic: dict[str, list[tuple[Observation, PingSummary]]] = {}
+    for event, known in run:
+        if isinstance(event, Observation) and known is not None:
+            by_topic.setdefault(event.source.topic, []).append((event, known))
+    instruments = dict(state.instruments)
+    for topic, own in by_topic.items():
+        after = _after_quiet(instruments[topic], own) if topic in instruments else None
+        if after is None:
+            return None
+        instruments[topic] = after
+    if positions is None or not steady(track):
+        return None
+    absolute = [isinstance(event, Observation) and event.common_std < math.inf for event, _ in run]
+    return replace(
+        _with_places(state, track),
+        instruments=instruments,
+        positions=positions,
+        pings=state.pings + len(run) - len(track),
+        absolute_pings=state.absolute_pings + sum(absolute),
+    )
+
+
+def _after_quiet(
+    before: Instrument, run: Sequence[tuple[Observation, PingSummary]]
+) -> Instrument | None:
+    """Return an instrument after pings in a row; None where one may show anything."""
+    pings, known = zip(*run, strict=True)
+    raw = before.raw.quietly(pings) if before.is_believed else None
+    checked = None if raw is None else checks.quiet(before.pings, pings, known)
+    if raw is None or checked is None:
+        return None
+    after = replace(_sensed(before, run), raw=raw, pings=checked)
+    # what is judged now and then, and may have grown past that
+    for old, new in (
+        (before.sources.motion, after.sources.motion),
+        (before.sources.track, after.sources.track),
+        (before.depths, after.depths),
+        (before.headings, after.headings),
+    ):
+        if new is not old and (new.is_due or new.number > old.number + 1):
+            return None
+    return after
+
+
 def _after_equal_mean(state: ConsistencyState, mean: PathMean) -> ConsistencyState:
     """Return the state after a mean current, which no two dives have to the last digit."""
     if mean.kind != "dac":
@@ -230,16 +286,21 @@ def _with(
 def _after_position(state: ConsistencyState, vehicle: VehicleState) -> ConsistencyState:
     positions = tuple([each.after(vehicle) for each in state.positions])
     found = _new([each.found(vehicle, state.named) for each in positions], state.named)
-    depths = state.depths.after(Depth(vehicle.time_ns, vehicle.depth, vehicle.dead_reckoned))
-    places = with_position(state.places, vehicle)
     return replace(
-        state,
+        _with_places(state, [vehicle]),
         positions=positions,
-        depths=depths,
-        places=places,
         named=state.named.union(each.name for each in found) if found else state.named,
         findings=state.findings + found if found else state.findings,
     )
+
+
+def _with_places(state: ConsistencyState, track: Iterable[VehicleState]) -> ConsistencyState:
+    """Return the state with the depths and places of positions."""
+    depths, places = state.depths, state.places
+    for vehicle in track:
+        depths = depths.after(Depth(vehicle.time_ns, vehicle.depth, vehicle.dead_reckoned))
+        places = with_position(places, vehicle)
+    return replace(state, depths=depths, places=places)
 
 
 def _new(found: Iterable[Finding | None], named: frozenset[str]) -> tuple[Finding, ...]:
@@ -308,15 +369,18 @@ def _measured(
     instrument: Instrument, raw: RawHistory, ping: Observation, summary: PingSummary
 ) -> Instrument:
     """Return an instrument after a ping that is neither dead nor stale, and the history of its raw values."""
-    sources = (
-        instrument.sources if summary.near is None else instrument.sources.after_ping(summary.near)
-    )
     after = tuple([each.after(ping, summary) for each in instrument.pings])
-    depths = instrument.depths.after_ping(ping.time_ns, ping.raw.depth)
-    headings = instrument.headings.after_ping(ping.time_ns, ping.raw.heading)
-    return replace(
-        instrument, raw=raw, sources=sources, pings=after, depths=depths, headings=headings
-    )
+    return replace(_sensed(instrument, [(ping, summary)]), raw=raw, pings=after)
+
+
+def _sensed(instrument: Instrument, run: Iterable[tuple[Observation, PingSummary]]) -> Instrument:
+    """Return an instrument with what is compared with other sources, and with the vehicle's depth and course."""
+    sources, depths, headings = instrument.sources, instrument.depths, instrument.headings
+    for ping, summary in run:
+        sources = sources if summary.near is None else sources.after_ping(summary.near)
+        depths = depths.after_ping(ping.time_ns, ping.raw.depth)
+        headings = headings.after_ping(ping.time_ns, ping.raw.heading)
+    return replace(instrument, sources=sources, depths=depths, headings=headings)
 
 
 def _of_ping(instrument: Instrument, before: SourceStatistics, ping: Observation) -> list[Finding]:

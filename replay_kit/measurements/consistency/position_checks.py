@@ -1,6 +1,7 @@
 """The checks of positions: one spot to the last digit in dives, fixes out of reach, and places that no one vehicle can join."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -21,6 +22,22 @@ _FAR, _FASTEST, _LONGEST = 100e3, 10.0, 366 * 86_400.0
 _NEAR = 0.5
 # Positions before which a place counts as one: single wrong fixes make none.
 _LEAST = 5
+
+
+# ns and degrees; from one position to the next, within which a vehicle always reaches it
+_STEP_NS, _STEP = 59_000_000_000, 0.001
+
+
+def steady(track: Sequence[VehicleState]) -> bool:
+    """Return whether positions are of one log and kind, in order, and so near one another in time and place that each is reached."""
+    return all(
+        0 < there.time_ns - here.time_ns < _STEP_NS
+        and abs(there.latitude - here.latitude) < _STEP
+        and abs(there.longitude - here.longitude) < _STEP
+        and there.dead_reckoned == here.dead_reckoned
+        and there.source.input == here.source.input
+        for here, there in pairwise(track)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +89,14 @@ class PositionRun:
             deepest=most,
             is_fix=self.is_fix or (most - least > _FROZEN_DEPTH and not vehicle.dead_reckoned),
         )
+
+    def quietly(self, track: Sequence[VehicleState]) -> "PositionRun | None":
+        """Return the run after positions, if it was too short to be a dead receiver's, and is."""
+        after = self
+        for vehicle in track:
+            after = after.after(vehicle)
+        short = track[-1].time_ns - self.since_ns < _FROZEN_TIME * 1e9
+        return after if short or (after.since_ns == self.since_ns and not after.is_unusable) else None  # fmt: skip
 
     def found(self, vehicle: VehicleState, named: frozenset[str]) -> Finding | None:
         """Return that the receiver repeats its position, if it does."""
@@ -161,6 +186,13 @@ class Displacements:
                 return there
             return replace(there, far=far, moved=self.moved or away.beyond[0])
         return replace(away, beyond=away.beyond[1:])
+
+    def quietly(self, track: Sequence[VehicleState]) -> "Displacements | None":
+        """Return what is remembered after positions that go on from the last one."""
+        if self.last is None or self.beyond or not steady([self.last, track[0]]):
+            return None
+        fix = self.fix if track[-1].dead_reckoned else track[-1]
+        return replace(self, last=track[-1], fix=fix, reached=self.reached + len(track))
 
     def _reached(self, vehicle: VehicleState, seconds: float, way: float) -> "Displacements":
         last, speeds, gaps = self.last, self.speeds, self.gaps
@@ -279,6 +311,13 @@ class SeparatePlaces:
         # what came first was wrong fixes
         wrong = self.track.positions < _LEAST <= other.positions
         return SeparatePlaces(other) if wrong else SeparatePlaces(self.track, other)
+
+    def quietly(self, track: Sequence[VehicleState]) -> "SeparatePlaces | None":
+        """Return the tracks after positions that go on from the last one of the first."""
+        first = self.track
+        if first is None or self.other is not None or not steady([first.last, track[0]]):
+            return None
+        return SeparatePlaces(Track(track[-1], first.positions + len(track)))
 
     def found(self, vehicle: VehicleState, named: frozenset[str]) -> Finding | None:
         """Return that the positions are of two missions, if they are."""

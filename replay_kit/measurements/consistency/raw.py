@@ -4,13 +4,14 @@ Noise makes both impossible for a living instrument. They are judged before any 
 """
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import NO_RAW_VALUES, RawValues
+from replay_kit.core.observation import NO_RAW_VALUES, Observation, RawValues
 
 # Fewer equal cells say little, as those of a current meter or of a coarse resolution may repeat; zeros in two cells are enough.
 _LEAST_CELLS, _LEAST_ZEROS = 5, 2
@@ -81,6 +82,15 @@ class RawHistory:
         return RawHistory(
             digests, (*self.latest, wrong)[-_WINDOW:], self.run + 1 if wrong else 0
         ), wrong
+
+    def quietly(self, pings: Sequence[Observation]) -> "RawHistory | None":
+        """Return the history after pings, if none of them is bad and the instrument is not dead."""
+        after, wrong = self, "dead" if self.is_dead else ""
+        for ping in pings:
+            if wrong:
+                return None
+            after, wrong = after.after(ping.time_ns, ping.raw)
+        return None if wrong else after
 
     @property
     def is_dead(self) -> bool:

@@ -104,6 +104,11 @@ class PingSummary:
     noise: float | None = None
 
 
+# Pings in the order of their times, and what the checks need of each.
+Pings = Sequence[Observation]
+Summaries = Sequence[PingSummary]
+
+
 def summaries(pings: Sequence[Observation], ensemble: EnsembleSpeeds | None) -> list[PingSummary]:
     """Return what the checks need of pings.
 

@@ -16,7 +16,7 @@ from replay_kit.core.arrays import Array, replace
 from replay_kit.core.as_flown import FlownDive
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import Observation, PathMean
+from replay_kit.core.observation import Observation, PathMean, VehicleState
 from replay_kit.core.progress import Stopwatch
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
@@ -118,6 +118,9 @@ class Session:
         self._levels = levels
         self._inputs = inputs_of(estimator)
         self._uncounted: list[Event] = []
+        # positions and profiles that are checked together, when their block is complete, each with the time of its message
+        self._unchecked: list[tuple[int, VehicleState | Observation, PingSummary | None]] = []
+        self._n_profiles = 0
         self.name = name
         self.shared = shared or SharedEstimate(Stopwatch())
         self.clock = self.shared.clock
@@ -128,7 +131,7 @@ class Session:
     @property
     def state(self) -> ReplayState | None:
         """The states of all stages; None while observations wait, for which there is no state yet."""
-        return None if self.shared.has_block else self.between_blocks
+        return None if self.shared.has_block or self._unchecked else self.between_blocks
 
     @property
     def between_blocks(self) -> ReplayState:
@@ -214,25 +217,48 @@ class Session:
         for given in events:
             if isinstance(given, Used | Skipped):
                 self._uncounted.append(given)
-                continue
-            if (
-                isinstance(given, PathMean)
-                and given.beside_profiles
-                and not self.config.measurements.flight_bias
-            ):
-                self._expect(forecast_mean(self.forecasts, given))
-                continue
-            event = self._corrected(
-                self._monitored(given, pings) if isinstance(given, Checked) else given
-            )
-            if isinstance(event, self._inputs):
-                self.shared.give(self._number, event)
-                continue
-            # one beside profiles that were computed from it is no loss
-            if not (isinstance(event, PathMean) and event.beside_profiles):
-                self._uncounted.append(event)
-            if isinstance(event, PathMean):
-                self._expect(forecast_mean(self.forecasts, event))
+            elif isinstance(given, VehicleState | Observation):
+                summary = next(pings) if isinstance(given, Observation) else None
+                self._n_profiles += summary is not None
+                self._unchecked.append((self.last_ns, given, summary))
+                if self.shared.is_due(self._number, self._n_profiles, len(self._unchecked)):
+                    self.check()
+            else:
+                self.check()
+                if (
+                    isinstance(given, PathMean)
+                    and given.beside_profiles
+                    and not self.config.measurements.flight_bias
+                ):
+                    self._expect(forecast_mean(self.forecasts, given))
+                    continue
+                if isinstance(given, PathMean):
+                    given = self._monitored(given, None, self.last_ns)
+                self._use(given)
+
+    def check(self) -> None:
+        """Check the positions and profiles that wait for it, and give them to the estimate: together, or else one by one."""
+        waiting, self._unchecked, self._n_profiles = self._unchecked, [], 0
+        if not waiting:
+            return
+        with self.clock.stage("check"):
+            run = [(event, summary) for _, event, summary in waiting]
+            after = consistency.monitor_quiet(self.monitoring, run, self.config)
+        self.monitoring = after or self.monitoring
+        for time_ns, event, summary in waiting:
+            self._use(event if after else self._monitored(event, summary, time_ns))
+
+    def _use(self, checked: Event) -> None:
+        """Give an event that was checked to the estimate, or count it."""
+        event = self._corrected(checked)
+        if isinstance(event, self._inputs):
+            self.shared.give(self._number, event)
+            return
+        # one beside profiles that were computed from it is no loss
+        if not (isinstance(event, PathMean) and event.beside_profiles):
+            self._uncounted.append(event)
+        if isinstance(event, PathMean):
+            self._expect(forecast_mean(self.forecasts, event))
 
     def _count(self) -> None:
         """Count the events that wait for it: many take little more time than one."""
@@ -247,19 +273,18 @@ class Session:
             self.monitoring = replace(self.monitoring, means=(*self.monitoring.means[:-1], used))
         return used
 
-    def _monitored(self, event: Checked, pings: Iterator[PingSummary]) -> Checked:
-        """Return an event as it may be used, after what it showed of the log was acted on."""
+    def _monitored(self, event: Checked, summary: PingSummary | None, time_ns: int) -> Checked:
+        """Return an event as it may be used, after what it showed of the log at a time [ns, UTC] was acted on."""
         means = self.monitoring.means
         with self.clock.stage("check"):
-            summary = next(pings) if isinstance(event, Observation) else None
             self.monitoring, event, found = consistency.monitor(
                 self.monitoring, event, self.config, self._speeds, summary
             )
         if found:
-            self._act_on(found, means)
+            self._act_on(found, means, time_ns)
         return event
 
-    def _act_on(self, found: Sequence[Finding], means: Sequence[PathMean]) -> None:
+    def _act_on(self, found: Sequence[Finding], means: Sequence[PathMean], time_ns: int) -> None:
         """Rebuild the estimate without an instrument that is not believed, and open the gate between sources that contradict each other."""
         self.shared.assimilate(last=True)
         self.estimator = consistency.trusting(self.built, self.monitoring)
@@ -278,7 +303,7 @@ class Session:
         self.statistics = RunStatistics(self.statistics.messages, counts)
         named = self.monitoring.checks.findings
         self._write(map(_warning, found))
-        self._write((lambda writer: writer.consistency(self.last_ns, named),))
+        self._write((lambda writer: writer.consistency(time_ns, named),))
 
     def after_steps(self, steps: Sequence[Step]) -> None:
         """Count the steps of a block."""

@@ -14,6 +14,7 @@ from replay_kit.measurements.consistency.monitor import (
     Checked,
     ConsistencyState,
     check,
+    check_quiet,
     unknowable,
 )
 from replay_kit.measurements.consistency.summary import (
@@ -68,10 +69,6 @@ class MonitoringState:
         )
 
 
-def _with_mean(means: tuple[PathMean, ...], event: Checked) -> tuple[PathMean, ...]:
-    return (*means, event) if isinstance(event, PathMean) else means
-
-
 def monitor(
     state: MonitoringState,
     event: Checked,
@@ -91,15 +88,14 @@ def monitor(
     Raises:
         MeasurementError: The log cannot be used, or a contradiction is to stop the run.
     """
-    if config.consistency.on_failure == "ignore":
-        return replace(state, means=_with_mean(state.means, event)), event, ()
-    if isinstance(event, PathMean) and event.beside_profiles:
-        # the profiles were computed from it
-        return replace(state, means=_with_mean(state.means, event)), event, ()
+    means = (*state.means, event) if isinstance(event, PathMean) else state.means
+    # profiles may have been computed from a mean current
+    beside = isinstance(event, PathMean) and event.beside_profiles
+    if beside or config.consistency.on_failure == "ignore":
+        return replace(state, means=means), event, ()
     tracks = state.tracks.after(event) if isinstance(event, VehicleState) else state.tracks
     through_water = config.measurements.dead_reckoning == "through_water"
     checks, checked = check(state.checks, event, speeds, through_water, summary)
-    means = _with_mean(state.means, event)
     after = replace(state, checks=checks, means=means, tracks=tracks)
     if checks.findings is state.checks.findings:
         return after, checked, ()
@@ -113,6 +109,18 @@ def monitor(
             raise MeasurementError(str(finding), state.checks.findings + new)
     stated = replace(checks, findings=state.checks.findings + new)
     return replace(after, checks=stated), checked, new
+
+
+def monitor_quiet(
+    state: MonitoringState, run: Sequence[tuple[Checked, PingSummary | None]], config: RunConfig
+) -> MonitoringState | None:
+    """Return the state after positions and pings, as of ``check_quiet``; None where ``monitor`` must look at each."""
+    if config.consistency.on_failure == "ignore":
+        return state
+    checks, tracks = check_quiet(state.checks, run), state.tracks
+    for event, _ in run:
+        tracks = tracks.after(event) if isinstance(event, VehicleState) else tracks
+    return None if checks is None else replace(state, checks=checks, tracks=tracks)
 
 
 def require_one_vehicle(state: MonitoringState, names: Sequence[str]) -> None:
