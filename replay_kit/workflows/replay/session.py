@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import repeat
+from itertools import groupby, repeat
 from typing import Any
 
 from replay_kit.config.run import RunConfig
@@ -39,6 +39,7 @@ from replay_kit.workflows.replay.stages.publishing import (
     depth_slices,
     local_places,
     publish_step,
+    publish_track,
     publish_windows,
     withdraw_windows,
 )
@@ -49,6 +50,7 @@ from replay_kit.workflows.replay.surfacings.forecasts import (
     forecast_end,
     forecast_mean,
     forecast_step,
+    forecast_track,
 )
 
 # where a result is of one vehicle, its name begins nothing
@@ -315,8 +317,20 @@ class Session:
         places: Iterator[LocalPlace] = iter(())
         if self.writer is not None:
             self.publishing, places = local_places(self.publishing, steps, self._flow)
-        for step in steps:
-            self._follow_up(step, places)
+        each = self._problem is not None or self.shared.is_pooled
+        for _, run in groupby(steps, lambda step: isinstance(step.event, VehicleState)):
+            own = list(run)
+            track = [step.event for step in own if isinstance(step.event, VehicleState)]
+            depth = self.config.measurements.surface_depth
+            after = None if each or not track else forecast_track(self.forecasts, track, depth)
+            if after is None:
+                for step in own:
+                    self._follow_up(step, places)
+                continue
+            self.forecasts = after
+            if self.writer is not None:
+                self.publishing, outputs = publish_track(self.publishing, track, places)
+                self._write(outputs)
 
     def _follow_up(self, step: Step, places: Iterator[LocalPlace]) -> None:
         """Publish a step, and what follows from it; ``places`` as of ``publish_step``."""

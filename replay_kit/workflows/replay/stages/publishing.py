@@ -98,7 +98,7 @@ def publish_step(
         flow_at: Returns the estimate after the step for a time [ns, UTC].
     """
     if isinstance(step.event, VehicleState):
-        return _moved(state, step.event, next(places))
+        return publish_track(state, [step.event], places)
     if step.assimilation is None:
         return state, ()
     now_ns, (innovation, weights) = (
@@ -126,20 +126,26 @@ def publish_step(
     return state, tuple(outputs)
 
 
-def _moved(
-    state: PublishingState, position: VehicleState, place: LocalPlace
+def publish_track(
+    state: PublishingState, track: Sequence[VehicleState], places: Iterator[LocalPlace]
 ) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after a position, with the position and the vehicle's frame, which looks along its way."""
-    east, north = place
-    turned = state.turned or (east, north, 0.0)
-    moved = east - turned[0], north - turned[1]
-    if math.hypot(*moved) > _MOVED:
-        turned = east, north, float(np.arctan2(*moved))
-    pose, heading = (east, north, _depth(position)), turned[2]
-    return replace(state, position=position, turned=turned), (
-        lambda writer: writer.fix(position),
-        lambda writer: writer.vehicle(position.time_ns, pose, heading),
-    )
+    """Return the state after positions in a row, and each with the vehicle's frame, which looks along its way; see ``publish_step``."""
+    turned, outputs = state.turned, list[Output]()
+    for position, (east, north) in zip(track, places, strict=False):
+        turned = turned or (east, north, 0.0)
+        moved = east - turned[0], north - turned[1]
+        if math.hypot(*moved) > _MOVED:
+            turned = east, north, float(np.arctan2(*moved))
+        outputs.append(_placed(position, (east, north, _depth(position)), turned[2]))
+    return replace(state, position=track[-1], turned=turned), tuple(outputs)
+
+
+def _placed(position: VehicleState, place: tuple[float, float, float], heading: float) -> Output:
+    def write(writer: ResultWriter) -> None:
+        writer.fix(position)
+        writer.vehicle(position.time_ns, place, heading)
+
+    return write
 
 
 def at_vehicle(time_ns: int, position: VehicleState, flow: FlowEstimate) -> Output:

@@ -8,7 +8,7 @@ region, the velocities over ground themselves are what stays.
 A dive is concluded when the next one begins: until then a log may still state its mean current.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -144,6 +144,16 @@ def ground_step(
         state = _begun(state, flow_at)
     latest, path = _moved(state, first, surface_depth)
     return replace(state, detection=detection, latest=latest, path=path), outcomes
+
+
+def adrift(
+    state: GroundState, track: Sequence[VehicleState], surface_depth: float
+) -> GroundState | None:
+    """Return the state after fixes at the surface between dives, as of ``ground_step``; None where these are anything else."""
+    below = any(fix.dead_reckoned or fix.depth > surface_depth for fix in track)
+    if below or state.surfaced is not None or _in_dive(state.detection):
+        return None
+    return replace(state, detection=replace(state.detection, fix=track[-1]), latest=track[-1])
 
 
 def concluded(state: GroundState) -> GroundState:

@@ -15,7 +15,7 @@ from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Observation, PathMean, usable
+from replay_kit.core.observation import Observation, PathMean, VehicleState, usable
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome
 from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH, DiveMean, DiveState
 from replay_kit.estimator.next_dive.flight import local_step
@@ -26,6 +26,7 @@ from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 from replay_kit.workflows.replay.surfacings.displacements import (
     FlowAt,
     GroundState,
+    adrift,
     concluded,
     ground_step,
     next_ground_surfacing,
@@ -97,6 +98,17 @@ def forecast_step(
         for profile in step.event.profiles:
             state = with_profile(state, profile)
     return state, ended
+
+
+def forecast_track(
+    state: ForecastState, track: Sequence[VehicleState], surface_depth: float
+) -> ForecastState | None:
+    """Return the state after positions in a row that no forecast is made or judged by; None where ``forecast_step`` must look at each."""
+    if state.model is not None:
+        # the log states mean currents
+        return state
+    ground = adrift(state.ground, track, surface_depth)
+    return None if ground is None else replace(state, ground=ground)
 
 
 def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
