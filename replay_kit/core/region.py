@@ -144,8 +144,12 @@ def cut_at_antimeridian(one: Feature) -> Feature:
     """
     kind, coordinates = one["geometry"]["type"], one["geometry"]["coordinates"]
     at = np.atleast_2d(np.array(coordinates[0] if kind == "Polygon" else coordinates, dtype=float))
-    # revolutions by which a part of it is off
-    turns = np.unique(np.floor((at[:, 0] + 180.0) / 360.0))
+    # revolutions by which a part of it is off; what only touches the antimeridian has no part beyond
+    first, end = (
+        np.floor((at[:, 0].min() + 180.0) / 360.0),
+        np.ceil((at[:, 0].max() + 180.0) / 360.0),
+    )
+    turns = np.arange(first, max(end, first + 1.0))
     if np.array_equal(turns, [0.0]):
         return one
     if "Point" in kind:
@@ -167,7 +171,9 @@ def _within(at: Array, middle: float, is_line: bool) -> Array:
         for k in range(len(at)):
             if (k or not is_line) and inside[k] != inside[k - 1]:
                 share = (side - at[k - 1, 0]) / (at[k, 0] - at[k - 1, 0])
-                found.append(np.array([side, at[k - 1, 1] + share * (at[k, 1] - at[k - 1, 1])]))
+                # an end on the side stands there already
+                if 0.0 < share < 1.0:
+                    found.append(np.array([side, at[k - 1, 1] + share * (at[k, 1] - at[k - 1, 1])]))
             if inside[k]:
                 found.append(at[k])
         at = np.array(found).reshape(-1, 2)
