@@ -22,8 +22,8 @@ MEANINGS = {
     404: "there is nothing at this address; check it",
     410: "the data were removed",
     413: "it gives no parts as large as this; choose less with --region, --levels and --start, --end",
-    429: "it asks for fewer requests; try again later",
-    503: "it is busy or closed for maintenance; try again later",
+    429: "it asks for fewer requests",
+    503: "it is busy or closed for maintenance",
 }
 
 

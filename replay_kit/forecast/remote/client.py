@@ -215,7 +215,8 @@ class Client:
             wait = str(response.headers.get("Retry-After", ""))
             if wait.isdigit():
                 time.sleep(min(int(wait), 10.0, self.limits.silence))
-            raise BrokenAnswerError(f"status {status}{said}")
+            why = f": {MEANINGS[status]}" if status in MEANINGS else ""
+            raise BrokenAnswerError(f"status {status}{why}{said}")
         meaning = MEANINGS.get(status, "it cannot answer")
         raise ForecastError(
             f"{public(url)}: the server answers with status {status}: {meaning}{said}"

@@ -391,6 +391,7 @@ def test_groups_end_where_the_current_may_differ_and_hold_alike_profiles():
     near = replace(far, latitude=first.latitude + 1200.0 / 111_200.0)
     # a quarter of 5 cm/s over 1e-5 1/s, half of that for four profiles
     assert grouping.fits(first, near)
+    assert grouping.fits(first, replace(near, time_ns=first.time_ns))
     assert not grouping.fits(first, far)
     assert not grouping.fits(first, near, 4)
     assert grouping.fits(first, replace(near, latitude=first.latitude + 600.0 / 111_200.0), 4)

@@ -72,7 +72,7 @@ class _Handler(BaseHTTPRequestHandler):
         if fault == "redirect":
             self._head(302, 0, {"Location": files.redirect})
             return
-        if fault in ("500", "503", "403"):
+        if fault in ("500", "503", "429", "403"):
             self._send(int(fault), b'Error {\n code=500;\n message="out of order";\n};', whole)
             return
         if fault == "absent":

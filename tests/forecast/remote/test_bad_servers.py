@@ -22,7 +22,7 @@ from tests.forecast.remote.servers import Files, griddap, opendap, serving, zarr
 from tests.forecast.remote.test_forms import needs
 
 pytestmark = pytest.mark.filterwarnings("ignore:Consolidated metadata is currently not part")
-FAULTS = ("close", "cut", "500", "503", "403", "html", "short", "more", "absent")
+FAULTS = ("close", "cut", "500", "503", "429", "403", "html", "short", "more", "absent")
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,15 @@ FAULTY = {
     "cut": (None, NO_ANSWER + "the connection was closed"),
     "hang": ("no whole answer in 2 attempts: the server was silent for too long",) * 2,
     "500": (NO_ANSWER + "status 500; it says: out of order; check", None),
-    "503": (None, NO_ANSWER + "status 503; it says: out of order"),
+    "503": (
+        None,
+        NO_ANSWER
+        + "status 503: it is busy or closed for maintenance; it says: out of order; check",
+    ),
+    "429": (
+        None,
+        NO_ANSWER + "status 429: it asks for fewer requests; it says: out of order; check",
+    ),
     "403": ("answers with status 403: it refuses access",) * 2,
     "html": (
         "expected data, got a page of the web, as of a login",
