@@ -205,7 +205,7 @@ def check(
 
 
 def check_quiet(
-    state: ConsistencyState, run: Sequence[tuple[Checked, PingSummary | None]]
+    state: ConsistencyState, run: Sequence[tuple[VehicleState | Observation, PingSummary | None]]
 ) -> ConsistencyState | None:
     """Return the state after positions and pings that are used as they are, as ``check`` gives it; None where one may show anything.
 
@@ -225,7 +225,7 @@ def check_quiet(
         if after is None:
             return None
         instruments[topic] = after
-    if positions is None or not steady(track):
+    if positions is None or not steady(track) or any(each.is_unusable for each in positions):
         return None
     absolute = [isinstance(event, Observation) and event.common_std < math.inf for event, _ in run]
     return replace(

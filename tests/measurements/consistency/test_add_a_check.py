@@ -8,9 +8,8 @@ import numpy as np
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import Observation, Reason, VehicleState
 from replay_kit.measurements.consistency import checks
-from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
 from replay_kit.measurements.consistency.summary import PingSummary
-from tests.measurements.samples import profile, vehicle
+from tests.measurements.samples import checked, profile, vehicle
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,21 +52,13 @@ def _ping(time_ns: int) -> Observation:
     return profile(velocity, [10.0, 20.0, 30.0], time_ns=time_ns)
 
 
-def _checked(*events: Checked) -> tuple[ConsistencyState, list[Checked]]:
-    state, out = ConsistencyState(), []
-    for event in events:
-        state, after = check(state, event)
-        out.append(after)
-    return state, out
-
-
 def test_an_added_check_of_pings_is_told_once_and_its_instrument_not_used(
     monkeypatch,
 ):
     events = [_ping(1), _ping(1), _ping(1), _ping(2)]
-    assert "clock" not in {finding.name for finding in _checked(*events)[0].findings}
+    assert "clock" not in {finding.name for finding in checked(events)[0].findings}
     monkeypatch.setattr(checks, "PING_CHECKS", (Repeated(),))
-    state, out = _checked(*events)
+    state, out, _ = checked(events)
     assert [(finding.name, finding.evidence) for finding in state.findings] == [("clock", "1")]
     used = [event.reasons.tolist() for event in out if isinstance(event, Observation)]
     assert used == [[0, 0, 0], *[[Reason.INCONSISTENT] * 3] * 3]
@@ -80,7 +71,7 @@ def test_an_added_check_of_positions_leaves_the_pings_at_them_out(
     places = [vehicle(1e-9 * k, latitude=latitude) for k, latitude in enumerate(latitudes)]
     events = [event for place in places for event in (place, _ping(place.time_ns))]
     monkeypatch.setattr(checks, "POSITION_CHECKS", (North(),))
-    state, out = _checked(*events)
+    state, out, _ = checked(events)
     assert [(finding.name, finding.since_ns) for finding in state.findings] == [("pole", 1)]
     assert [bool(event.reasons.any()) for event in out if isinstance(event, Observation)] == [
         False,

@@ -7,9 +7,8 @@ import pytest
 
 from replay_kit.core.observation import RawValues
 from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.monitor import ConsistencyState, check
 from replay_kit.measurements.consistency.raw import raw_values
-from tests.measurements.samples import profile, vehicle
+from tests.measurements.samples import checked, profile, vehicle
 
 CELLS, STEP_NS = 12, 600 * 10**9
 
@@ -26,10 +25,7 @@ def pings(number, noise=0.05, stated=0.05, seed=0, **raw):
 
 
 def names(events):
-    state = ConsistencyState()
-    for event in events:
-        state, _ = check(state, event)
-    return [finding.name for finding in state.findings]
+    return [finding.name for finding in checked(events)[0].findings]
 
 
 @pytest.mark.parametrize(
@@ -56,10 +52,7 @@ def stuck(noise, begin=10):
 
 
 def test_an_instrument_that_repeats_one_shape_with_noise_is_named_with_the_time():
-    state = ConsistencyState()
-    for each in stuck(0.01):
-        state, _ = check(state, each)
-    (finding,) = state.findings
+    (finding,) = checked(stuck(0.01))[0].findings
     assert (finding.name, finding.distrusts) == (findings.DEAD, True)
     assert 8 * STEP_NS <= finding.since_ns <= 12 * STEP_NS
     assert names(pings(40)) == []
@@ -82,10 +75,7 @@ def test_a_beam_that_is_noisy_or_dead_is_named_by_its_number():
         beams[:, 1] = 0.0
 
     for change, number in ((noisy, 3), (dead, 2)):
-        state = ConsistencyState()
-        for each in along_beams(change):
-            state, _ = check(state, each)
-        (finding,) = state.findings
+        (finding,) = checked(along_beams(change))[0].findings
         assert finding.name == findings.BEAM
         assert f"beam {number} scatters" in finding.evidence
     assert names(along_beams(lambda beams, rng: None)) == []
@@ -103,10 +93,7 @@ def test_beams_that_contradict_each_other_in_all_cells_are_named(error, named):
 def test_messages_that_come_twice_are_a_warning_and_those_of_two_logs_are_not():
     places = [vehicle(600.0 * k, 150.0 + 1e-3 * k) for k in range(40)]
     twice = [one for one in places for _ in range(2)]
-    state = ConsistencyState()
-    for one in twice:
-        state, _ = check(state, one)
-    assert [(each.name, each.severity) for each in state.findings] == [
+    assert [(each.name, each.severity) for each in checked(twice)[0].findings] == [
         (findings.DUPLICATES, "warning")
     ]
     other = [one for k, one in enumerate(places) for one in (one, vehicle(600.0 * k, log=1))]

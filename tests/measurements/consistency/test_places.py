@@ -6,8 +6,7 @@ import pytest
 
 from replay_kit.core.observation import VehicleState
 from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.monitor import ConsistencyState, check
-from tests.measurements.samples import vehicle
+from tests.measurements.samples import checked, vehicle
 
 HOUR, DAY = 3600.0, 86_400.0
 
@@ -20,11 +19,8 @@ def position(
 
 def found(*positions: VehicleState) -> list[str]:
     """What a log of these positions, in order of time, is said to be."""
-    state = ConsistencyState()
-    for one in sorted(positions, key=lambda one: one.time_ns):
-        state, event = check(state, one)
-        assert event is one
-    return [str(finding) for finding in state.findings]
+    in_order = sorted(positions, key=lambda one: one.time_ns)
+    return [str(finding) for finding in checked(in_order)[0].findings]
 
 
 HERE = [position(HOUR * k, 152.0 + 0.01 * k) for k in range(20)]
@@ -85,10 +81,7 @@ def test_fixes_beyond_reach_are_named_and_not_used():
 
 def test_positions_that_move_away_and_stay_are_named_with_the_time():
     track = [moved(one, 30.0) if k >= 40 else one for k, one in enumerate(glide(80))]
-    state = ConsistencyState()
-    for one in track:
-        state, _ = check(state, one)
-    (finding,) = state.findings
+    (finding,) = checked(track)[0].findings
     assert (finding.name, finding.since_ns) == (findings.DISPLACED, track[40].time_ns)
 
 

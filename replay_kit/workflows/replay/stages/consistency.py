@@ -8,7 +8,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import replace
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Measurement, PathMean, VehicleState, kind_of
+from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState, kind_of
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import (
     Checked,
@@ -112,7 +112,9 @@ def monitor(
 
 
 def monitor_quiet(
-    state: MonitoringState, run: Sequence[tuple[Checked, PingSummary | None]], config: RunConfig
+    state: MonitoringState,
+    run: Sequence[tuple[VehicleState | Observation, PingSummary | None]],
+    config: RunConfig,
 ) -> MonitoringState | None:
     """Return the state after positions and pings, as of ``check_quiet``; None where ``monitor`` must look at each."""
     if config.consistency.on_failure == "ignore":
