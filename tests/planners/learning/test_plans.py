@@ -260,6 +260,11 @@ def test_what_a_search_leg_by_leg_gains_is_what_all_its_profiles_together_leave_
     survey = look_ahead(mapping, scene.allowed, covariance_now(scene, mapping))
     gained = WIDE.size * (mapping.before() ** 2 - mapping.errors(survey)[0] ** 2)
     assert ways[-1][0].gained == pytest.approx(gained, rel=1e-6)
+    # half a leg lies between the ways that are followed
+    for step, followed in enumerate(ways):
+        ends = np.array([way.place for way in followed])
+        apart = np.abs(ends - ends[:, None])[~np.eye(len(ends), dtype=bool)]
+        assert apart.min() >= 0.5 * mapping.speed * (mapping.times[step + 1] - mapping.times[step])
 
 
 def test_the_profiles_of_a_search_are_made_in_the_middle_of_its_legs():

@@ -93,6 +93,29 @@ def test_headings_lead_round_an_area_and_follow_a_current_that_turns():
     assert last > 0.2
 
 
+@pytest.mark.parametrize("first", [0.1, -0.1])
+def test_the_way_through_a_current_that_turns_takes_the_time_of_both_its_parts(first):
+    plan = plan_mission(
+        still_flow(), request_between(still_flow(), (-8e3, 0.0), (8e3, 0.0), settings=SETTINGS)
+    )
+
+    def hours_of(flow):
+        policy = policy_of(flow, replace(plan, start_time_ns=10**18))
+        away = policy.longitude - plan.start.longitude, policy.latitude - plan.start.latitude
+        return policy.hours_left[0, np.argmin(np.hypot(*away))]
+
+    flows = [uniform_flow(speed, 0.0) for speed in (first, -first)]
+    before, after = (hours_of(one) for one in flows)
+    turning = [
+        replace(flows[hours > 10], time_ns=10**18 + hours * 3600 * 10**9)
+        for hours in range(0, 60, 4)
+    ]
+    # it turns at ten hours: a share of the way is made by then
+    made = min(10.0 / before, 1.0)
+    # arrivals are tried three hours apart, and the way is of the one that leaves next to the time
+    assert hours_of(turning) == pytest.approx(made * before + (1.0 - made) * after, abs=2.5)
+
+
 def test_files_hold_the_same_headings_and_what_has_no_policy_is_refused():
     flow = still_flow()
     request = request_between(flow, (-6e3, 0.0), (6e3, 0.0), settings=SETTINGS)

@@ -3,6 +3,7 @@
 A sample of a larger study (replay_kit/DECISIONS.md): the sample ocean, 30 pings of a vessel's survey, 100 of a glider's mission.
 """
 
+import io
 import json
 import math
 
@@ -22,12 +23,14 @@ from replay_kit.measurements.consistency.usual_faults import (
     depth_faults,
     direction_faults,
 )
+from replay_kit.show.text import SafeConsole
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.info.import_check import (
     ImportCheck,
     check_import,
     check_logs,
     import_check_json,
+    print_import_check,
     soundings,
 )
 from tests.benchmarks.fault_kinds import FAULTS
@@ -176,7 +179,8 @@ def test_what_a_ping_says_of_the_declination():
 
 def test_a_check_in_json_has_the_findings_of_a_replay():
     finding = Finding("a", 0, "b", "c", "d", "warning")
-    answer = import_check_json(ImportCheck(3, (finding,), ("e",), "f"))
+    found = ImportCheck(3, (finding,), ("e", "g"), "f")
+    answer = import_check_json(found)
     assert answer == {
         "profiles": 3,
         "consistency": [
@@ -189,10 +193,18 @@ def test_a_check_in_json_has_the_findings_of_a_replay():
                 "severity": "warning",
             }
         ],
-        "undetermined": ["e"],
+        "undetermined": ["e", "g"],
         "note": "f",
         "refusal": None,
     }
+    said = io.StringIO()
+    for one in (found, ImportCheck(3, ())):
+        print_import_check(one, SafeConsole(file=said, width=200))
+    assert said.getvalue().splitlines()[1:] == [
+        "Import check: the profiles do not determine whether e, or g",
+        "Import check: f",
+        "Import check: 3 profiles look sound against the ensemble",
+    ]
 
 
 def written(folder, messages):
