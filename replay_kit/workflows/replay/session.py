@@ -227,14 +227,10 @@ class Session:
                     self.check()
             else:
                 self.check()
-                if (
-                    isinstance(given, PathMean)
-                    and given.beside_profiles
-                    and not self.config.measurements.flight_bias
-                ):
-                    self._expect(forecast_mean(self.forecasts, given))
-                    continue
                 if isinstance(given, PathMean):
+                    if given.beside_profiles and not self.config.measurements.flight_bias:
+                        self._expect(forecast_mean(self.forecasts, given))
+                        continue
                     given = self._monitored(given, None, self.last_ns)
                 self._use(given)
 
@@ -317,20 +313,24 @@ class Session:
         places: Iterator[LocalPlace] = iter(())
         if self.writer is not None:
             self.publishing, places = local_places(self.publishing, steps, self._flow)
-        each = self._problem is not None or self.shared.is_pooled
         for _, run in groupby(steps, lambda step: isinstance(step.event, VehicleState)):
             own = list(run)
-            track = [step.event for step in own if isinstance(step.event, VehicleState)]
-            depth = self.config.measurements.surface_depth
-            after = None if each or not track else forecast_track(self.forecasts, track, depth)
-            if after is None:
+            if not self._passed([step.event for step in own], places):
                 for step in own:
                     self._follow_up(step, places)
-                continue
-            self.forecasts = after
-            if self.writer is not None:
-                self.publishing, outputs = publish_track(self.publishing, track, places)
-                self._write(outputs)
+
+    def _passed(self, track: Sequence[Any], places: Iterator[LocalPlace]) -> bool:
+        """Publish positions in a row from which nothing else follows, and return whether they were that."""
+        depth = self.config.measurements.surface_depth
+        if self._problem or self.shared.is_pooled or not isinstance(track[0], VehicleState):
+            return False
+        if (after := forecast_track(self.forecasts, track, depth)) is None:
+            return False
+        self.forecasts = after
+        if self.writer is not None:
+            self.publishing, outputs = publish_track(self.publishing, track, places)
+            self._write(outputs)
+        return True
 
     def _follow_up(self, step: Step, places: Iterator[LocalPlace]) -> None:
         """Publish a step, and what follows from it; ``places`` as of ``publish_step``."""
