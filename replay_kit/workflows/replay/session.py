@@ -33,11 +33,9 @@ from replay_kit.workflows.replay.stages.estimation import EstimationState, Step,
 from replay_kit.workflows.replay.stages.planner import VehiclePlanner
 from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.stages.publishing import (
-    LocalPlace,
     Output,
     PublishingState,
     depth_slices,
-    local_places,
     publish_step,
     publish_track,
     publish_windows,
@@ -310,30 +308,29 @@ class Session:
 
     def follow_up(self, steps: Sequence[Step]) -> None:
         """Publish steps, plan where a plan is due, and compare the dives that they end with what was expected."""
-        places: Iterator[LocalPlace] = iter(())
-        if self.writer is not None:
-            self.publishing, places = local_places(self.publishing, steps, self._flow)
         for _, run in groupby(steps, lambda step: isinstance(step.event, VehicleState)):
             own = list(run)
-            if not self._passed([step.event for step in own], places):
+            if not self._passed(own):
                 for step in own:
-                    self._follow_up(step, places)
+                    self._follow_up(step)
 
-    def _passed(self, track: Sequence[Any], places: Iterator[LocalPlace]) -> bool:
-        """Publish positions in a row from which nothing else follows, and return whether they were that."""
-        depth = self.config.measurements.surface_depth
-        if self._problem or self.shared.is_pooled or not isinstance(track[0], VehicleState):
+    def _passed(self, steps: Sequence[Step]) -> bool:
+        """Publish positions in a row from which nothing else follows, and return whether the steps were that."""
+        track = [step.event for step in steps if isinstance(step.event, VehicleState)]
+        if self._problem or self.shared.is_pooled or not track:
             return False
+        depth = self.config.measurements.surface_depth
         if (after := forecast_track(self.forecasts, track, depth)) is None:
             return False
         self.forecasts = after
         if self.writer is not None:
-            self.publishing, outputs = publish_track(self.publishing, track, places)
+            flow = partial(self._flow, steps[0].after)
+            self.publishing, outputs = publish_track(self.publishing, track, flow)
             self._write(outputs)
         return True
 
-    def _follow_up(self, step: Step, places: Iterator[LocalPlace]) -> None:
-        """Publish a step, and what follows from it; ``places`` as of ``publish_step``."""
+    def _follow_up(self, step: Step) -> None:
+        """Publish a step, and what follows from it."""
         before, after = partial(self._flow, step.before), partial(self._flow, step.after)
         self._plan(plans.before_step, step, before)
         if self.writer is not None:
@@ -342,7 +339,7 @@ class Session:
                 due_ns = self.shared.next_slices_ns.get(window)
                 self.publishing = replace(self.publishing, next_slices_ns=due_ns)
             self.publishing, outputs = publish_step(
-                self.publishing, step, places, self._levels, self.config.output, after
+                self.publishing, step, self._levels, self.config.output, after
             )
             if pooled:
                 self.shared.next_slices_ns[window] = self.publishing.next_slices_ns

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import starmap
-from typing import Any
 
 import numpy as np
 
@@ -53,36 +52,9 @@ class PublishingState:
     surface: SurfaceState = field(default_factory=SurfaceState)
 
 
-#: A vehicle's local east and north [m].
-LocalPlace = tuple[float, float]
-
-
-def local_places(
-    state: PublishingState, steps: Sequence[Step], flow_at: Callable[[Any, int], FlowEstimate]
-) -> tuple[PublishingState, Iterator[LocalPlace]]:
-    """Return the state with the local frame, and the places of the positions among some steps: many take little more time than one.
-
-    Args:
-        state: Before the steps.
-        steps: Positions and others.
-        flow_at: Returns the estimate of a state of the estimator for a time [ns, UTC].
-    """
-    positions = [
-        (step.before, step.event) for step in steps if isinstance(step.event, VehicleState)
-    ]
-    if not positions:
-        return state, iter(())
-    before, first = positions[0]
-    projection = state.projection or flow_at(before, first.time_ns).grid.projection
-    degrees = np.array([(each.longitude, each.latitude) for _, each in positions])
-    local = (each.tolist() for each in to_local(projection, *degrees.T))
-    return replace(state, projection=projection), zip(*local, strict=True)
-
-
 def publish_step(
     state: PublishingState,
     step: Step,
-    places: Iterator[LocalPlace],
     levels: Array,
     settings: OutputConfig,
     flow_at: Callable[[int], FlowEstimate],
@@ -92,13 +64,12 @@ def publish_step(
     Args:
         state: Before the step.
         step: A position, or a measurement with its assimilation.
-        places: Of the positions from this step on.
         levels: shape (Z,) [m], of the weights.
         settings: Interval and depths of the slices.
         flow_at: Returns the estimate after the step for a time [ns, UTC].
     """
     if isinstance(step.event, VehicleState):
-        return publish_track(state, [step.event], places)
+        return publish_track(state, [step.event], flow_at)
     if step.assimilation is None:
         return state, ()
     now_ns, (innovation, weights) = (
@@ -127,17 +98,20 @@ def publish_step(
 
 
 def publish_track(
-    state: PublishingState, track: Sequence[VehicleState], places: Iterator[LocalPlace]
+    state: PublishingState, track: Sequence[VehicleState], flow_at: Callable[[int], FlowEstimate]
 ) -> tuple[PublishingState, tuple[Output, ...]]:
     """Return the state after positions in a row, and each with the vehicle's frame, which looks along its way; see ``publish_step``."""
+    projection = state.projection or flow_at(track[0].time_ns).grid.projection
+    degrees = np.array([(each.longitude, each.latitude) for each in track])
+    local = (each.tolist() for each in to_local(projection, *degrees.T))
     turned, outputs = state.turned, list[Output]()
-    for position, (east, north) in zip(track, places, strict=False):
+    for position, east, north in zip(track, *local, strict=True):
         turned = turned or (east, north, 0.0)
         moved = east - turned[0], north - turned[1]
         if math.hypot(*moved) > _MOVED:
             turned = east, north, float(np.arctan2(*moved))
         outputs.append(_placed(position, (east, north, _depth(position)), turned[2]))
-    return replace(state, position=track[-1], turned=turned), tuple(outputs)
+    return replace(state, projection=projection, position=track[-1], turned=turned), tuple(outputs)
 
 
 def _placed(position: VehicleState, place: tuple[float, float, float], heading: float) -> Output:
