@@ -302,7 +302,7 @@ def _dataset(values: Array, seed: int, what: str) -> xr.Dataset:
         f"replay-kit synthesize, seed {seed}",
         {
             "summary": f"Synthetic {what}, no real ocean: eddies and a meandering jet, without horizontal divergence by construction.",
-            "source": f"replay-kit twin, seed {seed}",
+            "source": f"replay-kit synthesize, seed {seed}",
             "processing_level": "synthetic",
         },
     )

@@ -5,11 +5,20 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.studies.twins import ensemble as synthetic
+from tests.command import succeed
+from tests.places import SAMPLES
 
 
 def _velocity(seed: int) -> np.ndarray:
     members, _ = synthetic.synthesize(seed)
     return np.stack([members.uo.values, members.vo.values], axis=1)
+
+
+def test_the_sample_files_are_what_the_command_writes(tmp_path):
+    files = [tmp_path / name for name in ("ensemble.nc", "truth.nc")]
+    succeed(f"synthesize --ensemble {files[0]} --truth {files[1]}")
+    for path in files:
+        assert path.read_bytes() == (SAMPLES / path.name).read_bytes(), path.name
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
