@@ -26,6 +26,7 @@ from replay_kit.forecast.describe import open_extent
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import WINDOWS_RECORD
+from replay_kit.workflows.info.import_check import check_logs
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of
@@ -207,6 +208,23 @@ def followed(strip, tmp_path_factory):
         job(strip, "long.mcap", out, truth=str(strip / "truth.nc")), SMALL_WINDOWS
     )
     return out, summary, flow
+
+
+def test_a_log_of_several_windows_is_compared_with_all_that_it_passes(strip):
+    found = check_logs([strip / "long.mcap"], (strip / "ensemble.nc",), SMALL_WINDOWS)
+    assert (found.profiles, found.refusal) == (31, None)
+
+
+@pytest.mark.parametrize(
+    ("settings", "what"),
+    [
+        ({"time": {"scale": 6.0}, "estimator": {"preset": "paper"}}, "preset paper"),
+        ({"time": {"window": 600.0}, "estimator": {"name": "etkf"}}, "etkf"),
+    ],
+)
+def test_what_needs_time_or_groups_is_refused_with_an_estimator_without(strip, settings, what):
+    with pytest.raises(ConfigError, match=f"{what} is static and takes each profile alone"):
+        forecasts_of(job(strip), load_config(None, settings))
 
 
 def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(strip, followed):
