@@ -10,7 +10,15 @@ from planners import Glider
 from planners.learning import maps, survey
 from planners.learning.closed_loop import Stretch, drawn_sea
 from planners.learning.comparison import lawn_mowers, realised
-from planners.learning.mapping import COUNTED, Mapping, _Search, _turned, look_ahead, refined
+from planners.learning.mapping import (
+    COUNTED,
+    Mapping,
+    _Search,
+    _turned,
+    legs_from,
+    look_ahead,
+    refined,
+)
 from planners.learning.maps import covariance_now, plan_map
 from planners.learning.scene import scene_of, value_map
 from planners.learning.survey import _words, plan_survey
@@ -265,6 +273,18 @@ def test_what_a_search_leg_by_leg_gains_is_what_all_its_profiles_together_leave_
         ends = np.array([way.place for way in followed])
         apart = np.abs(ends - ends[:, None])[~np.eye(len(ends), dtype=bool)]
         assert apart.min() >= 0.5 * mapping.speed * (mapping.times[step + 1] - mapping.times[step])
+
+
+def test_legs_of_a_search_lead_in_all_directions_and_drift():
+    scene = scene_of(static(), replace(ASKED, goals=(), profiles=4), None)
+    mapping, starts = mapping_in(scene), scene.start + np.array([0.0, 2e3j])
+    middles, ends = legs_from(mapping, starts, 1)
+    lasts, time = mapping.times[2] - mapping.times[1], mapping.profile_times[1]
+    drift = lasts * mapping.mean.at(starts[None], time)[0][:, None]
+    held = ends - starts[:, None] - drift
+    np.testing.assert_allclose(np.abs(held), COUNTED * mapping.speed * lasts)
+    np.testing.assert_allclose(held[:, 1:] / held[:, :-1], np.exp(2j * np.pi / held.shape[1]))
+    np.testing.assert_allclose(middles, 0.5 * (starts[:, None] + ends))
 
 
 def test_the_profiles_of_a_search_are_made_in_the_middle_of_its_legs():
