@@ -1,5 +1,6 @@
 """Faults of a forecast's file, by the mean currents of dives under the prior."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -55,6 +56,9 @@ def test_what_a_file_without_skill_may_be_is_said_and_not_warned_of():
     assert found.finding is None
     assert found.note.startswith("cannot be known here: some faults of the forecast's file")
     assert "12 mean currents" in found.note
+    # of those that these dives do not exclude
+    ratios = [int(each) for each in re.findall(r"e\^(-?\d+)", found.note)]
+    assert min(ratios) >= -3
 
 
 def test_few_dives_and_other_priors_say_nothing():
