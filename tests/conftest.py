@@ -1,4 +1,4 @@
-"""What holds for every test: one BLAS thread a worker, and a small synthetic flow."""
+"""What holds for every test: one BLAS thread a worker, no judgement by the clock, and a small synthetic flow."""
 
 import os
 
@@ -7,12 +7,17 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.estimator.prior import fit
 from replay_kit.estimator.static import filter as static_filter
 from tests.remembered import fitted_kernels, score_member
 from tests.synthetic_flow import synthetic_flow
+
+# how long an example takes is the machine's affair
+settings.register_profile("unhurried", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("unhurried")
 
 
 @pytest.fixture(scope="session")
