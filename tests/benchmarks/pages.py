@@ -1,13 +1,12 @@
 """A report: processor time of its writing, its size, and in a browser the time to its first picture and of a frame of its animation."""
 
-import resource
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from tests.benchmarks.measure import Row, row
+from tests.benchmarks.measure import Row, of_children, row, seconds
 from tests.browser import CHROMIUM, chromium, opened, seconds_a_frame, seconds_to_first_picture
 from tests.show.report.replays import month, peak_of_report, sample
 
@@ -32,10 +31,7 @@ def rows(tiny: bool) -> list[Row]:
 def _written(make: Callable[[Path], Path], folder: Path, found: list[Row]) -> Path:
     """Return the page of a result, and add the row of its writing."""
     result, page = make(folder), folder / f"{make.__name__}.html"
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    peak = peak_of_report(result, page)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    spent, peak = seconds(lambda: peak_of_report(result, page), clock=of_children)
     name = f"report of {make.__name__}"
     size = page.stat().st_size / 1e6
     found.append(row(name, spent, asked=_WRITTEN, page_mb=size) | {"peak_mb": peak / 1024.0})

@@ -1,11 +1,11 @@
 """Processor time of beginnings, each in a process of its own: help, refusals, ``info``, the import of the library, the first log opened."""
 
 import os
-import resource
 import subprocess
 import sys
+from functools import partial
 
-from tests.benchmarks.measure import Row, row
+from tests.benchmarks.measure import Row, of_children, row, seconds
 from tests.places import ROOT
 
 _MAIN = "from replay_kit.cli import main; main()"
@@ -44,17 +44,12 @@ def rows(tiny: bool) -> list[Row]:
 
 def _least(code: str, words: list[str], repeats: int) -> float:
     """Return the least processor time [s] of a process that runs code with arguments."""
-    found = []
-    for _ in range(repeats):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "80"}
-        subprocess.run(
-            [sys.executable, "-c", code, *words],
-            env=environment,
-            cwd=ROOT,
-            capture_output=True,
-            check=False,
-        )
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        found.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    return min(found)
+    run = partial(
+        subprocess.run,
+        [sys.executable, "-c", code, *words],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "80"},
+        cwd=ROOT,
+        capture_output=True,
+        check=False,
+    )
+    return seconds(run, repeats, of_children)[0]
