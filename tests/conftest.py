@@ -6,18 +6,28 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import gc
+
 import pytest
+from cyclopts import App
 from hypothesis import HealthCheck, settings
 
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.estimator.prior import fit
 from replay_kit.estimator.static import filter as static_filter
-from tests.remembered import fitted_kernels, score_member
+from tests.remembered import assemble_argument_collection, fitted_kernels, score_member
 from tests.synthetic_flow import synthetic_flow
 
 # how long an example takes is the machine's affair
 settings.register_profile("unhurried", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("unhurried")
+
+
+def pytest_collection_finish():
+    """Let the collector of garbage pass over what is there for good: modules and tests, a million objects that it would look through."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
 
 
 @pytest.fixture(scope="session")
@@ -31,8 +41,9 @@ def flow() -> FlowEstimate:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _a_prior_is_fitted_once():
+def _what_tests_share_is_made_once():
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(App, "assemble_argument_collection", assemble_argument_collection)
         patch.setattr(fit, "_score_member", score_member)
         patch.setattr(static_filter, "fitted_kernels", fitted_kernels)
         yield

@@ -1,8 +1,12 @@
-"""The fits of a prior, half of a small replay's set-up: many tests replay over the same ensemble, to which each is fitted once."""
+"""What many tests would compute again: the fits of a prior, half of a small replay's set-up, and the options of a command."""
 
+import copy
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any
+
+from cyclopts import App
+from cyclopts.argument import Argument, ArgumentCollection
 
 from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.prior import centre, fit
@@ -34,3 +38,26 @@ def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
 
 score_member = remembered(fit._score_member)
 fitted_kernels = remembered(centre.fitted_kernels)
+
+_assemble = App.assemble_argument_collection
+_options: dict[tuple[object, ...], ArgumentCollection] = {}
+
+
+def assemble_argument_collection(app: App, **settings: Any) -> ArgumentCollection:
+    """Return the options of a command, without a value, as cyclopts finds them: a process asks once, a test file a hundred times."""
+    key = app.default_command, repr(app.app_stack.default_parameter), repr(settings)
+    if key not in _options:
+        _options[key] = _assemble(app, **settings)
+    copies = dict[int, Argument]()
+    return _without_values(_options[key], copies)
+
+
+def _without_values(
+    arguments: ArgumentCollection, copies: dict[int, Argument]
+) -> ArgumentCollection:
+    for argument in arguments:
+        if id(argument) not in copies:
+            copies[id(argument)] = copied = copy.copy(argument)
+            copied.tokens = []
+            copied.children = _without_values(argument.children, copies)
+    return ArgumentCollection(copies[id(argument)] for argument in arguments)

@@ -24,7 +24,7 @@ ALLOWED = {
     "unused": 1,
 }
 # Beginnings of processes take seconds even at a tiny size; the tests of following, of fleets and of the command line begin some too.
-SLOW = ("atsea", "fleet", "start")
+SLOW = ("atsea", "fleet", "start", "pages", "faults", "safety", "planners", "array")
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ def run(line):
     return succeed(f"plan {line} {SMALL}")
 
 
+@pytest.mark.full
 def test_each_glider_has_a_goal_and_files_which_are_reproduced(flow, tmp_path):
     mcap, table, areas, answer = (
         tmp_path / f"plan.{kind}" for kind in ("mcap", "csv", "geojson", "json")

@@ -361,6 +361,7 @@ def test_an_estimate_without_uncertainty_has_no_odds_and_says_so(flow, tmp_path)
         assert "so that it has no odds" in refused.output
 
 
+@pytest.mark.full
 def test_a_mission_for_the_odds_is_judged_in_other_samples_and_by_a_time(flow, tmp_path):
     narrow, table = "--angles 15,20 --json -", tmp_path / "policy.csv"
     quickest, odds = (

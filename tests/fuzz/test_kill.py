@@ -25,6 +25,7 @@ def test_a_command_that_gets_a_signal_leaves_the_same_bytes(tmp_path, kind, sent
     assert found.kills
 
 
+@pytest.mark.full
 def test_an_export_that_is_killed_leaves_the_same_bytes(tmp_path):
     make_inputs(tmp_path, 10)
     assert kill("export", tmp_path, 1, 2).wrong == []

@@ -83,6 +83,7 @@ def test_a_saved_estimate_is_compliant(make_flow, tmp_path, complaints, n_modes,
     assert complaints(tmp_path / "flow.nc") == []
 
 
+@pytest.mark.full
 def test_a_saved_estimate_that_changes_with_time_is_compliant(tmp_path, complaints):
     save(evolving(), tmp_path / "flow.nc")
     assert complaints(tmp_path / "flow.nc") == []
@@ -180,6 +181,7 @@ MISSION = (
 )
 
 
+@pytest.mark.full
 def test_a_track_of_og1_lacks_terms_of_its_vocabulary_for_estimates_alone(tmp_path, monkeypatch):
     """The checker asks the vocabulary's server for all terms; here it is told those that the manual and its examples name."""
     terms = ("TIME", "LON", "LAT", "DEPTH", "LON_GPS", "LAT_GPS")

@@ -83,10 +83,16 @@ CASES: list[tuple[Case, str, set[str]]] = [
     (without_positions, "1 measurement of the current used", {"section"}),
     (of_nothing, "The result holds neither a position nor a measurement.", set()),
 ]
+# the others take seconds each
+QUICK = (cut_short, without_plan, across_the_antimeridian, without_positions, of_nothing)
 
 
 @pytest.mark.parametrize(
-    ("case", "said", "tables"), CASES, ids=[case.__name__ for case, _, _ in CASES]
+    ("case", "said", "tables"),
+    [
+        pytest.param(*each, id=each[0].__name__, marks=() if each[0] in QUICK else pytest.mark.full)
+        for each in CASES
+    ],
 )
 def test_each_is_shown_and_exported(
     case,

@@ -67,6 +67,7 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     assert STATIC not in summary.notes
 
 
+@pytest.mark.full
 def test_it_knows_more_of_the_beginning_than_the_replay_and_the_same_of_the_end(tmp_path):
     _, result = smoothed(tmp_path, EVOLVING)
     replayed = rk.replay(

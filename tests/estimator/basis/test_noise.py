@@ -187,6 +187,7 @@ def test_a_platform_of_unknown_velocity_takes_one_degree_of_freedom_of_each_comp
         assert said.dof == dof
 
 
+@pytest.mark.full
 def test_the_innovation_of_relative_profiles_is_chi_square_with_those_degrees_of_freedom():
     """Drawn from the estimate's own Gaussian, with a platform as fast as it likes, NIS has the mean and the variance of its dof."""
     estimator = build_estimator(SMALL, EstimatorConfig(modes=8))

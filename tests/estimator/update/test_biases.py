@@ -51,7 +51,7 @@ def significant(estimator, log):
     return state.bias_score.significant()
 
 
-@pytest.mark.parametrize("kind", ["static", "evolving"])
+@pytest.mark.parametrize("kind", ["static", pytest.param("evolving", marks=pytest.mark.full)])
 def test_faults_are_named_with_their_size_and_a_sound_log_is_not_accused(kind):
     estimator = (
         build_estimator(OTHERS, CONFIG)

@@ -188,6 +188,7 @@ def test_profiles_that_contradict_one_another_end_finite_and_positive():
     assert np.linalg.eigvalsh(cov).min() > -1e-12 * np.trace(cov)
 
 
+@pytest.mark.full
 def test_an_overconfident_estimate_is_noticed_and_grows_its_errors():
     """Members shrunk to a tenth of their spread: nearly all sound profiles lie outside."""
     small = others()

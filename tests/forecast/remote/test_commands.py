@@ -46,6 +46,7 @@ def replayed(folder, name, forecast, *more):
     return out.read_bytes(), flow.read_bytes()
 
 
+@pytest.mark.full
 def test_a_replay_by_address_is_that_of_the_file_and_the_same_without_a_link(tmp_path, ensemble):
     ensemble.to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
     _, expected = replayed(tmp_path, "file", str(tmp_path / "e.nc"))

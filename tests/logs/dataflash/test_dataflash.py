@@ -265,6 +265,7 @@ def test_converted_to_mcap_it_says_the_same(tmp_path):
     assert [dict(m.payload) for m in again if m.schema == "dataflash.GPS"] == positions
 
 
+@pytest.mark.full
 def test_kinds_declared_anew_again_and_again_are_refused(tmp_path):
     def declared(k):
         return struct.pack(

@@ -155,6 +155,7 @@ def test_near_the_equator_there_is_none():
     assert any("of the equator" in reason for reason in reasons)
 
 
+@pytest.mark.full
 def test_a_lag_of_the_cell_is_named_beside_the_shear():
     last = [10.0]
 

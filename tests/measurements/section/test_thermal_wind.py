@@ -207,6 +207,7 @@ def test_waves_and_rossby_radius_have_the_size_that_the_open_ocean_has():
     assert 20e3 < rossby_radius(LEVELS, n2, float(gsw.f(40.0)), 4000.0) < 60e3
 
 
+@pytest.mark.full
 def test_repeats_of_a_real_line_agree_within_their_stated_errors():
     files = sorted((DATA / "sections").glob("section*.nc"), key=lambda path: int(path.stem[7:]))
     if len(files) < 11:

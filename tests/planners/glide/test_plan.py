@@ -127,7 +127,7 @@ def test_a_start_beside_an_edge_or_a_coast_leaves_it(beside):
     assert seed.glide.duration == pytest.approx(11.2e3 / 0.3, rel=0.02)
 
 
-@pytest.mark.parametrize("seed", [10, 11, 12])
+@pytest.mark.parametrize("seed", [10, 11, pytest.param(12, marks=pytest.mark.full)])
 def test_never_worse_than_the_seed_and_true_to_a_finer_flight(seed):
     flow = eddying_flow(seed)
     result = plan(flow, place(flow, -2e4, -1e4), place(flow, 1.5e4, 1.2e4, 200.0))

@@ -133,6 +133,7 @@ def test_the_status_is_that_of_the_share_of_the_samples_within_the_tolerance(pla
         assert (replace(easy.candidates[0], within=share).shortfall(SETTINGS) == "") is met
 
 
+@pytest.mark.full
 def test_a_stretch_whose_end_is_anywhere_is_refused_before_surveys_are_compared(monkeypatch):
     monkeypatch.setattr("planners.learning.survey._search", None)
     with pytest.raises(
@@ -169,6 +170,7 @@ def test_what_a_survey_gains_is_told_against_leaving_now_and_waiting(now, waitin
     assert _words(rows, stretch).endswith(f"this survey 6.2 km (5.5 to 7.0){words}")
 
 
+@pytest.mark.full
 def test_a_survey_in_a_sea_that_changes_is_less_sure_of_itself(monkeypatch):
     asked_at = list[float]()
 

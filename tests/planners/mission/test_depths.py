@@ -19,6 +19,7 @@ def planned(flow=FLOW, asked=ASKED, **settings):
     return plan_mission(flow, replace(asked, settings=replace(asked.settings, **settings)))
 
 
+@pytest.mark.full
 def test_a_range_of_depths_is_no_slower_than_any_depth_in_it():
     free = planned(depths=(150.0, 390.0))
     fixed = [planned(depth=depth).duration for depth in (150.0, 390.0)]

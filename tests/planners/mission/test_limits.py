@@ -95,6 +95,7 @@ def test_the_longest_duration_the_current_or_a_wall_are_named_where_they_bind():
     assert "current" not in closed.message
 
 
+@pytest.mark.full
 def test_a_goal_out_of_reach_leaves_the_others_as_they_are_without_it():
     flow = eddying_flow(2, speed=0.08)
     near, far = ((-14e3, 3e3), (-15e3, -4e3)), (24e3, 0.0)
@@ -128,6 +129,7 @@ def test_a_goal_out_of_reach_leaves_the_others_as_they_are_without_it():
     assert "goal 2 is out of reach" in both.message
 
 
+@pytest.mark.full
 def test_a_margin_for_samples_leads_to_the_goals_within_reach():
     flow, settings = uniform_flow(0.02, 0.0), replace(SETTINGS, max_legs=9)
     area = forbidden(flow, -17e3, -1e3, -16e3, 1.2e3)

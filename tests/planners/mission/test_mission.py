@@ -235,7 +235,7 @@ def test_a_flow_that_changes_is_planned_in_as_it_will_be():
     assert np.mean(east * np.cos(north)) * result.duration == pytest.approx(-drift, rel=0.02)
 
 
-@pytest.mark.parametrize("surface_only", [False, True])
+@pytest.mark.parametrize("surface_only", [pytest.param(False, marks=pytest.mark.full), True])
 def test_a_forbidden_area_is_gone_round_or_passed_under(surface_only):
     flow = eddying_flow(8, speed=0.1)
     area = forbidden(flow, -0.7e3, -6e3, 0.7e3, -1e3, surface_only=surface_only)

@@ -20,6 +20,7 @@ def arrives(plan, samples):
     return fly_scenarios(FLOW, samples, plan, pilot=Pilot()).succeeded
 
 
+@pytest.mark.full
 def test_more_legs_are_taken_where_more_samples_arrive_also_of_fresh_ones():
     searched, fresh = FLOW.sample(16, 1), FLOW.sample(40, 2)
     quickest, odds = plan_mission(FLOW, REQUEST), plan_for_odds(FLOW, searched, REQUEST)

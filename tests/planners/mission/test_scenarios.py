@@ -63,6 +63,7 @@ def test_margins_widen_until_the_samples_keep_clear():
     assert plan.statistics["margins_tried"] > 1
 
 
+@pytest.mark.full
 def test_a_risk_is_kept_on_the_way_to_a_goal_within_reach_and_not_by_flying_past_it():
     # half-planes moved by the margin that the samples need leave no room between the area and the goal
     drawn, settings = _drawn(12, 1, 0.06), replace(SETTINGS, legs=None)

@@ -87,6 +87,7 @@ def test_the_least_distance_of_two_motions_is_that_of_a_dense_look():
         assert abs(at[0] - at[1]) == pytest.approx(distances[k])
 
 
+@pytest.mark.full
 def test_one_of_two_goes_round_and_what_is_stated_is_what_the_tracks_show():
     flow = static()
     free = plan_missions(flow, (), CROSSING)

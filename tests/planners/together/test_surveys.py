@@ -35,7 +35,9 @@ def asked(flow, *begins):
     ]
 
 
-@pytest.fixture(scope="module", params=["static", "through time"])
+@pytest.fixture(
+    scope="module", params=["static", pytest.param("through time", marks=pytest.mark.full)]
+)
 def made(request):
     """A joint survey of two vehicles that begin side by side, and its flow."""
     flow = static() if request.param == "static" else through_time()

@@ -194,6 +194,7 @@ def test_the_page_shows_them(contents):
     assert "Labelled lines: depth of the bottom, from bottom.nc." in text_of(page, "map")
 
 
+@pytest.mark.full
 def test_the_figures_show_them(full, tmp_path):
     contents = written(tmp_path / "out.mcap", full, SEABED, METADATA | INPUTS, estimate=True)
     figure = drawn(contents, "plan")

@@ -47,6 +47,7 @@ def test_what_was_published_of_another_grid_is_not_called_outside(contents):
     assert on_grid(slices, synthetic_flow(spacing=1_000.0).grid).outside is None
 
 
+@pytest.mark.full
 def test_the_page_calls_them_outside_the_forecast(contents):
     figure = figures(report_html(contents().result))["current-map"]
     outside = np.isfinite(unpacked(figure["packed"]["outside"]))
@@ -56,6 +57,7 @@ def test_the_page_calls_them_outside_the_forecast(contents):
     assert "Grey: land, or below the bottom. Hatched: outside the forecast." in said
 
 
+@pytest.mark.full
 def test_the_figures_hatch_them(contents):
     for land in (True, False):
         figure = drawn(contents(land=land), "map")

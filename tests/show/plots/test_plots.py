@@ -146,7 +146,10 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(each, marks=pytest.mark.full) if each is at_80_north else each for each in CASES],
+)
 def test_a_figure_says_what_there_is_not_and_can_be_laid_out(
     tmp_path, flow, innovation, plan, case
 ):
@@ -160,6 +163,7 @@ def test_a_figure_says_what_there_is_not_and_can_be_laid_out(
             assert all(axes.get_position().height > 0.02 for axes in figure.axes if axes.axison)
 
 
+@pytest.mark.full
 def test_a_map_across_the_antimeridian_is_continuous(tmp_path, flow, innovation, plan):
     contents = across_the_antimeridian(tmp_path / "case.mcap", flow, innovation, plan)
     axes = drawn(contents, "map").axes[0]
@@ -202,6 +206,7 @@ def test_the_depth_asked_for_is_that_of_the_map(contents):
     )
 
 
+@pytest.mark.full
 def test_a_map_of_a_time_has_the_current_published_before_it_and_nothing_later(contents):
     times, track = contents.slices.time_ns, contents.track
     moment = int(times[1]) + 1

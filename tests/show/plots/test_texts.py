@@ -133,6 +133,7 @@ def test_no_text_lies_over_another_or_leaves_the_figure(
     assert {kind: texts for kind, texts in found.items() if texts} == {}
 
 
+@pytest.mark.full
 def test_the_map_has_the_plan_and_its_goal(tmp_path, innovation, plan):
     contents = crowded(tmp_path / "crowded.mcap", scaled(6.0, 5.5), innovation, plan)
     axes = drawn(contents, "map").axes[0]

@@ -256,6 +256,7 @@ def test_frozen_missions_are_known_by_their_hashes(log, tmp_path, monkeypatch):
 
 
 @needs(DATA)
+@pytest.mark.full
 def test_two_runs_on_a_public_mission_are_the_same_bytes(tmp_path, monkeypatch):
     few = [one for one in bench_missions.registry() if one["name"] in ("rosie", "sp028")]
     monkeypatch.setattr(bench_missions, "registry", lambda: few)

@@ -179,6 +179,7 @@ def test_wrong_options_are_said(changes, words):
         run(series(), CONFIG, replace(JOB, **changes))
 
 
+@pytest.mark.full
 def test_what_needs_the_projects_own_estimator_is_said():
     for settings in ({"name": "etkf"}, {"preset": "paper"}):
         changed = CONFIG.estimator.model_copy(update=settings)

@@ -62,7 +62,7 @@ def profiles(found) -> list[Observation]:
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.tlog"])
-@pytest.mark.parametrize("vehicle", ["vessel", "glider"])
+@pytest.mark.parametrize("vehicle", ["vessel", pytest.param("glider", marks=pytest.mark.full)])
 def test_the_same_arguments_give_the_same_bytes(tmp_path, vehicle, name):
     out = tmp_path / name
     summary = make_twin(make_truth(), Twin(vehicle, 40, 0.09, 7), out)  # type: ignore[arg-type]
@@ -130,7 +130,7 @@ def test_a_tlog_is_read_by_pymavlink(tmp_path):
     assert [array_id for _, array_id, _ in frames[::5]] == list(range(30))
 
 
-@pytest.mark.parametrize("vehicle", ["vessel", "glider"])
+@pytest.mark.parametrize("vehicle", ["vessel", pytest.param("glider", marks=pytest.mark.full)])
 def test_both_carriers_give_the_same_observations(tmp_path, vehicle):
     truth = make_truth()
     for name in ("a.mcap", "a.tlog"):

@@ -119,6 +119,7 @@ def test_a_sound_glider_is_not_accused_and_cannot_tell_a_declination(glider, est
     )
 
 
+@pytest.mark.full
 def test_a_fault_in_a_gliders_log_is_named(glider, estimator):
     (warning,) = check(glider, "both signs are wrong", estimator).findings
     assert warning.cause == NAMES["both signs are wrong"]
@@ -225,7 +226,10 @@ def test_an_ensemble_in_another_unit_is_named_and_the_log_is_not_blamed(tmp_path
 
 @pytest.mark.parametrize(
     ("fault", "name"),
-    [("knots", "scale of the velocities"), ("frozen positions", "frozen positions")],
+    [
+        ("knots", "scale of the velocities"),
+        pytest.param("frozen positions", "frozen positions", marks=pytest.mark.full),
+    ],
 )
 def test_info_names_what_a_replay_names(tmp_path, glider, fault, name):
     edit = next(known.edit for known in FAULTS if known.name == fault)

@@ -117,7 +117,10 @@ def test_a_damaged_log_says_so(log):
 SEAGLIDER = sorted((ROOT.parent / "shared" / "data" / "seaglider").glob("p17101*.nc"))
 REAL = pytest.param(
     SEAGLIDER,
-    marks=pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there"),
+    marks=[
+        pytest.mark.full,
+        pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there"),
+    ],
     id="seaglider",
 )
 

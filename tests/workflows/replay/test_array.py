@@ -89,6 +89,7 @@ def moved(path: Path, out: Path, seconds: float = 0.0, degrees: float = 0.0, wit
     return out
 
 
+@pytest.mark.full
 def test_the_order_of_logs_and_whether_vehicles_are_named_makes_no_difference(
     logs, tmp_path, result
 ):
@@ -167,6 +168,7 @@ def test_the_value_of_a_vehicle_is_the_difference_to_a_replay_without_it(result,
     assert value["standard_error"] < value["standard_error_without"]
 
 
+@pytest.mark.full
 def test_a_turned_compass_is_the_fault_of_its_own_vehicle(tmp_path, truth):
     faults = {1: Faults("platform", 0.02, heading_bias_deg=40.0)}
     logs = write_array(tmp_path, truth, 2, pings=100, faults=faults, seed=1)
@@ -180,6 +182,7 @@ def test_a_turned_compass_is_the_fault_of_its_own_vehicle(tmp_path, truth):
     assert 6 in found.outcome.exit_codes
 
 
+@pytest.mark.full
 def test_an_interrupted_replay_goes_on_to_the_same_bytes(logs, tmp_path):
     whole = job_of(logs, tmp_path / "whole.mcap")
     replay(whole, CONFIG, planner_of)
@@ -191,6 +194,7 @@ def test_an_interrupted_replay_goes_on_to_the_same_bytes(logs, tmp_path):
     assert (tmp_path / "result.mcap").read_bytes() == (tmp_path / "whole.mcap").read_bytes()
 
 
+@pytest.mark.full
 def test_following_telemetry_of_which_one_is_late_ends_with_the_bytes_of_one_replay(logs, tmp_path):
     folders = {name: tmp_path / name for name in logs}
     for folder in folders.values():
@@ -280,6 +284,7 @@ def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
     assert verified.exit_code in (0, 3)
 
 
+@pytest.mark.full
 def test_the_command_line_names_vehicles_and_their_goals(logs, tmp_path):
     words = [f"--as {name}={path}" for name, path in logs.items()]
     line = f"replay {' '.join(words)} --ensemble {ENSEMBLE} --levels 5,150,500 --modes 6 -o {tmp_path / 'o.mcap'}"

@@ -136,6 +136,7 @@ def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(
     assert events["message"].iloc[0] == str(finding)
 
 
+@pytest.mark.full
 def test_two_sources_that_contradict_each_other_are_both_kept(ocean):
     log = faulty(ocean, "profiles: both signs")
     summary = run(ocean, log)

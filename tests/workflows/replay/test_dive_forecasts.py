@@ -110,7 +110,11 @@ def test_a_dive_that_is_told_to_go_deeper_than_the_last_lasts_longer_and_leads_f
 @needs(DATA / "glider")
 @pytest.mark.parametrize(
     ("pattern", "least"),
-    [("seaglider/p17101*.nc", 4), ("seaglider/p24900*.nc", 5), ("glider/seagliderOG1_*.nc", 17)],
+    [
+        ("seaglider/p17101*.nc", 4),
+        pytest.param("seaglider/p24900*.nc", 5, marks=pytest.mark.full),
+        ("glider/seagliderOG1_*.nc", 17),
+    ],
 )
 def test_the_time_of_a_real_surfacing_is_known_to_a_tenth_where_the_depth_is_stated(pattern, least):
     paths, config = sorted(DATA.glob(pattern)), RunConfig()

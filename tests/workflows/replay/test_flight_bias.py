@@ -181,7 +181,7 @@ def real_means(*names):
     "names",
     [
         [f"seaglider/p17101{k:02}.nc" for k in range(5)],
-        [f"seaglider/p24900{k}.nc" for k in range(10, 16)],
+        pytest.param([f"seaglider/p24900{k}.nc" for k in range(10, 16)], marks=pytest.mark.full),
     ],
     ids=["p17101", "p24900"],
 )

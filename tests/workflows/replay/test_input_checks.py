@@ -113,6 +113,7 @@ def test_a_file_without_members_is_no_ensemble_for_info_either(ocean):
     assert (done.exit_code, words in done.stderr, "Next:" in done.stdout) == (3, True, False)
 
 
+@pytest.mark.full
 def test_dry_runs_check_the_goal_and_count_as_the_replay_does(ocean):
     job = ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc")
     summary, _ = replay(job, CONFIG)

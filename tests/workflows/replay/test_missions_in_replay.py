@@ -339,6 +339,7 @@ def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
     )
 
 
+@pytest.mark.full
 def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_and_those_before_it_have_none(
     ocean, tmp_path
 ):

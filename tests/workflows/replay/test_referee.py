@@ -37,6 +37,7 @@ def run(*arguments) -> int:
     return invoke(["replay", *map(str, arguments)]).exit_code
 
 
+@pytest.mark.full
 def test_the_referee_compares_what_each_forecast_made_of_the_same_dives(folder):
     out, table = folder / "out.mcap", folder / "out.json"
     given = [

@@ -176,6 +176,7 @@ def test_windows_are_squares_of_14_correlation_lengths_of_at_least_1600_points(
         assert window_points(extent, length, 40.5) == pytest.approx(points, rel=0.01)
 
 
+@pytest.mark.full
 def test_the_region_is_kept_in_result_and_checkpoint(strip, tmp_path):
     whole = tmp_path / "whole.mcap"
     run_until(job(strip, out=whole), CONFIG, None)

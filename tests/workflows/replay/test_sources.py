@@ -112,7 +112,7 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
     assert {info.use for info in content} == {"ready for replay: currents at the surface found"}
 
 
-@pytest.mark.parametrize("stop_after", [2, 3])
+@pytest.mark.parametrize("stop_after", [2, pytest.param(3, marks=pytest.mark.full)])
 def test_after_a_pause_the_surface_is_that_of_one_run(ocean, tmp_path, stop_after):
     totals = made.totals((0.1, 0.05), 4, west=-59.9, south=39.8)
     totals.to_netcdf(tmp_path / "totals.nc", engine="h5netcdf")

@@ -101,6 +101,7 @@ def test_windows_are_shared_by_vehicles_that_meet(pooled):
     assert len(result.estimates) == 3
 
 
+@pytest.mark.full
 def test_logs_in_another_order_and_a_run_that_was_stopped_give_the_same_bytes(
     basin, pooled, tmp_path
 ):
