@@ -56,6 +56,7 @@ def test_zarr_over_https_is_cut_to_box_depths_and_times(asker, zarr_format):
     assert record["fetched"].endswith("Z")
 
 
+@pytest.mark.full
 def test_a_sharded_store_gives_parts_of_its_shards(asker):
     options = {"chunks": (1, 3, 1, 10, 10), "shards": (2, 3, 4, 30, 40)}
     ds = zarr_objects(sea(), zarr_format=3, encoding={"uo": options, "vo": options})

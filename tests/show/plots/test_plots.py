@@ -148,7 +148,10 @@ CASES = {
 
 @pytest.mark.parametrize(
     "case",
-    [pytest.param(each, marks=pytest.mark.full) if each is at_80_north else each for each in CASES],
+    [
+        pytest.param(each, marks=pytest.mark.full) if each in (at_80_north, of_one_ping) else each
+        for each in CASES
+    ],
 )
 def test_a_figure_says_what_there_is_not_and_can_be_laid_out(
     tmp_path, flow, innovation, plan, case

@@ -60,6 +60,7 @@ def test_shear_is_counted_apart_and_the_result_says_the_same(ocean, tmp_path):
     )
 
 
+@pytest.mark.full
 def test_withheld_it_leaves_the_other_measurements(ocean):
     whole, denied = run(ocean), run(ocean, without=["shear"])
     assert not denied.sources
