@@ -23,24 +23,13 @@ ALLOWED = {
     "rmse": 0.01,
     "unused": 1,
 }
-# They take five seconds and more even at a tiny size, some for the processes that they begin.
-SLOW = [
-    "array",
-    "atsea",
-    "faults",
-    "fleet",
-    "front",
-    "kinds",
-    "pages",
-    "planners",
-    "safety",
-    "start",
-]
+# The others take four seconds and more even at a tiny size, some for the processes that they begin.
+QUICK = ("estimator", "forecasts", "local", "logs", "size", "windows")
 
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=pytest.mark.full) if name in SLOW else name for name in BENCHMARKS],
+    [name if name in QUICK else pytest.param(name, marks=pytest.mark.full) for name in BENCHMARKS],
 )
 def test_every_benchmark_runs_and_its_answers_are_right(name, tmp_path, capsys):
     file = tmp_path / "benchmarks.json"

@@ -84,7 +84,7 @@ CASES: list[tuple[Case, str, set[str]]] = [
     (of_nothing, "The result holds neither a position nor a measurement.", set()),
 ]
 # the others take seconds each
-QUICK = (cut_short, without_plan, across_the_antimeridian, without_positions, of_nothing)
+QUICK = (cut_short, without_plan, without_positions, of_nothing)
 
 
 @pytest.mark.parametrize(

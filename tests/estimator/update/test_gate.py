@@ -66,6 +66,7 @@ def test_the_statistic_is_the_textbook_s():
     assert verdict.threshold == pytest.approx(chi2.isf(1e-5, 6))
 
 
+@pytest.mark.full
 def test_a_gate_of_one_in_a_hundred_rejects_about_one_in_a_hundred():
     rng = np.random.default_rng(1)
     cov = np.diag([25.0, 4.0, 1.0, 0.1])
@@ -188,7 +189,6 @@ def test_profiles_that_contradict_one_another_end_finite_and_positive():
     assert np.linalg.eigvalsh(cov).min() > -1e-12 * np.trace(cov)
 
 
-@pytest.mark.full
 def test_an_overconfident_estimate_is_noticed_and_grows_its_errors():
     """Members shrunk to a tenth of their spread: nearly all sound profiles lie outside."""
     small = others()

@@ -347,6 +347,7 @@ def _random_runs(asker, objects, url_of, runs):
     return good
 
 
+@pytest.mark.full
 def test_random_failures_give_the_sound_forecast_or_an_error(asker, objects):
     good = _random_runs(asker, objects, lambda files: files.url, 4)
     assert 1 < good <= 4

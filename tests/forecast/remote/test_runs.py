@@ -32,7 +32,9 @@ def runs(start: str) -> xr.Dataset:
     return ds
 
 
-@pytest.mark.parametrize("start", ["time", "forecast_reference_time"])
+@pytest.mark.parametrize(
+    "start", [pytest.param("time", marks=pytest.mark.full), "forecast_reference_time"]
+)
 def test_lags_of_a_store_of_runs(tmp_path, asker, start):
     ds = runs(start)
     ds.to_netcdf(tmp_path / "runs.nc", engine="h5netcdf")

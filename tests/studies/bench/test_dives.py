@@ -174,6 +174,7 @@ for line in sys.stdin:
 """
 
 
+@pytest.mark.full
 def test_programs_that_fail_are_scored_as_the_last_dive_named_and_cost_no_other(tmp_path):
     path = tmp_path / "entry.py"
     path.write_text(ENTRY)

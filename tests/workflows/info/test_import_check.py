@@ -111,6 +111,7 @@ def test_a_sound_survey_is_not_accused_and_tells_of_every_fault(surveys, estimat
     assert check(surveys[seed], "sound", estimator) == ImportCheck(30, ())
 
 
+@pytest.mark.full
 def test_a_sound_glider_is_not_accused_and_cannot_tell_a_declination(glider, estimator):
     found = check(glider, "sound", estimator)
     assert found.findings == ()

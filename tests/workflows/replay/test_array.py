@@ -258,6 +258,7 @@ def test_a_vehicle_without_a_fix_is_named_and_a_late_clock_is_said(logs, tmp_pat
     )
 
 
+@pytest.mark.full
 def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
     out = tmp_path / "array.mcap"
     shutil.copy(result.path, out)

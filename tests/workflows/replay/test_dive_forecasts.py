@@ -113,7 +113,7 @@ def test_a_dive_that_is_told_to_go_deeper_than_the_last_lasts_longer_and_leads_f
     [
         ("seaglider/p17101*.nc", 4),
         pytest.param("seaglider/p24900*.nc", 5, marks=pytest.mark.full),
-        ("glider/seagliderOG1_*.nc", 17),
+        pytest.param("glider/seagliderOG1_*.nc", 17, marks=pytest.mark.full),
     ],
 )
 def test_the_time_of_a_real_surfacing_is_known_to_a_tenth_where_the_depth_is_stated(pattern, least):

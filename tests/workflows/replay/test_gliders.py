@@ -172,7 +172,11 @@ def test_an_unknown_reference_ends_with_the_line_to_set(ocean, tmp_path):
 
 @needs(DATA / "glider")
 @pytest.mark.parametrize(
-    ("name", "used"), [("seagliderOG1_sg033_delayed.nc", 18), ("og1_sp028_20230202T1637_R.nc", 9)]
+    ("name", "used"),
+    [
+        pytest.param("seagliderOG1_sg033_delayed.nc", 18, marks=pytest.mark.full),
+        ("og1_sp028_20230202T1637_R.nc", 9),
+    ],
 )
 def test_mean_currents_of_real_files_are_used(ocean, name, used):
     answer, _ = replay(ocean, DATA / "glider" / name)
