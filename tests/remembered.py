@@ -48,8 +48,7 @@ def assemble_argument_collection(app: App, **settings: Any) -> ArgumentCollectio
     key = app.default_command, repr(app.app_stack.default_parameter), repr(settings)
     if key not in _options:
         _options[key] = _assemble(app, **settings)
-    copies = dict[int, Argument]()
-    return _without_values(_options[key], copies)
+    return _without_values(_options[key], {})
 
 
 def _without_values(
