@@ -89,6 +89,7 @@ CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
             "replay_kit/core/README.md",
             "replay_kit/show/README.md",
             "replay_kit/show/page/README.md",
+            "replay_kit/workflows/README.md",
             "tests/README.md",
             "tests/benchmarks/README.md",
             "replay_kit/DECISIONS.md",
