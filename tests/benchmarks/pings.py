@@ -1,12 +1,12 @@
 """``python -m tests.benchmarks pings``: error and stated uncertainty of the estimate after some profiles at random places of a truth.
 
-A truth is another file, or a member left out with its copies. A profile has 22 bins of 32 m, each with a noise of 9 cm/s. Scored are the wet
-points of the forecast's grid. ``relative_error`` is the RMS length of the error over the RMS speed of the truth; ``coverage_90`` the share of
-components in their 90 % intervals; ``crps`` the continuous ranked probability score of a component [m/s], that of a normal distribution
-with the stated standard error (Gneiting and Raftery 2007, eq. 21), 0.23 of the error where that is stated rightly.
+A truth is another file, or a member left out with its copies. A profile has 22 bins of 32 m, each with a noise of 9 cm/s. Scored are the
+wet points of the forecast's grid. ``relative_error`` is the RMS length of the error over the RMS speed of the truth; ``coverage_90`` the
+share of components in their 90 % intervals; ``crps`` the continuous ranked probability score of a component [m/s], that of a normal
+distribution with the stated standard error (Gneiting and Raftery 2007, eq. 21).
 
 Not measured are points above the first or below the last bin of all profiles that has water, and those farther from every profile than the
-set's ``length`` along the ground: there ``crps_elsewhere`` is taken. Where nothing was measured an error is stated, not found.
+set's ``length`` along the ground: ``crps_elsewhere`` is that of them alone.
 """
 
 import time

@@ -22,7 +22,6 @@ _FOLDERS = (
     *("glider/seaexplorer/+sea046*", "glider/seaexplorer/+sea063*", "logs/mcap-conformance/*/+*"),
     *("seaglider/+p1710*.nc", "seaglider/+p2490*.nc", "slocum/+*.?bd"),
 )
-# Messages of a topic and why they are not used: at most so many of a log are named, the others counted together.
 _KINDS = {VehicleState: "position", Observation: "profile", PathMean: "mean current"}
 
 
@@ -87,7 +86,8 @@ def answer(paths: Sequence[Path]) -> dict[str, Any]:
 def _summary(events: Sequence[Any]) -> Mapping[str, Any]:
     """Return number, first and last time of the measurements or positions of a topic, flags and reasons of their bins by number.
 
-    Of longitude, latitude, depth, and u and v there are the number of finite values, their mean, their RMS about it, the first and the last.
+    Of each of the places and values there are the number of finite ones, their mean, their RMS about it, the first and the last; degrees
+    are in millionths.
     """
     found: dict[str, Any] = {
         "n": len(events),
@@ -109,7 +109,10 @@ def _summary(events: Sequence[Any]) -> Mapping[str, Any]:
         if values.size:
             mean = float(values.mean())
             spread = float(np.sqrt(np.mean((values - mean) ** 2)))
-            found[name] = [values.size, mean, spread, float(values[0]), float(values[-1])]
+            sums = mean, spread, float(values[0]), float(values[-1])
+            if name in ("longitude", "latitude"):
+                sums = tuple(round(1e6 * each) for each in sums)
+            found[name] = [values.size, *sums]
     return found
 
 

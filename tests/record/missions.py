@@ -36,8 +36,6 @@ from replay_kit.core.plan import Place
 from tests.planners.hazardous import random_mission
 from tests.reference.vehicle import Sea, fly_commands
 
-#: What is kept of each mission. Lengths are metres; what nothing limits is None.
-COLUMNS = ("status", "hours", "legs", "stated_miss", "miss", "clearance", "above_bottom")
 _FLOW = Path(__file__).parent / "files" / "missions_flow.nc"
 # Corners of three areas between a start and a goal [degrees].
 _AREAS = (
@@ -215,7 +213,7 @@ def _polygons(rng: np.random.Generator, start: Any, goal: Any) -> Iterator[NoGo]
 
 
 def _kinds() -> Iterator[Case]:
-    """Yield one mission of each kind: goals in order, at depth; dives a leg; energy; ranges of depths; a line; moorings; changing currents."""
+    """Yield a mission of each kind: goals in order, at depth; dives a leg; energy; depths chosen; a line; moorings; changing currents."""
     a, b, c, d = (152.0, -40.1), (152.6, -39.9), (152.35, -40.25), (152.4, -39.8)
     usual = {"depth": 300.0, "surface_time": _DRIFT}
     for asked in (
@@ -280,49 +278,50 @@ SETS: dict[str, Callable[[], Iterator[Case]]] = {
 }
 
 
-def answers(name: str, numbers: Container[int] | None = None) -> dict[str, list[Any]]:
-    """Return what is said of the missions of a set by their numbers, in the order of ``COLUMNS``.
+def answers(name: str, numbers: Container[int] | None = None) -> dict[str, dict[str, Any]]:
+    """Return what is said of the missions of a set, by their numbers.
 
     Args:
         name: Of the set.
         numbers: Of the missions wanted; None for all.
     """
     return {
-        str(k): [row[column] for column in COLUMNS]
+        str(k): answer(case)
         for k, case in enumerate(SETS[name]())
         if numbers is None or k in numbers
-        for row in [answer(case)]
     }
 
 
 def answer(case: Case) -> dict[str, Any]:
-    """Return what is said of a mission, and what comes of it where its commands are flown by other code."""
-    row = dict.fromkeys(COLUMNS)
+    """Return what is said of a mission, and what comes of it where its commands are flown by other code.
+
+    ``stated_miss``, ``miss``, ``clearance`` of areas and ``above_bottom`` are metres; what there is none of is left out.
+    """
     flow = case.flow if len(case.flow) > 1 else case.flow[0]
     try:
         plan = case.planned(flow, case.request)
     except rk.ReplayKitError:
-        return row | {"status": "refused"}
-    row |= {"status": plan.status, "hours": plan.duration / 3600.0, "legs": len(plan.headings_deg)}
-    if not len(plan.headings_deg):
-        return row
+        return {"status": "refused"}
+    said = {"status": plan.status, "hours": plan.duration / 3600.0, "legs": len(plan.headings_deg)}
+    if not said["legs"]:
+        return said
     track = fly_commands(Sea(case.flow, case.request.start_time_ns, _STEP), plan)
-    off = np.linalg.norm(track[-1, :2] - plan.track[-1, :2])
-    return row | {
+    flown = {
         "stated_miss": float(np.max(plan.closest_approach, initial=0.0)),
-        "miss": float(_missed(case, track, off)),
+        "miss": _missed(case, track, plan),
         "clearance": _clearance(case, track),
         "above_bottom": _above_bottom(case, track),
     }
+    return said | {name: value for name, value in flown.items() if value is not None}
 
 
-def _missed(case: Case, track: Array, off: float) -> float:
-    """Return how far a flight ends from its last goal [m]; of a mooring or a goal below the surface, from where the plan does."""
-    goal = case.request.goals[-1]
-    if goal.depth > 0.0 or case.planned is not plan_mission:
-        return off
-    at = to_local(case.flow[0].grid.projection, goal.longitude, goal.latitude)
-    return float(np.hypot(*(track[-1, :2] - np.array(at))))
+def _missed(case: Case, track: Array, plan: MissionPlan) -> float:
+    """Return how far a flight ends from its last goal; of a mooring, a line or a goal below the surface, from where the plan does [m]."""
+    goal, end = case.request.goals[-1], plan.track[-1, :2]
+    if goal.depth == 0.0 and case.planned is plan_mission:
+        frame = case.flow[0].grid.projection
+        end = np.array(to_local(frame, goal.longitude, goal.latitude))
+    return float(np.linalg.norm(track[-1, :2] - end))
 
 
 def _fine(track: Array) -> Array:

@@ -1,7 +1,7 @@
 """What version 0.3 answers, kept as data: loading it with digests checked, and what differs from it.
 
-``files/`` holds estimates, results and settings that 0.3 wrote, ``answers/`` what it answered, as JSON of 7 significant digits. A record has
-names of its own on each level, down to a number, a text, None, or a list of these.
+``files/`` holds estimates, results and settings that 0.3 wrote, ``answers/`` what it answered, as JSON of 7 significant digits. A record
+has names on each level, down to a number, a text, None, or a list of these.
 """
 
 import hashlib
@@ -13,15 +13,26 @@ from typing import Any, NamedTuple
 
 _HERE = Path(__file__).parent
 FILES, ANSWERS, DIGESTS = _HERE / "files", _HERE / "answers", _HERE / "digests.json"
-#: How far numbers of a record may be from today's: absolute, and relative to the larger one. Either is enough.
+#: How far numbers may be from those of a record, or of one name in it: absolute, and relative to the larger one. Either is enough; of
+#: integers, such as times, the absolute one counts.
 TOLERANCES: Mapping[str, tuple[float, float]] = {
-    "accuracy": (0.004, 0.0),
+    "accuracy.relative_error": (0.004, 0.0),
+    "accuracy.coverage_90": (0.02, 0.0),
+    "accuracy.coverage_by_level": (0.05, 0.0),
+    "accuracy": (0.0, 0.02),
     "files": (1e-4, 1e-5),
     "measured": (1e-6, 1e-6),
+    "measured.longitude": (1.0, 0.0),  # 1e-6 degrees
+    "measured.latitude": (1.0, 0.0),
     "faults": (0.0, 0.0),
-    "missions": (5.0, 0.01),
-    "paper": (2e-3, 1e-6),
+    "missions": (5.0, 0.0),  # m
+    "missions.hours": (0.0, 0.01),
+    "missions.legs": (1.0, 0.0),
+    "paper": (1e-6, 1e-6),
+    "paper.glides": (2.0, 0.0),  # m
 }
+# On how many levels, from the outermost on, answers may be some of the record's.
+_CHOSEN = {"accuracy": 3, "missions": 2, "paper": 2}
 _DIGITS = 7
 
 
@@ -86,26 +97,28 @@ def difference(name: str, rows: Mapping[str, Any]) -> list[Difference]:
 
     Args:
         name: Of the record.
-        rows: Today's answers, with the record's names, all of them or some on each level.
+        rows: Today's answers, with the record's names: all of a record, or some of its sets, of which everything is compared.
     """
-    return list(_differing((), load(name), rounded(rows), *TOLERANCES[name]))
+    return list(_differing(name, (), load(name), rounded(rows)))
 
 
-def _differing(
-    at: tuple[str, ...], kept: Any, today: Any, absolute: float, relative: float
-) -> Iterator[Difference]:
+def _differing(name: str, at: tuple[str, ...], kept: Any, today: Any) -> Iterator[Difference]:
     if isinstance(today, Mapping) and isinstance(kept, Mapping):
-        for key, value in today.items():
-            yield from _differing((*at, key), kept.get(key), value, absolute, relative)
+        some = len(at) < _CHOSEN.get(name, 1)
+        for key in today if some else {**kept, **today}:
+            yield from _differing(name, (*at, key), kept.get(key), today.get(key))
     elif isinstance(today, list) and isinstance(kept, list) and len(today) == len(kept):
         for k, pair in enumerate(zip(kept, today, strict=True)):
-            yield from _differing((*at, str(k)), *pair, absolute, relative)
-    elif not _alike(kept, today, absolute, relative):
-        yield Difference(at, kept, today)
+            yield from _differing(name, (*at, str(k)), *pair)
+    else:
+        named = (TOLERANCES.get(f"{name}.{part}") for part in at)
+        absolute, relative = next(filter(None, named), TOLERANCES[name])
+        if not _alike(kept, today, absolute, relative):
+            yield Difference(at, kept, today)
 
 
 def _alike(kept: Any, today: Any, absolute: float, relative: float) -> bool:
     if not (isinstance(kept, int | float) and isinstance(today, int | float)):
         return bool(kept == today)
-    off = abs(kept - today)
-    return off <= absolute or off <= relative * max(abs(kept), abs(today))
+    off, whole = abs(kept - today), isinstance(kept, int) and isinstance(today, int)
+    return off <= absolute or (not whole and off <= relative * max(abs(kept), abs(today)))
