@@ -98,7 +98,8 @@ def scores(
     """Return the figures of a set by number of profiles and seed."""
     ensemble, truth = sea.read()
     field = build_field(truth)
-    surveys = [random_observations(field, max(counts), NOISE, seed) for seed in seeds]
+    # of as many profiles always: the first of them depend on their number
+    surveys = [random_observations(field, COUNTS[-1], NOISE, seed)[: max(counts)] for seed in seeds]
     found: dict[str, dict[str, Any]] = {str(n): {} for n in counts}
     of_each = estimates(ensemble, surveys, counts)
     for seed, profiles, after in zip(seeds, surveys, of_each, strict=True):

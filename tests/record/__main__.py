@@ -66,7 +66,7 @@ MAKERS: dict[str, Callable[[], dict[str, Any]]] = {
     "accuracy": lambda: {name: pings.scores(sea) for name, sea in pings.SEAS.items()},
     "paper": lambda: {name: paper(name) for name in _STUDIES},
     "faults": _of_faults,
-    "missions": lambda: {name: missions.answers(name) for name in missions.SETS},
+    "missions": lambda: {name: missions.answers(name) for name in missions.sets()},
 }
 
 

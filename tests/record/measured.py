@@ -22,6 +22,7 @@ _FOLDERS = (
     *("glider/seaexplorer/+sea046*", "glider/seaexplorer/+sea063*", "logs/mcap-conformance/*/+*"),
     *("seaglider/+p1710*.nc", "seaglider/+p2490*.nc", "slocum/+*.?bd"),
 )
+_QUALITY = ("flags", "reasons")
 _KINDS = {VehicleState: "position", Observation: "profile", PathMean: "mean current"}
 
 
@@ -94,40 +95,33 @@ def _summary(events: Sequence[Any]) -> Mapping[str, Any]:
         "first": events[0].time_ns,
         "last": events[-1].time_ns,
     }
-    columns = [_columns(event) for event in events]
-    if flags := [event.linear for event in events if not isinstance(event, VehicleState)]:
-        found["flags"] = _counted(np.concatenate([one.flags for one in flags]), Flag)
-        bits = np.concatenate([one.reasons for one in flags])
+    rows = [one if isinstance(one, VehicleState) else one.linear for one in events]
+    columns = [_columns(row) for row in rows]
+    if not isinstance(rows[0], VehicleState):
+        flags, bits = (np.concatenate([getattr(row, of) for row in rows]) for of in _QUALITY)
+        found["flags"] = {
+            flag.name: int(np.sum(flags == flag)) for flag in Flag if np.any(flags == flag)
+        }
         found["reasons"] = {
-            reason.name: count
+            reason.name: int(np.count_nonzero(bits & reason))
             for reason in Reason
-            if (count := int(np.count_nonzero(bits & reason.value)))
+            if np.any(bits & reason)
         }
     for name in columns[0]:
         values = np.concatenate([np.ravel(each[name]) for each in columns])
         values = values[np.isfinite(values)]
         if values.size:
-            mean = float(values.mean())
-            spread = float(np.sqrt(np.mean((values - mean) ** 2)))
-            sums = mean, spread, float(values[0]), float(values[-1])
-            if name in ("longitude", "latitude"):
-                sums = tuple(round(1e6 * each) for each in sums)
-            found[name] = [values.size, *sums]
+            degrees = name in ("longitude", "latitude")
+            values = 1e6 * values if degrees else values
+            spread = np.sqrt(np.mean((values - values.mean()) ** 2))
+            figures = map(float, (values.mean(), spread, values[0], values[-1]))
+            found[name] = [values.size, *(map(round, figures) if degrees else figures)]
     return found
 
 
-def _columns(event: Any) -> dict[str, Any]:
-    """Return where an event is and what it measures."""
-    place = {name: getattr(event, name) for name in ("longitude", "latitude", "depth")}
-    if isinstance(event, VehicleState):
+def _columns(row: Any) -> dict[str, Any]:
+    """Return where a position or a measurement is, and what it measures."""
+    place = {name: getattr(row, name) for name in ("longitude", "latitude", "depth")}
+    if isinstance(row, VehicleState):
         return place
-    if isinstance(event, PathMean):
-        return place | {"u": event.velocity[0], "v": event.velocity[1], "error": event.error_std}
-    values = event.velocity if isinstance(event, Observation) else event.value
-    names = ("u", "v")[: values.shape[1]]
-    return place | dict(zip(names, values.T, strict=True)) | {"error": event.error_std}
-
-
-def _counted(flags: np.ndarray, of: Any) -> dict[str, int]:
-    numbers, counts = np.unique(flags, return_counts=True)
-    return {of(int(flag)).name: int(count) for flag, count in zip(numbers, counts, strict=True)}
+    return place | dict(zip("uv", row.value.T, strict=False)) | {"error": row.error_std}
