@@ -11,7 +11,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 import replay_kit as rk
@@ -26,8 +25,8 @@ _FEW: Mapping[str, Any] = {
 }
 _ENSEMBLE, _TRUTH = SAMPLES / "ensemble.nc", SAMPLES / "truth.nc"
 _GOAL = (152.7, -40.1, 0.0)
-# Times of a forecast that changes, from the samples' own on [h].
-_HOURS = (0.0, 24.0)
+# By what a member turns into another one in a day [rad].
+_TURNED = 0.3
 
 
 def make(folder: Path) -> None:
@@ -67,37 +66,33 @@ def _replayed(logs: Any, ensemble: Any, out: Path, goal: Any = None, **settings:
 
 
 def _changing() -> xr.Dataset:
-    """Return the samples' ensemble as a forecast of several times, at which each member is more and more another one."""
+    """Return members of the samples as a forecast of two times, at the second of which each is partly another one."""
     with xr.open_dataset(_ENSEMBLE) as held:
         first = held.isel(member=slice(12)).load()
+    later = np.cos(_TURNED) * first + np.sin(_TURNED) * first.roll(member=1)
     begin = np.datetime64("2018-11-16T00:00:00", "ns")
-    at = [
-        (np.cos(turned) * first + np.sin(turned) * first.roll(member=1)).assign_coords(
-            time=begin + np.timedelta64(round(hours * 3600), "s")
-        )
-        for hours, turned in zip(_HOURS, (0.0, 0.3), strict=True)
-    ]
-    found = xr.concat(at, "time")
-    for name in found.variables:
-        found[name].attrs.update(first[name].attrs if name in first.variables else {})
+    times = [begin, begin + np.timedelta64(1, "D")]
+    both = (each.assign_coords(time=at) for each, at in zip((first, later), times, strict=True))
+    found = xr.concat(both, "time")
+    for name in first.variables:
+        found[name].attrs.update(first[name].attrs)
     return found
 
 
 def _windowed(out: Path) -> None:
-    """Return what a vessel's way through a wide sea gives, which no window holds whole."""
-    members = synthetic.dataset(seed=3, n_members=13, shape=(14, 90), levels=np.array([5.0, 150.0]))
-    truth = members.isel(member=12)
-    sea = members.isel(member=slice(12))
-    rows = []
+    """Write what a vessel's way through a wide sea gives, which no window holds whole."""
+    levels = np.array([5.0, 150.0])
+    members = synthetic.dataset(seed=3, n_members=13, shape=(14, 90), levels=levels)
+    truth, sea = members.isel(member=12, lat=7), members.isel(member=slice(12))
+    profiles = []
     for k, column in enumerate(range(8, 36, 3)):
-        here = truth.isel(lat=7, lon=column)
-        for depth in (5.0, 150.0):
-            u, v = (float(here[name].sel(depth=depth)) for name in ("uo", "vo"))
-            time = np.datetime64("2018-11-16T00:00:00", "ns") + np.timedelta64(10 * k, "m")
-            rows.append((time, float(here["lon"]), float(here["lat"]), depth, u, v, 0.05))
-    table = pd.DataFrame(rows, columns=["time", "lon", "lat", "depth", "u", "v", "error"])
+        here = truth.isel(lon=column)
+        time_ns = 1_542_326_400_000_000_000 + k * 600_000_000_000
+        place = time_ns, float(here["lon"]), float(here["lat"])
+        u, v = here["uo"].values, here["vo"].values
+        profiles.append(rk.Observation.profile(*place, levels, u, v, 0.05))
     settings = {"forecast": {"window_points": 250}, "estimator": {"modes": 4, "sample_share": 0.4}}
-    rk.replay(table, sea, out=out, settings=settings)
+    rk.replay(profiles, sea, out=out, settings=settings)
 
 
 if __name__ == "__main__":
