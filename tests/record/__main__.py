@@ -63,8 +63,10 @@ def _of_faults() -> dict[str, Any]:
 MAKERS: dict[str, Callable[[], dict[str, Any]]] = {
     "files": opened.answers,
     "measured": lambda: measured.answers(measured.logs()),
-    "accuracy": lambda: {name: pings.scores(sea) for name, sea in pings.SEAS.items()},
-    "paper": lambda: {name: paper(name) for name in _STUDIES},
+    "accuracy": lambda: {
+        name: pings.scores(sea) for name, sea in pings.SEAS.items() if sea.ensemble.exists()
+    },
+    "paper": lambda: {name: paper(name) for name in _STUDIES if _STUDIES[name][0].exists()},
     "faults": _of_faults,
     "missions": lambda: {name: missions.answers(name) for name in missions.sets()},
 }
@@ -97,11 +99,12 @@ def as_text(answers: Mapping[str, Any]) -> str:
 
 def table(name: str, today: Mapping[str, Any], most: int = 20) -> list[str]:
     """Return lines on how today's answers differ from a record: the summary of its kind, and the first of what differs."""
-    found = difference(name, today)
-    lines = [f"{name}: {len(found)} answers differ by more than the record's tolerance"]
-    lines += {"accuracy": _accuracy, "missions": _missions}.get(name, lambda *_: [])(
-        load(name), today
-    )
+    kept, found = load(name), difference(name, today)
+    lines = [
+        f"{name}: {len(found)} answers differ by more than the record's tolerance; "
+        f"{len(kept.keys() - today.keys())} of {len(kept)} sets are not compared"
+    ]
+    lines += {"accuracy": _accuracy, "missions": _missions}.get(name, lambda *_: [])(kept, today)
     lines += [f"  {' / '.join(one.at)}: {one.kept} -> {one.today}" for one in found[:most]]
     return lines + ([f"  and {len(found) - most} more"] if len(found) > most else [])
 
@@ -118,7 +121,7 @@ def _accuracy(kept: Mapping[str, Any], today: Mapping[str, Any]) -> list[str]:
                 for old, now in zip(before[figure], after[figure], strict=True)
                 if old is not None and now is not None
             ]
-            shown = " ".join(f"{now:.4f} ({change:+.4f})" for now, change in pairs)
+            shown = " ".join(f"{now:.4f} ({change:.4f})" for now, change in pairs)
             lines.append(f"  {sea} {figure}: {shown}")
     return lines
 
