@@ -30,7 +30,6 @@ from planners import (
     plan_mission,
     plan_mooring,
 )
-from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.plan import Place
@@ -168,7 +167,7 @@ def answer(case: Case) -> dict[str, Any]:
     return said | {name: value for name, value in flown.items() if value is not None}
 
 
-def _missed(case: Case, track: Array, plan: MissionPlan) -> float:
+def _missed(case: Case, track: np.ndarray, plan: MissionPlan) -> float:
     """Return how far a flight ends from its last goal; of a mooring, a line or a goal below the surface, from where the plan does [m]."""
     goal, end = case.request.goals[-1], plan.track[-1, :2]
     if goal.depth == 0.0 and not case.kind:
@@ -177,7 +176,7 @@ def _missed(case: Case, track: Array, plan: MissionPlan) -> float:
     return float(np.linalg.norm(track[-1, :2] - end))
 
 
-def _fine(track: Array) -> Array:
+def _fine(track: np.ndarray) -> np.ndarray:
     """Return points of a track that are near to each other, shape (n, 3) [m]."""
     parts = [
         np.linspace(a, b, int(np.linalg.norm(b - a) / _APART) + 1, endpoint=False)
@@ -186,7 +185,7 @@ def _fine(track: Array) -> Array:
     return np.concatenate([*parts, track[-1:]])
 
 
-def _clearance(case: Case, track: Array) -> float | None:
+def _clearance(case: Case, track: np.ndarray) -> float | None:
     """Return the least distance to the areas [m], to those for the surface alone where the track is there; 0 inside."""
     frame, found = case.flow[0].grid.projection, []
     for area in case.request.no_go:
@@ -201,7 +200,7 @@ def _clearance(case: Case, track: Array) -> float | None:
     return min(found, default=None)
 
 
-def _above_bottom(case: Case, track: Array) -> float | None:
+def _above_bottom(case: Case, track: np.ndarray) -> float | None:
     """Return the least height above the bottom, linear between the points of its grid [m]."""
     bottom = case.request.bathymetry
     if bottom is None:

@@ -92,6 +92,7 @@ CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
             "replay_kit/workflows/README.md",
             "tests/README.md",
             "tests/benchmarks/README.md",
+            "tests/record/README.md",
             "replay_kit/DECISIONS.md",
             "replay_kit/SECURITY.md",
             "replay_kit/CHANGELOG.md",
