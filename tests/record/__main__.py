@@ -5,6 +5,7 @@
 
 import argparse
 import json
+import lzma
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -83,18 +84,11 @@ def main(arguments: list[str] | None = None) -> None:
         for name in options.names or MAKERS:
             today = rounded(MAKERS[name]())
             if folder is not None:
-                (folder / f"{name}.json").write_text(as_text(today))
+                (folder / f"{name}.json.xz").write_bytes(
+                    lzma.compress(json.dumps(today).encode(), preset=9)
+                )
             else:
                 print(*table(name, today), sep="\n", flush=True)
-
-
-def as_text(answers: Mapping[str, Any]) -> str:
-    """Return a record as JSON, a line for each of its outermost names."""
-    lines = (
-        f"{json.dumps(name)}:{json.dumps(value, separators=(',', ':'))}"
-        for name, value in answers.items()
-    )
-    return "{" + ",\n".join(lines) + "}\n"
 
 
 def table(name: str, today: Mapping[str, Any], most: int = 20) -> list[str]:

@@ -1,11 +1,10 @@
 """Missions of every kind, what a planner says of each, and what other code meets that flies its commands.
 
-``files/missions.json`` holds what is asked in the current of ``files/missions_flow.nc``, by set: places (longitude, latitude [degrees]
+``files/missions.json.xz`` holds what is asked in the current of ``files/missions_flow.nc``, by set: places (longitude, latitude [degrees]
 and, below the surface, depth [m]), areas as their corners, mounts of the bottom (longitude, latitude, radius [degrees], least depth [m]).
 The other sets are random missions among hazards, whose numbers are their seeds.
 """
 
-import json
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -34,7 +33,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.plan import Place
 from tests.planners.hazardous import random_mission
-from tests.record.record import FILES, checked
+from tests.record.record import FILES, checked, unpacked
 from tests.reference.vehicle import Sea, fly_commands
 
 #: Sets of random missions: their number, and the least and greatest RMS speed of the eddies at the first level [m/s].
@@ -70,7 +69,7 @@ class Case:
 
 @cache
 def _asked() -> dict[str, Any]:
-    return json.loads(checked(FILES / "missions.json").read_text())
+    return unpacked(FILES / "missions.json.xz")
 
 
 def sets() -> list[str]:

@@ -1,18 +1,21 @@
-"""What version 0.3 answers, kept as data: loading it with digests checked, and what differs from it.
+"""What version 0.3 answers, kept as data whose digests the budget names: loading it, and what differs from it.
 
-``files/`` holds estimates, results and settings that 0.3 wrote, ``answers/`` what it answered, as JSON of 7 significant digits. A record
-has names on each level, down to a number, a text, None, or a list of these.
+``files/`` holds estimates, results and settings that 0.3 wrote, ``answers/`` what it answered, as packed JSON of 7 significant digits. A
+record has names on each level, down to a number, a text, None, or a list of these.
 """
 
 import hashlib
 import json
+import lzma
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from tests.budget import BUDGET
+
 _HERE = Path(__file__).parent
-FILES, ANSWERS, DIGESTS = _HERE / "files", _HERE / "answers", _HERE / "digests.json"
+FILES, ANSWERS = _HERE / "files", _HERE / "answers"
 #: How far numbers may be from those of a record, or of one name in it: absolute, and relative to the larger one. Either is enough; of
 #: integers, such as times, the absolute one counts.
 TOLERANCES: Mapping[str, tuple[float, float]] = {
@@ -56,7 +59,12 @@ def load(name: str) -> Any:
     Raises:
         ValueError: Its file is not the one that was kept.
     """
-    return json.loads(checked(ANSWERS / f"{name}.json").read_bytes())
+    return unpacked(ANSWERS / f"{name}.json.xz")
+
+
+def unpacked(path: Path) -> Any:
+    """Return what a file of packed JSON holds; errors as of ``checked``."""
+    return json.loads(lzma.decompress(checked(path).read_bytes()))
 
 
 def checked(path: Path) -> Path:
@@ -65,20 +73,10 @@ def checked(path: Path) -> Path:
     Raises:
         ValueError: It is not the one that was kept.
     """
-    name, kept = path.relative_to(_HERE).as_posix(), json.loads(DIGESTS.read_text())
-    if kept.get(name) != digest(path):
+    kept = BUDGET["binary"].get(f"tests/record/{path.relative_to(_HERE).as_posix()}")
+    if kept not in (None, hashlib.sha256(path.read_bytes()).hexdigest()):
         raise ValueError(f"{path}: not the file that was kept of version 0.3; restore it by git")
     return path
-
-
-def digest(path: Path) -> str:
-    """Return the SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def held() -> list[Path]:
-    """Return the files of the record."""
-    return sorted([*FILES.iterdir(), *ANSWERS.iterdir()])
 
 
 def rounded(value: Any) -> Any:
