@@ -166,24 +166,39 @@ def normalised_square(innovation: Array, cov: Array) -> tuple[float, float]:
     return float(whitened @ whitened), float(np.log(np.diag(lower)).sum())
 
 
-def coverage(error: Array, std: Array, share: float) -> float:
-    """Return the share of errors inside the central interval that has a probability of ``share``."""
-    from scipy.special import ndtri
+def coverage(error: Array, std: Array, share: float, scatter: Array | None = None) -> float:
+    """Return the share of errors inside the central interval that has a probability of ``share``.
 
-    return float(np.mean(np.abs(error) <= ndtri(0.5 + 0.5 * share) * std))
+    Args:
+        error: Predicted mean minus the outcome, any shape.
+        std: Predicted standard deviation, broadcast against it.
+        share: The probability.
+        scatter: Standard deviation of a Gaussian noise of the errors, whose mean is taken; None for none.
+    """
+    from scipy.special import ndtr, ndtri
+
+    half = ndtri(0.5 + 0.5 * share) * std
+    if scatter is None:
+        return float(np.mean(np.abs(error) <= half))
+    blur = np.maximum(scatter, 1e-12)
+    return float(np.mean(ndtr((half - error) / blur) - ndtr((-half - error) / blur)))
 
 
-def crps_gaussian(error: Array, std: Array) -> Array:
+def crps_gaussian(error: Array, std: Array, scatter: Array | float = 0.0) -> Array:
     """Return the continuous ranked probability score of Gaussian predictions (Gneiting et al. 2005, Mon. Wea. Rev. 133, eq. 5).
+
+    It is the mean distance to the prediction less half of the mean distance of two predictions, and the mean of the first over a noise
+    of the errors is that of a wider prediction.
 
     Args:
         error: Predicted mean minus the outcome, any shape.
         std: Predicted standard deviation, broadcast against it; where it is 0 the score is the absolute error.
+        scatter: Standard deviation of a Gaussian noise of the errors, whose mean is taken.
     """
     from scipy.special import ndtr
 
-    error, std = np.broadcast_arrays(error, std)
-    z = np.divide(error, std, out=np.zeros(error.shape), where=std > 0.0)
+    error, std, total = np.broadcast_arrays(error, std, np.hypot(std, scatter))
+    z = np.divide(error, total, out=np.zeros(error.shape), where=total > 0.0)
     density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-    spread = std * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density - 1.0 / np.sqrt(np.pi))
-    return np.where(std > 0.0, spread, np.abs(error))
+    spread = total * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density) - std / np.sqrt(np.pi)
+    return np.where(total > 0.0, spread, np.abs(error))

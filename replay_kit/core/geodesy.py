@@ -34,7 +34,8 @@ def to_local(
     if not (isinstance(longitude, float) and isinstance(latitude, float)):
         # of plain numbers an array takes longer than the projection
         place = np.asarray(longitude, dtype=np.float64), np.asarray(latitude, dtype=np.float64)
-    east, north = _proj(projection)(*place)
+    # pyproj takes less than two turns; the remainder of less than one is the number itself
+    east, north = _proj(projection)(np.fmod(place[0], 360.0), place[1])
     return np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
 
 
@@ -50,10 +51,8 @@ def grid_bearing_of_true_north(
     projection: Projection, longitude: ArrayLike, latitude: ArrayLike
 ) -> Array:
     """Return the angle [rad], clockwise from the local north axis, in which true north points at each place; NaN where a place is NaN."""
-    longitude, latitude = (
-        np.asarray(longitude, dtype=np.float64),
-        np.asarray(latitude, dtype=np.float64),
-    )
+    longitude = np.fmod(np.asarray(longitude, dtype=np.float64), 360.0)
+    latitude = np.asarray(latitude, dtype=np.float64)
     known = np.isfinite(longitude) & np.isfinite(latitude)
     if not known.all() or not known.size:
         # pyproj takes neither no places nor places that are not numbers

@@ -8,6 +8,9 @@ over blocks of nodes adds up A'A, the second makes U, so A itself is never in me
 largest, which are taken for rounding. What it costs the others in orthogonality, one Cholesky QR step restores: with U'U = L L', U <- U
 L'^-1 (Yamamoto et al. 2015, Electronic Transactions on Numerical Analysis 44, 306-326). Where slices outnumber the nodes' components, A A'
 is the smaller of the two, and its eigenvectors are U. A small A is decomposed itself, which costs a fraction of a second.
+
+Where not all directions are asked for, those below 2e-4 of the largest are left out too. Which they are is chance: members rounded to 1e-5
+m/s have others. As all span the localised covariance alike, however weak, they would move an estimate by several percent.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -120,6 +123,8 @@ def correlation_length(ensemble: Ensemble) -> float:
 _RANK = 1e-7
 # The same where nothing is squared.
 _EXACT_RANK = 1e-12
+# The same where not all directions are asked for.
+_CLEAR = 2e-4
 # Number of values up to which A is decomposed itself.
 _SMALL = 500_000
 
@@ -151,17 +156,19 @@ def decompose(
         blocks: The slices.
         n_slices: Number of slices M.
         n_nodes: Number of nodes N.
-        n_modes: Number of directions; None for as many as the slices have.
+        n_modes: Number of clear directions at most; None for as many as the slices have.
     """
     if 2 * n_nodes * n_slices <= _SMALL:
         columns = _gathered(blocks, n_slices, n_nodes)
         vectors, values = exact_svd(columns, n_modes)
         products = columns.T @ vectors
-        return Decomposition(vectors, values, products)
-    of_slices = _by_nodes if n_slices > 2 * n_nodes else _by_slices
-    vectors, values, products = of_slices(blocks, n_slices, n_nodes, n_modes)
-    sign = _signs(vectors)
-    return Decomposition(vectors * sign, values, products * sign)
+    else:
+        of_slices = _by_nodes if n_slices > 2 * n_nodes else _by_slices
+        vectors, values, products = of_slices(blocks, n_slices, n_nodes, n_modes)
+        sign = _signs(vectors)
+        vectors, products = vectors * sign, products * sign
+    clear = None if n_modes is None else int(np.sum(values > _CLEAR * values[0]))
+    return Decomposition(vectors[:, :clear], values, products[:, :clear])
 
 
 def exact_svd(columns: Array, n_modes: int | None) -> tuple[Array, Array]:

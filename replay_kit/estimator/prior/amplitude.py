@@ -171,16 +171,19 @@ _BAND_ENDS, _TOLERANCE, _EVALUATIONS = (0.5, 0.85), 0.05, 80
 _EXPECTED_STD = np.log(2.0)
 
 
-def fit_amplitude(innovation: Array, prior_cov: Array, expected: float | None = None) -> float:
+def fit_amplitude(
+    innovation: Array, prior_cov: Array, expected: float | None = None, noise: float = 0.0
+) -> float:
     """Return the factor on the prior's part of the innovation covariance that is most probable, within ``AMPLITUDES``.
 
     Args:
         innovation: shape (m,), measured minus predicted by the prior, in units of the measurement's error.
         prior_cov: shape (m, m), the prior's part of its covariance, in the same units.
         expected: The amplitude expected before; None for maximum likelihood.
+        noise: Variance of the measurement's noise that the innovation lacks, and over which the likelihood's logarithm is averaged.
     """
     values, vectors = np.linalg.eigh(prior_cov)
-    variance, square = np.maximum(values, 0.0), np.square(vectors.T @ innovation)
+    variance, square = np.maximum(values, 0.0), np.square(vectors.T @ innovation) + noise
 
     def deviance(log_amplitude: float) -> float:
         total = np.exp(log_amplitude) * variance + 1.0

@@ -14,7 +14,8 @@ variances of the ensemble mean's amplitude. The prior's centre moves by
 its covariance stays: a moved centre may be kept when many profiles have come, a smaller covariance may not.
 
 **The probabilities pi_h** are those under which members left out, of each of which ten columns are given, are most likely: expectation and
-maximisation, begun with the word of seven members, half of them like no other. Forecasts that are alike put them on narrow kernels, fields
+maximisation, begun with the word of seven members, half of them like no other. Of the columns' noise the expected squares are taken, so
+that no draw decides. Forecasts that are alike put them on narrow kernels, fields
 of a climatology on h = 1.
 With f_i the member's own copies in the factor of S, and E members, the others have the covariance (E - 1) / (E - 2) (S - f_i f_i').
 """
@@ -25,7 +26,7 @@ from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.prior.amplitude import VARIANCES, WEIGHTS, MeanAmplitude
-from replay_kit.estimator.prior.fit import Members, column_rows, spread_over
+from replay_kit.estimator.prior.fit import Members, evenly
 from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
 
 #: Shares h of the sample covariance that a component keeps; 1 is the prior.
@@ -36,7 +37,6 @@ _FULL = 6.0
 _BEFORE = 7.0 * np.array([0.5, *[0.5 / 6] * 6])
 # Members left out at most, columns measured of each, and steps of expectation and maximisation.
 _LEFT_OUT, _COLUMNS, _STEPS = 24, 10, 50
-_SEED = 7
 
 
 def member_shares(
@@ -57,7 +57,8 @@ def member_shares(
     """
     probability = np.array(amplitude.kernels or (1.0,) * KERNELS.size)
     power = min(1.0, _FULL / profiles)
-    log_weights = np.log(probability)[:, None] + power * _of_components(rows, total, innovation)
+    likelihoods = _of_components(rows, total, innovation, np.zeros((len(total), 0)))
+    log_weights = np.log(probability)[:, None] + power * likelihoods
     return np.asarray(np.sqrt(1.0 - KERNELS) @ np.exp(log_weights - logsumexp(log_weights)))
 
 
@@ -75,9 +76,8 @@ def fitted_kernels(members: Members, settings: PriorSettings) -> tuple[float, ..
     mean = few.weights.mean(axis=0)
     prior = hybrid_prior(few.weights, few.shifted(settings), settings)
     likelihoods = []
-    for member in spread_over(n_members, _LEFT_OUT):
-        rng = np.random.default_rng([_SEED, member])
-        rows = column_rows(few, _COLUMNS, rng)
+    for member in evenly(min(_LEFT_OUT, n_members), n_members):
+        rows = few.columns(_COLUMNS, member)
         of_members, factor, of_mean = (
             (weights @ rows.T).reshape(len(weights), -1).T
             for weights in (few.weights - mean, prior.factor, mean[None])
@@ -90,9 +90,7 @@ def fitted_kernels(members: Members, settings: PriorSettings) -> tuple[float, ..
         total[np.diag_indices_from(total)] += 1.0
         truth = of_members[:, member] * n_members / (n_members - 1.0)
         others = np.delete(of_members, member, axis=1) + truth[:, None] / n_members
-        found = _of_components(
-            (others, kept, of_mean[:, 0]), total, truth + rng.standard_normal(truth.size)
-        )
+        found = _of_components((others, kept, of_mean[:, 0]), total, truth, np.eye(len(total)))
         likelihoods.append(logsumexp(found, axis=1) - np.log(n_members - 1.0))
     probability = _BEFORE / _BEFORE.sum()
     for _ in range(_STEPS):
@@ -102,26 +100,47 @@ def fitted_kernels(members: Members, settings: PriorSettings) -> tuple[float, ..
     return tuple(probability.tolist())
 
 
-def _of_components(rows: tuple[Array, Array, Array], total: Array, innovation: Array) -> Array:
-    """Return the logarithm of the likelihood of each component, shape (7, E); arguments as of ``member_shares``."""
+def _of_components(
+    rows: tuple[Array, Array, Array], total: Array, innovation: Array, noise: Array
+) -> Array:
+    """Return the logarithm of the likelihood of each component, shape (7, E).
+
+    Args:
+        rows: As of ``member_shares``.
+        total: The same.
+        innovation: The same.
+        noise: shape (K, n), a root of the covariance of noise that the innovation lacks; it adds the squares that are expected.
+    """
     members, factor, mean = rows
     sample, found = factor @ factor.T, []
     together = np.column_stack([innovation, mean, members])
     for kernel in KERNELS:
         lower = np.linalg.cholesky(total - (1.0 - kernel) * sample)
-        whitened = solve_triangular(lower, together, lower=True, check_finite=False)
+        whitened, scatter = (
+            solve_triangular(lower, each, lower=True, check_finite=False)
+            for each in (together, noise)
+        )
         off = whitened[:, :1] - np.sqrt(1.0 - kernel) * whitened[:, 2:]
-        found.append(_log_likelihood(off, whitened[:, 1], np.log(np.diag(lower)).sum()))
+        of_mean = whitened[:, 1]
+        square = np.sum(off**2, axis=0) + np.sum(scatter**2)
+        score = (of_mean @ off) ** 2 + np.sum((of_mean @ scatter) ** 2)
+        likelihood = _log_likelihood(square, score, float(of_mean @ of_mean))
+        found.append(likelihood - np.log(np.diag(lower)).sum())
     return np.array(found)
 
 
-def _log_likelihood(off: Array, mean: Array, half_log_determinant: float) -> Array:
-    """Return the logarithm of the likelihood of whitened innovations, shape (K, E), averaged over variances of the mean's amplitude."""
-    information, score = float(mean @ mean), mean @ off
+def _log_likelihood(square: Array, score: Array, information: float) -> Array:
+    """Return the logarithm of the likelihood of innovations, shape (E,), averaged over variances of the mean's amplitude.
+
+    Args:
+        square: shape (E,), of the whitened innovations.
+        score: shape (E,), the square of their product with the whitened mean.
+        information: The whitened mean's square.
+    """
     spread = VARIANCES / (1.0 + VARIANCES * information)
     averaged = logsumexp(
-        0.5 * spread[:, None] * score**2 - 0.5 * np.log1p(VARIANCES * information)[:, None],
+        0.5 * spread[:, None] * score - 0.5 * np.log1p(VARIANCES * information)[:, None],
         b=WEIGHTS[:, None],
         axis=0,
     )
-    return np.asarray(averaged - 0.5 * np.sum(off**2, axis=0) - half_log_determinant)
+    return np.asarray(averaged - 0.5 * square)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
@@ -43,9 +44,10 @@ _AMPLITUDE_COLUMNS = 10
 # Candidates of a thorough fit, in correlation lengths.
 _SHIFTS = (0.0, 0.5, 1.0, 1.5, 2.0)
 _RADII = (4.5, 9.0)
-_SEED = 20211
-# In correlation lengths, the other shift that the default tries.
-_NEARER = 0.5
+# Share of the distance between two columns by which those of the next member are moved.
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+# In correlation lengths, the other shift that the default tries, and by how much its score must be less, as six members err by it.
+_NEARER, _GAIN = 0.5, 0.02
 # Where the taper reaches zero; the score hardly changes between 4.5 and 9.
 RADIUS_IN_LENGTHS = 6.5
 # Of ensembles of fewer than four members, of which none can be spared.
@@ -88,19 +90,58 @@ class Members:
     def leading(self) -> "Members":
         """Return the same in fewer modes, at fewer nodes, evenly spread, and in the leading functions of depth instead of many levels.
 
-        The functions are orthonormal, so white noise of every level is white noise of every function.
+        The functions are orthonormal, so white noise of every level is white noise of every function. What was given in another order,
+        turned or mirrored, comes out alike: members from the nearest to their mean to the farthest, and nodes in the order of tiles of
+        their own frame, in which neighbours follow each other.
         """
-        weights, nodes = self.weights[..., :_MODES], self.nodes
+        weights, at_nodes = self.weights[..., :_MODES], self.velocity_modes[:, :_MODES]
+        anomalies = weights - weights.mean(axis=0)
+        n_nodes, by_distance = len(self.nodes), np.argsort(np.sum(anomalies**2, axis=(1, 2)))
+        frame = own_frame(self.nodes, _energy(anomalies, at_nodes))
+        order, _ = tiles(frame, max(1, n_nodes // _NODES))
+        some = order[evenly(min(_NODES, n_nodes), n_nodes)]
         if weights.shape[1] > _DEPTH_FUNCTIONS:
-            functions, _ = vertical_functions(weights - weights.mean(axis=0))
+            functions, _ = vertical_functions(anomalies)
             weights = functions[:_DEPTH_FUNCTIONS] @ weights
-        # neighbours follow each other in the order of tiles
-        order, _ = tiles(nodes)
-        some = np.sort(
-            order[np.linspace(0, len(nodes) - 1, min(_NODES, len(nodes))).astype(np.int64)]
-        )
-        both = np.concatenate([some, some + len(nodes)])
-        return Members(weights, self.velocity_modes[both, :_MODES], nodes[some])
+        both = np.concatenate([some, some + n_nodes])
+        return Members(weights[by_distance], at_nodes[both], self.nodes[some])
+
+    def columns(self, count: int, member: int) -> Array:
+        """Return the rows of columns at nodes in the weights of each level, over the error of a value, shape (2 n, r).
+
+        Args:
+            count: Number of columns n, evenly spread over the order of the nodes.
+            member: Its position; each is measured at other places, by the golden section.
+        """
+        n_nodes = len(self.nodes)
+        at = evenly(count, n_nodes, (0.5 + member * _GOLDEN) % 1.0)
+        both = np.concatenate([self.velocity_modes[at], self.velocity_modes[at + n_nodes]])
+        return np.asarray(both / _LEVEL_ERROR_STD)
+
+
+def evenly(count: int, total: int, first: float = 0.5) -> NDArray[np.intp]:
+    """Return so many positions among a total, evenly spread, the first at a share of the distance between two."""
+    return ((np.arange(count) + first) * (total / count)).astype(np.intp)
+
+
+def own_frame(nodes: Array, energy: Array) -> Array:
+    """Return nodes in a frame that turns and mirrors with them, shape (N, 2) [m]: along the main axes of their energy.
+
+    Args:
+        nodes: shape (N, 2) [m].
+        energy: shape (N,), the weight of each.
+    """
+    offset = nodes - energy @ nodes / energy.sum()
+    along = offset @ np.linalg.eigh((offset.T * energy) @ offset)[1]
+    return np.asarray(np.where(energy @ along**3 < 0.0, -along, along))
+
+
+def _energy(anomalies: Array, velocity_modes: Array) -> Array:
+    """Return the sum of the members' squared anomalies at each node, shape (N,)."""
+    rows = anomalies.reshape(-1, anomalies.shape[2])
+    square = np.einsum("nr,nr->n", velocity_modes @ (rows.T @ rows), velocity_modes)
+    # all nodes count alike where members do not differ
+    return np.asarray(square.reshape(2, -1).sum(axis=0) + np.finfo(float).tiny)
 
 
 def members_in_basis(basis: Basis) -> Members:
@@ -125,7 +166,7 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
     start = PriorSettings(_SHARE_OF_FEW, shift, radius)
     if members.weights.shape[0] < 4:
         return start
-    few, left_out = members.leading(), spread_over(members.weights.shape[0], _LEFT_OUT)
+    few, left_out = members.leading(), _left_out(members, _LEFT_OUT)
     fitted, some = config.shift_distance is None, left_out[::2]
     advance = counted("fitting the prior", len(left_out) + (len(some) if fitted else 0))
     scores = _scores(few, start, SHARES, left_out, advance)[:, 0]
@@ -135,14 +176,13 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
         return chosen
     # most often the first of them say that the other shift suits less well
     nearer = replace(chosen, shift=_NEARER * length)
-    if (
-        _scores(few, nearer, (SHARES[share],), some, advance)[:, 0].mean()
-        >= scores[::2, share].mean()
-    ):
+    least = scores.mean(axis=0)[share] - _GAIN
+    first = _scores(few, nearer, (SHARES[share],), some, advance)[:, 0] - scores[::2, share]
+    if first.mean() > -_GAIN:
         return chosen
     others = _scores(few, nearer, SHARES, left_out, lambda: None)[:, 0].mean(axis=0)
-    better = others.min() < scores.mean(axis=0)[share]
-    return replace(nearer, sample_share=SHARES[int(np.argmin(others))]) if better else chosen
+    better = replace(nearer, sample_share=SHARES[int(np.argmin(others))])
+    return better if others.min() < least else chosen
 
 
 def fit_settings(
@@ -205,7 +245,7 @@ def score_sample_shares(
     if n_members < 4:
         return []
     log_score, coverage = _scores(
-        members.leading(), settings, shares, spread_over(n_members, left_out), advance
+        members.leading(), settings, shares, _left_out(members, left_out), advance
     ).mean(axis=0)
     return [
         FitRow(replace(settings, sample_share=share), float(s), float(c))
@@ -250,18 +290,11 @@ def _score_member(
     ends = [replace(settings, sample_share=share) for share in (1.0, 0.0)]
     sample, localised = (hybrid_prior(others, modes, end).covariance() for end in ends)
     truth = members.weights[member] - others.mean(axis=0)
-    rng = np.random.default_rng([_SEED, member])
     scores = []
     for n_columns in _COLUMNS:
-        rows, information = measure_columns(members, truth, n_columns, rng)
-        scores.append(
-            [
-                score_withheld(
-                    members, truth, share * sample + (1.0 - share) * localised, rows, information
-                )
-                for share in shares
-            ]
-        )
+        rows = np.asarray(np.linalg.qr(members.columns(n_columns, member), mode="r"))
+        priors = (share * sample + (1.0 - share) * localised for share in shares)
+        scores.append([score_withheld(members, truth, prior, rows) for prior in priors])
     return np.asarray(np.mean(scores, axis=0).T, dtype=np.float64)
 
 
@@ -277,72 +310,40 @@ def left_out_amplitude(members: Members, settings: PriorSettings) -> float:
     if n_members < 4:
         return 1.0
     logs, modes = [], few.shifted(settings)
-    for member in spread_over(n_members, _LEFT_OUT):
+    for member in _left_out(few, _LEFT_OUT):
         others = np.delete(few.weights, member, axis=0)
         prior = hybrid_prior(others, modes, settings)
-        rng = np.random.default_rng([_SEED, member])
-        rows = column_rows(few, _AMPLITUDE_COLUMNS, rng)
+        rows = few.columns(_AMPLITUDE_COLUMNS, member)
         truth = (few.weights[member] - others.mean(axis=0)) @ rows.T
         cross = prior.matvec_modes(rows) @ rows.T  # (Z, c, Z, c)
-        logs.append(
-            np.log(
-                fit_amplitude(
-                    (truth + rng.standard_normal(truth.shape)).ravel(),
-                    cross.reshape(truth.size, truth.size),
-                )
-            )
-        )
+        amplitude = fit_amplitude(truth.ravel(), cross.reshape(truth.size, truth.size), noise=1.0)
+        logs.append(np.log(amplitude))
     return float(np.exp(np.mean(logs)))
 
 
-def spread_over(n_members: int, count: int) -> list[int]:
-    """Return the positions of so many members, evenly spread over the ensemble."""
-    return [
-        int(member)
-        for member in np.unique(
-            np.linspace(0, n_members - 1, min(count, n_members)).astype(np.int64)
-        )
-    ]
-
-
-def column_rows(members: Members, n_columns: int, rng: np.random.Generator) -> Array:
-    """Return the rows of columns at random nodes in the weights of each level, over the error of a value, shape (2 n, r)."""
-    n_nodes = members.nodes.shape[0]
-    at = rng.integers(n_nodes, size=n_columns)
-    both = np.concatenate([members.velocity_modes[at], members.velocity_modes[at + n_nodes]])
-    return np.asarray(both / _LEVEL_ERROR_STD)
-
-
-def measure_columns(
-    members: Members, truth: Array, n_columns: int, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """Return the information of noisy columns at random nodes on the weights of each level: R, shape (k, r), and R' y, shape (Z, r).
-
-    Args:
-        members: Their modes and nodes.
-        truth: shape (Z, r), the weights measured.
-        n_columns: Number of columns, one value of 5 cm/s error a level and component.
-        rng: Draws the places, then the noise.
-    """
-    rows = column_rows(members, n_columns, rng)
-    measured = truth @ rows.T + rng.standard_normal((truth.shape[0], rows.shape[0]))
-    return np.asarray(np.linalg.qr(rows, mode="r")), measured @ rows
+def _left_out(members: Members, count: int) -> list[int]:
+    """Return the positions of members that are left out in turn, so many, or all."""
+    n_members = len(members.weights)
+    return [int(member) for member in evenly(min(count, n_members), n_members)]
 
 
 def score_withheld(
-    members: Members, truth: Array, prior: Array, rows: Array, information: Array
+    members: Members, truth: Array, prior: Array, rows: Array
 ) -> tuple[float, float]:
     """Return the logarithm of CRPS over the mean absolute anomaly, over at most 300 nodes, and the coverage of 90 % intervals.
+
+    The measurements have a noise of unit variance, over which both are averaged: with the posterior covariance P and the rows H, the
+    noise n has the part P H' n in the estimate.
 
     Args:
         members: Their modes.
         truth: shape (Z, r), weights about the prior's mean.
         prior: shape (Z r, Z r), covariance.
-        rows: shape (k, r), what was measured of each level's weights, with noise of unit variance.
-        information: shape (Z, r), the same times what was measured.
+        rows: shape (k, r), what is measured of each level's weights.
     """
     n_levels, n_modes = truth.shape
-    modes = members.velocity_modes[:: -(-len(members.nodes) // _SCORED)]
+    some = evenly(min(_SCORED, len(members.nodes)), len(members.nodes))
+    modes = members.velocity_modes[np.concatenate([some, some + len(members.nodes)])]
     cross = np.matmul(rows, prior.reshape(n_levels, n_modes, -1)).reshape(-1, prior.shape[0])  # H P
     innovation = np.matmul(cross.reshape(len(cross), n_levels, n_modes), rows.T).reshape(
         len(cross), -1
@@ -350,14 +351,21 @@ def score_withheld(
     innovation[np.diag_indices_from(innovation)] += 1.0
     factor = scipy.linalg.cholesky(innovation, lower=True, overwrite_a=True, check_finite=False)
     whitened = scipy.linalg.solve_triangular(factor, cross, lower=True, check_finite=False)
-    mean = prior @ information.ravel() - whitened.T @ (whitened @ information.ravel())
-    error = (mean.reshape(truth.shape) - truth) @ modes.T
-    blocks = whitened.reshape(-1, n_levels, n_modes).swapaxes(0, 1)
-    variance = np.empty_like(error)
-    for z, (of_level, block) in enumerate(
-        zip(prior.reshape(n_levels, n_modes, n_levels, n_modes).swapaxes(1, 2), blocks, strict=True)
-    ):
-        variance[z] = np.einsum("nr,nr->n", modes @ (of_level[z] - block.T @ block), modes)
-    std = np.sqrt(np.maximum(variance, 0.0))
-    relative = np.mean(crps_gaussian(error, std)) / np.mean(np.abs(truth @ modes.T))
-    return float(np.log(relative)), coverage(error, std, 0.9)
+    of_noise = scipy.linalg.solve_triangular(
+        factor, whitened, lower=True, trans="T", check_finite=False
+    )
+    error = ((truth @ rows.T).ravel() @ of_noise).reshape(truth.shape) - truth
+
+    def variance(covariance: Callable[[int], Array]) -> Array:
+        at = [np.einsum("nr,nr->n", modes @ covariance(z), modes) for z in range(n_levels)]
+        return np.maximum(at, 0.0)
+
+    by_level = prior.reshape(n_levels, n_modes, n_levels, n_modes)
+    taken, noise = (
+        each.reshape(-1, n_levels, n_modes).swapaxes(0, 1) for each in (whitened, of_noise)
+    )
+    std = np.sqrt(variance(lambda z: by_level[z, :, z] - taken[z].T @ taken[z]))
+    scatter = np.sqrt(variance(lambda z: noise[z].T @ noise[z]))
+    error = error @ modes.T
+    relative = np.mean(crps_gaussian(error, std, scatter)) / np.mean(np.abs(truth @ modes.T))
+    return float(np.log(relative)), coverage(error, std, 0.9, scatter)

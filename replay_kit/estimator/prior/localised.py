@@ -93,7 +93,7 @@ def localised(
         radius: Where the taper reaches zero [m].
     """
     n_nodes, precision = len(nodes), np.float64 if len(nodes) <= _FEW_NODES else np.float32
-    order, ends = tiles(nodes)
+    order, ends = tiles(nodes, _TILE)
     factors = _factors(covariances)
     back = np.stack(
         [projector[:, component * n_nodes + order].T for component in range(2)], axis=1
@@ -151,15 +151,19 @@ def _half(
     return half
 
 
-def tiles(nodes: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def tiles(nodes: Array, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return an order of nodes, shape (N,), in which tiles follow each other, and the ends of the tiles.
 
     A tile is half of a larger one, cut across its longer side, so land and curvilinear grids need nothing special.
+
+    Args:
+        nodes: shape (N, 2) [m].
+        size: Of a tile at most.
     """
     done, left = [], [np.arange(len(nodes))]
     while left:
         tile = left.pop()
-        if tile.size <= _TILE:
+        if tile.size <= size:
             done.append(tile)
             continue
         places = nodes[tile]

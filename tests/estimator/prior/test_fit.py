@@ -19,7 +19,6 @@ from replay_kit.estimator.prior.fit import (
     choose_settings,
     fit_settings,
     fit_steps,
-    measure_columns,
     score_sample_shares,
     score_withheld,
 )
@@ -28,8 +27,6 @@ from tests import synthetic
 from tests.reference import baselines as slow_scores
 from tests.reference import estimator as slow
 from tests.remembered import score_member
-
-ERROR_STD = 0.05
 
 
 @pytest.fixture(autouse=True)
@@ -51,28 +48,40 @@ def members_of(seed, n_members, latent, n_side=6, n_levels=2):
     return Members(fields, np.eye(2 * len(nodes)), nodes)
 
 
-def test_the_score_equals_a_textbook_update_and_quadrature():
+def test_the_score_equals_a_textbook_update_and_quadrature_over_the_noise():
     rng = np.random.default_rng(3)
     members = members_of(0, 5, lambda r, nodes: r.standard_normal(len(nodes)), n_side=2)
     truth = rng.standard_normal((2, 8))
     factor = rng.standard_normal((16, 16))
-    prior = factor @ factor.T
-    measured, information = measure_columns(members, truth, 3, np.random.default_rng(1))
-    again = np.random.default_rng(1)
-    at = again.integers(4, size=3)
-    rows = np.concatenate([members.velocity_modes[at], members.velocity_modes[at + 4]])
+    prior, rows = factor @ factor.T, members.columns(3, 1)
     design = np.kron(np.eye(2), rows)
-    values = design @ truth.ravel() + ERROR_STD * again.standard_normal(12)
     mean, cov, _, _ = slow.kalman_update(
-        np.zeros(16), prior, design, values, ERROR_STD**2 * np.eye(12)
+        np.zeros(16), prior, design, design @ truth.ravel(), np.eye(12)
     )
-    log_score, inside = score_withheld(members, truth, prior, measured, information)
     error, std = mean - truth.ravel(), np.sqrt(np.diag(cov))
-    by_hand = np.mean(
-        [slow_scores.crps_by_quadrature(e, s) for e, s in zip(error, std, strict=True)]
-    )
-    assert log_score == pytest.approx(np.log(by_hand / np.mean(np.abs(truth))), abs=1e-5)
-    assert inside == pytest.approx(np.mean(np.abs(error) <= 1.6448536 * std))
+    scatter = np.sqrt(np.sum((cov @ design.T) ** 2, axis=1))
+    noise, weights = np.polynomial.hermite_e.hermegauss(12)
+    off = error[:, None] + scatter[:, None] * noise
+    crps = [
+        [slow_scores.crps_by_quadrature(e, s) for e in each]
+        for each, s in zip(off, std, strict=True)
+    ]
+    by_hand = np.mean(crps @ weights) / weights.sum()
+    log_score, inside = score_withheld(members, truth, prior, rows)
+    assert log_score == pytest.approx(np.log(by_hand / np.mean(np.abs(truth))), abs=1e-4)
+    drawn = error + scatter * rng.standard_normal((20_000, 16))
+    assert inside == pytest.approx(np.mean(np.abs(drawn) <= 1.6448536 * std), abs=3e-3)
+
+
+def test_columns_are_at_nodes_spread_over_the_area_and_elsewhere_for_each_member():
+    members = members_of(0, 5, lambda r, nodes: r.standard_normal(len(nodes))).leading()
+    at = [
+        np.argmax(members.columns(4, member)[:4] @ members.velocity_modes[:36].T, axis=1)
+        for member in (0, 1)
+    ]
+    assert not set(at[0]) & set(at[1])
+    near = np.linalg.norm(members.nodes[:, None] - members.nodes[at[0]], axis=2).min(axis=1)
+    assert near.max() < 3.5e4
 
 
 def test_members_of_one_shape_want_the_sample_covariance_and_noise_does_not():

@@ -66,10 +66,9 @@ def test_nothing_is_correlated_outside_the_radius():
     assert np.all(found[apart == 0.0] != 0.0)
 
 
-def test_every_node_is_in_one_compact_tile(monkeypatch):
-    monkeypatch.setattr(module, "_TILE", 8)
+def test_every_node_is_in_one_compact_tile():
     nodes = np.random.default_rng(2).uniform(size=(100, 2))
-    order, ends = tiles(nodes)
+    order, ends = tiles(nodes, 8)
     assert sorted(order) == list(range(100))
     assert np.diff(np.append(0, ends)).max() <= 8
     spans = [np.ptp(nodes[part], axis=0).max() for part in np.split(order, ends[:-1])]

@@ -1,0 +1,127 @@
+"""Stated probabilities and bounds against draws and closed forms: a factor of two on any variance, a quantile or a margin shows."""
+
+import functools
+
+import numpy as np
+import pytest
+
+import planners
+import replay_kit as rk
+from replay_kit.config.estimation import GatingConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.estimator import build_estimator
+from tests.properties.world import (
+    GLIDER,
+    HERE,
+    mission,
+    places,
+    replace,
+    replayed,
+    sea,
+    tables,
+)
+
+DEPTHS = np.linspace(8.0, 280.0, 30)
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory):
+    file = tmp_path_factory.mktemp("forecast") / "e.nc"
+    tables(sea())[1].to_netcdf(file)
+    forecast = rk.open_ensemble(file)
+
+    @functools.cache
+    def built(**gating):
+        stated = {"sample_share": 0.5, "shift_distance": 1e4, "mean_variance": 0.0}
+        config = EstimatorConfig(**stated, representation_error_std=0.0)
+        return build_estimator(forecast, config, GatingConfig(inflate=False, **gating))
+
+    return built
+
+
+def truths(estimator, count, seed):
+    return estimator.flow(estimator.initial()).sample(count, seed)
+
+
+def profile(truth, rng, noise=0.05, stated=0.05, number=0):
+    """A profile of a truth at a random place."""
+    lon, lat, _ = places(rng.uniform(-3e4, 3e4, 2), HERE)
+    v = truth.velocity_at(lon, lat, DEPTHS)
+    u, v = np.stack([v.u, v.v]) + noise * rng.standard_normal((2, DEPTHS.size))
+    return rk.Observation.profile(number, float(lon), float(lat), DEPTHS, u, v, stated)
+
+
+def test_the_gate_stops_as_many_as_it_says(build):
+    p, it, rng = 0.02, build(gate_probability=0.02, adapt_errors=False), np.random.default_rng(5)
+    drawn = [profile(truth, rng) for truth in truths(it, 150, 5) for _ in range(4)]
+    stopped = [it.step(it.initial(), each)[1].decision != "accepted" for each in drawn]
+    # of two tests of size p, the sum and the least likely of eight directions: between p and 2 p, and three deviations of the count
+    low, high = (size + 3 * way * np.sqrt(size / 600) for size, way in ((p, -1), (2 * p, 1)))
+    assert low < np.mean(stopped) < high
+
+
+def test_scatter_beyond_the_stated_error_counts_as_if_it_had_been_stated(build):
+    it, ratios = build(gate_probability=1e-5), []
+    for number, truth in enumerate(truths(it, 40, 6)):
+        information = []
+        for stated in (0.15, 0.05):
+            seen = profile(truth, np.random.default_rng(number), 0.15, stated)
+            state = it.step(it.initial(), seen)[0]
+            at = seen.longitude, seen.latitude, 150.0
+            before, after = (
+                it.flow(each).velocity_at(*at).u_standard_error for each in (it.initial(), state)
+            )
+            information.append(float(after**-2 - before**-2))
+        ratios.append(information[1] / information[0])
+    assert 0.8 < np.median(ratios) < 1.25
+
+
+def test_errors_are_as_large_as_stated_where_nothing_was_measured(build):
+    """Truths drawn from the prior, four profiles of each: the mean square of errors over standard errors is one, through the water."""
+    it, rng, squares = build(gate_probability=1e-5), np.random.default_rng(7), []
+    for truth in truths(it, 60, 8):
+        state = it.initial()
+        for number in range(4):
+            state, _ = it.step(state, profile(truth, rng, number=number))
+        lon, lat, _ = places(rng.uniform(-3e4, 3e4, (6, 2)), HERE)
+        got, true = (each.velocity_at(lon, lat, 100.0) for each in (it.flow(state), truth))
+        squares += [
+            np.mean(((got.u - true.u) / got.u_standard_error) ** 2),
+            np.mean(((got.v - true.v) / got.v_standard_error) ** 2),
+        ]
+    assert 0.75 < np.mean(squares) < 1.3
+
+
+def test_a_pilot_who_is_right_arrives_as_planned_where_meridians_converge():
+    there = (20.0, 82.0)
+    flow = replayed(sea(), there)
+    plan = mission(flow, centre=there)
+    flown = planners.fly_scenarios(flow, [flow] * 3, plan, pilot=planners.Pilot())
+    assert flown.miss_median < plan.closest_approach[-1] + 20.0
+
+
+@pytest.mark.parametrize("current", [0.0, 0.12])
+def test_no_bound_is_later_than_zermelo_in_any_direction(current):
+    """In a uniform current the quickest way is straight, and its time a formula."""
+    s, rng = sea(2, rough=0.0), np.random.default_rng(4)
+    uniform = [current, 0.0] + 0.05 * rng.standard_normal((len(s.members), 1, 1, 1, 2))
+    profiles = s.profiles.copy()
+    profiles[..., 4:] = [current, 0.0] + 0.02 * rng.standard_normal(profiles[..., 4:].shape)
+    flow = replayed(
+        replace(s, members=np.broadcast_to(uniform, s.members.shape), profiles=profiles)
+    )
+    x, y, z = np.meshgrid([-2e4, 0.0, 2e4], [-2e4, 0.0, 2e4], [5.0, 125.0, 250.0])
+    lon, lat, _ = places(np.stack([x, y], -1), HERE)
+    v = flow.velocity_at(lon, lat, z)
+    u, w, loose = np.mean(v.u), np.mean(v.v), max(np.ptp(v.u), np.ptp(v.v))
+    ratios = []
+    for a in np.deg2rad(np.arange(7.0, 367.0, 30.0)):
+        way = np.array([np.cos(a), np.sin(a)])
+        plan = mission(flow, (0.0, 0.0), 2.6e4 * way)
+        if "bound_h" in plan.statistics:
+            speed = GLIDER.speed * np.cos(np.deg2rad(np.abs(plan.glide_angles_deg).min()))
+            along, across = way @ [u, w], way @ [w, -u]
+            quickest = (2.6e4 - 300.0) / (along + np.sqrt(speed**2 - across**2))
+            ratios.append(3600.0 * plan.statistics["bound_h"] / quickest)
+    assert len(ratios) > 6
+    assert max(ratios) < 1.0 + loose / 0.3
