@@ -183,3 +183,15 @@ def test_windows_say_of_measurements_what_the_estimator_of_the_window_says(one):
         moved = [replace(each, longitude=east + away) if away else each for each in moved]
         assert [windows.usable(each) for each in moved] == [True, True, False, False, False]
     assert not windows.usable(replace(first, longitude=east + 1.5))
+
+
+def test_a_window_that_represents_half_is_no_surer_of_what_both_know(one):
+    """What it cannot take over is an error of as many unknowns as there are, not of as many as points."""
+    other = build_estimator(columns(3, 12), CONFIG.model_copy(update={"modes": 10}))
+    ratios = []
+    for seed in range(4):
+        state = after(one, seed=seed)
+        begun, _ = hand_over(one, state, other)
+        (_, error), (_, begun_error) = at_common_points(one, other, (one, state), (other, begun))
+        ratios.append(np.sqrt(np.mean(begun_error**2) / np.mean(error**2)))
+    assert np.mean(ratios) > 0.78

@@ -58,6 +58,9 @@ def test_two_stations_give_the_current_of_the_totals(tmp_path):
     solved = np.linalg.lstsq(components, speeds, rcond=None)[0]
     np.testing.assert_allclose(solved, CURRENT, atol=0.002)
     assert all(each.label.kind == "radar" for each in found)
+    # each states 5 cm/s
+    errors = np.concatenate([each.error_std for each in found])
+    assert ((errors > 0.02) & (errors < 0.06)).all()
 
 
 @pytest.mark.parametrize(

@@ -232,6 +232,17 @@ def test_chances_count_every_goal_and_the_last_goal_s_misses():
     assert summary.safe == np.mean(clear > 0.0)
 
 
+def test_nine_in_ten_have_arrived_by_the_time_that_says_so():
+    task = mission_task(FLOW, FREE)
+    ways = [np.broadcast_to(at[:2], (20, 2)) for at in (task.start, task.goals[-1])]
+    places = np.stack(ways, axis=1)
+    ends = 2e4 + 1e2 * np.random.default_rng(1).permutation(20)
+    times = np.column_stack([np.zeros(20), ends])
+    flight = Flight(times, np.zeros(2), places, np.zeros(2, dtype=int), np.array([1]))
+    summary, _ = summarise_flights(task, flight, np.array([1]))
+    assert summary.arrival_90_percent == 2e4 + 1e2 * 18
+
+
 def test_points_are_those_nearest_in_time():
     flight = Flight(
         np.array([0.0, 10.0, 20.0, 30.0]),
