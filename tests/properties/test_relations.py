@@ -41,7 +41,7 @@ def test_the_sea_is_turned_by_a_right_angle(settings):
 def test_the_sea_is_mirrored_at_the_equator(settings):
     given = STATED if settings == "stated" else None
     mirrored = replayed(sea().moved_by(MIRROR), SOUTH_FOR_NORTH, given)
-    answer(mirrored, SOUTH_FOR_NORTH, MIRROR).is_like(answer(plain(settings)), 5e-3)
+    answer(mirrored, SOUTH_FOR_NORTH, MIRROR).is_like(answer(plain(settings)), 1e-6)
 
 
 @pytest.mark.parametrize("settings", ["stated", "fitted"])

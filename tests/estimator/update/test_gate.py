@@ -196,16 +196,20 @@ def test_an_overconfident_estimate_is_noticed_and_grows_its_errors():
     shrunk = Ensemble(small.grid, mean + 0.1 * (small.velocity - mean), None, "shrunk")
     watched = build_estimator(shrunk, EstimatorConfig(modes=20), TRUST)
     blind = build_estimator(shrunk, EstimatorConfig(modes=20), GatingConfig(inflate=False))
-    profiles, states, grown = sound_profiles(100), [], []
+    profiles, states, grown, errors = sound_profiles(100), [], [], []
     for estimator in (watched, blind):
-        state = estimator.initial()
+        state, at = estimator.initial(), (0.0, 0.0, 100.0)
         for observation in profiles:
             state, said = estimator.step(state, observation)
             grown.append(said.prior_inflation)
+            errors.append(estimator.flow(state).standard_error(*at))
         states.append(state)
     assert max(grown[:100]) > 1.5
     assert max(grown[100:]) == 1.0
     assert rms(watched, states[0]) < rms(blind, states[1])
+    first = int(np.argmax(np.array(grown) > 1.0))
+    ratio = (np.array(errors[first]) / errors[100 + first]) ** 2
+    np.testing.assert_allclose(ratio, grown[first], rtol=1e-6)
 
 
 def test_the_watch_ignores_one_bad_profile_in_ten_and_sees_one_in_two():

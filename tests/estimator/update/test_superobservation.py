@@ -25,7 +25,7 @@ from replay_kit.estimator.update.superobservation import (
 from replay_kit.workflows.replay.inputs.estimator import with_window
 from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
-from tests.estimator.runs import after
+from tests.estimator.runs import after, rows_of
 from tests.estimator.update.test_gate import gate_innovation
 
 SECOND = 10**9
@@ -430,3 +430,12 @@ def test_sparse_pings_are_each_alone_to_the_bit():
 def test_a_window_is_a_time_or_auto(wrong):
     with pytest.raises(ValueError, match="window"):
         TimeConfig(window=wrong)
+
+
+def test_the_degrees_of_freedom_for_signal_are_the_trace_of_what_moves_the_values():
+    estimator, one = build_estimator(ENSEMBLE, CONFIG), profiles(1)
+    _, said = estimator.step(estimator.initial(), one[0])
+    design, _ = rows_of(estimator, one)
+    signal = design @ estimator.prior.covariance() @ design.T
+    moved = np.linalg.solve(signal + np.eye(len(signal)), signal)
+    assert said.signal_dof == pytest.approx(np.trace(moved), rel=1e-6)

@@ -20,7 +20,7 @@ from planners.output.mission import (
     to_json,
 )
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import to_local
+from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
 from tests.planners.flow_samples import eddying_flow, plan_between, still_flow
 
@@ -178,6 +178,9 @@ def test_a_mission_is_also_a_plan_for_the_result_s_messages():
         planned().duration,
     )
     assert np.linalg.norm(glide.velocity_through_water) == pytest.approx(0.3)
+    at = FLOW.grid.projection, glide.start.longitude, glide.start.latitude
+    true = rotate_to_geographic(*at, *glide.velocity_through_water[:2])
+    assert heading_deg(*true) == pytest.approx(glide.heading_deg, abs=1e-6)
     assert glide.legs[0]["heading_deg"] == planned().headings_deg[0]
     none = as_plan(failed(), FLOW.grid.projection)
     assert (none.status, none.duration) == ("failed", 0.0)

@@ -154,7 +154,7 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write, state
             predicted = Surfacing(TIME_NS + SECOND, 5.0, 62.0, ellipse)
             writer.outcome(
                 SurfacingOutcome(
-                    TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 45.0
+                    TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 30.0
                 )
             )
 
@@ -168,8 +168,8 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write, state
     assert names.count("90 % of past surfacings") == 1
     assert "last plan" not in names
     assert found["surfacing-errors"]["tables"]["surfacing_errors"]["east_km"] == [
-        0.872923,
-        0.872923,
+        0.61725,
+        0.61725,
     ]
 
 

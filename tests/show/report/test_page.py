@@ -5,6 +5,7 @@ import re
 from html import unescape
 
 import numpy as np
+import pytest
 
 import replay_kit as rk
 from replay_kit.results.outcome.from_run import outcome_of
@@ -168,6 +169,17 @@ def test_words_say_what_was_measured_found_and_not_used(page, replayed):
     card = " ".join(text_of(page, "map").split())
     assert f"{round(summary.plan.heading_deg) % 360:03d}°" in card
     assert f"{100.0 * summary.plan.odds.reached:.0f} % of 4 samples" in card.replace("%of", "% of")
+
+
+def test_charts_of_trust_are_of_the_bins(page, replayed):
+    found, bins = figures(page), rk.open_result(replayed.path).innovations
+    table = found["calibration"]["tables"]["calibration"]
+    width = np.diff(table["standardized_innovation"][:2])
+    assert np.sum(table["density"]) * width == pytest.approx(1.0, abs=1e-3)
+    shown = found["innovations"]["tables"]["innovations"]["expected_rms_m_s"]
+    used = bins[np.isfinite(bins["innovation_east"]) & (bins["observation"] == 0)]
+    squares = used[["innovation_std_east", "innovation_std_north"]].to_numpy() ** 2
+    assert shown[0] == pytest.approx(np.sqrt(squares.mean()), rel=1e-4)
 
 
 def test_the_map_holds_the_published_current(page, replayed):

@@ -155,6 +155,27 @@ def test_a_dive_is_concluded_when_the_next_begins_or_the_log_ends():
     assert [one.forecast.dive for one in state.outcomes] == [1, 2, 3]
 
 
+def test_the_current_of_the_next_dive_is_asked_for_halfway():
+    flows, asked = currents(3), []
+
+    def flow_at(time_ns):
+        flow = estimate(flows)(time_ns)
+
+        def velocity(east, north, depth, true_axes):
+            asked.append((float(east), float(north)))
+            return flows[0]
+
+        return SimpleNamespace(grid=flow.grid, levels=flow.levels, velocity=velocity)
+
+    events = mission(flows)
+    followed(events, flow_at)
+    fixes = [each for each in events if not each.dead_reckoned]
+    begin, end = (
+        np.array(to_local(GRID.projection, each.longitude, each.latitude)) for each in fixes[2:4]
+    )
+    np.testing.assert_allclose(asked[-1], end + 0.5 * (end - begin), atol=5.0)
+
+
 def test_a_mean_current_takes_the_place_of_what_its_displacement_tells():
     flows = currents(3)
     events, flow_at = mission(flows), estimate(flows)
