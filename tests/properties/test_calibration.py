@@ -125,3 +125,16 @@ def test_no_bound_is_later_than_zermelo_in_any_direction(current):
             ratios.append(3600.0 * plan.statistics["bound_h"] / quickest)
     assert len(ratios) > 6
     assert max(ratios) < 1.0 + loose / 0.3
+
+
+def test_fewer_flights_stay_within_a_mooring_s_median_than_within_its_nine_in_ten():
+    flow, (lon, lat, _) = replayed(sea()), places(np.zeros(2), HERE)
+    here = rk.Place(float(lon), float(lat), 0.0)
+    request = planners.MissionRequest(here, (here,), GLIDER, planners.MissionSettings(depth=250.0))
+    mooring = planners.Mooring(3e3, 6 * 3600.0)
+    plan, samples = planners.plan_mooring(flow, request, mooring), flow.sample(10, 1)
+    odds = planners.mission_odds(flow, samples, plan, request, mooring).held
+    for radius, share in ((odds.miss_median, 0.5), (odds.miss_90_percent, 0.9)):
+        within = replace(mooring, radius=radius)
+        reached = planners.mission_odds(flow, samples, plan, request, within).held.reached
+        assert reached == pytest.approx(share)
