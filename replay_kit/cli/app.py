@@ -85,8 +85,7 @@ _COMMANDS = {
     ),
     "plan": (
         "FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH",
-        "Plan a glider mission: headings, glide angles and surfacings to one or several goals, near a place, or along a line; or adaptive "
-        "sampling: where to survey before a dead-reckoned leg (--objective learn) or to map a box (--objective map).",
+        "Plan a glider mission: headings, glide angles and surfacings to one or several goals, near a place, or along a line.",
     ),
     "twin": (
         "--truth FILE[#member] -o X.mcap|X.tlog",

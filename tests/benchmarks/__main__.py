@@ -24,7 +24,6 @@ from tests.benchmarks import (
     safety,
     size,
     start,
-    together,
     windows,
 )
 from tests.benchmarks.measure import environment, limits
@@ -44,7 +43,6 @@ BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "safety": safety.rows,
     "size": size.rows,
     "start": start.rows,
-    "together": together.rows,
     "windows": windows.rows,
 }
 

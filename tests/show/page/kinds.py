@@ -16,7 +16,6 @@ from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome
 from tests import synthetic
 from tests.command import succeed
-from tests.planners.learning.scenes import static
 from tests.results.cases import write
 from tests.show.status.held_samples import held
 from tests.studies.pages import bench_result
@@ -31,34 +30,6 @@ def _report(folder: Path, request: pytest.FixtureRequest) -> str:
     innovations = [replace(innovation, dive=k + 1) for k in range(4)]
     write(folder / "result.mcap", synthetic_flow(), innovations, request.getfixturevalue("plan"))
     return report_html(read_result(folder / "result.mcap"))
-
-
-def _survey(folder: Path, request: pytest.FixtureRequest) -> str:
-    static().save(folder / "static.nc")
-    ask = (
-        "--objective",
-        "map",
-        "--box=152.3,-39.75,152.7,-39.45",
-        "--profiles",
-        "4",
-        "--dives",
-        "3",
-        "--depth",
-        "290",
-        "--samples",
-        "20",
-    )
-    _run(
-        "plan",
-        folder / "static.nc",
-        "--start=152.45,-39.66,0",
-        *ask,
-        "--profile-error",
-        "0.02",
-        "-o",
-        folder / "survey.mcap",
-    )
-    return report_html(read_result(folder / "survey.mcap"))
 
 
 def _paper(folder: Path, request: pytest.FixtureRequest) -> str:
@@ -104,4 +75,4 @@ QUICK: dict[str, Make] = {
     "workflows/fleet": _fleet,
 }
 #: Those that take long to make.
-SLOW: dict[str, Make] = {"show/report, a survey": _survey, "studies/paper": _paper}
+SLOW: dict[str, Make] = {"studies/paper": _paper}
