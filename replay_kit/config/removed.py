@@ -1,5 +1,7 @@
 """What earlier versions had and this one has no more: settings, options, their values and commands, each with what to use instead."""
 
+from collections.abc import Sequence
+
 from replay_kit.core.errors import ConfigError
 
 _SAMPLING = "adaptive sampling is gone: choose the places yourself, and plan to them with --goal"
@@ -29,6 +31,16 @@ OPTIONS: dict[str, dict[str, str]] = {}
 VALUES: dict[str, dict[str, str]] = {
     "--objective": dict.fromkeys(("learn", "map"), _SAMPLING),
 }
+#: Commands.
+COMMANDS: dict[str, str] = {
+    "bench": "accuracy is measured in a copy of the project by python -m tests.benchmarks pings and dives"
+}
+
+
+def refuse_command(words: Sequence[str]) -> None:
+    """Raise ConfigError for a command line whose first word is a command that was."""
+    if words and (instead := COMMANDS.get(words[0])) is not None:
+        raise ConfigError(f"there is no command {words[0]} any more: {instead}")
 
 
 def refuse_option(command: str, option: str) -> None:

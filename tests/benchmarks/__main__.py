@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from tests.benchmarks import (
     array,
     atsea,
+    dives,
     estimator,
     faults,
     forecasts,
@@ -31,6 +32,7 @@ from tests.benchmarks.measure import environment, limits
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "array": array.rows,
     "atsea": atsea.rows,
+    "dives": dives.rows,
     "estimator": estimator.rows,
     "faults": faults.rows,
     "forecasts": forecasts.rows,

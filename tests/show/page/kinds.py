@@ -11,14 +11,12 @@ from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
-from replay_kit.studies.bench.page import bench_page
 from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome
 from tests import synthetic
 from tests.command import succeed
 from tests.results.cases import write
 from tests.show.status.held_samples import held
-from tests.studies.pages import bench_result
 from tests.synthetic_flow import synthetic_flow
 
 #: Makes a page, of files in a folder and of the fixtures of a request.
@@ -71,7 +69,6 @@ def _fleet(folder: Path, request: pytest.FixtureRequest) -> str:
 QUICK: dict[str, Make] = {
     "show/report": _report,
     "show/status": lambda folder, request: status_page(status_of(held())),
-    "studies/bench": lambda folder, request: bench_page(bench_result()),
     "workflows/fleet": _fleet,
 }
 #: Those that take long to make.

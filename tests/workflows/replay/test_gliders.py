@@ -80,17 +80,6 @@ def test_absolute_profiles_are_used_directly_by_every_command(ocean, tmp_path):
     succeed(f"convert {path} -o {tmp_path}/a.mcap")
     again, _ = replay(ocean, tmp_path / "a.mcap")
     assert again["rms_innovation"] == answer["rms_innovation"]
-    done = succeed(
-        [
-            "bench",
-            str(made.bodc(tmp_path / "b.nc")),
-            "--ensemble",
-            str(ocean / "E.nc"),
-            "--place-ensemble",
-            "--first=1",
-        ]
-    )
-    assert "next-dive" in done.stdout
 
 
 def test_qc_of_mean_currents_alone_says_what_they_are(tmp_path):
