@@ -41,7 +41,7 @@ DOORS = (
     *("report X -o out.html", "status X", "layout X -o out.json", "plot X map -o out.png"),
     *("export X -o out.nc", "verify X", "verify log.mcap --inputs X"),
     *("plan X --start 1,2,0", *(f"{_PLAN} --{name} X" for name in ("no-go", "bathymetry"))),
-    *(f"{_PLAN} --others X", f"{_PLAN} --config X"),
+    f"{_PLAN} --config X",
     *("twin --truth X -o out.mcap", "fit X -o out.toml"),
     *("fleet X -o out", "fleet log.mcap --ensemble X -o out", "fleet log.mcap --config X -o out"),
     *(f"fetch {words} --ensemble https://a.b/c" for words in ("X", "--config X")),
