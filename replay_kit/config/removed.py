@@ -30,6 +30,10 @@ OPTIONS: dict[str, dict[str, str]] = {}
 #: Values of an option.
 VALUES: dict[str, dict[str, str]] = {
     "--objective": dict.fromkeys(("learn", "map"), _SAMPLING),
+    "--estimator": dict.fromkeys(
+        ("ensemble_mean", "etkf", "letkf", "gp", "depth_average"),
+        "leave it out for the project's own, or add yours as a package (entry point replay_kit.estimators)",
+    ),
 }
 #: Commands.
 COMMANDS: dict[str, str] = {

@@ -304,8 +304,7 @@ class EstimatorConfig(Section):
 
     name: Annotated[str, Option("--estimator", "NAME")] = Field(
         default="reduced_basis",
-        description="The project's own estimator, reduced_basis, or a baseline: naive3d, nearest, ensemble_mean, etkf, letkf, gp, "
-        "depth_average.",
+        description="The project's own estimator, reduced_basis, or a baseline: naive3d, nearest.",
     )
     preset: Annotated[Literal["default", "paper"], Option("--preset")] = Field(
         default="default",
