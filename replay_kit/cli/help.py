@@ -68,10 +68,7 @@ _RARE = {
         "--scheduler",
         "--workers",
     ),
-    *(
-        "--fresh",
-        "--archive",
-    ),
+    *("--fresh",),
     *("--separation", "--horizon"),
 }
 # Up to a full stop or semicolon, not one in a name such as .mcap; and the default at the end.

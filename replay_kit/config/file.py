@@ -164,8 +164,9 @@ def refuse_earlier(tables: Mapping[str, Any], path: Path | None) -> None:
         table: Any = tables
         for part in name.split("."):
             table = table.get(part, {}) if isinstance(table, Mapping) else {}
+        entries = table if isinstance(table, list) else [table]
         for key, instead in removed.items():
-            if isinstance(table, Mapping) and key in table:
+            if any(isinstance(entry, Mapping) and key in entry for entry in entries):
                 raise ConfigError(f"{path}: [{name}] has no {key} any more: {instead}")
 
 

@@ -54,7 +54,7 @@ class PlanRequest(Section):
     )
     no_go: Annotated[Path | None, Option("--no-go", "FILE", _INPUTS)] = Field(
         default=None,
-        description="No-go polygons (GeoJSON, KML, GeoPackage). By their properties: surface_only may be passed below, fence must not be "
+        description="No-go polygons (GeoJSON, KML). By their properties: surface_only may be passed below, fence must not be "
         "left, begin and end are times between which one holds.",
     )
     bathymetry: Annotated[Path | None, Option("--bathymetry", "FILE.nc", _INPUTS)] = Field(

@@ -11,8 +11,12 @@ _BLIND = "it steered a vehicle that nobody corrects: the odds with headings held
 SETTINGS: dict[str, dict[str, str]] = {
     "measurements": {
         "use_dac": 'without = ["dac"] leaves depth-averaged currents out',
-        "drift_depth": "drift is that of the current at 0.5 m",
+        **dict.fromkeys(
+            ("use_drift", "drift_std", "drift_depth"),
+            "drift between fixes is no measurement: the wind moves the vehicle too",
+        ),
     },
+    "measurements.map": {"join_within": "record both components of a velocity in one message"},
     "forecast": {"level_step": "name the levels, as in levels = [0, 100, 300]"},
     "gating": {
         "soften_factor": "a softened profile moves the estimate by two prior standard deviations"
@@ -29,6 +33,7 @@ SETTINGS: dict[str, dict[str, str]] = {
 OPTIONS: dict[str, dict[str, str]] = {}
 #: Values of an option.
 VALUES: dict[str, dict[str, str]] = {
+    "--oscillators": {"steady": "levels that are closer resolve depth more finely"},
     "--objective": dict.fromkeys(("learn", "map"), _SAMPLING),
     "--estimator": dict.fromkeys(
         ("ensemble_mean", "etkf", "letkf", "gp", "depth_average"),
@@ -55,7 +60,7 @@ def refuse_option(command: str, option: str) -> None:
         raise ConfigError(f"{command} has no {option} any more: {instead}")
 
 
-def refuse_value(option: str, value: str) -> None:
+def refuse_value(option: str, value: object) -> None:
     """Raise ConfigError for a value that an option could have."""
-    if (instead := VALUES.get(option, {}).get(value)) is not None:
+    if (instead := VALUES.get(option, {}).get(str(value))) is not None:
         raise ConfigError(f"{option} has no {value} any more: {instead}")

@@ -28,6 +28,11 @@ def test_the_old_table_is_refused_with_the_names_of_the_new_one(tmp_path):
             "[forecast]\nlevel_step = 2\n",
             r"\[forecast\] has no level_step any more: name the levels",
         ),
+        (
+            "[[measurements.map]]\njoin_within = 0.1\n",
+            r"\[measurements\.map\] has no join_within any more: record both",
+        ),
+        ("[time]\noscillators = ['steady']\n", "--oscillators has no steady any more: levels"),
         ("[plan]\nbox = '1,2,3,4'\n", r"\[plan\] has no box any more: adaptive sampling is gone"),
     ],
 )
