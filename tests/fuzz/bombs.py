@@ -1,7 +1,6 @@
 """Inputs that are small on the disk and large when they are read: compressed, never written, nested, or made anew by their reader."""
 
 import gzip
-import shutil
 import zlib
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -253,9 +252,6 @@ BOMBS: dict[str, Attack] = {
         field({"member": 3, "depth": 2, "lat": 8, "lon": 8}, chunk=_ENDLESS)
     ),
     "forecast: chunks of 2 GB in Zarr": _replayed(_store),
-    "forecast: chunks of 2 GB in a zipped Zarr": _replayed(
-        lambda folder: Path(shutil.make_archive(str(folder / "z"), "zip", _store(folder)))
-    ),
     "bathymetry: 4 GB of zeros": _bottom(field({"lat": 31_000, "lon": 32_000})),
     "bathymetry: 30 MB that repeat": _bottom(field({"lat": 1900, "lon": 1900}, _WAVES)),
     "bathymetry: a chunk of 2 GB": _bottom(field({"lat": 20, "lon": 20}, chunk=_ENDLESS)),
