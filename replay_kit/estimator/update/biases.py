@@ -3,8 +3,8 @@
 A shear error is along the predicted motion through water: in the measured one the water's own shear changes the apparent motion. As a
 part of the state it is along the measured one, and biased by some 2e-5 1/s.
 
-A scale error is special, because its effect is made of the measurement: with z = (1 + s)(v - p) the density of the logged values has a factor
-(1 + s)^-1 for each component of the mean, less the share of the platform velocity's error; see ``scale_jacobian``.
+A scale error is special, because its effect is made of the measurement: with z = (1 + s)(v - p) the density of the logged values has a
+factor (1 + s)^-1 for each component of the mean, less the share of the platform velocity's error; see ``scale_jacobian``.
 """
 
 from dataclasses import dataclass
