@@ -33,6 +33,7 @@ SETTINGS: dict[str, dict[str, str]] = {
 OPTIONS: dict[str, dict[str, str]] = {}
 #: Values of an option.
 VALUES: dict[str, dict[str, str]] = {
+    "--without": {"drift": "leave it out; no drift between fixes is used"},
     "--oscillators": {"steady": "levels that are closer resolve depth more finely"},
     "--objective": dict.fromkeys(("learn", "map"), _SAMPLING),
     "--estimator": dict.fromkeys(
