@@ -8,11 +8,11 @@ import numpy as np
 
 from replay_kit.core.grid import Ensemble
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins.adcp import SOUND, Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import Schedule, missions
 from replay_kit.studies.twins.messages import measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission
+from tests.faulty import SOUND, Faults, messages_of
 
 #: Corners of the course of each of some gliders, in shares of rows and columns of a grid.
 Courses = Sequence[tuple[tuple[float, float], ...]]
@@ -72,8 +72,8 @@ def write_array(
     all_flown = missions(field, pings, starts_ns, rngs, schedules)
     for number, (one, rng) in enumerate(zip(all_flown, rngs, strict=True)):
         flown = with_errors(one, rng)
-        flown = measured_on(flown, field, 0.09, rng, count * seed + number)
+        flight = measured_on(flown, field, 0.09, rng)
         path = logs[f"sg{number + 1}"] = folder / f"sg{number + 1}.mcap"
         found = (faults or {}).get(number, SOUND)
-        write_mcap_log(path, flown.messages(found, pings=not dac_only))
+        write_mcap_log(path, messages_of(flight, found, count * seed + number, pings=not dac_only))
     return logs

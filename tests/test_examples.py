@@ -64,8 +64,8 @@ def test_each_kind_is_found_where_the_project_looks_for_it():
         "RepeatedTimes"
     ]
     assert checks.added_checks(of_positions=True) == ()
-    estimator = build_named(ensemble(), EstimatorConfig(name="persistence"))
-    assert type(estimator).__name__ == "EnsembleMean"
+    estimator = build_named(ensemble(), EstimatorConfig(name="closest"))
+    assert type(estimator).__name__ == "NearestMember"
     assert (
         load_config(None, {"planner": {"objective": "surfacings"}}).planner.objective
         == "surfacings"
@@ -92,8 +92,8 @@ def test_without_the_package_its_names_are_refused():
         ConfigError, match="expected one of time, energy, odds, closest, got 'surfacings'"
     ):
         load_config(None, {"planner": {"objective": "surfacings"}})
-    with pytest.raises(ConfigError, match="got 'persistence'"):
-        build_named(ensemble(), EstimatorConfig(name="persistence"))
+    with pytest.raises(ConfigError, match="got 'closest'"):
+        build_named(ensemble(), EstimatorConfig(name="closest"))
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_the_wheel_of_the_package_has_its_entry_points(tmp_path):
     said = subprocess.check_output(
         [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": path}, text=True
     )
-    assert said.strip() == "('ego',) ('persistence',)"
+    assert said.strip() == "('ego',) ('closest',)"
 
 
 def test_an_estimator_that_lacks_what_one_has_is_named(monkeypatch):

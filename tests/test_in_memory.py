@@ -10,7 +10,7 @@ import xarray as xr
 import replay_kit as rk
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError
 from replay_kit.core.observation import PathMean
-from replay_kit.estimator.baselines.builders import build_ensemble_mean
+from replay_kit.estimator.baselines.whole_flows import build_nearest
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.verify import verify
 from tests import synthetic
@@ -216,9 +216,7 @@ def test_a_dataset_with_two_time_axes_is_refused_by_their_names():
 
 
 def test_an_estimator_of_ones_own_is_an_object_or_what_makes_it():
-    result = rk.replay(
-        [*_profiles(4)], _dataset(), settings=SETTINGS, estimator=build_ensemble_mean
-    )
+    result = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, estimator=build_nearest)
     usual = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS)
     assert result.outcome.observations["used"] == 4
     assert not np.allclose(

@@ -43,32 +43,6 @@ _DISC = np.sqrt((_NUMBERS + 0.5) / _NUMBERS.size)[:, None] * np.column_stack(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeadingTable:
-    """Headings by place and time, of which the nearest counts.
-
-    Attributes:
-        origin: shape (2,), east and north of the first place [m].
-        spacing: Between places [m].
-        times: shape (T,) [s] since the start.
-        headings: shape (T, rows, columns), clockwise from true north [rad]; NaN where there is none.
-        near: Distance from the goal [m] within which the vehicle heads at it.
-    """
-
-    origin: Array
-    spacing: float
-    times: Array
-    headings: Array
-    near: float
-
-    def at(self, places: Array, times: Array) -> Array:
-        """Return the headings [rad] at places, shape (K, 2) [m], and times, shape (K,) [s]."""
-        cell = np.round((places - self.origin) / self.spacing).astype(int)
-        column, row = np.clip(cell, 0, np.array(self.headings.shape[:0:-1]) - 1).T
-        slot = np.argmin(np.abs(times[:, None] - self.times), axis=1)
-        return np.asarray(self.headings[slot, row, column])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class WaypointList:
     """What a glider is given: W places, and the dives on the way to each.
 
@@ -78,7 +52,6 @@ class WaypointList:
         places: shape (W, 2) [m].
         angles: shape (W,), glide angle on the way to each [rad].
         depths: shape (W,), depth of the dives on the way to each [m].
-        table: Headings until the vehicle is near; None to head for the waypoints all the way.
     """
 
     kept: tuple[int, ...]
@@ -86,7 +59,6 @@ class WaypointList:
     places: Array
     angles: Array
     depths: Array
-    table: HeadingTable | None = None
 
     @classmethod
     def of(
@@ -181,8 +153,7 @@ def follow(
         if under_way.size == 0:
             break
         these, begin = under_way, plan.yo_depths[0][0] if number == 0 else 0.0
-        state = (at[these], now[these]), target[these], current[these]
-        headings, depths = _steered(task, plan, few, *state)
+        headings, depths = _steered(task, plan, few, at[these], target[these], current[these])
         steps = _profiles(plan, begin, np.maximum(depths, begin), task.flow.levels)
         angles = few.angles[target[these]]
         leg = HeldLeg(plan.vehicle, steps, settings.surface_time, headings, angles)
@@ -231,21 +202,17 @@ def _steered(
     task: MissionTask,
     plan: MissionPlan,
     few: WaypointList,
-    begin: tuple[Array, Array],
+    at: Array,
     target: NDArray[np.intp],
     current: Array,
 ) -> tuple[Array, Array]:
-    """Return the headings [rad] and the depths [m], shape (K,) each, of gliders at some places and times on the way to their waypoints."""
-    (at, now), deep = begin, few.depths[target]
+    """Return the headings [rad] and the depths [m], shape (K,) each, of gliders at some places on the way to their waypoints."""
+    deep = few.depths[target]
     way = few.places[target] - at
     local, share = heading_for(plan, way, few.angles[target], current, deep)
     # many are flown together in few kinds of dives
     share = np.maximum(np.round(share / _SHARES) * _SHARES, _SHALLOWEST)
     heading = local - true_north_halfway(task.region.grid.projection, at, at)
-    if few.table is not None:
-        tabled = few.table.at(at, now)
-        far = (np.linalg.norm(way, axis=1) > few.table.near) & np.isfinite(tabled)
-        heading, share = np.where(far, tabled, heading), np.where(far, 1.0, share)
     return heading, share * deep
 
 

@@ -1,18 +1,13 @@
-"""A mission for people and other programs: legs as a table, as GeoJSON, as JSON; and a policy, as headings by place and time."""
+"""A mission for people and other programs: legs as a table, as GeoJSON, as JSON."""
 
-import json
-from dataclasses import asdict
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from planners.mission.odds import MissionOdds
-from planners.mission.policy import Policy
 from planners.mission.values import MissionPlan
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Odds, Plan
@@ -204,63 +199,3 @@ def _odds(odds: MissionOdds) -> Odds:
         pilot.miss_median,
         pilot.miss_90_percent,
     )
-
-
-_FORMS = (".csv", ".json", ".geojson")
-# Length of an arrow in spacings of the table.
-_ARROW = 0.6
-
-
-def policy_rows(policy: Policy) -> list[dict[str, float]]:
-    """Return one row for each time and place from which the goal is reached."""
-    return [
-        {
-            "after_s": round(float(policy.table.times[k]), 3),
-            "longitude": round(float(policy.longitude[i]), 7),
-            "latitude": round(float(policy.latitude[i]), 7),
-            "heading_deg": round(float(policy.headings_deg[k, i]), 1),
-            "hours_left": round(float(policy.hours_left[k, i]), 2),
-        }
-        for k, i in np.argwhere(np.isfinite(policy.headings_deg)).tolist()
-    ]
-
-
-def policy_json(policy: Policy) -> dict[str, Any]:
-    """Return the policy with how it is to be flown and how it fares in the samples."""
-    plan = policy.plan
-    return {
-        "message": policy.message,
-        "goal": [plan.goals[0].longitude, plan.goals[0].latitude],
-        "radius_m": plan.settings.tolerance,
-        "near_m": policy.table.near,
-        "glide_angle_deg": policy.angle_deg,
-        "depth_m": plan.settings.depth,
-        "dives": plan.settings.yos,
-        "samples": None if policy.risk is None else asdict(policy.risk),
-        "headings": policy_rows(policy),
-    }
-
-
-def policy_text(policy: Policy, path: Path) -> str:
-    """Return a policy in the form that a file's name tells: .csv, .json or .geojson.
-
-    Raises:
-        PlanError: It tells none.
-    """
-    form = path.suffix.lower()
-    if form not in _FORMS:
-        raise PlanError(f"{path}: expected a policy's name that ends in one of {', '.join(_FORMS)}")
-    rows = policy_rows(policy)
-    if form == ".csv":
-        return csv_text(rows, rows[0])
-    if form == ".json":
-        return json.dumps(policy_json(policy), indent=2, allow_nan=False) + "\n"
-    near, length = policy.plan.start.longitude, _ARROW * policy.table.spacing
-    features = []
-    for row in rows:
-        bearing = np.deg2rad(row["heading_deg"])
-        frame = Projection(row["longitude"], row["latitude"])
-        arrow = np.outer([0.0, length], [np.sin(bearing), np.cos(bearing)])
-        line = positions(*to_geographic(frame, *arrow.T), near)
-        features.append(feature("LineString", line, {"name": "heading", **row}))
-    return collection_file(features)

@@ -23,6 +23,7 @@ from replay_kit.cli.help import (
     spread_vehicles,
 )
 from replay_kit.cli.options import CHOICES, before_conversion
+from replay_kit.config.removed import refuse_command
 from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.text import printable
 from replay_kit.core.version import __version__
@@ -85,8 +86,7 @@ _COMMANDS = {
     ),
     "plan": (
         "FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH",
-        "Plan a glider mission: headings, glide angles and surfacings to one or several goals, near a place, or along a line; or adaptive "
-        "sampling: where to survey before a dead-reckoned leg (--objective learn) or to map a box (--objective map).",
+        "Plan a glider mission: headings, glide angles and surfacings to one or several goals, near a place, or along a line.",
     ),
     "twin": (
         "--truth FILE[#member] -o X.mcap|X.tlog",
@@ -107,11 +107,6 @@ _COMMANDS = {
     "fetch": (
         "[LOG...] --ensemble ADDRESS...",
         "Fetch the part of a forecast on a server that a replay of the logs needs, for later replays without a link.",
-    ),
-    "bench": (
-        "[DATA...] [--ensemble FILE...]",
-        "Benchmark methods, and programs of your own, on frozen tasks: dives of real missions predicted, withheld truths estimated and "
-        "planned in.",
     ),
     "verify": (
         "OUT.mcap",
@@ -205,6 +200,7 @@ def run(arguments: list[str]) -> int:
         ReplayKitError: The command ended with an error of its own.
     """
     console.begin(console.Reporting())
+    refuse_command(arguments)
     arguments = repeat_ensembles(spread_vehicles(_command_first(arguments)))
     words = [word for word in arguments if word not in _HELP]
     chain, apps, unused = app.parse_commands(words)

@@ -16,6 +16,7 @@ from typing import Any, get_args, get_type_hints
 from cyclopts import ArgumentCollection, Parameter
 from cyclopts.argument import Argument
 
+from replay_kit.config.removed import refuse_option
 from replay_kit.core.errors import ConfigError
 
 # Columns from which a description begins; longer names have a line of their own.
@@ -67,16 +68,8 @@ _RARE = {
         "--scheduler",
         "--workers",
     ),
-    *(
-        "--fresh",
-        "--archive",
-        "--then",
-        "--blind",
-        "--survey",
-        "--box",
-        "--profiles",
-    ),
-    *("--profile-error", "--others", "--separation", "--horizon"),
+    *("--fresh",),
+    *("--separation", "--horizon"),
 }
 # Up to a full stop or semicolon, not one in a name such as .mcap; and the default at the end.
 _FIRST_SENTENCE = re.compile(r"(.*?)(?=[.;](?:\s|$)|$).*?( \[default: [^]]*\])?$", re.DOTALL)
@@ -279,6 +272,7 @@ def refuse_unknown(
     # an underscore is the same as a hyphen
     unknown = next((name for name in given if name.replace("_", "-") not in known), None)
     if unknown is not None:
+        refuse_option(" ".join(chain), unknown.replace("_", "-"))
         nearest = "".join(
             f" Did you mean {name}?" for name in get_close_matches(unknown, sorted(known), n=1)
         )

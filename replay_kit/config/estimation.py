@@ -2,10 +2,11 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from replay_kit.config.file import Section
 from replay_kit.config.option import Option
+from replay_kit.config.removed import refuse_value
 
 
 class GatingConfig(Section):
@@ -44,7 +45,7 @@ class ConsistencyConfig(Section):
     )
 
 
-Oscillation = Literal["steady", "inertial", "M2", "S2", "K1", "O1"]
+Oscillation = Literal["inertial", "M2", "S2", "K1", "O1"]
 Bias = Literal["heading", "scale", "shear"]
 
 
@@ -76,9 +77,16 @@ class TimeConfig(Section):
     )
     oscillators: Annotated[tuple[Oscillation, ...], Option("--oscillators", "O1,O2,...")] = Field(
         default=(),
-        description="Oscillations uniform over the region with their own depth structure: inertial, M2, S2, K1, O1; steady does not "
-        "rotate and resolves depth more finely than the forecast's levels.",
+        description="Oscillations uniform over the region with their own depth structure: inertial, M2, S2, K1, O1.",
     )
+
+    @field_validator("oscillators", mode="before")
+    @classmethod
+    def _still_there(cls, value: object) -> object:
+        for name in value if isinstance(value, list | tuple) else ():
+            refuse_value("--oscillators", name)
+        return value
+
     oscillator_std: float = Field(
         default=0.1,
         gt=0.0,

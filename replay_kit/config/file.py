@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
+from replay_kit.config.removed import SETTINGS
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.inputs import open_input
 from replay_kit.core.quantities import parse_duration
@@ -142,18 +143,6 @@ def _is_kind(model: type[BaseModel], location: tuple[int | str, ...]) -> bool:
 
 # Keys of the table [trust], which is [gating] since version 0.2.0.
 _RENAMED = {"watch": "inflate", "watch_profiles": "inflation_profiles"}
-# Keys that are no more, by table: what to write instead.
-_REMOVED = {
-    "measurements": {
-        "use_dac": 'without = ["dac"] leaves depth-averaged currents out',
-        "drift_depth": "drift is that of the current at 0.5 m",
-    },
-    "forecast": {"level_step": "name the levels, as in levels = [0, 100, 300]"},
-    "gating": {
-        "soften_factor": "a softened profile moves the estimate by two prior standard deviations"
-    },
-    "planner": {"flight_model": "a script plans with Glider(flight=fit_flight(...))"},
-}
 
 
 def refuse_earlier(tables: Mapping[str, Any], path: Path | None) -> None:
@@ -171,12 +160,13 @@ def refuse_earlier(tables: Mapping[str, Any], path: Path | None) -> None:
         raise ConfigError(
             f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them"
         )
-    for name, removed in _REMOVED.items():
+    for name, removed in SETTINGS.items():
         table: Any = tables
         for part in name.split("."):
             table = table.get(part, {}) if isinstance(table, Mapping) else {}
+        entries = table if isinstance(table, list) else [table]
         for key, instead in removed.items():
-            if isinstance(table, Mapping) and key in table:
+            if any(isinstance(entry, Mapping) and key in entry for entry in entries):
                 raise ConfigError(f"{path}: [{name}] has no {key} any more: {instead}")
 
 

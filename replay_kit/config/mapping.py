@@ -53,25 +53,6 @@ class _PlaceMap(_Map):
     )
 
 
-class _CurrentMap(_PlaceMap):
-    """What a profile and a single velocity have in common."""
-
-    join_within: Annotated[float, Field(ge=0.0)] | None = Field(
-        default=None,
-        description="Messages that carry one component each, under the names east and north, are joined when their stamps differ by no "
-        "more than this [s].",
-    )
-
-    @model_validator(mode="after")
-    def _joined(self) -> Self:
-        stated = {"name": self.name, "depth": self.depth, "longitude": self.longitude}
-        if self.join_within is not None and any(value is not None for value in stated.values()):
-            raise ValueError(
-                f"join_within takes messages of one component alone; leave out {', '.join(stated)} and latitude"
-            )
-        return self
-
-
 class PositionMap(_PlaceMap):
     """A topic with positions."""
 
@@ -87,7 +68,7 @@ class DepthMap(_Map):
     depth: Path
 
 
-class ProfileMap(_CurrentMap):
+class ProfileMap(_PlaceMap):
     """A topic with profiles of the current, and with the vehicle's position if the same message holds it; ``depth`` is the instrument's."""
 
     kind: Literal["profile"]
@@ -153,16 +134,12 @@ class ProfileMap(_CurrentMap):
         given = [value is not None for value in (self.depths, self.distances, self.cell_size)]
         if sum(given) != 1 or (self.cell_size is None) != (self.first_cell is None):
             raise ValueError("give one of depths, distances, or cell_size with first_cell")
-        if self.join_within is not None and (
-            self.east is None or self.depths is not None or self.distances is not None
-        ):
-            raise ValueError("join_within needs east and north, with cell_size and first_cell")
         if self.depths is not None and self.depth is not None:
             raise ValueError("depths are below the surface; leave out depth, or give distances")
         return self
 
 
-class VelocityMap(_CurrentMap):
+class VelocityMap(_PlaceMap):
     """A topic with one velocity at one depth, of a current meter, mooring or drifter; ``depth`` is where it was measured.
 
     With a place of its own (paths, or ``place``) it does not locate the vehicle; without one it was measured at the vehicle.

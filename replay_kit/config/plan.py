@@ -49,12 +49,12 @@ class PlanRequest(Section):
         tuple[str, ...], Option("--glider", f"NAME={PLACE.form}", _INPUTS, True), PLACES
     ] = Field(
         default=(),
-        description="Where one of several gliders begins, in place of --start; give the option for each. They share the goals, or the box "
-        "of --objective map, and files are written for each, with its name before their ending.",
+        description="Where one of several gliders begins, in place of --start; give the option for each. They share the goals, and files "
+        "are written for each, with its name before their ending.",
     )
     no_go: Annotated[Path | None, Option("--no-go", "FILE", _INPUTS)] = Field(
         default=None,
-        description="No-go polygons (GeoJSON, KML, GeoPackage). By their properties: surface_only may be passed below, fence must not be "
+        description="No-go polygons (GeoJSON, KML). By their properties: surface_only may be passed below, fence must not be "
         "left, begin and end are times between which one holds.",
     )
     bathymetry: Annotated[Path | None, Option("--bathymetry", "FILE.nc", _INPUTS)] = Field(
@@ -76,33 +76,7 @@ class PlanRequest(Section):
     objective: Annotated[str | None, Option("--objective", "NAME|WEIGHTS", _OPTIONS)] = Field(
         default=None,
         description=f"{', '.join(get_args(ObjectiveName))} or weights of hours, kJ and km from the goal, as time=1,energy=0.02,closest=5: "
-        "the cost; or learn (survey before a dead-reckoned leg, with --then and --blind) or map (measure the current in a box, with --box "
-        "and --profiles). Default: time.",
-    )
-    then: Annotated[str | None, Option("--then", "LON,LAT,DEPTH[,...]", _OPTIONS)] = Field(
-        default=None,
-        description="End of the dead-reckoned leg after the survey, after other places if given.",
-    )
-    blind: Annotated[float | None, Option("--blind", "HOURS", _OPTIONS)] = Field(
-        default=None, description="Duration of the dead-reckoned leg [h]."
-    )
-    survey: Annotated[float | None, Option("--survey", "HOURS", _OPTIONS)] = Field(
-        default=None, description="Duration of the survey before that leg [h]. Default: 24."
-    )
-    box: Annotated[str | None, Option("--box", "W,S,E,N[,DEPTHS]", _OPTIONS)] = Field(
-        default=None,
-        description="Box to map [degrees], and depths [m]; without depths the mean over the dives.",
-    )
-    profiles: Annotated[int | None, Option("--profiles", "N", _OPTIONS)] = Field(
-        default=None, description="Number of profiles for the map."
-    )
-    profile_error: Annotated[float, Option("--profile-error", None, _OPTIONS)] = Field(
-        default=0.03,
-        description="Standard deviation of the error of a profile's mean current, each component [m/s].",
-    )
-    others: Annotated[tuple[Path, ...], Option("--others", "PLAN.mcap", _OPTIONS, True)] = Field(
-        default=(),
-        description="Plan of another vehicle whose profiles will be available; may be repeated.",
+        "the cost. Default: time.",
     )
     mooring: Annotated[
         str | None, Option("--mooring", "RADIUS,HOURS", _OPTIONS), Numbers("RADIUS,HOURS")
@@ -156,7 +130,6 @@ class PlanRequest(Section):
         default=None, description="Of several gliders the one whose plan a result holds."
     )
     waypoints: bool = Field(default=False, description="Whether a short list of waypoints is made.")
-    policy: bool = Field(default=False, description="Whether a heading by place and time is made.")
     waypoint_tolerance: Annotated[float | None, Option("--waypoint-tolerance", None, _OUTPUTS)] = (
         Field(
             default=None,
@@ -164,11 +137,6 @@ class PlanRequest(Section):
             description="Distance off the track within which no waypoint is needed [m]. Default: the tolerance of the plan.",
         )
     )
-
-    @property
-    def learns(self) -> bool:
-        """Whether it is asked what to measure, not how to arrive."""
-        return self.objective in ("learn", "map")
 
     @property
     def accepted_risk(self) -> float:
@@ -207,31 +175,6 @@ class PlanRequest(Section):
         """Each goal, with the name of the glider whose own it is; empty for all."""
         named = [text.rpartition("=")[::2] for text in self.goal]
         return tuple((name, _place(place, "--goal")) for name, place in named)
-
-    @property
-    def then_places(self) -> tuple["Place", ...]:
-        """Where a dead-reckoned leg leads, in this order."""
-        if self.then is None:
-            return ()
-        values = numbers(self.then, "--then")
-        if len(values) % 3:
-            raise ConfigError(
-                f"--then: expected LON,LAT,DEPTH[,LON,LAT,DEPTH...], got '{self.then}': {len(values)} numbers are no whole places"
-            )
-        parts = [",".join(map(repr, values[k : k + 3])) for k in range(0, len(values), 3)]
-        return tuple(_place(part, "--then") for part in parts)
-
-    @property
-    def box_numbers(self) -> tuple[float, ...] | None:
-        """West, south, east, north and depths of the box to be mapped; None without."""
-        if self.box is None:
-            return None
-        values = numbers(self.box, "--box")
-        if len(values) < 4:
-            raise ConfigError(
-                f"--box: expected W,S,E,N[,DEPTHS], got '{self.box}': {len(values)} numbers"
-            )
-        return values
 
     @property
     def mooring_numbers(self) -> tuple[float, float] | None:

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from replay_kit.config.file import Section
+from replay_kit.config.removed import refuse_value
 
 
 def _off_is_none(value: object) -> object:
@@ -190,8 +191,8 @@ class QualityConfig(Section):
         return suspect, fail
 
 
-_KINDS = ("dac", "drift", "profiles", "shear", "radar", "drifters")
-_EXPECTED = "expected dac, drift, profiles, shear, radar, drifters or dives:3-5"
+_KINDS = ("dac", "profiles", "shear", "radar", "drifters")
+_EXPECTED = "expected dac, profiles, shear, radar, drifters or dives:3-5"
 
 
 def checked_rules(rules: Sequence[str]) -> None:
@@ -199,6 +200,7 @@ def checked_rules(rules: Sequence[str]) -> None:
     for rule in rules:
         if rule in _KINDS:
             continue
+        refuse_value("--without", rule)
         found = re.fullmatch(r"dives:(\d{1,9})(?:-(\d{1,9}))?", rule)
         if found is None:
             raise ValueError(f"{_EXPECTED}; '{rule}' is none of them")

@@ -142,15 +142,6 @@ class MeasurementConfig(Section):
         gt=0.0,
         description="Standard error of a depth-averaged current that states none [m/s], beside that of its fixes.",
     )
-    use_drift: bool = Field(
-        default=False,
-        description="Use the drift between fixes at the surface as a current; not for vehicles under power.",
-    )
-    drift_std: float = Field(
-        default=0.07,
-        gt=0.0,
-        description="Standard error of that drift due to wind [m/s], in addition to that of its fixes.",
-    )
     water_track_distance: Annotated[float, Field(ge=0.0)] | None = Field(
         default=None,
         description="Distance of the DVL's water-track layer below the vehicle [m]; its message does not state it.",
@@ -187,7 +178,7 @@ class MeasurementConfig(Section):
     )
     without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
         default=(),
-        description="Withhold measurements (data denial): dac, drift, profiles, shear, radar, drifters, dives:3-5. Values that the "
+        description="Withhold measurements (data denial): dac, profiles, shear, radar, drifters, dives:3-5. Values that the "
         "log's own programs computed from them stay.",
     )
     map: tuple[TopicMap, ...] = Field(
@@ -304,8 +295,7 @@ class EstimatorConfig(Section):
 
     name: Annotated[str, Option("--estimator", "NAME")] = Field(
         default="reduced_basis",
-        description="The project's own estimator, reduced_basis, or a baseline: naive3d, nearest, ensemble_mean, etkf, letkf, gp, "
-        "depth_average.",
+        description="The project's own estimator, reduced_basis, or a baseline: naive3d, nearest.",
     )
     preset: Annotated[Literal["default", "paper"], Option("--preset")] = Field(
         default="default",

@@ -14,7 +14,7 @@ from replay_kit.core.inputs import why_no_input
 #: One path, or several, of which those in a sequence of their own belong together.
 Paths = str | Path | Sequence[str | Path | Sequence[str | Path]]
 
-_ADDRESS = re.compile(r"(?:(?:icechunk::)?https?://|cmems:)[^/\s]\S*", re.IGNORECASE)
+_ADDRESS = re.compile(r"(?:https?://|cmems:)[^/\s]\S*", re.IGNORECASE)
 _SCHEME = re.compile(r"(?:[a-z][a-z0-9.+-]+::)?[a-z][a-z0-9.+-]+://", re.IGNORECASE)
 
 
@@ -78,7 +78,7 @@ def path_of(text: str) -> Path:
         return Path(text.removeprefix("file://"))
     if _SCHEME.match(text):
         raise ConfigError(
-            f"{public(text)}: expected https://, http://, cmems:DATASET or icechunk::https://; give the https address of the same data"
+            f"{public(text)}: expected https://, http:// or cmems:DATASET; give the https address of the same data"
         )
     return Path(text)
 

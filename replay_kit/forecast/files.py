@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
 
 import h5py
 import numpy as np
@@ -165,19 +164,12 @@ def open_file(path: Path) -> xr.Dataset:
                 head = stream.read(8)
         except OSError as error:
             raise ForecastError(f"{path}: cannot be read: {error.strerror}; {_HINT}") from error
-        engine = (
-            "scipy"
-            if head[:3] == b"CDF"
-            else "h5netcdf"
-            if head[1:4] == b"HDF"
-            else "zarr"
-            if head[:4] == b"PK\x03\x04"
-            else ""
-        )
+        engine = "scipy" if head[:3] == b"CDF" else "h5netcdf" if head[1:4] == b"HDF" else ""
     if not engine:
-        raise ForecastError(
-            f"{path}: neither NetCDF nor Zarr; it begins with {head.hex(' ') or 'nothing'}; {_HINT}"
-        )
+        found = f"it begins with {head.hex(' ') or 'nothing'}"
+        if head[:4] == b"PK\x03\x04":
+            found = "it is a zip archive, to be unpacked"
+        raise ForecastError(f"{path}: neither NetCDF nor Zarr; {found}; {_HINT}")
     try:
         ds = _opened_store(path) if engine == "zarr" else _opened_netcdf(path, engine)
     except (
@@ -187,7 +179,6 @@ def open_file(path: Path) -> xr.Dataset:
         TypeError,
         OverflowError,
         RuntimeError,
-        BadZipFile,
     ) as error:
         raise ForecastError(f"{path}: cannot be read as {engine}: {error}; {_HINT}") from error
     return with_dates(ds)
@@ -232,33 +223,12 @@ def _opened_netcdf(path: Path, engine: str) -> xr.Dataset:
 
 
 def _opened_store(path: Path) -> xr.Dataset:
-    """Return a Zarr store, a folder or zipped, opened.
-
-    Raises:
-        ValueError: An archive is no store.
-    """
+    """Return a Zarr store opened."""
     # its import takes longer than those of a command that reads NetCDF alone
     import zarr
 
-    if path.is_file():
-        with ZipFile(path) as archive:
-            folders = {
-                name.rpartition("/")[0]
-                for name in archive.namelist()
-                if name.rpartition("/")[2] in STORE_MARKS
-            }
-        if "" not in folders:
-            inside = (
-                f"a Zarr store in its folder {min(folders, key=len)}, not at its top"
-                if folders
-                else "no Zarr store"
-            )
-            raise ValueError(f"this zip archive holds {inside}; unpack it")
-    store = zarr.storage.ZipStore(path, mode="r") if path.is_file() else path
-    _check_coordinates(
-        path, [array.shape for _, array in zarr.open_group(store, mode="r").arrays()]
-    )
-    return _opened(store, "zarr", consolidated=None)
+    _check_coordinates(path, [array.shape for _, array in zarr.open_group(path, mode="r").arrays()])
+    return _opened(path, "zarr", consolidated=None)
 
 
 def _opened(source: Any, engine: str, **options: Any) -> xr.Dataset:

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import filterfalse
 from types import MappingProxyType
-from typing import Any, TypeGuard
+from typing import Any
 
-from replay_kit.config.mapping import ProfileMap, TopicMap, VelocityMap
+from replay_kit.config.mapping import TopicMap
 from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
@@ -29,7 +29,7 @@ from replay_kit.measurements.events import (
 )
 from replay_kit.measurements.messages import mavlink
 from replay_kit.measurements.messages.kinds import Statement, statement
-from replay_kit.measurements.messages.mapped import Component, component, joined, mapped
+from replay_kit.measurements.messages.mapped import mapped
 from replay_kit.measurements.messages.mavlink import PingFrame
 from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.messages.vehicle import Depth, Dvl, Pose, Position, Pressure
@@ -72,33 +72,6 @@ from replay_kit.measurements.steps.water import (
 )
 from replay_kit.measurements.vehicle.mean_current import MeanCurrent
 
-_ALONE = "one velocity component without the other within join_within"
-
-
-def take_component(
-    state: MeasurementState, part: Component, source: Source, config: MeasurementConfig
-) -> Step:
-    """Return the state after one component, and the events of the velocity that it completes."""
-    assert part.entry is not None, "it has just come"
-    key = (source.topic, str(part.entry.east), str(part.entry.north))
-    waiting = dict(state.components)
-    other = waiting.pop(key, None)
-    if other is None or not part.fits(other):
-        after = replace(state, components=waiting | {key: replace(part, entry=None)})
-        return after, [] if other is None else [Skipped(source.topic, _ALONE)]
-    state, stated = replace(state, components=waiting), joined(part, other)
-    return (
-        (state, [Skipped(source.topic, stated)] * 2)
-        if isinstance(stated, str)
-        else take_stated_ping(state, stated, source, config, 2)
-    )
-
-
-def alone(state: MeasurementState) -> list[Event]:
-    """Return the events of components that still wait when the log ends."""
-    return [Skipped(topic, _ALONE) for topic, _, _ in state.components]
-
-
 # What a MAVLink reader needs to decode for this module.
 MAVLINK_NAMES = mavlink.NAMES | {mavlink.SCHEMA}
 # 146 years: a position may be as old as the configuration likes, and ages stay int64
@@ -110,7 +83,6 @@ _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig
         {
             StatedPing: take_stated_ping,
             PingFrame: take_ping_frame,
-            Component: take_component,
             Dvl: take_dvl,
             Position: record_position,
             mavlink.NavigationPosition: record_navigation,
@@ -205,18 +177,18 @@ def _kept(blocks: list[list[Event]], config: MeasurementConfig) -> list[list[Eve
     return [without(events, config.without) for events in blocks] if config.without else blocks
 
 
-def _stated(messages: Sequence[Message], config: MeasurementConfig) -> list[Statement | Component]:
+def _stated(messages: Sequence[Message], config: MeasurementConfig) -> list[Statement]:
     """Return what each message of a block states, whatever was before it; pings are read together."""
     found = [_statement(message, config) for message in messages]
     read = iter(read_pings([one for one in found if isinstance(one, StatedPing)], config))
     return [next(read) if isinstance(one, StatedPing) else one for one in found]
 
 
-def _statement(message: Message, config: MeasurementConfig) -> Statement | Component:
+def _statement(message: Message, config: MeasurementConfig) -> Statement:
     """Return what a message states, or why it is not used; a mapping goes before a known kind."""
     try:
         if (entry := _entry(message, config)) is not None:
-            return _by_mapping(message, entry)
+            return mapped(message.payload, entry)
         repeated = duplicate_reason(message.payload, config)
         return repeated or statement(message) or NOT_A_KIND
     except MeasurementError as error:
@@ -232,7 +204,7 @@ def _entry(message: Message, config: MeasurementConfig) -> TopicMap | None:
 def _step(
     state: MeasurementState,
     message: Message,
-    stated: Statement | Component,
+    stated: Statement,
     config: MeasurementConfig,
 ) -> Step:
     state, events = _expire(state, message.time_ns, config)
@@ -249,7 +221,7 @@ def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
     """Return the events of what still waits when the log ends."""
     waiting = _ended(state, state.waiting, config)
     line = [] if state.line is None else unfinished(state, config)
-    events = [*incomplete(state.frames), *alone(state), *waiting, *line]
+    events = [*incomplete(state.frames), *waiting, *line]
     return _kept(observed([events], config), config)[0]
 
 
@@ -281,7 +253,7 @@ def _ended(
 def _interpret(
     state: MeasurementState,
     message: Message,
-    stated: Statement | Component,
+    stated: Statement,
     config: MeasurementConfig,
 ) -> Step:
     system = mavlink.system_of(message)
@@ -311,18 +283,7 @@ def _interpret(
 
 
 def _covers(entry: TopicMap, message: Message) -> bool:
-    names = (entry.east, entry.north) if _joins(entry) else (entry.name,)
-    return entry.topic == message.topic and (
-        names == (None,) or message.payload.get("name") in names
-    )
-
-
-def _joins(entry: TopicMap) -> TypeGuard[ProfileMap | VelocityMap]:
-    return isinstance(entry, ProfileMap | VelocityMap) and entry.join_within is not None
-
-
-def _by_mapping(message: Message, entry: TopicMap) -> Statement | Component:
-    return component(message, entry) if _joins(entry) else mapped(message.payload, entry)
+    return entry.topic == message.topic and entry.name in (None, message.payload.get("name"))
 
 
 def without(events: Sequence[Event], rules: Sequence[str]) -> list[Event]:

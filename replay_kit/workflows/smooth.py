@@ -107,7 +107,7 @@ def smooth(
         with clock.stage("forecast"):
             forecasts = forecasts or forecasts_of(job, config)
             check_smoothable(forecasts)
-            estimator = build(forecasts, config, None)
+            estimator = build(forecasts, config)
         with clock.stage("estimate"):
             readers = open_readers(job.logs, config)
             read = _events(readers, estimator, for_region(config, forecasts.ensemble), progress)

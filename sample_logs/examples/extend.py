@@ -46,7 +46,7 @@ def use(folder: Path) -> None:
     for words in (
         ["info", "ego.nc"],
         [*replay, *estimate, "-o", "survey.mcap", "--report"],
-        [*replay, *estimate, "--estimator", "persistence", "-o", "persistence.mcap"],
+        [*replay, *estimate, "--estimator", "closest", "-o", "closest.mcap"],
         [
             "plan",
             "survey.mcap",

@@ -12,13 +12,11 @@ from threadpoolctl import threadpool_limits
 from tests.benchmarks import (
     array,
     atsea,
+    dives,
     estimator,
     faults,
-    fleet,
     forecasts,
     front,
-    kinds,
-    local,
     logs,
     longlogs,
     pages,
@@ -27,7 +25,6 @@ from tests.benchmarks import (
     safety,
     size,
     start,
-    together,
     windows,
 )
 from tests.benchmarks.measure import environment, limits
@@ -35,13 +32,11 @@ from tests.benchmarks.measure import environment, limits
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "array": array.rows,
     "atsea": atsea.rows,
+    "dives": dives.rows,
     "estimator": estimator.rows,
     "faults": faults.rows,
-    "fleet": fleet.rows,
     "forecasts": forecasts.rows,
     "front": front.rows,
-    "kinds": kinds.rows,
-    "local": local.rows,
     "logs": logs.rows,
     "long": longlogs.rows,
     "pages": pages.rows,
@@ -50,7 +45,6 @@ BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "safety": safety.rows,
     "size": size.rows,
     "start": start.rows,
-    "together": together.rows,
     "windows": windows.rows,
 }
 

@@ -23,7 +23,6 @@ from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.show.notebook import Result, read_result
-from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import leave_out
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
@@ -33,6 +32,7 @@ from tests import synthetic
 from tests.arrays import write_array
 from tests.benchmarks.measure import Row, alone, row, runner
 from tests.benchmarks.windows import LEVELS, QUICK, Strip, sea
+from tests.faulty import Faults
 from tests.places import DATA, SAMPLES
 
 SEAS = {

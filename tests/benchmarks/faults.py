@@ -39,7 +39,6 @@ from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, ensemble_speeds
 from replay_kit.measurements.events import Event, Skipped
-from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import mission as glider_mission
 from replay_kit.studies.twins.messages import Flight, measured_on
@@ -50,6 +49,7 @@ from replay_kit.workflows.replay.stages.forecast_file import check_file
 from tests.benchmarks.fault_kinds import FAULTS, Fault, in_beams
 from tests.benchmarks.knowable import probability
 from tests.benchmarks.measure import Row, row
+from tests.faulty import Faults, messages_of
 from tests.places import DATA, SAMPLES
 
 _SEEDS, _PINGS, _TINY_PINGS = 5, 250, 60
@@ -275,18 +275,18 @@ def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
         start_ns = EPOCH_NS if truth.time_ns is None else truth.time_ns
         for vehicle, fly in (("vessel", survey), ("glider", glider_mission)):
             rng = np.random.default_rng(seed)
-            flight = measured_on(fly(sea, pings, start_ns, rng), sea, _NOISE[seed], rng, seed)
+            flight = measured_on(fly(sea, pings, start_ns, rng), sea, _NOISE[seed], rng)
             for moves in (False, True) if vehicle == "glider" else (False,):
                 label = f"{name} {vehicle}{' with motion' * moves} {seed}"
                 yield Log(
                     label,
-                    _logged(flight, moves),
+                    _logged(flight, moves, seed),
                     speeds,
                     vehicle,
                     (180,) if tiny else (30, 60, 90, 180),
                 )
                 if moves:
-                    yield Log(f"{label} in beams", _in_beams(flight), speeds, "beams")
+                    yield Log(f"{label} in beams", _in_beams(flight, seed), speeds, "beams")
                 if tiny and vehicle == "glider":
                     return
     dives = sorted((DATA / "seaglider").glob("p1710*.nc"))
@@ -306,21 +306,23 @@ def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
             yield Log(f"{vehicle} dives", lambda heading: messages, speeds, vehicle, (), config)
 
 
-def _in_beams(flight: Flight) -> Callable[[float], Sequence[Message]]:
+def _in_beams(flight: Flight, seed: int) -> Callable[[float], Sequence[Message]]:
     """Return a flight's messages with pings in beam coordinates."""
-    of = _logged(flight, True)
+    of = _logged(flight, True, seed)
     return lru_cache(1)(lambda heading: tuple(in_beams(iter(of(heading)))))
 
 
-def _logged(flight: Flight, moves: bool) -> Callable[[float], Sequence[Message]]:
+def _logged(flight: Flight, moves: bool, seed: int) -> Callable[[float], Sequence[Message]]:
     """Return a flight's messages by the error of the compass, with the platform's motion if it ``moves``."""
 
     @lru_cache(8)
     def messages(heading: float) -> Sequence[Message]:
         bias = float(heading)
         return tuple(
-            flight.messages(
-                Faults("platform", _PLATFORM_STD, bias) if moves else Faults(heading_bias_deg=bias)
+            messages_of(
+                flight,
+                Faults("platform", _PLATFORM_STD, bias) if moves else Faults(heading_bias_deg=bias),
+                seed,
             )
         )
 

@@ -111,7 +111,7 @@ def environment() -> dict[str, Any]:
     """Return what the machine and the libraries are."""
     from threadpoolctl import threadpool_info
 
-    names = ("numpy", "scipy", "replay-kit", "filterpy", "dapper", "scikit-learn")
+    names = ("numpy", "scipy", "replay-kit")
     return {
         "machine": {
             "processor": _processor(),

@@ -16,12 +16,18 @@ from planners import (
     plan_mission,
 )
 from planners.mission.flight.currents import Sample
-from replay_kit.config.run import RunConfig
+from replay_kit.config.estimation import GatingConfig
+from replay_kit.config.run import EstimatorConfig, RunConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.estimator import embed_member
+from replay_kit.core.flow.functions import NodeKernel
+from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.estimator import build_estimator, embed_member
 from replay_kit.forecast import read_ensemble
-from replay_kit.studies.bench.plans import PlanJob, _estimate, as_sample, draw_missions
-from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.adcp import random_observations
+from replay_kit.studies.twins.field import Field, build_field
+from replay_kit.studies.twins.truths import SPEED, Pair, draw_reachable, fly_steadily, leave_out
+from replay_kit.studies.twins.vehicle import random_places
 from tests.benchmarks.measure import Row, cpu, row, seconds
 from tests.places import DATA, SAMPLES
 
@@ -54,11 +60,11 @@ def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH, legs: 
     qg, config = DATA / "qg" / "climatology.nc", RunConfig()
     whole = qg.exists() and truths > 1
     ensemble = read_ensemble(qg if whole else SAMPLES / "ensemble.nc", config.forecast)
-    job = PlanJob(plans=truths, pings=pings, legs=legs)
     found = list[Paired]()
-    for case in job.cases(ensemble, None)[:truths]:
+    members = [int((k + 0.5) * ensemble.n_members / truths) for k in range(truths)]
+    for case in (leave_out(ensemble, member) for member in members):
         field, truth = build_field(case.truth), embed_member(case.truth, 0, config.estimator)
-        flow, depth = _estimate(case, field, config.estimator, job), 500.0
+        flow, depth = _estimate(case.ensemble, field, pings), 500.0
         flow = replace(flow, covariance=flow.weight_cov)
         grids, rng = (flow.grid, case.ensemble.grid), np.random.default_rng((0, case.member or 0))
         for pair in draw_missions(field, flow.mean_flow(), grids, (missions, legs, depth), rng):
@@ -71,6 +77,87 @@ def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH, legs: 
             if one := _paired(flow, as_sample(flow, truth), request, fresh):
                 found.append(one)
     return _row(pings, found)
+
+
+def _estimate(ensemble: Ensemble, field: Field, pings: int) -> FlowEstimate:
+    """Return the estimate after profiles at random places."""
+    estimator = build_estimator(ensemble, EstimatorConfig(), GatingConfig())
+    state = estimator.initial()
+    for after, _ in estimator.steps(state, random_observations(field, pings, 0.09, 0)):
+        state = after
+    return estimator.flow(state)
+
+
+def as_sample(flow: FlowEstimate, truth: FlowEstimate) -> FlowEstimate:
+    """Return a truth as a sample of an estimate on the same nodes, whose kernel differs from the truth's in its speed alone."""
+    # latent velocities have the kernel's variance, the coefficients of a lattice are those of the stream function itself
+    scale = (
+        truth.horizontal.kernel.speed / flow.horizontal.kernel.speed
+        if isinstance(truth.horizontal, NodeKernel)
+        else 1.0
+    )
+    return replace(flow.mean_flow(), latent=truth.latent * scale**2)
+
+
+def draw_missions(
+    field: Field,
+    flow: FlowEstimate,
+    grids: tuple[Grid, ...],
+    size: tuple[int, int, float],
+    rng: np.random.Generator,
+) -> tuple[Pair, ...]:
+    """Return starts and goals at the surface, each goal the end of a mission of random headings flown in a current.
+
+    Args:
+        field: The truth, for places at its wet surface.
+        flow: The current that the missions are flown in.
+        grids: The missions keep to water that is as deep as their dives in all of these, the current's first.
+        size: Number of missions, dives of each, and their depth [m].
+        rng: Draws starts, headings and glide angles.
+
+    Raises:
+        ForecastError: Hardly any mission stays in the water.
+    """
+    count, legs, depth = size
+
+    def fly() -> Array:
+        start = random_places(field, count, rng)
+        headings = rng.uniform(0.0, 2.0 * np.pi, (count, 1)) + 0.3 * rng.standard_normal(
+            (count, legs)
+        )
+        return fly_dives(
+            flow, start, headings, np.deg2rad(rng.uniform(16.0, 25.0, (count, legs))), depth
+        )
+
+    return draw_reachable(
+        fly, grids, count, f"missions of {legs} dives to {depth:g} m", 0.0, water_depth=depth
+    )
+
+
+def fly_dives(
+    flow: FlowEstimate, start: Array, headings: Array, angles: Array, depth: float, steps: int = 20
+) -> Array:
+    """Return the paths of missions of one dive a leg in a current, shape (2 L steps + 1, n, 3) [m]: all at once, constant speed.
+
+    Args:
+        flow: The current.
+        start: shape (n, 2) [m], local east and north, at the surface.
+        headings: shape (n, L), clockwise from local north [rad].
+        angles: shape (n, L), below the horizontal in dives, above it in climbs [rad].
+        depth: Of the dives [m].
+        steps: For each dive and each climb.
+    """
+    path = np.column_stack([start, np.zeros(len(start))])[None]
+    for heading, angle in zip(headings.T, angles.T, strict=True):
+        along, down = SPEED * np.cos(angle), SPEED * np.sin(angle)
+        for vertical in (down, -down):
+            through_water = np.column_stack(
+                [along * np.sin(heading), along * np.cos(heading), vertical]
+            )
+            path = np.concatenate(
+                [path, fly_steadily(flow, path[-1], through_water, depth / down, steps)[1:]]
+            )
+    return path
 
 
 def _paired(

@@ -24,7 +24,7 @@ ALLOWED = {
     "unused": 1,
 }
 # The others take four seconds and more even at a tiny size, some for the processes that they begin.
-QUICK = ("estimator", "forecasts", "local", "logs", "pings", "size", "windows")
+QUICK = ("dives", "estimator", "forecasts", "logs", "pings", "size", "windows")
 
 
 @pytest.mark.parametrize(

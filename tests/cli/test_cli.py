@@ -105,14 +105,6 @@ REFUSED = [
     ),
     ("synthesize --ensemble e.nc --truth e.nc", "two outputs"),
     ("synthesize --ensemble e.nc --truth truth.nc", "--overwrite"),
-    (
-        "bench --ensemble there.json --leave-out 0 --json there.json --overwrite",
-        "an input is",
-    ),
-    (
-        "bench --ensemble ensemble.nc --leave-out 0 --json there.json",
-        "--overwrite",
-    ),
 ]
 
 

@@ -5,13 +5,12 @@ import json
 import pytest
 
 from tests.command import invoke, succeed
-from tests.planners.learning.scenes import static
+from tests.planners.uncertain import static
 
 BOTH = "--glider=sg1=152.45,-39.66,0 --glider=sg2=152.55,-39.62,0"
 ONE = BOTH.split()[0]
 NEAR, FAR = "--goal=152.5,-39.56,0", "--goal=152.6,-39.7,0"
 SMALL = "--depth 290 --samples 20"
-BOX = "--objective map --box=152.35,-39.75,152.65,-39.5 --profiles 3"
 
 
 @pytest.fixture(scope="module")
@@ -53,16 +52,6 @@ def test_goals_too_many_and_too_few_are_named_and_one_may_be_a_glider_s_own(flow
     assert told["goals"] == {"sg1": None, "sg2": 1}
 
 
-def test_a_box_is_surveyed_by_all(flow, tmp_path):
-    said = run(f"{flow} {BOTH} {BOX} -o {tmp_path}/map.mcap --json {tmp_path}/map.json").output
-    told = json.loads((tmp_path / "map.json").read_text())
-    first, second = (told["vehicles"][name] for name in ("sg1", "sg2"))
-    assert first["error_after"] == second["error_after"] < first["error_before"]
-    assert 0.0 < told["share_of_bound"] < 1.0
-    assert "each for itself" in said
-    assert (tmp_path / "map-sg2.mcap").exists()
-
-
 @pytest.mark.parametrize(
     ("more", "words"),
     [
@@ -75,7 +64,6 @@ def test_a_box_is_surveyed_by_all(flow, tmp_path):
         (f"--start=152.4,-39.6,0 {NEAR} --separation 500", "expected --glider beside it"),
         (f"{BOTH} {NEAR} --waypoints list.csv", "plan each glider alone"),
         (f"{BOTH} {NEAR} --csv -", "expected files with --glider"),
-        (f"{BOTH} {BOX} --separation 500", "surveys are not kept apart"),
         (f"{ONE} --glider=sg2=10,50,0 {NEAR}", "outside"),
     ],
 )

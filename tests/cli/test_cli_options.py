@@ -50,7 +50,7 @@ OUTPUTS = [
 FOLDERS = [
     (words, option)
     for words, option in OUTPUTS
-    if words.split()[0] in ("bench", "experiment", "fleet") and option == "--out"
+    if words.split()[0] in ("experiment", "fleet") and option == "--out"
 ]
 
 
@@ -67,7 +67,7 @@ def test_the_outputs_of_every_command_are_known():
         {words for words, option in OUTPUTS if option == name} for name in ("--out", "--json")
     )
     assert " ".join(sorted(made)) == (
-        "bench convert experiment paper export fetch fit fleet layout plan plot replay report smooth twin"
+        "convert experiment paper export fetch fit fleet layout plan plot replay report smooth twin"
     )
     without = " ".join(sorted(set(COMMANDS) - answered))
     assert without == "export layout plot report synthesize twin"
@@ -234,7 +234,7 @@ def test_every_command_that_reads_an_ensemble_takes_several_files():
     assert {words for words, option in SINGLE if option.name == "--ensemble"} == {"synthesize"}
     several = {words for words, name, option in OPTIONS if option.name == "--ensemble"}
     assert " ".join(sorted(several)) == (
-        "bench experiment paper fetch fleet info replay smooth synthesize"
+        "experiment paper fetch fleet info replay smooth synthesize"
     )
 
 

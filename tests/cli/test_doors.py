@@ -41,11 +41,10 @@ DOORS = (
     *("report X -o out.html", "status X", "layout X -o out.json", "plot X map -o out.png"),
     *("export X -o out.nc", "verify X", "verify log.mcap --inputs X"),
     *("plan X --start 1,2,0", *(f"{_PLAN} --{name} X" for name in ("no-go", "bathymetry"))),
-    *(f"{_PLAN} --others X", f"{_PLAN} --config X"),
+    f"{_PLAN} --config X",
     *("twin --truth X -o out.mcap", "fit X -o out.toml"),
     *("fleet X -o out", "fleet log.mcap --ensemble X -o out", "fleet log.mcap --config X -o out"),
     *(f"fetch {words} --ensemble https://a.b/c" for words in ("X", "--config X")),
-    *("bench X", "bench --ensemble X", "bench --ensemble e.nc --truth X", "bench --config X log.mcap"),
     *("experiment paper --ensemble X --truth t.nc -o out", "experiment paper --ensemble e.nc --truth X -o out"),
 )  # fmt: skip
 _NO_FILE = ", not a file; write what comes from it to a file, and give that"

@@ -3,7 +3,6 @@ from dataclasses import replace
 
 import pytest
 
-from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.as_flown import AsFlown
@@ -287,10 +286,6 @@ def test_a_duration_is_a_number_in_the_unit_of_its_setting_or_a_text_with_its_ow
     # a setting that is no time takes none
     with pytest.raises(ConfigError, match=r"measurements\.max_speed"):
         load_config(None, {"measurements": {"max_speed": text}})
-
-
-def test_a_setting_in_hours_takes_days():
-    assert PlanRequest.model_validate({"blind": "2d"}).blind == 48.0
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import pytest
 
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import ConfigError
+from tests.command import invoke
 
 
 def test_the_old_table_is_refused_with_the_names_of_the_new_one(tmp_path):
@@ -27,6 +28,12 @@ def test_the_old_table_is_refused_with_the_names_of_the_new_one(tmp_path):
             "[forecast]\nlevel_step = 2\n",
             r"\[forecast\] has no level_step any more: name the levels",
         ),
+        (
+            "[[measurements.map]]\njoin_within = 0.1\n",
+            r"\[measurements\.map\] has no join_within any more: record both",
+        ),
+        ("[time]\noscillators = ['steady']\n", "--oscillators has no steady any more: levels"),
+        ("[plan]\nbox = '1,2,3,4'\n", r"\[plan\] has no box any more: adaptive sampling is gone"),
     ],
 )
 def test_a_removed_key_is_refused_with_what_to_write_instead(tmp_path, toml, instead):
@@ -34,3 +41,20 @@ def test_a_removed_key_is_refused_with_what_to_write_instead(tmp_path, toml, ins
     path.write_text(toml)
     with pytest.raises(ConfigError, match=instead):
         load_config(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "instead"),
+    [
+        ("plan flow.nc --policy a.csv", "plan has no --policy any more: it steered a vehicle"),
+        ("plan flow.nc --profile-error 1", "plan has no --profile-error any more: adaptive"),
+        (
+            "plan flow.nc --start=1,2,0 --goal=1,2,0 --objective map",
+            "--objective has no map any more: adaptive sampling is gone",
+        ),
+    ],
+)
+def test_a_removed_option_is_refused_with_what_to_use_instead(line, instead):
+    done = invoke(line)
+    assert done.exit_code == 2
+    assert instead in done.output.replace("\n", " ")

@@ -33,7 +33,7 @@ def built(name):
         return build_evolving([ENSEMBLE], CONFIG, TimeConfig(scale=86_400.0))
     if name in OWN:
         return build_estimator(ENSEMBLE, CONFIG.model_copy(update={"preset": name}))
-    return build_baseline(name, ENSEMBLE, CONFIG, depth=100.0)
+    return build_baseline(name, ENSEMBLE, CONFIG)
 
 
 def profile(place=(1e3, 2e3), time_ns=10, level=0.3):
@@ -53,7 +53,7 @@ def test_it_declares_every_member_of_the_interface(estimator):
     assert estimator.state_size > 0
 
 
-@pytest.mark.parametrize("name", ["default", "paper", "evolving", "letkf"])
+@pytest.mark.parametrize("name", ["default", "paper", "evolving", "naive3d"])
 def test_the_prior_alone_is_common_to_all_states(name):
     estimator = built(name)
     assert estimator.common_part is (estimator.prior if name in ("default", "paper") else None)
@@ -128,7 +128,7 @@ def test_an_unusable_profile_is_so_for_every_member(estimator, changes, reason):
     assert np.isnan(innovation.log_likelihood)
 
 
-@pytest.mark.parametrize("name", ["default", "evolving", "etkf", "letkf", "naive3d"])
+@pytest.mark.parametrize("name", ["default", "evolving", "naive3d"])
 def test_the_log_likelihood_is_that_of_the_innovation_s_gaussian(name):
     """Errors far above the prior's make all values independent, and two measurements with one prediction differ by their NIS alone."""
     estimator = built(name)
@@ -152,7 +152,7 @@ def test_means_along_a_path_are_assimilated_or_refused_as_declared(name):
     if estimator.supports_path_means:
         _, innovation = estimator.step(estimator.initial(), dive())
         assert innovation.dof == 2
-    elif name != "depth_average":
+    else:
         with pytest.raises(EstimatorError, match="supports_path_means"):
             estimator.step(estimator.initial(), dive())
 

@@ -68,7 +68,7 @@ def test_a_chosen_lead_or_leads_without_a_date_leave_one(tmp_path, config):
 
 STATIC = {"time": {"scale": "static"}}
 PAPER = {"estimator": {"preset": "paper"}}
-LETKF = {"estimator": {"name": "letkf"}}
+NEAREST = {"estimator": {"name": "nearest"}}
 
 
 @pytest.mark.parametrize(
@@ -77,10 +77,10 @@ LETKF = {"estimator": {"name": "letkf"}}
         ({}, "2020-01-01", 2.2, [0.0, 2.0, 5.0]),
         ({}, "2020-01-01", None, [0.0, 2.0, 5.0]),
         ({"forecast": {"lead": 1.9}}, "2020-01-01", 4.9, [2.0]),
-        *((kept, "2020-01-01", 2.2, [2.0]) for kept in (STATIC, PAPER, LETKF)),
-        *((kept, "2020-01-01", -3.0, [0.0]) for kept in (STATIC, PAPER, LETKF)),
-        *((kept, "2020-01-01", None, [5.0]) for kept in (STATIC, PAPER, LETKF)),
-        *((kept, "", 2.2, [5.0]) for kept in ({}, STATIC, PAPER, LETKF)),
+        *((kept, "2020-01-01", 2.2, [2.0]) for kept in (STATIC, PAPER, NEAREST)),
+        *((kept, "2020-01-01", -3.0, [0.0]) for kept in (STATIC, PAPER, NEAREST)),
+        *((kept, "2020-01-01", None, [5.0]) for kept in (STATIC, PAPER, NEAREST)),
+        *((kept, "", 2.2, [5.0]) for kept in ({}, STATIC, PAPER, NEAREST)),
         ({"forecast": {"reference_time": "2020-01-01"}, **STATIC}, "", 2.2, [2.0]),
     ],
 )
@@ -132,14 +132,10 @@ THROUGH_TIME = {"time": {"scale": 86400.0}}
     [
         (THROUGH_TIME, None, "an estimate through time"),
         (PAPER, None, "the preset paper"),
-        (LETKF, None, "the estimator letkf"),
-        *((settings, "as_given", "") for settings in (THROUGH_TIME, PAPER, LETKF)),
+        (NEAREST, None, "the estimator nearest"),
+        *((settings, "as_given", "") for settings in (THROUGH_TIME, PAPER, NEAREST)),
         *((settings, 2.0, "") for settings in (THROUGH_TIME, PAPER)),
-        *(
-            (settings, spread, "")
-            for settings in ({}, STATIC, {"estimator": {"name": "depth_average"}})
-            for spread in (None, "fit", 2.0)
-        ),
+        *((settings, spread, "") for settings in ({}, STATIC) for spread in (None, "fit", 2.0)),
     ],
 )
 def test_a_spread_that_is_not_fitted_is_said(lags, settings, spread, who):
@@ -177,8 +173,8 @@ def test_given_members_need_no_fit(of_reference):
             "fit",
             "expected as_given or a number with the preset paper, got fit; leave it out$",
         ),
-        (LETKF, "fit", "expected as_given with the estimator letkf, got fit; leave it out$"),
-        (LETKF, 2.0, r"expected as_given with the estimator letkf, got 2\.0; leave it out$"),
+        (NEAREST, "fit", "expected as_given with the estimator nearest, got fit; leave it out$"),
+        (NEAREST, 2.0, r"expected as_given with the estimator nearest, got 2\.0; leave it out$"),
     ],
 )
 def test_a_spread_that_an_estimator_does_not_take_is_refused(

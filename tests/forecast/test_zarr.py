@@ -1,7 +1,6 @@
-"""Zarr stores: as folders and zipped, and those that declare more than they hold."""
+"""Zarr stores, and those that declare more than they hold."""
 
 import tracemalloc
-import zipfile
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from replay_kit.core.progress import shown_by
 from replay_kit.forecast import files, read_ensemble
 from replay_kit.forecast.describe import describe_ensemble
 from tests import synthetic
-from tests.forecast.forms import read_with, refused, unwritten_stores
+from tests.forecast.forms import read_with, unwritten_stores
 
 
 def refused_early(paths, message, config=None):
@@ -62,36 +61,13 @@ def test_currents_that_were_never_written_are_refused_before_they_are_made(tmp_p
 
 
 @pytest.mark.parametrize("zarr_format", [2, 3])
-def test_a_zipped_store_is_read_as_its_folder_is(tmp_path, zarr_format):
+def test_a_store_is_read_in_both_formats(tmp_path, zarr_format):
     synthetic.dataset().to_zarr(
         tmp_path / "e.zarr", zarr_format=zarr_format, consolidated=zarr_format == 2
     )
-    with zipfile.ZipFile(tmp_path / "e.zip", "w") as archive:
-        for path in sorted((tmp_path / "e.zarr").rglob("*")):
-            if path.is_file():
-                archive.write(path, path.relative_to(tmp_path / "e.zarr"))
-    read, expected = (read_with(tmp_path / name) for name in ("e.zip", "e.zarr"))
-    np.testing.assert_array_equal(read.velocity, expected.velocity)
-    np.testing.assert_array_equal(expected.velocity, synthetic.ensemble().velocity)
-    assert read.notes == expected.notes == ()
-
-
-def test_an_archive_that_is_no_store_is_named(tmp_path):
-    with zipfile.ZipFile(tmp_path / "e.zip", "w") as archive:
-        archive.writestr("notes.txt", "nothing")
-    refused(
-        r"e\.zip: cannot be read as zarr: this zip archive holds no Zarr store; unpack it",
-        tmp_path / "e.zip",
-    )
-    with zipfile.ZipFile(tmp_path / "inner.zip", "w") as archive:
-        for name in ("runs/U.zarr/zarr.json", "runs/U.zarr/uo/zarr.json"):
-            archive.writestr(name, "{}")
-    refused(
-        r"inner\.zip: .*: this zip archive holds a Zarr store in its folder runs/U\.zarr, not at its top; ",
-        tmp_path / "inner.zip",
-    )
-    (tmp_path / "cut.zip").write_bytes((tmp_path / "e.zip").read_bytes()[:-20])
-    refused(r"cut\.zip: cannot be read as zarr: File is not a zip file", tmp_path / "cut.zip")
+    read = read_with(tmp_path / "e.zarr")
+    np.testing.assert_array_equal(read.velocity, synthetic.ensemble().velocity)
+    assert read.notes == ()
 
 
 def test_the_size_of_a_large_forecast_is_said_before_it_is_read_and_after(tmp_path, monkeypatch):

@@ -1,11 +1,8 @@
 """Inputs that are small on the disk and large when they are read: compressed, never written, nested, or made anew by their reader."""
 
 import gzip
-import shutil
-import sqlite3
 import zlib
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from functools import cache
 from pathlib import Path
 
@@ -182,21 +179,6 @@ def _areas(name: str, data: Callable[[], bytes]) -> Attack:
     return attack
 
 
-def _package(select: str) -> Attack:
-    def attack(folder: Path) -> list[str]:
-        with closing(sqlite3.connect(folder / "areas.gpkg")) as file, file:
-            file.execute("CREATE TABLE gpkg_geometry_columns (table_name, column_name, srs_id)")
-            file.execute("INSERT INTO gpkg_geometry_columns VALUES ('areas', 'geom', 4326)")
-            file.execute(f"CREATE VIEW areas AS {select}")
-        return _plan(folder, "--no-go", str(folder / "areas.gpkg"))
-
-    return attack
-
-
-_POINT = "47500001" + "0" * 8 + "0101000000" + "0" * 32
-_WITHOUT_END = "WITH RECURSIVE a(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM a) SELECT"
-
-
 def _unwritten(name: str, head: bytes, command: Callable[[Path], list[str]]) -> Attack:
     """Return a file of 20 GB of which only the first bytes were written."""
 
@@ -270,9 +252,6 @@ BOMBS: dict[str, Attack] = {
         field({"member": 3, "depth": 2, "lat": 8, "lon": 8}, chunk=_ENDLESS)
     ),
     "forecast: chunks of 2 GB in Zarr": _replayed(_store),
-    "forecast: chunks of 2 GB in a zipped Zarr": _replayed(
-        lambda folder: Path(shutil.make_archive(str(folder / "z"), "zip", _store(folder)))
-    ),
     "bathymetry: 4 GB of zeros": _bottom(field({"lat": 31_000, "lon": 32_000})),
     "bathymetry: 30 MB that repeat": _bottom(field({"lat": 1900, "lon": 1900}, _WAVES)),
     "bathymetry: a chunk of 2 GB": _bottom(field({"lat": 20, "lon": 20}, chunk=_ENDLESS)),
@@ -290,9 +269,6 @@ BOMBS: dict[str, Attack] = {
     "areas: entities of KML": _areas(
         "areas.kml", lambda: b'<!DOCTYPE kml [<!ENTITY a "aaaaaaaaaa">]><kml>&a;</kml>'
     ),
-    "areas: rows without end": _package(f"{_WITHOUT_END} n, x'{_POINT}' AS geom FROM a"),
-    "areas: a search without end": _package(f"{_WITHOUT_END} n, x'00' AS geom FROM a WHERE n < 0"),
-    "areas: a value of 900 MB": _package("SELECT zeroblob(900000000) AS geom"),
     "areas: 20 GB": _unwritten(
         "areas.json", _AREA, lambda folder: _plan(folder, "--no-go", str(folder / "areas.json"))
     ),

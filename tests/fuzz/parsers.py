@@ -13,7 +13,7 @@ from replay_kit.core.sealed import write_store
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import open_log
 from replay_kit.logs.dataflash.reader import DataflashReader
-from replay_kit.logs.decode.decoders import decode_json, ros2msg_from_idl
+from replay_kit.logs.decode.decoders import decode_json
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
 from replay_kit.workflows.replay.inputs.region import CHECKPOINT
@@ -62,14 +62,6 @@ def dataflash(data: bytes) -> None:
         loss.offset >= 0 and loss.offset + loss.bytes <= len(data)
         for loss in reader.report().losses[:20]
     )
-
-
-def ros2idl(data: bytes) -> None:
-    """The IDL of a ROS 2 message."""
-    try:
-        ros2msg_from_idl("pkg/msg/Name", data.decode("utf-8"))
-    except ValueError:
-        return
 
 
 def json(data: bytes) -> None:
@@ -145,5 +137,5 @@ def checkpoint(data: bytes) -> None:
 
 PARSERS: dict[str, Callable[[bytes], None]] = {
     parser.__name__: parser
-    for parser in (mcap, tlog, dataflash, ros2idl, json, pd0, ad2cp, netcdf, toml, checkpoint)
+    for parser in (mcap, tlog, dataflash, json, pd0, ad2cp, netcdf, toml, checkpoint)
 }

@@ -17,7 +17,7 @@ PROFILE = synthetic.random_profiles(synthetic.ensemble(n_members=2).grid, 1)[0]
     [
         ((), "dac", 3, ()),
         (("dac",), "dac", 0, ("dac",)),
-        (("dac",), "drift", 3, ()),
+        (("dac",), "radar", 3, ()),
         (("dives:3-5",), "profiles", 3, ("dives:3-5",)),
         (("dives:3-5",), "profiles", 6, ()),
         (("dives:4", "dac"), "dac", 4, ("dives:4", "dac")),
@@ -39,7 +39,7 @@ def test_what_is_left_out_counts_as_not_used_for_its_own_reason():
     ]
     assert left_out_rules(kept[2].reason) == ["dac", "dives:3"]
     assert left_out_rules("faster than measurements.max_speed") == []
-    assert without(events, ("drift",)) == events
+    assert without(events, ("radar",)) == events
     assert len(events) == 4
 
 
@@ -48,7 +48,7 @@ def test_what_is_left_out_counts_as_not_used_for_its_own_reason():
 )
 def test_a_rule_that_is_none_is_refused(rule):
     with pytest.raises(
-        ValueError, match="expected dac, drift, profiles, shear, radar, drifters or dives:3-5"
+        ValueError, match="expected dac, profiles, shear, radar, drifters or dives:3-5"
     ):
         MeasurementConfig(without=(rule,))
     with pytest.raises(ValueError, match="each once"):

@@ -1,8 +1,11 @@
 """The record is what 0.3 answered, and today's code still gives it, of each kind the quickest part."""
 
+import re
+
 import pytest
 
 from replay_kit.config.run import load_config
+from replay_kit.core.errors import ConfigError
 from tests.benchmarks import pings
 from tests.places import DATA, SAMPLES, needs
 from tests.record import measured, missions, opened, record
@@ -93,9 +96,20 @@ def test_files_of_0_3_are_read(name):
     assert record.difference("files", opened.answers([name])) == []
 
 
-def test_settings_of_0_3_are_read():
-    settings = load_config(record.checked(record.FILES / "settings.toml"))
+def test_settings_of_0_3_are_read_without_what_is_gone_which_is_refused_by_name(tmp_path):
+    lines = record.checked(record.FILES / "settings.toml").read_text().splitlines()
+    path, gone = tmp_path / "settings.toml", list[str]()
+    while len(gone) < 12:
+        path.write_text("\n".join(lines))
+        try:
+            settings = load_config(path)
+            break
+        except ConfigError as error:
+            gone += re.findall(r"has no (\w+) any more: \w+", str(error))
+            lines = [line for line in lines if not re.search(rf'^{gone[-1]} =|"{gone[-1]}"', line)]
     assert settings.gating.gate == "soften"
+    assert {"drift", "join_within", "steady", "then", "policy"} <= set(gone)
+    assert len(gone) == 11
 
 
 def test_samples_are_measured_as_before():

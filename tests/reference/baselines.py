@@ -6,18 +6,12 @@ import numpy as np
 import scipy.integrate
 import scipy.linalg
 
-from tests.reference.estimator import dense_kernel, kalman_update
+from tests.reference.estimator import kalman_update
 
 
 def hat(depth, levels, z):
     """The piecewise-linear function of level z, constant above the first and below the last level."""
     return float(np.interp(depth, levels, np.eye(len(levels))[z]))
-
-
-def kernel_matrix(points, nodes, length_east, length_north):
-    """The incompressible kernel of unit speed at one level: all east rows, then all north; columns likewise."""
-    one_level = (np.pad(places, ((0, 0), (0, 1))) for places in (points, nodes))
-    return dense_kernel(*one_level, (length_east, length_north, 1.0), 1.0)
 
 
 def member_at(slices, levels, at_place, depth):
@@ -67,29 +61,6 @@ def gaspari_cohn(distance, radius):
     if r < 2:
         return r**5 / 12 - r**4 / 2 + 5 * r**3 / 8 + 5 * r**2 / 3 - 5 * r + 4 - 2 / (3 * r)
     return 0.0
-
-
-def gp_at_nodes(nodes, levels, length, depth_cov, places, depths, values, error_std):
-    """Posterior mean and covariance of the current at all nodes and levels (level by level, all east then all north).
-
-    The finite model written out: latents ~ N(0, C_z x K^-1) at the nodes, every bin a row.
-    """
-    kernel = kernel_matrix(nodes, nodes, length, length)
-    joint = np.kron(depth_cov, kernel)
-    to_latent = np.kron(np.eye(len(levels)), np.linalg.inv(kernel))
-    rows, data, noise = [], [], []
-    for place, value, std in zip(places, values, error_std, strict=True):
-        row = kernel_matrix([place], nodes, length, length)
-        for depth, v in zip(depths, value, strict=True):
-            hats = np.array([hat(depth, levels, z) for z in range(len(levels))])
-            rows += [np.kron(hats, row[c]) for c in range(2)]
-            data += list(v)
-            noise += [std**2] * 2
-    design = np.array(rows) @ to_latent
-    mean, cov, _, _ = kalman_update(
-        np.zeros(len(joint)), joint, design, np.array(data), np.diag(noise)
-    )
-    return mean, cov
 
 
 def crps_by_quadrature(error, std):

@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -234,46 +233,6 @@ def follow_waypoints(
             np.rad2deg(heading),
             row["glide_angle_deg"],
         )
-    return _track(path)
-
-
-def follow_policy(sea: Sea, plan: MissionPlan, given: dict[str, Any], expected: Array) -> Array:
-    """Return the track of a glider that heads as the JSON of a policy says, shape (n, 3) [m], until it surfaces at the goal.
-
-    It gives up after three times the planned legs.
-
-    Args:
-        sea: The current.
-        plan: The mission that the policy is for: its vehicle and its start.
-        given: The JSON.
-        expected: shape (2,), the current that it is told for its first leg [m/s], local east and north.
-    """
-    frame, path, current = sea.flows[0].grid.projection, [_begin(sea, plan)], expected
-    goal = np.array(to_local(frame, *given["goal"]))
-    rows, angle = given["headings"], np.deg2rad(given["glide_angle_deg"])
-    places = np.column_stack(
-        to_local(frame, *np.array([[row["longitude"], row["latitude"]] for row in rows]).T)
-    )
-    for _ in range(3 * len(plan.headings_deg) + 3):
-        at, depth, now = path[-1]
-        heights = plan.vehicle.speed, angle, 2.0 * given["dives"] * given["depth_m"]
-        local, share = steer(goal - at, heights, plan.settings.surface_time, current)
-        heading = local - _true_north(sea, at)
-        if np.linalg.norm(goal - at) > given["near_m"]:
-            soonest = min(abs(row["after_s"] - now) for row in rows)
-            then = [k for k, row in enumerate(rows) if abs(row["after_s"] - now) == soonest]
-            nearest = min(then, key=lambda k: float(np.linalg.norm(places[k] - at)))
-            heading, share = np.deg2rad(rows[nearest]["heading_deg"]), 1.0
-        deep = max(share * given["depth_m"], depth)
-        path += sea.dive(
-            (at, depth, now), plan, heading, float(angle), (depth, *(deep, 0.0) * given["dives"])
-        )
-        if float(np.linalg.norm(path[-1][0] - goal)) <= given["radius_m"]:
-            break
-        if plan.settings.surface_time > 0.0:
-            path += sea.drift(path[-1], np.zeros(2), 0.0, plan.settings.surface_time)
-        way, lasts = path[-1][0] - at, path[-1][2] - now
-        current = _current(sea, plan, at, way, lasts, np.rad2deg(heading), given["glide_angle_deg"])
     return _track(path)
 
 

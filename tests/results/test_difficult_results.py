@@ -102,10 +102,7 @@ def test_each_is_shown_and_exported(
     innovation,
     plan,
     tmp_path,
-    monkeypatch,
 ):
-    # few: each is flown in Python
-    monkeypatch.setattr("replay_kit.show.report.sections.waypoint._SAMPLES", 1)
     case(tmp_path / "case.mcap", flow, innovation, plan)
     with opened(tmp_path / "case.mcap") as contents:
         page = report_html(contents.result, contents.notes)

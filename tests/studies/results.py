@@ -13,11 +13,6 @@ def experiment(words: str) -> Outcome:
     return invoke(["experiment", *words.split()])
 
 
-def bench(words: str) -> Outcome:
-    """Run ``replay-kit bench`` with words between spaces."""
-    return invoke(["bench", *words.split()])
-
-
 def final(results: Iterable[Result]) -> Result:
     """Return the last result of a study."""
     *_, last = results

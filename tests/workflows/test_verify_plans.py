@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from replay_kit.core.errors import LogError
+from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.plan import Place
 from replay_kit.results import read_recorded
 from replay_kit.workflows.planning.adapters import planner_of
@@ -14,7 +14,6 @@ from replay_kit.workflows.planning.together import plan_again
 from replay_kit.workflows.verify import verify
 from tests.command import invoke, succeed
 from tests.planners.flow_samples import uncertain_flow
-from tests.planners.learning.scenes import static
 from tests.workflows.test_verify import changed, index_of
 
 AREA = [[152.6, -40.1], [152.61, -40.1], [152.61, -40.09], [152.6, -40.1]]
@@ -74,40 +73,12 @@ def mission(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def map_of_two(tmp_path_factory):
-    """A folder with an estimate, the map of one vehicle, and that of another which is told of it."""
-    folder = tmp_path_factory.mktemp("maps")
-    static().save(folder / "flow.nc")
-    ask = (
-        "--start=152.45,-39.66,0",
-        "--objective",
-        "map",
-        "--box=152.3,-39.75,152.7,-39.45",
-        "--profiles",
-        2,
-        "--profile-error",
-        0.02,
-    )
-    for name, more in (("first", ()), ("second", ("--others", folder / "first.mcap"))):
-        plan(folder / "flow.nc", *ask, "--samples", 20, *more, "-o", folder / f"{name}.mcap")
-    return folder
-
-
 def test_a_mission_is_made_again(mission):
     said = succeed(f"verify {mission}/plan.mcap --json -")
     verdict = json.loads(said.stdout)
     assert (verdict["same"], verdict["others"], verdict["notes"]) == (True, [], [])
     assert verdict["messages"] == read_recorded(mission / "plan.mcap").digests[-1].messages == 3
     assert "made again bit for bit, 3 messages" in said.stderr
-
-
-def test_a_plan_that_learns_is_made_again_with_the_plans_of_others(map_of_two):
-    assert again(map_of_two / "second.mcap").same
-    record = read_recorded(map_of_two / "second.mcap").metadata
-    assert record["replay_kit.inputs"].keys() == {"flow0", "others0"}
-    # as it was told of the other, it is not the same plan
-    assert record["legs"] != read_recorded(map_of_two / "first.mcap").metadata["legs"]
 
 
 def test_a_changed_or_missing_input_is_named(mission, tmp_path):
@@ -228,7 +199,6 @@ def test_what_results_before_the_table_plan_asked_for_is_read_by_its_names_of_to
     )
     assert found.departures_ns == (10**18, 10**18 + 3600 * 10**9)
     assert found.horizon_s == 259200.0
-    survey = {"objective": "map", "start": here, "box": [152.0, -41.0, 153.0, -40.0], "error": 0.05}
-    found = recorded_request({"kind": "learning", "job": json.dumps(survey | {"then": []})}, {})
-    assert (found.learns, found.profile_error, found.goal) == (True, 0.05, ())
-    assert found.box_numbers == (152.0, -41.0, 153.0, -40.0)
+    survey = {"objective": "map", "start": here, "error": 0.05}
+    with pytest.raises(ConfigError, match="--objective has no map any more"):
+        recorded_request({"kind": "learning", "job": json.dumps(survey)}, {})

@@ -272,15 +272,12 @@ def with_local(
     ]
 
 
-def local_notes(
-    local: LocalCurrent | None, begin_ns: int, left_out: bool = False
-) -> tuple[str, ...]:
+def local_notes(local: LocalCurrent | None, begin_ns: int) -> tuple[str, ...]:
     """Return what the dives so far found beside the estimate; nothing where it is little.
 
     Args:
         local: The current beside the estimate.
         begin_ns: When the plan begins [ns, UTC].
-        left_out: Whether the plan does not reckon with it.
     """
     if local is None:
         return ()
@@ -288,9 +285,7 @@ def local_notes(
     if max(error, float(np.hypot(east, north))) < _NOTICED:
         return ()
     use = "the samples reckon with it, less and less with time"
-    if left_out:
-        use = "the errors of this plan leave it out"
-    elif is_noticed(local):
+    if is_noticed(local):
         use = f"the plan and {use}"
     return (
         f"the dives so far met a current beside the estimate's: {100.0 * np.hypot(east, north):.0f} cm/s towards "

@@ -1,4 +1,4 @@
-"""``plan``: a glider's mission on an estimate, or what to measure before one."""
+"""``plan``: a glider's mission on an estimate."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +22,6 @@ from replay_kit.core.paths import check_inputs, check_paths
 
 if TYPE_CHECKING:
     from replay_kit.config.run import RunConfig
-    from replay_kit.workflows.planning.learning import Learnt
     from replay_kit.workflows.planning.mission import PlannedMission
 
 
@@ -60,15 +59,6 @@ class Outputs(Answer):
         ),
         Ending((".csv", ".geojson", ".json", ".kml", ".plan", ".ma", ".targets", ".science")),
     ] = None
-    policy: Annotated[
-        Path | None,
-        option(
-            "--policy",
-            "Headings by place and time: table .csv or .json, arrows .geojson.",
-            metavar="FILE",
-        ),
-        Ending((".csv", ".json", ".geojson")),
-    ] = None
     write_unsafe: Annotated[
         bool,
         flag(
@@ -92,7 +82,6 @@ class Outputs(Answer):
     without=[
         "plan.flows",
         "plan.waypoints",
-        "plan.policy",
         "plan.of_glider",
         *(
             f"planner.{key}"
@@ -139,16 +128,12 @@ def plan(
         )
     least, most = (None, None) if angles is None else numbers(angles, "--angles", _ANGLES.form)
     config = settings.load(planner={"min_angle": least, "max_angle": most})
-    asked = {
-        "flows": flows,
-        "waypoints": outputs.waypoints is not None,
-        "policy": outputs.policy is not None,
-    }
+    asked = {"flows": flows, "waypoints": outputs.waypoints is not None}
     if config.plan.bathymetry is None:
         asked["bathymetry"] = config.planner.bathymetry_path
     request = config.plan.model_copy(update=asked)
-    files = [*flows, *request.others, request.no_go, request.bathymetry]
-    written = [outputs.out, outputs.waypoints, outputs.policy, *streams]
+    files = [*flows, request.no_go, request.bathymetry]
+    written = [outputs.out, outputs.waypoints, *streams]
     if request.glider:
         if "-" in (str(outputs.geojson), str(outputs.csv)):
             raise ConfigError("--geojson and --csv: expected files with --glider, one for each")
@@ -165,7 +150,7 @@ def plan(
     config = config.model_copy(update={"plan": request})
     if request.glider:
         return _together(config, outputs)
-    return (_learning if request.learns else _mission)(config, outputs)
+    return _mission(config, outputs)
 
 
 def _mission(config: "RunConfig", outputs: Outputs) -> int:
@@ -205,7 +190,6 @@ def _write_mission(planned: "PlannedMission", outputs: Outputs, config: "RunConf
     from replay_kit.workflows.planning.outputs import (
         mission_csv,
         mission_geojson,
-        policy_file,
         waypoint_file,
         write_mission,
     )
@@ -216,77 +200,29 @@ def _write_mission(planned: "PlannedMission", outputs: Outputs, config: "RunConf
         write_text(outputs.csv, mission_csv(planned))
     if outputs.waypoints is not None and planned.waypoints is not None:
         write_text(outputs.waypoints, waypoint_file(planned.waypoints, outputs.waypoints))
-    if outputs.policy is not None and planned.policy is not None:
-        write_text(outputs.policy, policy_file(planned.policy, outputs.policy))
     if outputs.out is not None:
         write_mission(outputs.out, outputs.overwrite, planned, config)
 
 
-def _learning(config: "RunConfig", outputs: Outputs) -> int:
-    """Plan what to measure and write it; return 0 also for a plan that is of no use, or 4 when part of the result was lost."""
-    from replay_kit.workflows.planning.learning import make_learning
-
-    with progress():
-        learnt = make_learning(config.plan, config.planner)
-
-    from replay_kit.workflows.planning.learning_outputs import learning_json, print_learning
-
-    try:
-        write_json(outputs.json_file, learning_json(learnt))
-        _write_learning(learnt, outputs, config)
-    finally:
-        print_learning(learnt, console_beside(outputs.geojson, outputs.csv, outputs.json_file))
-    return learnt.on.exit_code
-
-
-def _write_learning(learnt: "Learnt", outputs: Outputs, config: "RunConfig") -> None:
-    """Write what to measure in each format that is asked for."""
-    from replay_kit.workflows.planning.learning_outputs import (
-        learning_csv,
-        learning_geojson,
-        write_learning,
-    )
-
-    if outputs.geojson is not None:
-        write_text(outputs.geojson, learning_geojson(learnt))
-    if outputs.csv is not None:
-        write_text(outputs.csv, learning_csv(learnt))
-    if outputs.out is not None:
-        write_learning(outputs.out, outputs.overwrite, learnt, config)
-
-
 def _together(config: "RunConfig", outputs: Outputs) -> int:
     """Plan several gliders and write the files of each; return 0, or 4 when part of the result was lost."""
-    from replay_kit.workflows.planning.mission import PlannedMission
     from replay_kit.workflows.planning.together import make_together, print_together, together_json
 
     with progress():
         made = make_together(config.plan, config.planner)
 
-    from replay_kit.workflows.planning.learning_outputs import learning_json, print_learning
     from replay_kit.workflows.planning.outputs import mission_json, print_mission
 
     console = console_beside(outputs.geojson, outputs.csv, outputs.json_file)
-    each = {
-        name: mission_json(one) if isinstance(one, PlannedMission) else learning_json(one)
-        for name, one in made.planned.items()
-    }
+    each = {name: mission_json(one) for name, one in made.planned.items()}
     try:
         write_json(outputs.json_file, together_json(made, each))
         for name, one in made.planned.items():
-            own = outputs.of(name)
             plan = config.plan.model_copy(update={"of_glider": name})
-            of_one = config.model_copy(update={"plan": plan})
-            if isinstance(one, PlannedMission):
-                _write_mission(one, own, of_one)
-            else:
-                _write_learning(one, own, of_one)
+            _write_mission(one, outputs.of(name), config.model_copy(update={"plan": plan}))
     finally:
         print_together(made, console)
         for name, one in made.planned.items():
             console.print(f"\n{name}", style="bold")
-            if isinstance(one, PlannedMission):
-                print_mission(one, console, config.plan.battery)
-            else:
-                print_learning(one, console)
+            print_mission(one, console, config.plan.battery)
     return max(one.on.exit_code for one in made.planned.values())

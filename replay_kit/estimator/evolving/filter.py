@@ -19,7 +19,6 @@ from replay_kit.estimator.evolving.state_space import EvolvingState, StateSpace
 from replay_kit.estimator.update.biases import (
     NAMES,
     notes_of,
-    significant_bias_notes,
 )
 from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator, group_misfit
 from replay_kit.estimator.update.grouping import Grouping
@@ -237,7 +236,7 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
         return [f"through time: {self.operator.process}"]
 
     def bias_notes(self, state: EvolvingState) -> list[str]:
-        """Return the estimated systematic errors of the instrument, and the significant ones that are not estimated."""
+        """Return the estimated systematic errors of the instrument."""
         biases, values, notes = self.operator.biases, self.biases(state), []
         observed = {
             name: values[name]
@@ -250,7 +249,7 @@ class EvolvingEstimator(GroupedEstimator[EvolvingState]):
             notes.append(
                 f"the log has no information on errors in {', '.join(missing)}: too few profiles state the platform's motion"
             )
-        return notes + significant_bias_notes(state.bias_score, biases.names)
+        return notes
 
     def _time(self, state: EvolvingState) -> int:
         at = self.time_ns if state.time_ns is None else state.time_ns

@@ -47,8 +47,7 @@ class Oscillations:
     """Horizontally uniform currents that oscillate at a known frequency, each with a depth structure of its own.
 
     A near-inertial one rotates as a vector, clockwise in the north: one pair, (east, north). A tide has an ellipse: a pair for each
-    component, of which the first is the current now and the second its value a quarter period later. A
-    steady one is (east, north) that does not rotate: structure between the forecast's levels.
+    component, of which the first is the current now and the second its value a quarter period later.
 
     Attributes:
         knots: shape (K,) [m], depths between which an oscillation is linear; empty without oscillations.
@@ -138,10 +137,8 @@ def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscilla
     inertial: list[bool] = []
     component: list[int] = []
     for name in config.oscillators:
-        if name in ("inertial", "steady"):
-            omega.append(
-                2.0 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)) if name == "inertial" else 0.0
-            )
+        if name == "inertial":
+            omega.append(2.0 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)))
             inertial.append(True)
             component.append(0)
         else:

@@ -40,7 +40,6 @@ from replay_kit.estimator.static.group import (
     rows_alone,
 )
 from replay_kit.estimator.static.state import FilterState, SpreadFit, with_mean_averaged
-from replay_kit.estimator.update.biases import significant_bias_notes
 from replay_kit.estimator.update.group_step import GroupColumn, GroupedEstimator
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current_gradient
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
@@ -226,11 +225,8 @@ class ReducedBasisEstimator(StaticEstimator):
         return [f"prior: {self.prior.settings}"] if self.prior.settings else []
 
     def bias_notes(self, state: FilterState) -> list[str]:
-        """Return the amplitude of the prior, where it is fitted, and the significant systematic errors of the instrument."""
-        return [
-            *([] if state.spread is None else [str(state.spread)]),
-            *significant_bias_notes(state.bias_score),
-        ]
+        """Return the amplitude of the prior, where it is fitted."""
+        return [] if state.spread is None else [str(state.spread)]
 
     def spread_record(self, state: FilterState) -> dict[str, str]:
         """Return the amplitude of the prior's covariance in a state, and what it was fitted to."""

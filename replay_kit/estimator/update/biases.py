@@ -1,25 +1,13 @@
-"""Systematic errors of an instrument: their effect on a profile, and their estimate from the log.
-
-An error that is not part of the state is absorbed by the current where possible, but a turning vehicle shows the same error along another
-direction. Each profile's innovation e, with covariance S, is compared with the effect b of an error of one unit:
-
-    s = sum b' S^-1 e,    I = sum b' S^-1 b,    estimate s / I, with standard deviation I^-1/2.
-
-The part of b that the current has absorbed is tracked beside the estimate and subtracted; the result equals that of a state with a flat
-prior (Friedland 1969, IEEE TAC 14: separate-bias estimation).
-
-A slightly wrong prior of the current leaves innovations that are correlated for hours, which in a long log would look like an error of a
-sound instrument. So the log is divided into parts, and the standard deviation is at least that of the parts' own estimates (White 1982,
-Econometrica 50).
+"""Systematic errors of an instrument: their effect on a profile.
 
 A shear error is along the predicted motion through water: in the measured one the water's own shear changes the apparent motion. As a
 part of the state it is along the measured one, and biased by some 2e-5 1/s.
 
-A scale error is special, because b is made of the measurement: with z = (1 + s)(v - p) the density of the logged values has a factor
-(1 + s)^-1 for each component of the mean, less the share of the platform velocity's error; see ``scale_jacobian``.
+A scale error is special, because its effect is made of the measurement: with z = (1 + s)(v - p) the density of the logged values has a
+factor (1 + s)^-1 for each component of the mean, less the share of the platform velocity's error; see ``scale_jacobian``.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,12 +16,6 @@ from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.update.gate import Gates
 
 NAMES = ("heading", "scale", "shear")
-# Estimates below this number of standard deviations are chance, as three are made for each log.
-_SIGNIFICANT = 3.5
-# rad, a share, 1/s: smaller ones do no harm
-_HARMLESS = (np.deg2rad(2.0), 0.01, 2e-5)
-# Largest number of parts of a log (a long one has at least half of it), and the least number whose scatter is meaningful.
-_PARTS, _LEAST_PARTS = 32, 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,88 +63,6 @@ class Biases:
         if not self.names:
             return np.empty((2, 0, 0))
         return np.stack([columns[name] for name in self.names], axis=-1) * self.std
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BiasScore:
-    """Score and information of the instrument errors so far, in parts of the log with equal numbers of profiles; the last one grows.
-
-    Attributes:
-        scores: shape (parts, 3), s of each.
-        informations: shape (parts, 3, 3), I of each.
-        length: Number of profiles in a part.
-        last: Number of profiles in the last part.
-    """
-
-    scores: Array = field(default_factory=lambda: np.zeros((1, len(NAMES))))
-    informations: Array = field(default_factory=lambda: np.zeros((1, len(NAMES), len(NAMES))))
-    length: int = 1
-    last: int = 0
-
-    @property
-    def score(self) -> Array:
-        """s, shape (3,)."""
-        return np.asarray(self.scores.sum(axis=0))
-
-    @property
-    def information(self) -> Array:
-        """I, shape (3, 3)."""
-        return np.asarray(self.informations.sum(axis=0))
-
-    def updated(self, whitened: Array, scale_jacobian: float) -> "BiasScore":
-        """Return the score after a profile.
-
-        Args:
-            whitened: shape (m, 4), the innovation of the rows, and the effect of an error of one unit on it, both with a covariance of one.
-            scale_jacobian: Of the profile; see ``scale_jacobian``.
-        """
-        products = whitened[:, 1:].T @ whitened
-        score, information = products[:, 0], products[:, 1:]
-        score[NAMES.index("scale")] -= scale_jacobian
-        if self.last < self.length:
-            scores, informations = self.scores.copy(), self.informations.copy()
-            scores[-1] += score
-            informations[-1] += information
-            return BiasScore(scores, informations, self.length, self.last + 1)
-        if len(self.scores) < _PARTS:
-            return BiasScore(
-                np.vstack([self.scores, score]),
-                np.concatenate([self.informations, information[None]]),
-                self.length,
-                1,
-            )
-        scores, informations = (
-            v.reshape(_PARTS // 2, 2, *v.shape[1:]).sum(axis=1)
-            for v in (self.scores, self.informations)
-        )
-        return BiasScore(
-            np.vstack([scores, score]),
-            np.concatenate([informations, information[None]]),
-            2 * self.length,
-            1,
-        )
-
-    def significant(self) -> dict[str, tuple[float, float]]:
-        """Return the significant errors, all estimated together: estimate and standard deviation; rad, 1, 1/s.
-
-        Together, because a scale error alone looks a little like a shear error: both are along the motion through water.
-        """
-        if not np.diag(self.information).all():
-            return {}
-        cov = np.linalg.pinv(self.information, hermitian=True)
-        estimates, stds = cov @ self.score, np.sqrt(np.diag(cov))
-        if len(self.scores) >= _LEAST_PARTS:
-            # residual of each part's score at the joint estimate
-            residual = (self.scores - self.informations @ estimates) @ cov
-            stds = np.maximum(
-                stds,
-                np.sqrt(len(residual) / (len(residual) - len(NAMES)) * np.sum(residual**2, axis=0)),
-            )
-        return {
-            name: (float(estimate), float(std))
-            for name, estimate, std, harmless in zip(NAMES, estimates, stds, _HARMLESS, strict=True)
-            if abs(estimate) > max(_SIGNIFICANT * std, harmless)
-        }
 
 
 def bias_rows(ones: Array, growing: Array, relative: Array, innovation: Array) -> Array:
@@ -228,19 +128,3 @@ def in_words(name: str, estimate: float, std: float) -> str:
 def notes_of(biases: dict[str, tuple[float, float]]) -> str:
     """Return biases, each with its standard deviation, as text for people."""
     return ", ".join(in_words(name, *value) for name, value in biases.items())
-
-
-def significant_bias_notes(score: BiasScore, estimated: tuple[str, ...] = ()) -> list[str]:
-    """Return a note on the significant errors that are not part of the state.
-
-    Args:
-        score: Of the log so far.
-        estimated: Names of the errors that are part of the state.
-    """
-    found = {name: value for name, value in score.significant().items() if name not in estimated}
-    if not found:
-        return []
-    names = ", ".join(f'"{name}"' for name in found)
-    return [
-        f"the log shows systematic errors of the instrument: {notes_of(found)}; time.biases = [{names}] estimates them"
-    ]

@@ -188,13 +188,11 @@ class GroupedEstimator(Estimator[State], Protocol[State]):
         """
         state, update = evaluated
         monitor, inflation = state.monitor.updated(update.gate, self.gating)
-        after, score, step = state, state.bias_score, update.step
+        after, step = state, update.step
         if step is not None:
             after = self.with_posterior(at, at.posterior(step), update.scale_jacobian)
-            if at.stack.relative is not None:
-                score = score.updated(step.whitened, update.scale_jacobian)
         seen = screened.usable_linear[-1]
-        after = replace(after, monitor=monitor, bias_score=score, last=seen)
+        after = replace(after, monitor=monitor, last=seen)
         after = self.inflated(after, inflation)
         result = GroupResult(screened, update, at.column, at.prior, inflation)
         return _outcomes(result, (state, after), at)

@@ -16,7 +16,6 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.basis.modes import Basis
-from replay_kit.estimator.update.biases import BiasScore
 from replay_kit.estimator.update.gate import ConsistencyMonitor
 from replay_kit.estimator.update.noise import BinNoise, compress
 from replay_kit.estimator.update.screening import local_values
@@ -134,7 +133,7 @@ def measurement_rows(
     return PathRows(stack.y.ravel(), stack, design.reshape(-1, *design.shape[2:]))
 
 
-_NEW_MONITOR, _NO_SCORE = ConsistencyMonitor(), BiasScore()
+_NEW_MONITOR = ConsistencyMonitor()
 After = TypeVar("After")
 
 
@@ -180,10 +179,8 @@ class Assimilation:
         time_ns: Of the last observation used [ns, UTC]; None before the first.
         monitor: Of the latest gate results.
         last: The last measurement with a usable bin; an equal one that follows is a duplicate.
-        bias_score: Of systematic errors of the instrument.
     """
 
     time_ns: int | None = None
     monitor: ConsistencyMonitor = _NEW_MONITOR
     last: LinearMeasurement | None = None
-    bias_score: BiasScore = _NO_SCORE

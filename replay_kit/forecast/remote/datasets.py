@@ -19,21 +19,18 @@ import zarr
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Address
 from replay_kit.forecast.remote.answers import is_page
-from replay_kit.forecast.remote.client import METADATA, Client, Limits
+from replay_kit.forecast.remote.client import Client, Limits
 from replay_kit.forecast.remote.opendap import dataset_address, open_cmems, open_opendap
 from replay_kit.forecast.remote.stores import (
     ServedFile,
     ServedStore,
     folder_store,
-    icechunk_store,
-    reference_store,
     under,
-    zip_store,
 )
 
 # Coordinates with more values are not compared.
 _SMALL = 100_000
-_CMEMS, _ICECHUNK = "cmems:", "icechunk::"
+_CMEMS = "cmems:"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +174,6 @@ def _limit_chunks(served: Served, limits: Limits) -> None:
                 "use a copy with smaller chunks"
             )
         largest = max(largest, math.prod(shape) * variable.dtype.itemsize)
-    # Icechunk's own store has no such bound
     if isinstance(served.store, ServedStore):
         served.store.most = 1.5 * largest + 1e6
 
@@ -186,15 +182,12 @@ def _opened(session: Session, address: Address) -> Served:
     url = address.url
     if url.lower().startswith(_CMEMS):
         return Served(address, open_cmems(address, url[len(_CMEMS) :]), "Copernicus Marine")
-    if url.lower().startswith(_ICECHUNK):
-        store = icechunk_store(address, url[len(_ICECHUNK) :])
-        return _with_store(address, store, "Icechunk")
     client = session.client
     path = urlsplit(url).path.lower()
     ways: list[Callable[[Client, Address], Served | None]] = [_zarr, _opendap, _file]
     if any(mark in path for mark in ("/griddap/", "/dodsc/", "/opendap/", "/dap/")):
         ways = [_opendap, _zarr, _file]
-    elif path.endswith((".zip", ".json", ".nc", ".nc4")):
+    elif path.endswith((".nc", ".nc4")):
         ways = [_file, _opendap, _zarr]
     for way in ways:
         if (found := way(client, address)) is not None:
@@ -232,18 +225,14 @@ def _zarr(client: Client, address: Address) -> Served | None:
             f"{address}: a Zarr store without consolidated metadata, which a server cannot list; its owner can add them with "
             "zarr.consolidate_metadata, or download it"
         )
-    return _with_store(address, folder_store(client, url), "Zarr", url)
-
-
-def _with_store(address: Address, store: Any, form: str, url: str = "") -> Served:
+    # Any: the stubs of xarray know no stores of Zarr
+    store: Any = folder_store(client, url)
     try:
         ds = xr.open_dataset(store, engine="zarr", decode_cf=False, consolidated=None)
     except (OSError, ValueError, LookupError, TypeError, RuntimeError) as error:
         words = " ".join(str(error).split())[:200]
-        raise ForecastError(f"{address}: cannot be read as {form}: {words}") from error
-    if form != "Zarr":
-        return Served(address, ds, form, store, url)
-    return Served(address, ds, form, store, url, partial(_key, zarr.open_group(store, mode="r")))
+        raise ForecastError(f"{address}: cannot be read as Zarr: {words}") from error
+    return Served(address, ds, "Zarr", store, url, partial(_key, zarr.open_group(store, mode="r")))
 
 
 def _key(group: zarr.Group, name: str, position: tuple[int, ...]) -> str:
@@ -271,8 +260,6 @@ def _file(client: Client, address: Address) -> Served | None:
         raise ForecastError(
             f"{address}: expected a forecast, got a page of the web, as of a login or a catalogue; open the address in a browser"
         )
-    if head[:4] == b"PK\x03\x04":
-        return _with_store(address, zip_store(client, url), "zipped Zarr", url)
     if head[1:4] == b"HDF":
         ds = xr.open_dataset(
             io.BufferedReader(ServedFile(client, url)),
@@ -281,9 +268,10 @@ def _file(client: Client, address: Address) -> Served | None:
             phony_dims="access",
         )
         return Served(address, ds, "NetCDF-4", url=url)
-    if head[:1] == b"{":
-        text = client.get(url, METADATA) or b""
-        return _with_store(address, reference_store(client, url, text), "references to files", url)
+    if head[:1] == b"{" or head[:4] == b"PK\x03\x04":
+        raise ForecastError(
+            f"{address}: expected Zarr as a folder of objects, got a zip archive or references to files; give the address of the store"
+        )
     if head[:3] == b"CDF":
         raise ForecastError(
             f"{address}: a NetCDF-3 file, of which no part can be received; download it, and give the file"

@@ -1,15 +1,10 @@
-"""Zarr on a server: a folder of objects, a zip archive, or references into other files, as one read-only store; and Icechunk."""
+"""Zarr on a server: a folder of objects as a read-only store; and a file that is read in pieces."""
 
 import asyncio
-import base64
 import io
-import json
-import re
-import threading
-from collections.abc import AsyncIterator, Callable, Collection, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from typing import Any
-from urllib.parse import urljoin, urlsplit
-from zipfile import ZipFile
+from urllib.parse import urlsplit
 
 from zarr.abc.store import (
     ByteRequest,
@@ -21,14 +16,14 @@ from zarr.abc.store import (
 from zarr.core.buffer import Buffer, BufferPrototype
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import Address, public
-from replay_kit.forecast.remote.answers import Span, foreign_words, is_page
+from replay_kit.core.paths import public
+from replay_kit.forecast.remote.answers import Span, is_page
 from replay_kit.forecast.remote.client import METADATA, Client
 
 _WHOLE: Span = (0, None)
 #: Bytes of the object of a key, or of a part of it; None where there is none.
 Read = Callable[[str, Span, float], bytes | None]
-# Bytes of an archive, or of a NetCDF file, that are asked for at once.
+# Bytes of a NetCDF file that are asked for at once.
 _PIECE = 1 << 18
 _MARKS = ("zarr.json", ".zarray", ".zgroup", ".zattrs", ".zmetadata")
 
@@ -45,9 +40,9 @@ class ServedStore(Store):
     supports_deletes = False
     supports_listing = True
 
-    def __init__(self, read: Read, keys: Collection[str] = ()) -> None:
+    def __init__(self, read: Read) -> None:
         super().__init__(read_only=True)
-        self._read, self._keys = read, keys
+        self._read = read
         self.most, self.absent = float(METADATA), 0
 
     def __eq__(self, other: object) -> bool:
@@ -90,23 +85,19 @@ class ServedStore(Store):
         self._check_writable()
 
     async def list(self) -> AsyncIterator[str]:
-        """Yield the keys that are known."""
-        for key in self._keys:
+        """Yield nothing, as a server lists no folder."""
+        for key in tuple[str, ...]():
             yield key
 
     async def list_prefix(self, prefix: str) -> AsyncIterator[str]:
-        """Yield the known keys that begin with a text."""
-        for key in self._keys:
-            if key.startswith(prefix):
-                yield key
+        """Yield nothing."""
+        for key in tuple[str, ...]():
+            yield key
 
     async def list_dir(self, prefix: str) -> AsyncIterator[str]:
-        """Yield the known names in a folder."""
-        folder = prefix.rstrip("/") + "/" if prefix else ""
-        for name in {
-            key[len(folder) :].partition("/")[0] for key in self._keys if key.startswith(folder)
-        }:
-            yield name
+        """Yield nothing."""
+        for key in tuple[str, ...]():
+            yield key
 
 
 def under(url: str, key: str) -> str:
@@ -128,76 +119,6 @@ def folder_store(client: Client, url: str) -> ServedStore:
         return data
 
     return ServedStore(read)
-
-
-def zip_store(client: Client, url: str) -> ServedStore:
-    """Return the store in a zip archive, of which only the parts are received that are read.
-
-    Raises:
-        ForecastError: The archive holds no store at its top.
-    """
-    archive, lock = ZipFile(ServedFile(client, url)), threading.Lock()
-    sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
-    if not set(_MARKS) & set(sizes):
-        raise ForecastError(
-            f"{public(url)}: this zip archive holds no Zarr store at its top; give the address of a store"
-        )
-
-    def read(key: str, span: Span, most: float) -> bytes | None:
-        if key not in sizes:
-            return None
-        if sizes[key] > most:
-            raise ForecastError(
-                f"{public(url)}: {key} unpacks to {sizes[key] / 1e6:.4g} MB, where {most / 1e6:.4g} MB were expected at most"
-            )
-        with lock:
-            return archive.read(key)[span[0] : span[1]]
-
-    return ServedStore(read, sizes)
-
-
-def reference_store(client: Client, url: str, text: bytes) -> ServedStore:
-    """Return the store that references (kerchunk, JSON) describe: objects in the text, or parts of files at other addresses.
-
-    Raises:
-        ForecastError: It is no such description.
-    """
-    try:
-        whole = json.loads(text)
-        refs = whole.get("refs", whole)
-        templates = dict(whole.get("templates", {}))
-        assert ".zgroup" in refs or "zarr.json" in refs
-        assert "gen" not in whole
-    except (ValueError, AttributeError, TypeError, AssertionError) as error:
-        raise ForecastError(
-            f"{public(url)}: expected references of version 0 or 1 (kerchunk) without generated keys; write them out"
-        ) from error
-
-    def read(key: str, span: Span, most: float) -> bytes | None:
-        value = refs.get(key)
-        if value is None:
-            return None
-        if isinstance(value, dict):
-            value = json.dumps(value)
-        if isinstance(value, str):
-            inline = value.startswith("base64:")
-            data = base64.b64decode(value[7:]) if inline else value.encode()
-            return data[span[0] : span[1]]
-        target = re.sub(r"{{\s*(\w+)\s*}}", lambda found: templates[found[1]], value[0])
-        start, size = (int(value[1]), int(value[2])) if len(value) == 3 else (0, None)
-        stop = None if size is None else start + size
-        if span != _WHOLE:
-            start, stop = _within(start, stop, span)
-        return client.get(urljoin(url, target), most, (start, stop), origin=url)
-
-    return ServedStore(read, refs)
-
-
-def _within(start: int, stop: int | None, span: Span) -> tuple[int, int | None]:
-    """Return a part of a part of a file."""
-    if span[0] < 0:
-        return (span[0], None) if stop is None else (max(start, stop + span[0]), stop)
-    return start + span[0], stop if span[1] is None else start + span[1]
 
 
 class ServedFile(io.RawIOBase):
@@ -248,32 +169,3 @@ class ServedFile(io.RawIOBase):
             done += len(part)
             self._at += len(part)
         return done
-
-
-def icechunk_store(address: Address, url: str) -> Any:
-    """Return the Zarr store of the main branch of an Icechunk repository on a server that speaks S3, by Icechunk's own client.
-
-    Raises:
-        ForecastError: It is not installed, or there is no such repository.
-    """
-    try:
-        import icechunk
-    except ImportError as error:
-        raise ForecastError(f"{address}: needs Icechunk: pip install icechunk") from error
-    try:
-        host, _, path = url.partition("://")[2].partition("/")
-        bucket, _, prefix = path.partition("/")
-        storage = icechunk.s3_storage(
-            bucket=bucket,
-            prefix=prefix.rstrip("/"),
-            endpoint_url=f"{url.partition('://')[0]}://{host}",
-            region="us-east-1",
-            allow_http=url.startswith("http:"),
-            anonymous=True,
-            force_path_style=True,
-        )
-        return icechunk.Repository.open(storage).readonly_session("main").store
-    except Exception as error:
-        raise ForecastError(
-            f"{address}: cannot be opened as an Icechunk repository: {foreign_words(error)}"
-        ) from error

@@ -124,17 +124,12 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
         return ()
     found = []
     sources = [instrument.sources for instrument in instruments]
-    compared = [
-        each
-        for one in sources
-        for each in (one.current, one.drift)
-        if len(each.pairs) >= LEAST_MEANS
-    ]
+    compared = [one.current for one in sources if len(one.current.pairs) >= LEAST_MEANS]
     if not compared:
         found.append(
             "an offset, a drift or a scale of the profiles (an offset cancels in profiles relative to the platform)"
             if not state.absolute_pings
-            else f"an offset, a drift or a scale of the profiles ({LEAST_MEANS} mean currents of dives, or drifts, beside them would tell)"
+            else f"an offset, a drift or a scale of the profiles ({LEAST_MEANS} mean currents of dives beside them would tell)"
         )
     elif not any((findings.OF_SOURCES | {findings.COMPASS}) & each.named for each in instruments):
         undecided = min((each.undecided() for each in compared), key=len)
@@ -166,9 +161,7 @@ def unknowable(state: ConsistencyState) -> tuple[str, ...]:
 
 
 def _tell_directions(sources: SourceStatistics) -> bool:
-    means = sources.current.tell_directions(LEAST_MEANS) or sources.drift.tell_directions(
-        LEAST_MEANS
-    )
+    means = sources.current.tell_directions(LEAST_MEANS)
     motions = any(
         each.tell_directions(LEAST_MOTIONS)
         for each in (sources.blocks, sources.motion, sources.track)
@@ -415,8 +408,7 @@ def _after_mean(
     instrument = replace(instrument, sources=sources)
     if not instrument.is_believed:
         return instrument, ()
-    current = sources.drift if mean.kind == "drift" else sources.current
-    finding = cause_of_pairs(sources, current, mean, topic)
+    finding = cause_of_pairs(sources, sources.current, mean, topic)
     # that something is wrong may come before what it is
     known = (findings.OF_SOURCES - {findings.UNDECIDED}) | {findings.COMPASS}
     if finding is None or finding.name in instrument.named or known & instrument.named:

@@ -1,8 +1,7 @@
-"""Pairs of two sources: profiles against mean currents, drifts and the platform's motion.
+"""Pairs of two sources: profiles against mean currents and the platform's motion.
 
 * ``current``: a dive's profiles within 100 m of the instrument, averaged along the dive's path as the mean current was, and that current.
   A dive of which the profiles cover less than three quarters makes no pair: its mean current is of other water.
-* ``drift``: the mean of the profiles about a drift at the surface, and the drift.
 * ``vehicle``: profiles and mean current relative to the vehicle. Most of both is the vehicle's motion through water, which shows a compass
   that is wrong where the current itself is weak. A dive is one pair: its mean current has one error, however many profiles it has.
 * ``blocks``: the same of relative profiles, in blocks of half an hour, whose velocity the vehicle's dead reckoning limits.
@@ -23,11 +22,11 @@ from replay_kit.core.arrays import made_often, replace
 from replay_kit.core.observation import PathMean
 from replay_kit.measurements.consistency.pairs import Pair, PairStatistics
 
-# s; the blocks of pairs relative to the vehicle, the pings about a drift, the longest time over which positions give a velocity
-_BLOCK, _ABOUT_DRIFT, _LONGEST = 1800.0, 1800.0, 3600.0
+# s; the blocks of pairs relative to the vehicle, the longest time over which positions give a velocity
+_BLOCK, _LONGEST = 1800.0, 3600.0
 # s; positions closer in time than this have too few digits for a velocity
 _SHORTEST = 60.0
-# m/s, errors expected of a component: of a dive's mean; of a drift, of one block and of a change from ping to ping
+# m/s, errors expected of a component: of a dive's mean; of one block and of a change from ping to ping
 _DIVE_STD, _OTHER_STD = 0.035, 0.1
 # m between a point of a dive's path and the nearest ping in time, and the share of the path within that, for which profiles cover a dive
 _COVERED, _LEAST_COVERED = 100.0, 0.75
@@ -72,7 +71,6 @@ class SourceStatistics:
 
     Attributes:
         current: Pairs of the profiles and mean currents of dives.
-        drift: Pairs of profiles and drifts.
         vehicle: Pairs of both relative to the vehicle, a dive each.
         blocks: The same of relative profiles, half an hour each.
         motion: Pairs of changes of the relative velocity and of the platform's.
@@ -85,7 +83,6 @@ class SourceStatistics:
     """
 
     current: PairStatistics = field(default_factory=lambda: _pairs(_DIVE_STD))
-    drift: PairStatistics = field(default_factory=lambda: _pairs(_OTHER_STD))
     vehicle: PairStatistics = field(default_factory=lambda: _pairs(_DIVE_STD))
     blocks: PairStatistics = field(default_factory=lambda: _pairs(_OTHER_STD))
     motion: PairStatistics = field(default_factory=lambda: _pairs(_OTHER_STD))
@@ -120,21 +117,11 @@ class SourceStatistics:
         return replace(after, last=ping, track=track, motion=motion, before=(relative, platform))
 
     def after_mean(self, mean: PathMean) -> "SourceStatistics":
-        """Return the statistics after a mean current or a drift."""
-        about_ns = int(_ABOUT_DRIFT * 1e9) if mean.kind == "drift" else 0
-        start_ns, end_ns = (
-            int(mean.path_time_ns[0]) - about_ns,
-            int(mean.path_time_ns[-1]) + about_ns,
-        )
+        """Return the statistics after a mean current."""
+        start_ns, end_ns = int(mean.path_time_ns[0]), int(mean.path_time_ns[-1])
         known = [*chain(*self.earlier), *self.latest][-_MOST_PINGS:]
         pings = [ping for ping in known if start_ns <= ping.time_ns <= end_ns]
         absolute = [ping for ping in pings if not ping.relative]
-        if mean.kind == "drift":
-            profiles = _mean([ping.velocity for ping in absolute]) if absolute else None
-            if profiles is None:
-                return self
-            pair = Pair(*profiles, *mean.velocity, 0.5, int(mean.path_time_ns[0]))
-            return replace(self, drift=self.drift.with_pair(pair))
         current, vehicle, half_hours = self.current, self.vehicle, self.blocks
         began_ns = int(mean.path_time_ns[0])
         if (along := mean_along(absolute, mean)) is not None:

@@ -12,76 +12,21 @@ from dataclasses import replace
 from typing import Any
 
 from replay_kit.measurements.messages.suggest_profile import (
-    NO_REFERENCE,
     Leaf,
     beside,
-    geometry_lines,
     leaves,
     line,
     named,
     profile_lines,
-    speed_lines,
     velocity_lines,
 )
 
-# of a name: what stands before the component, the component, the number of the cell
-_EAST = re.compile(
-    r"(?P<before>(?:.*_)?(?:cur|vel|adcp|v|c)?)(?P<east>east|e)(?P<cell>_?\d*)|(?P<other>(?:.*_)?)u(?P<number>_?\d*)",
-    re.IGNORECASE,
-)
-# s; components of one measurement are sent one after the other, a few milliseconds apart
-_WITHIN = 0.05
 _NO_SCHEMA = "message without a schema"
 _AT_VEHICLE = line(
     "distance", 0.0, "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle"
 )
 #: Key to schema and payload, as of ``suggestions``.
 Samples = Mapping[str, tuple[str, Mapping[str, Any]]]
-
-
-def component_pairs(samples: Samples, carries_names: Mapping[str, bool]) -> list[tuple[str, str]]:
-    """Return the keys of the eastward and the northward component of each velocity that comes as two messages.
-
-    Args:
-        samples: Messages by key.
-        carries_names: By key, whether its message carries a number or an array under a name.
-    """
-    named = {key.lower(): key for key in samples if carries_names[key] and _values(samples[key][1])}
-    pairs = []
-    for lower, key in named.items():
-        topic, _, name = lower.partition("\n")
-        match = _EAST.fullmatch(name)
-        if match is None:
-            continue
-        if match["east"] is not None:
-            partner = (
-                f"{match['before']}{'north' if match['east'] == 'east' else 'n'}{match['cell']}"
-            )
-        else:
-            partner = f"{match['other']}v{match['number']}"
-        other = named.get(f"{topic}\n{partner}")
-        if other is not None and len(_values(samples[key][1])) == len(_values(samples[other][1])):
-            pairs.append((key, other))
-    return pairs
-
-
-def joined_entry(east: str, north: str, samples: Samples) -> str:
-    """Return the TOML of an entry for two components, with a comment on each guess."""
-    topic, _, east_name = east.partition("\n")
-    schema, payload = samples[east]
-    values = [*_values(payload), *_values(samples[north][1])]
-    profile = len(values) > 2
-    of_profile = [line("frame", "enu", "by its names"), *geometry_lines([], len(values) // 2)]
-    lines = [
-        line("reference", "unknown", NO_REFERENCE),
-        line("east", east_name, "the name of its messages; vx of NED axes is north"),
-        line("north", north.partition("\n")[2], "the name of its messages"),
-        line("join_within", _WITHIN, "s between the stamps of the two"),
-        *speed_lines(values),
-        *(of_profile if profile else [_AT_VEHICLE]),
-    ]
-    head = f"one component in each {schema or _NO_SCHEMA}"
-    return _entry(topic, head, [], "profile" if profile else "velocity", lines)
 
 
 def _entry(topic: str, head: str, select: list[str], kind: str, lines: list[str]) -> str:
@@ -91,11 +36,6 @@ def _entry(topic: str, head: str, select: list[str], kind: str, lines: list[str]
     if all(each.startswith("#") for each in lines):
         entry = [f"# {each}" for each in entry]
     return "\n".join([f"# {quoted}: {head}", *entry, *lines, ""])
-
-
-def _values(payload: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return the number or the array that a message carries under its name; nothing of other messages."""
-    return next((leaf.values for leaf in leaves(payload) if leaf.path in ("value", "data")), ())
 
 
 _LATITUDE = re.compile(r"(.*_)?lat(itude)?(_?(deg|rad|e7|int|wgs84))?")
@@ -186,19 +126,14 @@ def _carries_names(topic: str) -> bool:
 
 
 def suggested_entries(samples: Samples) -> dict[str, str]:
-    """Return the TOML of each entry that can be guessed, by the key of its messages; joined ones have the keys of both.
+    """Return the TOML of each entry that can be guessed, by the key of its messages.
 
     Args:
         samples: As of ``suggestions``.
     """
-    carried = {key: _carries_names(key.partition("\n")[0]) for key in samples}
-    found = {}
-    joined = set()
-    for east, north in component_pairs(samples, carried):
-        joined |= {east, north}
-        found[f"{east} and {north.partition(chr(10))[2]}"] = joined_entry(east, north, samples)
+    found: dict[str, str] = {}
     for key, (schema, payload) in samples.items():
-        entry = None if key in joined else suggestion(key.partition("\n")[0], schema, payload)
+        entry = suggestion(key.partition("\n")[0], schema, payload)
         found |= {} if entry is None else {key: entry}
     return dict(sorted(found.items()))
 

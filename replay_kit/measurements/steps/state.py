@@ -14,7 +14,6 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.measurements.events import Event, Skipped, Used
-from replay_kit.measurements.messages.mapped import Component
 from replay_kit.measurements.messages.mavlink import (
     GpsStatus,
     Key,
@@ -49,7 +48,6 @@ class MeasurementState:
         waiting: Pings that wait for a position, in the order of their times.
         orientation: Last one of a message that is no ping, after its time [ns, UTC].
         frames: Frames by name of MAVLink pings that are not complete yet.
-        components: By topic and the names of both, the component of a velocity that waits for the other.
         gps_fix_ns: Time of the last three-dimensional fix of each MAVLink system's GPS [ns, UTC]; None while it had none.
         dives: The way since the last fixes, for mean currents; None where these are not wanted.
         bottom: Last velocity over the ground by a DVL, after its time [ns, UTC].
@@ -67,7 +65,6 @@ class MeasurementState:
     waiting: tuple[WaitingPing, ...] = ()
     orientation: tuple[int, Orientation] | None = None
     frames: Mapping[Key, Mapping[str, PingFrame]] = field(default_factory=dict)
-    components: Mapping[tuple[str, str, str], Component] = field(default_factory=dict)
     gps_fix_ns: Mapping[str, int | None] = field(default_factory=dict)
     dives: Dives | None = field(default_factory=Dives)
     bottom: tuple[int, PlatformVelocity] | None = None

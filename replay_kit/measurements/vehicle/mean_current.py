@@ -1,4 +1,4 @@
-"""Mean currents between fixes: a dive's depth-averaged current, stated or computed, and the drift at the surface.
+"""Mean currents between fixes: a dive's depth-averaged current, stated or computed.
 
 A depth-averaged current is how far a vehicle surfaced from where its motion through the water alone would have brought it, over the
 time between the fixes; it is the mean of the current along the path (``dead_reckoning.py``).
@@ -24,12 +24,8 @@ from replay_kit.measurements.vehicle.dives import dive_begins
 
 # s; a stated fix this near in time to one of the log's is that fix
 _SAME_FIX_NS = 60 * 10**9
-# s; a shorter drift is the error of its fixes
-_LEAST_DRIFT_NS = 120 * 10**9
 #: Why a mean current is not used that no current is.
 TOO_FAST = "depth-averaged current: faster than measurements.max_speed"
-# m; the depth of the current that moves a drifting vehicle
-_DRIFT_DEPTH = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +58,12 @@ class Dives:
     Attributes:
         path: Since the last fix at the surface; None before the first.
         done: The last dive's path, and the fix that ended it, until its mean current comes.
-        anchor: The fix from which the drift at the surface is counted; None within a dive.
         stated: Whether the log states mean currents itself.
         computed_ns: Time of the fix that ended the last dive whose mean current was computed [ns, UTC].
     """
 
     path: Path | None = None
     done: tuple[Path, VehicleState] | None = None
-    anchor: VehicleState | None = None
     stated: bool = False
     computed_ns: int | None = None
 
@@ -142,8 +136,8 @@ def record_position(
         return dives, []
     dived = path is not None and dive_begins(path.deepest, config.surface_depth)
     if path is None or not dived:
-        return _drifted(dives, position, dive, config)
-    after = replace(dives, path=begin(position), done=(path, position), anchor=position)
+        return replace(dives, path=begin(position)), []
+    after = replace(dives, path=begin(position), done=(path, position))
     if config.dead_reckoning == "corrected" or dives.stated or not path.reckoned:
         return after, []
     velocity = drift_velocity(path, position)
@@ -157,31 +151,7 @@ def record_position(
 
 def _on(dives: Dives, path: Path) -> Dives:
     """Return what is remembered, with another path; each position gives one."""
-    return Dives(path, dives.done, dives.anchor, dives.stated, dives.computed_ns)
-
-
-def _drifted(
-    dives: Dives, fix: VehicleState, dive: int, config: MeasurementConfig
-) -> tuple[Dives, list[PathMean]]:
-    """Return what is remembered after a fix at the surface that ends no dive, and the drift to it."""
-    anchor = dives.anchor
-    too_long = anchor is not None and fix.time_ns - anchor.time_ns > config.position_max_age * 1e9
-    path = begin(fix)
-    if anchor is None or too_long or not config.use_drift:
-        return replace(dives, path=path, anchor=fix), []
-    if fix.time_ns - anchor.time_ns < _LEAST_DRIFT_NS:
-        return _on(dives, path), []
-    velocity = drift_velocity(begin(anchor), fix)
-    if not _believed(velocity, config):
-        return replace(dives, path=path, anchor=fix), []
-    first, last = (replace(place, depth=_DRIFT_DEPTH) for place in (anchor, fix))
-    adrift = extend(
-        begin(first), replace(last, longitude=anchor.longitude, latitude=anchor.latitude)
-    )
-    mean = path_mean(
-        adrift, last, velocity, _error(adrift, fix, config.drift_std, config), "drift", dive
-    )
-    return replace(dives, path=path, anchor=fix), [mean]
+    return Dives(path, dives.done, dives.stated, dives.computed_ns)
 
 
 def _is_path(mean: PathMean) -> bool:

@@ -11,7 +11,6 @@ import numpy as np
 from mcap.reader import make_reader
 
 from replay_kit.config.run import RunConfig
-from replay_kit.results.compare import damage_named
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.result import ResultFile
@@ -43,19 +42,6 @@ def read_record(path: Path) -> RunRecord:
     config = attached.pop(CONFIG_NAME, b"").decode()
     summaries = {name.rpartition("/")[0]: json.loads(data) for name, data in attached.items()}
     return RunRecord(metadata, config, summaries.pop("", None), summaries)
-
-
-def read_planned_legs(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
-    """Return the legs of a plan in a result of its own, JSON by number, and where and when they begin.
-
-    Raises:
-        LogError: It cannot be read, or is no plan with legs.
-    """
-    with damage_named(path, "plan of this version's replay-kit plan -o", "plan it again"):
-        metadata = read_record(path).metadata
-        legs, begun = metadata["legs"], metadata["mission"]
-        int(begun["start_time_ns"])
-    return legs, begun
 
 
 def bathymetry_name(record: RunRecord) -> str:

@@ -4,7 +4,7 @@ const CANVASES = ["ground", "drift", "marks"];
 
 function startMap(figure) {
   const place = document.querySelector(`#${figure.key} .plot`);
-  const map = { figure, drawn: figure.map, place, canvases: {}, hidden: new Set(), playing: false, until: Infinity, quantity: "speed", edited: null };
+  const map = { figure, drawn: figure.map, place, canvases: {}, hidden: new Set(), playing: false, until: Infinity, quantity: "speed" };
   state.map = map;
   place.textContent = "";
   for (const name of CANVASES) {
@@ -17,7 +17,6 @@ function startMap(figure) {
   map.tip.setAttribute("aria-live", "polite");
   place.append(map.tip);
   layerBoxes(map);
-  if (figure.flight.waypoints) startEditing(map);
   // a tab that is told its size late still opens on the plan
   sizeMap(map, true);
   listen(map);
@@ -55,7 +54,6 @@ function drawOver(map) {
   const context = map.canvases.marks.getContext("2d");
   context.clearRect(0, 0, map.w, map.h);
   drawMarks(map, context);
-  if (map.edited) drawEdited(map, context);
 }
 
 // Colour bar, length of a drift, length in km.
@@ -137,16 +135,12 @@ function listen(map) {
   const pressed = new Map();
   let due = false;
   const soon = () => { if (!due) { due = true; requestAnimationFrame(() => { due = false; drawMap(map); }); } };
-  place.addEventListener("pointerdown", (event) => {
-    pressed.set(event.pointerId, at(event));
-    if (pressed.size === 1 && map.edited && grab(map, ...at(event))) { place.setPointerCapture(event.pointerId); event.preventDefault(); }
-  });
+  place.addEventListener("pointerdown", (event) => pressed.set(event.pointerId, at(event)));
   place.addEventListener("pointermove", (event) => {
     const [px, py] = at(event);
     const from = pressed.get(event.pointerId);
     if (!from) { if (event.pointerType === "mouse") showTip(map, px, py); return; }
     pressed.set(event.pointerId, [px, py]);
-    if (map.edited && map.edited.held !== null) { dragTo(map, px, py); return; }
     place.setPointerCapture(event.pointerId);
     map.tip.hidden = true;
     map.chosen = "";
@@ -163,8 +157,7 @@ function listen(map) {
   const release = (event) => {
     const from = pressed.get(event.pointerId);
     pressed.delete(event.pointerId);
-    if (map.edited && map.edited.held !== null) drop(map);
-    else if (from && event.pointerType !== "mouse") showTip(map, ...at(event));
+    if (from && event.pointerType !== "mouse") showTip(map, ...at(event));
   };
   for (const name of ["pointerup", "pointercancel"]) place.addEventListener(name, release);
   place.addEventListener("pointerleave", () => { map.tip.hidden = true; });

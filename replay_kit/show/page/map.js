@@ -37,22 +37,6 @@ function degreesOf(map, x, y) {
   return [at(longitude), at(latitude)];
 }
 
-// The place of a longitude and latitude, by Newton's rule.
-function placeOf(map, longitude, latitude) {
-  let [x, y] = [map.x, map.y];
-  for (let k = 0; k < 20; k += 1) {
-    const [a, b] = degreesOf(map, x, y);
-    const [ax, bx] = degreesOf(map, x + 0.5, y);
-    const [ay, by] = degreesOf(map, x, y + 0.5);
-    const [du, dv] = [longitude - a, latitude - b];
-    const det = (ax - a) * (by - b) - (ay - a) * (bx - b);
-    if (!det) break;
-    x += (0.5 * (du * (by - b) - dv * (ay - a))) / det;
-    y += (0.5 * (dv * (ax - a) - du * (bx - b))) / det;
-  }
-  return [x, y];
-}
-
 // The direction of a velocity [degrees clockwise from true north]: latitude grows towards true north.
 function bearingOf(map, x, y, u, v) {
   const north = [1, 0].map((k) => degreesOf(map, x + k, y + 1 - k)[1] - degreesOf(map, x, y)[1]);

@@ -15,7 +15,7 @@ from replay_kit.show.page.section import Control, Figure, Section
 
 #: Letters of a section in the menu.
 _MENU = 32
-_SCRIPTS = ("flight", "page", "map", "marks", "particles", "explore", "waypoint")
+_SCRIPTS = ("page", "map", "marks", "particles", "explore")
 
 
 def page_html(title: str, sections: list[Section], subtitle: str = "") -> str:
@@ -108,14 +108,6 @@ def figure_html(figure: Figure) -> str:
 
 
 _VIEWS = {"plan": "Vehicle and plan", "track": "Track", "region": "Region"}
-_EDIT = """<div class="edit" hidden><p class="difference"></p><p class="readout" aria-live="polite">{readout}</p><div>
-<label for="edit-waypoint">Waypoint <select id="edit-waypoint"></select></label>
-<label for="edit-longitude">Longitude <input id="edit-longitude" type="number" step="0.005"></label>
-<label for="edit-latitude">Latitude <input id="edit-latitude" type="number" step="0.005"></label></div><div>{buttons}</div></div>"""
-_ACTIONS = {
-    **{"add": "Add", "remove": "Remove", "undo": "Undo", "reset": "Plan's own way"},
-    "save": "Download (GeoJSON)",
-}
 
 
 def _map_html(figure: Figure, controls: str, about: str) -> str:
@@ -129,14 +121,6 @@ def _map_html(figure: Figure, controls: str, about: str) -> str:
         f'<button type="button" data-zoom="{factor}" aria-label="{text}">{sign}</button>'
         for factor, text, sign in ((1.5, "Zoom in", "+"), (0.6667, "Zoom out", "−"))
     )
-    edit, panel = "", ""
-    if figure.flight:
-        buttons = "".join(
-            f'<button type="button" data-action="{key}">{text}</button>'
-            for key, text in _ACTIONS.items()
-        )
-        edit = '<button type="button" data-edit aria-expanded="false">Edit the plan</button>'
-        panel = _EDIT.format(readout=escape(figure.readout), buttons=buttons)
     play = (
         '<button type="button" class="play" aria-label="Play" aria-pressed="false">▶</button>'
         if controls
@@ -144,9 +128,9 @@ def _map_html(figure: Figure, controls: str, about: str) -> str:
     )
     return (
         f'<figure id="{figure.key}" class="map"><h3 class="unseen">{escape(figure.title)}</h3>'
-        f'<div class="stage">{_shown_html(figure)}<div class="tools">{views}{zoom}{edit}'
+        f'<div class="stage">{_shown_html(figure)}<div class="tools">{views}{zoom}'
         '<details class="layers"><summary>Layers</summary><ul></ul></details></div>'
-        f'<div class="keys" aria-hidden="true"></div>{panel}<div class="controls">{play}{controls}</div></div>'
+        f'<div class="keys" aria-hidden="true"></div><div class="controls">{play}{controls}</div></div>'
         f'<details class="about"><summary>About this map, and its data</summary>{about}</details></figure>'
     )
 
@@ -183,6 +167,5 @@ def _figure_data(figure: Figure) -> dict[str, Any]:
         "layout": figure.layout,
         "choices": [list(control.choices) for control in figure.controls],
         "packed": figure.packed,
-        "flight": figure.flight,
         "map": figure.map,
     }

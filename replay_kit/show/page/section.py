@@ -48,8 +48,6 @@ class Figure:
         layout: plotly layout.
         controls: Controls; what they change is in the traces, see ``page.js``.
         packed: Large numeric arrays, see ``pack``.
-        flight: What ``flight.js`` flies; empty for other figures.
-        readout: Text below the controls, which the script keeps up to date; empty without one.
         map: What the map's scripts draw: axes, frame, views, marks (``figures/on_canvas.py``); empty for charts.
     """
 
@@ -62,8 +60,6 @@ class Figure:
     layout: Mapping[str, Any]
     controls: Sequence[Control] = ()
     packed: Mapping[str, Any] = field(default_factory=dict)
-    flight: Mapping[str, Any] = field(default_factory=dict)
-    readout: str = ""
     map: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -1,6 +1,5 @@
 """The card of the first screen: how far to trust the answer, what to steer, when and where, and the current at the vehicle."""
 
-from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -10,7 +9,6 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
 from replay_kit.core.plan import ORIGIN
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.steering import Arrival
 from replay_kit.results.views.track import LastPlan
 from replay_kit.show.numbers import (
     clock_text,
@@ -32,20 +30,13 @@ _NINETY = 1.645
 _WIDE, _HIGH, _LEFT = 330, 150, 46
 
 
-def card_html(contents: Contents, arrivals: Sequence[Arrival] = ()) -> str:
-    """Return the card.
-
-    Args:
-        contents: Of the result.
-        arrivals: Of the plan's way flown in the mean of the estimate, then in samples; none without a plan.
-    """
+def card_html(contents: Contents) -> str:
+    """Return the card."""
     plan = contents.last_plan
     steered = (
         plan is not None and plan.row["status"] != "failed" and np.isfinite(plan.row["heading_deg"])
     )
-    answer = (
-        _steer(plan) + _arrival(contents, plan, arrivals) if steered and plan else _water(contents)
-    )
+    answer = _steer(plan) + _arrival(plan) if steered and plan else _water(contents)
     parts = [
         *(_chip(contents), answer, _surfacing(contents), _profile(contents), _lights(contents)),
         _why(contents),
@@ -101,7 +92,7 @@ def _unbroken(place: str) -> str:
     return ", ".join(part.replace(" ", "\u00a0") for part in place.split(", "))
 
 
-def _arrival(contents: Contents, plan: LastPlan, arrivals: Sequence[Arrival]) -> str:
+def _arrival(plan: LastPlan) -> str:
     begin, duration = int(plan.row.name.value), float(plan.row["duration"])
     end = clock_text(begin + round(1e9 * duration))
     status, miss = str(plan.row["status"]), float(plan.row["closest_approach"])
@@ -110,7 +101,7 @@ def _arrival(contents: Contents, plan: LastPlan, arrivals: Sequence[Arrival]) ->
     off = number(
         "plan.closest_approach_m", miss, f"{miss:.0f} m" if miss < 2e3 else f"{miss / 1e3:.1f} km"
     )
-    below = _range(begin, duration, arrivals) if arrives else f"{off} from it"
+    below = "" if arrives else f"{off} from it"
     first = _fact(title, number("plan.duration_s", duration, end), below)
     odds = plan.odds
     if odds is None:
@@ -120,29 +111,6 @@ def _arrival(contents: Contents, plan: LastPlan, arrivals: Sequence[Arrival]) ->
     text = number("plan.odds.reached", share, f"{100.0 * share:.0f} %")
     bar = f'of {count} samples<span class="meter"><i style="width:{100.0 * share:.0f}%"></i></span>'
     return f'<div class="facts">{first}{_fact("Odds of arriving", text, bar)}</div>'
-
-
-def _range(begin: int, duration: float, arrivals: Sequence[Arrival]) -> str:
-    """Return between which times nine of ten samples arrive: the plan's time, with what flights in samples differ by from that in the mean.
-
-    Args:
-        begin: Of the plan [ns, UTC].
-        duration: Of the plan [s].
-        arrivals: Flights that steer from surfacing to surfacing, in the mean and in samples.
-    """
-    samples = sorted(one.duration if one.arrived else np.inf for one in arrivals[1:])
-    if not samples or not arrivals[0].arrived:
-        return "range unknown without samples"
-    beyond = duration - arrivals[0].duration
-    ends = [samples[round(share * (len(samples) - 1))] + beyond for share in (0.05, 0.95)]
-    day = clock_text(begin + round(1e9 * duration)).rpartition(" ")[0]
-    early, late = (
-        clock_text(begin + round(1e9 * each)).removeprefix(f"{day} ")
-        if np.isfinite(each)
-        else "never"
-        for each in ends
-    )
-    return f"90 %: {early} to {late}"
 
 
 def _fact(title: str, value: str, below: str = "") -> str:

@@ -1,35 +1,28 @@
 """The study of the paper on the console, as CSV, JSON and Markdown, and as a page with charts."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from html import escape
 from typing import Any
 
 from replay_kit.show.figures.values import Axis, Chart, Panel
-from replay_kit.show.page.section import Section
-from replay_kit.studies.paper import findings
-from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
+from replay_kit.show.page.page import page_html
+from replay_kit.show.page.section import Section, table_html
+from replay_kit.studies.paper.charts import chart_figure, lines_by, misses_chart, one_chart
+from replay_kit.studies.paper.rows import LABELS, ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables
-from replay_kit.studies.reports.page import (
-    LABELS,
-    PAGE,
-    StudyReport,
-    chart_figure,
-    lines_by,
-    misses_chart,
-    one_chart,
-    study_page,
-    tables_html,
-    words_html,
-)
-from replay_kit.studies.reports.tables import (
+from replay_kit.studies.paper.text import (
     Table,
     answer_of,
+    json_text,
     markdown,
     named_columns,
     number,
     rows_to_csv,
+    to_text,
 )
 
+PAGE = "index.html"
 _RUNGS = {"full": "full rank", "members": "one a member"}
 
 
@@ -39,17 +32,27 @@ def to_json(tables: PaperTables) -> dict[str, Any]:
 
 
 def to_markdown(tables: PaperTables) -> str:
-    """Return the study as Markdown: conditions, tables, findings."""
-    table1, table2, sparse, table3 = map(markdown, text_tables(tables))
-    where, *why = findings.sparse_logs(tables)
-    parts = [
-        "# The paper's study on this ensemble",
-        findings.conditions(tables),
-        *("## Errors", table1, table2, findings.errors(tables)),
-        *("## Sparse logs: where `paper` has larger errors, and why", sparse, where, *why),
-        *("## Glides", table3, findings.glides(tables)),
-    ]
-    return "\n\n".join(parts) + "\n"
+    """Return the study as Markdown: conditions, tables."""
+    parts = map(markdown, text_tables(tables))
+    heading = "# The paper's study on this ensemble"
+    return "\n\n".join((heading, conditions(tables), *parts)) + "\n"
+
+
+def conditions(tables: PaperTables) -> str:
+    """Return what the study was made on."""
+    rows, columns = tables.grid
+    levels = ", ".join(f"{level:.4g}" for level in tables.levels)
+    turns = f"Each of the {tables.truths} members is the truth in turn in Tables I and II: medians, and the worst truth. "
+    modes = "all modes" if tables.plan_modes is None else f"at most {tables.plan_modes} modes"
+    return (
+        f"{tables.members} members of {tables.ensemble} on {rows} x {columns} points and levels {levels} m; truth {tables.truth}; seed "
+        f"{tables.seed}. {turns if tables.truths > 1 else ''}Table III shows truth {tables.shown_truth}; plans are made "
+        f"on the estimates after Table II's last ping, with {modes}. Relative error: RMSE over the RMS speed of the truth, over all "
+        "wet grid points. Bound: the least-squares fit of the truth within a method's span. Elements in H: two for each mode and node, of "
+        "whole flows for each level too, of the default one for each mode and point of its lattice. The paper and the naive basis take "
+        "R = (0.01 m/s)^2 in Table I and (0.12 m/s)^2 in Table II for every bin; the default takes the bins' own error, 0.01 and "
+        f"{tables.noise:g} m/s, and adds what its basis leaves of members that are shifted by a correlation length, at the profile's place."
+    )
 
 
 def text_tables(tables: PaperTables) -> tuple[Table, ...]:
@@ -127,53 +130,41 @@ FILES = (
 )
 
 
-def report_of(tables: PaperTables) -> StudyReport:
-    """Return what the study says so far."""
-    csv = {
+def csv_files(tables: PaperTables) -> dict[str, str]:
+    """Return the text of each table that has rows, by the name of its file."""
+    return {
         f"{name}.csv": rows_to_csv(type(rows[0]), rows)
         for name in _TABLES
         if (rows := getattr(tables, name))
     }
 
-    def pages() -> dict[str, str]:
-        return {"report.md": to_markdown(tables), PAGE: paper_page(tables)}
 
+def files_of(tables: PaperTables) -> Mapping[str, str]:
+    """Return the files of the study so far, by name; the report and the page when it is finished."""
+    files = {**csv_files(tables), "paper.json": json_text(to_json(tables))}
     if tables.unfinished:
-        return StudyReport("paper", to_json(tables), (), (), csv, None)
-    words = [findings.errors(tables), findings.sparse_logs(tables)[0]]
-    beside = "report.md, paper.json, tables as CSV"
-    return StudyReport("paper", to_json(tables), text_tables(tables), words, csv, pages, beside)
+        return files
+    return {**files, "report.md": to_markdown(tables), PAGE: paper_page(tables)}
 
 
 def paper_page(tables: PaperTables) -> str:
     """Return the page of the finished study."""
-    table1, table2, sparse, table3 = text_tables(tables)
-    where, *why = findings.sparse_logs(tables)
+    table1, table2, sparse, table3 = map(_table_html, text_tables(tables))
     misses = {
         LABELS[row.flow]: row.closest_approach for row in tables.table3 if row.closest_approach
     }
-    distribution = misses_chart("glides", "Closest approach of the glides to their targets", misses)
+    glides = misses_chart("glides", "Closest approach of the glides to their targets", misses)
     sections = [
-        Section(
-            "answer",
-            "In words",
-            words_html([findings.conditions(tables), findings.errors(tables), where]),
-        ),
-        Section("errors", "Errors", tables_html([table1, table2])),
-        Section(
-            "few",
-            "Sparse logs",
-            words_html(why) + tables_html([sparse]),
-            [chart_figure(_sparse(tables))],
-        ),
-        Section(
-            "plans",
-            "Glides",
-            words_html([findings.glides(tables)]) + tables_html([table3]),
-            [chart_figure(distribution)],
-        ),
+        Section("errors", "Errors", f"<p>{escape(conditions(tables))}</p>{table1}{table2}"),
+        Section("few", "Sparse logs", sparse, [chart_figure(_sparse(tables))]),
+        Section("plans", "Glides", table3, [chart_figure(glides)]),
     ]
-    return study_page("The paper's study on this ensemble", sections, to_json(tables))
+    return page_html("The paper's study on this ensemble", sections)
+
+
+def _table_html(table: Table) -> str:
+    cells = [[escape(to_text(cell)) for cell in row] for row in table.rows]
+    return table_html(table.columns, cells, table.title)
 
 
 def _sparse(tables: PaperTables) -> Chart:

@@ -11,21 +11,13 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines.builders import average_over_depth
-from replay_kit.studies.jobs import (
-    Advance,
-    check_counts,
-    check_not_negative,
-    check_positive,
-    each_counted,
-)
+from replay_kit.studies.paper.methods import Advance, each_counted
 from replay_kit.studies.paper.rows import (
-    DepthKernel,
+    AVERAGED,
+    TRUTH,
     ErrorRow,
     GlideRow,
     SparseRow,
-    coherence,
-    depth_kernel,
-    level_correlation,
     over_truths,
     sparse_over_truths,
 )
@@ -36,7 +28,6 @@ from replay_kit.studies.paper.tables import (
     rungs,
     sparse_rows,
 )
-from replay_kit.studies.reports.page import AVERAGED, TRUTH
 from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,
     grid_observations,
@@ -68,12 +59,6 @@ class PaperJob:
     pairs: int = 100
     seed: int = 0
 
-    def check(self) -> None:
-        """Raise ConfigError when an option is wrong."""
-        check_counts(self.pings)
-        check_positive(pairs=self.pairs)
-        check_not_negative(seed=self.seed)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperTables:
@@ -95,9 +80,6 @@ class PaperTables:
         seed: Of places, noise and pairs.
         noise: Of each component of each bin in Table II [m/s].
         target_depth: Of Table III [m].
-        coherence: Share of the shown truth's mean squared speed, down to the targets, that its depth average carries.
-        level_correlation: Least and largest, of the members' anomalies at neighbouring levels.
-        depth_kernel: The paper's Gaussians on these levels.
         seconds: Wall time of each stage [s].
         unfinished: Whether more was to follow when this was written.
     """
@@ -117,9 +99,6 @@ class PaperTables:
     seed: int
     noise: float
     target_depth: float
-    coherence: float
-    level_correlation: tuple[float, float]
-    depth_kernel: DepthKernel
     seconds: Mapping[str, float] = field(default_factory=dict)
     unfinished: bool = True
 
@@ -151,11 +130,10 @@ def run_paper(
         progress: Called with steps done, steps in all, and what is being run.
 
     Raises:
-        ConfigError: An option is wrong.
+        ConfigError: A member does not exist.
         ForecastError: The truth has no water, or too little to glide in.
         MeasurementError: No point of the truth lies in the region.
     """
-    job.check()
     began = time.perf_counter()
     each = list(cases(ensemble, truth, job.leave_out))
     case = each[most_distant(ensemble) if job.leave_out == "all" else 0]
@@ -163,7 +141,7 @@ def run_paper(
     # before the hours of work, because this fails where the region is too small
     pairs = draw_pairs(build_field(case.truth), truth_flow, case.ensemble.grid, job.pairs, job.seed)
     advance = Advance(_total(each, job), progress)
-    tables, done = _without_tables(case, truth_flow, pairs, job, config), list[_OfCase]()
+    tables, done = _without_tables(case, pairs, job), list[_OfCase]()
     planned: Mapping[str, FlowEstimate | None] = {}
     calls = ((one, config, job, advance) for one in each)
     for (one, *_), of_case in each_counted(_run_case, calls, advance, _steps):
@@ -222,12 +200,9 @@ def _run_case(case: Case, config: EstimatorConfig, job: PaperJob, advance: Advan
     return _OfCase(table1, tuple(rows), sparse, flows)
 
 
-def _without_tables(
-    case: Case, truth: FlowEstimate, pairs: Sequence[Pair], job: PaperJob, config: EstimatorConfig
-) -> PaperTables:
+def _without_tables(case: Case, pairs: Sequence[Pair], job: PaperJob) -> PaperTables:
     """Return what is known of the study before its tables are computed."""
     grid = case.ensemble.grid
-    depth = pairs[0].target.depth
     return PaperTables(
         ensemble=case.ensemble.source,
         truth="all" if job.leave_out == "all" else case.truth.source,
@@ -238,8 +213,5 @@ def _without_tables(
         plan_modes=job.plan_modes,
         seed=job.seed,
         noise=NOISE,
-        target_depth=depth,
-        coherence=coherence(truth, depth),
-        level_correlation=level_correlation(case.ensemble),
-        depth_kernel=depth_kernel(grid.levels, config.length_vertical),
+        target_depth=pairs[0].target.depth,
     )

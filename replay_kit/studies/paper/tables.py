@@ -14,7 +14,13 @@ from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.basis.slices import cell_size
-from replay_kit.studies.jobs import Advance, bound, build_method, each_counted, miss_figures
+from replay_kit.studies.paper.methods import (
+    Advance,
+    bound,
+    build_method,
+    each_counted,
+    miss_figures,
+)
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.twins.truths import Case, Pair
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points

@@ -12,7 +12,6 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import check_paths
 from replay_kit.logs.mavlink.writer import write_tlog
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins.adcp import SOUND, Faults
 from replay_kit.studies.twins.field import Field, build_field
 from replay_kit.studies.twins.glider import PING_STEPS, STEP_S, Schedule
 from replay_kit.studies.twins.glider import mission as glider_mission
@@ -20,6 +19,7 @@ from replay_kit.studies.twins.messages import measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission, survey
 
 Vehicle = Literal["vessel", "glider"]
+_USUAL_S = float(STEP_S * PING_STEPS)
 _WRITERS = {".mcap": write_mcap_log, ".tlog": write_tlog}
 
 
@@ -32,26 +32,17 @@ class Twin:
         pings: Number of pings.
         noise: Standard deviation of each velocity component [m/s].
         seed: Of the places and of the noise; what follows changes neither by itself.
-        faults: Of the instrument.
         interval_s: From one ping of a glider to the next [s]; a multiple of its step of 120 s.
-        dac_only: Whether the log has a glider's positions and mean currents, but no pings.
     """
 
     vehicle: Vehicle
     pings: int
     noise: float
     seed: int
-    faults: Faults = SOUND
-    interval_s: float = float(STEP_S * PING_STEPS)
-    dac_only: bool = False
+    interval_s: float = _USUAL_S
 
-    @property
-    def plain(self) -> "Twin":
-        """The same mission without faults, logged as usual."""
-        return Twin(self.vehicle, self.pings, self.noise, self.seed)
-
-    def check(self, out: Path) -> None:
-        """Raise ConfigError when a number is none that can be simulated, or does not fit the vehicle or the log."""
+    def check(self) -> None:
+        """Raise ConfigError when a number is none that can be simulated, or does not fit the vehicle."""
         if self.vehicle not in get_args(Vehicle):
             raise ConfigError(
                 f"vehicle: expected {' or '.join(get_args(Vehicle))}, got '{self.vehicle}'"
@@ -60,21 +51,14 @@ class Twin:
             raise ConfigError(
                 f"twin: expected pings >= 1, noise >= 0 and seed >= 0, got pings {self.pings}, noise {self.noise}, seed {self.seed}"
             )
-        self.faults.check()
         steps = self.interval_s / STEP_S
         if not (steps >= 1.0 and steps.is_integer()):
             raise ConfigError(
                 f"twin: expected an interval of {STEP_S} s times a whole number, got {self.interval_s:g}"
             )
-        if self.vehicle != "glider" and (self.dac_only or self.interval_s != self.plain.interval_s):
+        if self.vehicle != "glider" and self.interval_s != _USUAL_S:
             raise ConfigError(
-                f"twin: mean currents alone and an interval between pings are a glider's, got vehicle '{self.vehicle}'"
-            )
-        if out.suffix.lower() == ".tlog" and (
-            self.dac_only or self.faults.platform_std is not None
-        ):
-            raise ConfigError(
-                f"{out}: a telemetry log holds neither mean currents nor a platform's velocity; choose .mcap"
+                f"twin: an interval between pings is a glider's, got vehicle '{self.vehicle}'"
             )
 
 
@@ -114,20 +98,18 @@ def make_twin(
             f"{out}: a twin's log is .mcap or .tlog, got '{out.suffix}'; choose one of these endings"
         )
     check_paths([], [out], overwrite)
-    twin.check(out)
+    twin.check()
     rng = np.random.default_rng(twin.seed)
     truths = (truth,) if isinstance(truth, Ensemble) else tuple(truth)
     field = build_field(*truths)
     mission = _fly(field, twin, EPOCH_NS if truths[0].time_ns is None else truths[0].time_ns, rng)
     writer(
         out,
-        measured_on(mission, field, twin.noise, rng, twin.seed).messages(
-            twin.faults, pings=not twin.dac_only
-        ),
+        measured_on(mission, field, twin.noise, rng).messages(),
     )
     times_ns = mission.pings.time_ns
     return TwinSummary(
-        0 if twin.dac_only else twin.pings,
+        twin.pings,
         len(mission.dives),
         float(times_ns[-1] - times_ns[0]) / 1e9,
     )
@@ -137,5 +119,5 @@ def _fly(field: Field, twin: Twin, start_ns: int, rng: np.random.Generator) -> M
     if twin.vehicle == "vessel":
         return survey(field, twin.pings, start_ns, rng)
     # the samples' logs end with the last ping
-    schedule = Schedule(int(twin.interval_s) // STEP_S, to_the_end=twin != twin.plain)
+    schedule = Schedule(int(twin.interval_s) // STEP_S, to_the_end=twin.interval_s != _USUAL_S)
     return glider_mission(field, twin.pings, start_ns, rng, schedule=schedule)

@@ -11,7 +11,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.message import Message
 from replay_kit.core.observation import VehicleState
-from replay_kit.studies.twins.adcp import SOUND, AdcpSettings, Faults, as_logged, measure
+from replay_kit.studies.twins.adcp import AdcpSettings, measure
 from replay_kit.studies.twins.field import Field
 from replay_kit.studies.twins.vehicle import NS_PER_S, Dive, Mission, Pings
 
@@ -25,27 +25,20 @@ class Flight:
         mission: What the vehicle did.
         settings: Of its instrument.
         measured: shape (n_pings, n_cells, 2) [m/s], the water over the ground with noise, true east and north; NaN where bad.
-        seed: Of the faults.
     """
 
     field: Field
     mission: Mission
     settings: AdcpSettings
     measured: Array
-    seed: int
 
     @property
     def places(self) -> Array:
         """Where it pinged, shape (pings, 2) [m], local axes."""
         return np.column_stack([self.mission.pings.east, self.mission.pings.north])
 
-    def messages(self, faults: Faults = SOUND, *, pings: bool = True) -> Iterator[Message]:
-        """Yield the log's messages in order of time: at one time the position, then a dive's mean current, then the ping.
-
-        Args:
-            faults: What the instrument gets wrong, or does not know.
-            pings: Whether its pings are logged.
-        """
+    def messages(self) -> Iterator[Message]:
+        """Yield the log's messages in order of time: at one time the position, then a dive's mean current, then the ping."""
         entries: list[tuple[int, int, str, str, dict[str, Any]]] = []
         for position in self.mission.positions:
             entries.append(
@@ -67,32 +60,22 @@ class Flight:
                     _depth_averaged_current(dive),
                 )
             )
-        entries += self._pings(faults) if pings else []
+        entries += self._pings()
         entries.sort(key=lambda entry: entry[:2])
         for ordinal, (time_ns, _, topic, schema, payload) in enumerate(entries):
             yield Message(time_ns, topic, schema, payload, 0, ordinal)
 
-    def _pings(self, faults: Faults) -> Iterator[tuple[int, int, str, str, dict[str, Any]]]:
+    def _pings(self) -> Iterator[tuple[int, int, str, str, dict[str, Any]]]:
         """Yield the pings as the instrument logs them, with their times and their order among messages of one time."""
-        velocity, platform = as_logged(
-            self.measured, self.mission.pings, self.field.grid.projection, faults, self.seed
-        )
         latitudes = {position.time_ns: position.latitude for position in self.mission.positions}
         for number, time_ns in enumerate(self.mission.pings.time_ns.tolist()):
             ping = _adcp_ping(
-                self.mission.pings, number, self.settings, velocity[number], latitudes[time_ns]
+                self.mission.pings, number, self.settings, self.measured[number], latitudes[time_ns]
             )
-            ping["reference"] = faults.reference
-            if platform is not None:
-                east, north = np.round(platform[number], 4).tolist()
-                error = {"velocity_std": faults.platform_std, "source": "flight_model"}
-                ping["platform_velocity"] = {"east": east, "north": north, **error}
             yield time_ns, 2, "/adcp", "replay_kit.AdcpPing", ping
 
 
-def measured_on(
-    mission: Mission, field: Field, noise: float, rng: np.random.Generator, seed: int = 0
-) -> Flight:
+def measured_on(mission: Mission, field: Field, noise: float, rng: np.random.Generator) -> Flight:
     """Return a mission with what its instrument measures.
 
     Args:
@@ -100,10 +83,9 @@ def measured_on(
         field: The truth.
         noise: Standard deviation of each velocity component [m/s].
         rng: Source of the noise.
-        seed: Of the faults that its messages may have.
     """
     settings = AdcpSettings(noise=noise)
-    return Flight(field, mission, settings, measure(field, mission.pings, settings, rng), seed)
+    return Flight(field, mission, settings, measure(field, mission.pings, settings, rng))
 
 
 def _stamp(time_ns: int) -> dict[str, int]:

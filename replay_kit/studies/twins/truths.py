@@ -242,32 +242,6 @@ def fly_steadily(
     return np.array(path)
 
 
-def fly_dives(
-    flow: FlowEstimate, start: Array, headings: Array, angles: Array, depth: float, steps: int = 20
-) -> Array:
-    """Return the paths of missions of one dive a leg in a current, shape (2 L steps + 1, n, 3) [m]: all at once, constant speed.
-
-    Args:
-        flow: The current.
-        start: shape (n, 2) [m], local east and north, at the surface.
-        headings: shape (n, L), clockwise from local north [rad].
-        angles: shape (n, L), below the horizontal in dives, above it in climbs [rad].
-        depth: Of the dives [m].
-        steps: For each dive and each climb.
-    """
-    path = np.column_stack([start, np.zeros(len(start))])[None]
-    for heading, angle in zip(headings.T, angles.T, strict=True):
-        along, down = SPEED * np.cos(angle), SPEED * np.sin(angle)
-        for vertical in (down, -down):
-            through_water = np.column_stack(
-                [along * np.sin(heading), along * np.cos(heading), vertical]
-            )
-            path = np.concatenate(
-                [path, fly_steadily(flow, path[-1], through_water, depth / down, steps)[1:]]
-            )
-    return path
-
-
 def in_water(grid: Grid, longitude: Array, latitude: Array, depth: Array) -> NDArray[np.bool_]:
     """Return which paths, shape (steps, n), stay inside a grid's outline and over its wet points all along, shape (n,)."""
     east, north = to_local(grid.projection, longitude, latitude)

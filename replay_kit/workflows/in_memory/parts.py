@@ -128,7 +128,7 @@ def given(
 
     def make(forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
         if estimator is None:
-            made = build(forecasts, config, None)
+            made = build(forecasts, config)
         else:
             # an estimator is not callable
             value = (

@@ -8,7 +8,6 @@ from typing import TypeVar
 import numpy as np
 
 import planners
-from planners.learning.values import LearnPlan
 from planners.mission.flight.currents import Sample
 from planners.mission.flights import fly_mission, surfacing_ellipses
 from planners.mission.timing import first_legs
@@ -27,7 +26,7 @@ from replay_kit.workflows.planning.bathymetry import depth_along, read_bathymetr
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlanQuery, PlanResult
 
-PlanOrMission = TypeVar("PlanOrMission", Plan, planners.MissionPlan, LearnPlan)
+PlanOrMission = TypeVar("PlanOrMission", Plan, planners.MissionPlan)
 #: Samples in which a plan is judged where no number is stated.
 JUDGING = 40
 # The estimates that a mission is planned on reach over so many times the way through still water.

@@ -1,13 +1,10 @@
-"""No-go areas and fences from GeoJSON, KML and GeoPackage, and what about them a user should know.
+"""No-go areas and fences from GeoJSON and KML, and what about them a user should know.
 
-KML and GeoPackage are made features of GeoJSON. References: RFC 7946; OGC 12-007r2, KML 2.3; OGC 12-128r18, GeoPackage 1.3, 2.1.3.
+KML is made features of GeoJSON. References: RFC 7946; OGC 12-007r2, KML 2.3.
 """
 
-import itertools
 import json
-import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,8 +24,6 @@ from replay_kit.core.quantities import parse_time
 _LEAST_CORNERS = 3
 
 
-# Bytes of the envelope of a GeoPackage's geometry, by the code in its flags.
-_ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}
 # Of KML, in which all values are words.
 _WORDS: dict[Any, Any] = {
     "true": True,
@@ -38,13 +33,8 @@ _WORDS: dict[Any, Any] = {
     "False": False,
     "0": False,
 }
-_SQLITE = b"SQLite format 3"
-# What a file of areas may take in memory [bytes], and each of its marks: a list, a tag, a value. Of a GeoPackage: the longest value, rows,
-# and millions of steps until a view has given them.
+# What a file of areas may take in memory [bytes], and each of its marks: a list, a tag, a value.
 _MOST_BYTES, _OF_MARKS = 80_000_000, {b"[": 64, b"{": 256, b"<": 128, b",": 40}
-_MOST_VALUE, _MOST_ROWS, _MOST_STEPS = 1 << 24, 20_000, 200
-# Codes of geographic coordinates in a GeoPackage: unknown ones, WGS 84, CRS 84.
-_GEOGRAPHIC = (0, 4326, 84)
 
 
 def read_areas(path: Path) -> tuple[NoGo, ...]:
@@ -54,7 +44,7 @@ def read_areas(path: Path) -> tuple[NoGo, ...]:
     an area holds. Heights are left out.
 
     Raises:
-        PlanError: It is no GeoJSON, KML or GeoPackage, or holds a geometry that encloses nothing.
+        PlanError: It is no GeoJSON or KML, or holds a geometry that encloses nothing.
     """
     return tuple(
         NoGo(
@@ -151,12 +141,12 @@ def _outlines(path: Path) -> list[_Outline]:
     try:
         return [
             outline
-            for number, feature in enumerate(_features_of(path, content), 1)
+            for number, feature in enumerate(_features_of(content), 1)
             for outline in _of_feature(feature, number)
         ]
     except _NoAreaError as error:
         raise PlanError(
-            f"{path}: expected GeoJSON, KML or GeoPackage with polygons of longitude and latitude, or lines around areas, got {error}; "
+            f"{path}: expected GeoJSON or KML with polygons of longitude and latitude, or lines around areas, got {error}; "
             "convert it with a GIS, or correct it"
         ) from error
 
@@ -165,22 +155,18 @@ class _NoAreaError(ValueError):
     """What was found instead of areas."""
 
 
-def _features_of(path: Path, content: bytes) -> Sequence[Mapping[str, Any]]:
+def _features_of(content: bytes) -> Sequence[Mapping[str, Any]]:
     """Return the features of a file by its first bytes."""
     head = content[:2000].lower()
-    if content.startswith(_SQLITE):
-        kind, found = "a GeoPackage", list(_of_geopackage(path))
-    elif (
+    if (
         2 * len(content) + sum(size * content.count(mark) for mark, size in _OF_MARKS.items())
         > _MOST_BYTES
     ):
         raise _NoAreaError("more than some 400,000 corners, which are to be simplified")
-    elif head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") and b"<kml" in head:
-        kind, found = "KML", list(_of_kml(content))
-    else:
+    if not (head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") and b"<kml" in head):
         return _features(_document(content))
-    if not found:
-        raise _NoAreaError(f"{kind} without polygons or lines")
+    if not (found := list(_of_kml(content))):
+        raise _NoAreaError("KML without polygons or lines")
     return found
 
 
@@ -220,46 +206,6 @@ def _of_kml(content: bytes) -> Iterator[Mapping[str, Any]]:
                 yield {"type": "Feature", "properties": about, "geometry": geometry}
 
 
-def _of_geopackage(path: Path) -> Iterator[Mapping[str, Any]]:
-    """Yield the rows of a GeoPackage's tables of geometries."""
-    try:
-        address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
-        with closing(sqlite3.connect(address, uri=True)) as opened:
-            opened.row_factory = sqlite3.Row
-            # a view may have no end, and a value any length
-            steps = itertools.count()
-            opened.set_progress_handler(lambda: next(steps) > _MOST_STEPS, 1_000_000)
-            opened.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_VALUE)
-            tables = opened.execute(
-                "SELECT table_name, column_name, srs_id FROM gpkg_geometry_columns"
-            ).fetchall()
-            for table, column, system in tables:
-                if system not in _GEOGRAPHIC:
-                    raise _NoAreaError(f"a GeoPackage in coordinate system {system}, not WGS 84")
-                quoted = str(table).replace('"', '""')
-                for number, row in enumerate(opened.execute(f'SELECT * FROM "{quoted}"')):
-                    if number >= _MOST_ROWS:
-                        raise _NoAreaError(f"a GeoPackage of more than {_MOST_ROWS:,} rows")
-                    about = {name: row[name] for name in row.keys() if name != column}  # noqa: SIM118
-                    yield {
-                        "type": "Feature",
-                        "properties": about,
-                        "geometry": _of_blob(row[column]),
-                    }
-    except (sqlite3.Error, shapely.GEOSException, IndexError, TypeError) as error:
-        raise _NoAreaError(f"a GeoPackage that cannot be read ({error})") from error
-
-
-def _of_blob(blob: bytes) -> Mapping[str, Any]:
-    """Return the geometry of a GeoPackage's binary: a header with an envelope, then well-known binary."""
-    code = blob[3] >> 1 & 7
-    if blob[:2] != b"GP" or code not in _ENVELOPES:
-        raise _NoAreaError("a GeoPackage with a geometry that is none")
-    geometry = shapely.from_wkb(blob[8 + _ENVELOPES[code] :])
-    found: Mapping[str, Any] = json.loads(shapely.to_geojson(geometry))
-    return found
-
-
 def _document(content: bytes) -> Any:
     """Return the JSON of a file."""
     try:
@@ -269,6 +215,7 @@ def _document(content: bytes) -> Any:
         known = (
             (head.startswith(b"<"), "XML"),
             (head.startswith(b"pk\x03\x04"), "a zip file, such as KMZ"),
+            (head.startswith(b"sqlite format 3"), "a database, such as a GeoPackage"),
         )
         found = next(
             (name for holds, name in known if holds),

@@ -67,7 +67,7 @@ def planned_on(request: PlanRequest, config: PlannerConfig) -> PlannedOn:
     places = () if named else (request.start_place, *request.goals)
     files = [(path, read_flow(path, places)) for path in request.flows]
     region, bottom = files[0][1].flow.grid, None
-    if not (request.learns or request.glider or request.mooring):
+    if not (request.glider or request.mooring):
         locate_all(Region(region, config.depth_limit), request.start_place, request.goals)
     known, flown = read_known(files, config.flow_step)
     areas: tuple[NoGo, ...] = ()

@@ -9,7 +9,6 @@ from planners.mission.flight.currents import Flow, Sample, local_notes
 from planners.mission.flight.pilot import Pilot
 from planners.mission.odds import MissionOdds, mission_odds, plan_for_odds, with_odds
 from planners.mission.plan import plan_line, plan_mission, plan_mooring
-from planners.mission.policy import Policy, policy_of
 from planners.mission.scenarios import plan_scenarios
 from planners.mission.timing import best_departure, cut_at_horizon, plan_departures, to_its_end
 from planners.mission.values import MissionPlan, MissionRequest, MissionSettings
@@ -39,7 +38,7 @@ _LATE = 1.2
 
 
 class _Clear(TypedDict):
-    """What waypoints and policies are to keep clear of, and the samples that they are flown in."""
+    """What waypoints are to keep clear of, and the samples that they are flown in."""
 
     no_go: tuple[NoGo, ...]
     bathymetry: Bathymetry | None
@@ -86,7 +85,6 @@ class PlannedMission:
         on: What it is made on.
         odds: Of its flights through samples; None without samples or legs.
         samples: They as in the JSON; None without samples or legs.
-        policy: Headings by place and time; None when none are asked for, or there are no legs.
         waypoints: Short list of places to head for; None when none is asked for, or there are no legs.
         notes: What should be known of it.
         drawn: Number of samples drawn.
@@ -101,7 +99,6 @@ class PlannedMission:
     notes: tuple[str, ...]
     drawn: int
     departures: tuple[Departure, ...] = ()
-    policy: Policy | None = None
 
     @property
     def ellipses(self) -> Array | None:
@@ -146,23 +143,20 @@ def make_mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Plan
     request, made, compared = _within_times(job, request, flow, searched)
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
-    few, policy = None, None
+    few = None
     clear = _Clear(no_go=request.no_go, bathymetry=request.bathymetry, samples=drawn)
     if len(made.headings_deg) == 0:
-        asked = (job.waypoints, "waypoints are"), (job.policy, "policy is")
-        notes += tuple(f"no {name} written: the plan has no legs" for told, name in asked if told)
-    else:
         if job.waypoints:
-            few = waypoints_of(flow, made, job.waypoint_tolerance, **clear)
-        if job.policy:
-            policy = policy_of(flow, made, **clear)
+            notes += ("no waypoints are written: the plan has no legs",)
+    elif job.waypoints:
+        few = waypoints_of(flow, made, job.waypoint_tolerance, **clear)
     notes += known.notes(
         made.start_time_ns, made.start_time_ns + round(made.duration * 1e9)
     ) + local_notes(known.local, made.start_time_ns)
     if count == 0:
         made = without_odds(made, known.first)
     made, compared = with_origin(made, origin), tuple(with_origin(one, origin) for one in compared)
-    planned = PlannedMission(made, on, None, None, few, notes, count, policy=policy)
+    planned = PlannedMission(made, on, None, None, few, notes, count)
     if not drawn or len(made.headings_deg) == 0:
         return replace(planned, departures=tuple(Departure.of(plan, None) for plan in compared))
     announce("flying the samples")

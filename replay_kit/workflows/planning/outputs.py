@@ -9,13 +9,10 @@ from typing import Any
 
 from rich.console import Console
 
-from planners.mission.policy import Policy
 from planners.mission.waypoints import Waypoints
 from planners.output.mission import (
     as_plan,
     legs_table,
-    policy_json,
-    policy_text,
     to_csv,
     to_geojson,
     to_json,
@@ -49,8 +46,6 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
     console.print(f"{made.duration / 3600.0:.2f} h, {energy}, {len(made.headings_deg)} legs")
     if planned.waypoints is not None:
         console.print(planned.waypoints.message)
-    if planned.policy is not None:
-        console.print(planned.policy.message)
     if figures is not None:
         moored = made.settings.weights.closest == 0.0
         off = "farthest from the mooring" if moored else "miss"
@@ -159,9 +154,6 @@ def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
         return "the waypoints are not safe"
     if few is not None and few.risk is not None and few.risk.violating > job.accepted_risk:
         return f"the waypoints are not safe in {100.0 * few.risk.violating:.0f} % of the samples"
-    risk = None if planned.policy is None else planned.policy.risk
-    if risk is not None and risk.violating > job.accepted_risk:
-        return f"the policy is not safe in {100.0 * risk.violating:.0f} % of the samples"
     if few is not None and made.status == "unsafe":
         return "waypoints of a plan that is not safe"
     if (
@@ -184,8 +176,6 @@ def mission_json(planned: PlannedMission) -> dict[str, Any]:
     """Return a mission for ``--json``: the planners' figures, ``samples`` and ``waypoints``, null where there are none."""
     few = None if planned.waypoints is None else waypoint_json(planned.waypoints)
     more = {"samples": planned.samples, "waypoints": few, "notes": list(planned.notes)}
-    if planned.policy is not None:
-        more["policy"] = policy_json(planned.policy)
     return {
         **to_json(planned.plan, planned.ellipses),
         **more,
@@ -207,11 +197,6 @@ def mission_csv(planned: PlannedMission) -> str:
 def waypoint_file(waypoints: Waypoints, path: Path) -> str:
     """Return the text of a waypoint file, in the format that its ending chooses."""
     return waypoint_text(waypoints, path)
-
-
-def policy_file(policy: Policy, path: Path) -> str:
-    """Return the text of a policy's file, in the format that its ending chooses."""
-    return policy_text(policy, path)
 
 
 def write_mission(

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from replay_kit.config.plan import PlanRequest
+from replay_kit.config.removed import SETTINGS, refuse_value
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Plan
@@ -25,18 +26,14 @@ from replay_kit.workflows.replay.inputs.provenance import (
 )
 
 # Files of a request, which the record of the inputs states by name and content.
-_FILES, _LISTS = ("no_go", BATHYMETRY), {"flows": "flow", "others": "others"}
+_FILES = "no_go", BATHYMETRY
 
 
 def plan_metadata(request: PlanRequest) -> dict[str, Mapping[str, str]]:
     """Return the metadata records of a plan made on its own: its inputs' names and hashes, what was asked for, the versions."""
-    read = {
-        f"{key}{k}": path
-        for field, key in _LISTS.items()
-        for k, path in enumerate(getattr(request, field))
-    }
+    read = {f"flow{k}": path for k, path in enumerate(request.flows)}
     read |= {name: getattr(request, name) for name in _FILES if getattr(request, name) is not None}
-    files = {*_FILES, *_LISTS}
+    files = {*_FILES, "flows"}
     given = request.model_dump(exclude={*files, "goal"}, exclude_defaults=True)
     return {
         "replay_kit.inputs": {name: named_hash(path) for name, path in read.items()},
@@ -97,17 +94,20 @@ def recorded_request(record: Mapping[str, str], found: Mapping[str, Path]) -> Pl
 
     Raises:
         LogError: The record is damaged, or of an earlier version.
+        ConfigError: This version has no such plans.
     """
-    lists = {
-        field: [found[name] for name in _numbered(found, key)] for field, key in _LISTS.items()
-    }
     # all of them: a record of somebody else names no file to read
-    files = {**lists, **{name: found.get(name) for name in _FILES}}
+    files = {
+        "flows": [found[name] for name in _numbered(found, "flow")],
+        **{name: found.get(name) for name in _FILES},
+    }
     try:
         asked = TypeAdapter(dict[str, Any]).validate_json(record.get("request") or record["job"])
-        return PlanRequest.model_validate(
-            {**(asked if "request" in record else _renamed(asked)), **files}
-        )
+        asked = asked if "request" in record else _renamed(asked)
+        refuse_value("--objective", str(asked.get("objective")))
+        # what made no difference to the plan that the result holds
+        kept = {name: value for name, value in asked.items() if name not in SETTINGS["plan"]}
+        return PlanRequest.model_validate({**kept, **files})
     except (KeyError, TypeError, ValueError) as error:
         raise LogError(
             f"{PLAN_RECORD}: expected what a plan was asked for, got {dict(record)}; plan again"
@@ -127,21 +127,22 @@ def _renamed(job: Mapping[str, Any]) -> dict[str, Any]:
         return ",".join(map(repr, values)) if values else None
 
     asked = {**job, **job.get("kind", {})}
-    times, then = asked.pop("departures_ns", ()), asked.get("then") or ()
+    times = asked.pop("departures_ns", ())
     step_ns = times[1] - times[0] if len(times) > 1 else 10**9
     horizon, begin_ns = asked.get("horizon"), asked.pop("start_time_ns", None)
     asked |= {
         "start": place(asked["start"]),
         "goal": [place(one) for one in asked.pop("goals", ())],
-        "then": ",".join(map(place, then)) or None,
-        "box": listed(asked.get("box")),
         "mooring": listed(asked.get("mooring")),
         "start_time": None if begin_ns is None else time(begin_ns),
         "depart": f"{time(times[0])},{time(times[-1])},{step_ns / 1e9!r}s" if times else None,
         "horizon": None if horizon is None else f"{horizon!r}s",
-        "profile_error": asked.pop("error", PlanRequest.model_fields["profile_error"].default),
     }
-    return {name: value for name, value in asked.items() if name != "kind" and value is not None}
+    # error is that of a profile, of plans that are no more
+    left_out = "kind", "error"
+    return {
+        name: value for name, value in asked.items() if name not in left_out and value is not None
+    }
 
 
 def _numbered(found: Mapping[str, Path], key: str) -> list[str]:

@@ -7,27 +7,12 @@ from math import inf
 from typing import TYPE_CHECKING, Any
 
 from replay_kit.config.plan import PlanRequest
+from replay_kit.config.removed import refuse_value
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.extensions import is_objective, objective_names
 
 if TYPE_CHECKING:
     from planners.mission.values import Line, Mooring, Weights
-
-# What only a plan that learns is asked for, and what only another mission.
-_LEARNING = ("then", "blind", "survey", "box", "profiles", "profile_error", "others")
-_MISSION = (
-    "goal",
-    "depart",
-    "horizon",
-    "mooring",
-    "line",
-    "risk",
-    "arrive_by",
-    "time_limit",
-    "battery",
-    "waypoints",
-    "policy",
-)
 
 
 def checked(request: PlanRequest) -> PlanRequest:
@@ -37,7 +22,7 @@ def checked(request: PlanRequest) -> PlanRequest:
         ConfigError: Options do not go together, or a value is none.
     """
     _check(request)
-    if request.objective is not None and not request.learns:
+    if request.objective is not None:
         objective_of(request.objective)
     if not request.line:
         return request
@@ -55,23 +40,8 @@ def _check(request: PlanRequest) -> None:
     Raises:
         ConfigError: Two options exclude each other, or one needs another that is not given, or a value is none.
     """
-    if not request.learns:
-        if any(
-            getattr(request, name) != PlanRequest.model_fields[name].default for name in _LEARNING
-        ):
-            raise ConfigError(
-                "--then, --blind, --survey, --box, --profiles, --profile-error, --others: expected --objective learn or map"
-            )
-        if not request.goal:
-            raise ConfigError(
-                "--goal: expected LON,LAT,DEPTH, where to go; only --objective learn with --then and --objective map have none"
-            )
-    elif given := [
-        f"--{n.replace('_', '-')}" for n in _MISSION if getattr(request, n) not in (None, False, ())
-    ]:
-        raise ConfigError(
-            f"{', '.join(given)}: expected a mission, got --objective {request.objective}; leave {'it' if len(given) == 1 else 'them'} out"
-        )
+    if not request.goal:
+        raise ConfigError("--goal: expected LON,LAT,DEPTH, where to go")
     # read once, so that what is wrong with them is said before anything is loaded
     _ = (
         *(
@@ -79,13 +49,10 @@ def _check(request: PlanRequest) -> None:
             if request.glider
             else (request.start_place, request.goals)
         ),
-        request.then_places,
-        request.box_numbers,
         request.start_time_ns,
         request.arrive_by_s(request.start_time_ns or 0),
     )
-    refusals = _learning_refusals(request) if request.learns else _mission_refusals(request)
-    refusals += _glider_refusals(request)
+    refusals = _mission_refusals(request) + _glider_refusals(request)
     if message := next((message for refused, message in refusals if refused), None):
         raise ConfigError(message)
     if request.risk is not None and not 0.0 <= request.risk < 1.0:
@@ -97,41 +64,11 @@ def _check(request: PlanRequest) -> None:
         "battery",
         "separation",
         "horizon_s",
-        "blind",
-        "survey",
-        "profile_error",
-        "profiles",
         "line_width",
     ):
         if (value := getattr(request, name)) is not None and not 0.0 < value < inf:
             option = name.removesuffix("_s").replace("_", "-")
             raise ConfigError(f"--{option}: expected a number above 0, got {value:g}")
-
-
-def _learning_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
-    maps, blind = request.objective == "map", request.blind is not None or bool(request.then)
-    return (
-        (
-            len(request.flows) > 1,
-            "--objective learn and map: expected one estimate; how errors of several files relate is not known",
-        ),
-        (
-            not maps and (request.box or request.profiles),
-            "--box and --profiles: expected --objective map beside them",
-        ),
-        (
-            maps and (blind or request.survey),
-            "--objective map: expected no --then, --blind and --survey",
-        ),
-        (
-            maps and not (request.box and request.profiles),
-            "--objective map: expected --box W,S,E,N[,DEPTHS] and --profiles N",
-        ),
-        (
-            not maps and not (request.blind is not None and request.then),
-            "--objective learn: expected --then and --blind: where the dead-reckoned leg leads, and for how many hours",
-        ),
-    )
 
 
 def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
@@ -194,10 +131,6 @@ def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
             "--objective odds: expected a mission to goals, without --line, --depart and --risk",
         ),
         (
-            request.policy and (shaped or len(request.goal) > 1 or horizon is not None),
-            "--policy: expected one --goal, without --mooring, --line and --horizon",
-        ),
-        (
             horizon is not None and request.waypoints,
             "--horizon: expected no --waypoints; they lead to the goal",
         ),
@@ -207,7 +140,7 @@ def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
 def _glider_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
     if not request.glider:
         return ((request.separation is not None, "--separation: expected --glider beside it"),)
-    alone = ("start", "then", "depart", "horizon", "mooring", "line", "risk", "arrive_by", "policy")
+    alone = ("start", "depart", "horizon", "mooring", "line", "risk", "arrive_by")
     given = [f"--{name.replace('_', '-')}" for name in alone if getattr(request, name)]
     named = [name for name, _ in request.goals_of_gliders if name]
     unknown = [name for name in named if name not in request.glider_places]
@@ -222,10 +155,6 @@ def _glider_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
         (
             unknown or len(set(named)) < len(named),
             f"--goal: expected one for a glider of --glider, got {', '.join(unknown or named)}",
-        ),
-        (
-            request.learns and request.separation is not None,
-            "--separation: expected missions, got --objective map, whose surveys are not kept apart",
         ),
     )
 
@@ -261,6 +190,7 @@ def objective_of(text: str) -> "str | Weights":
     """
     if is_objective(text):
         return text
+    refuse_value("--objective", text)
     try:
         pairs = [part.partition("=") for part in text.split(",")]
         weights = {name: float(value) for name, _, value in pairs}

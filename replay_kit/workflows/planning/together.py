@@ -1,4 +1,4 @@
-"""``plan --glider``: missions of several vehicles that keep apart, or a box that they survey together; each is a plan of its own too.
+"""``plan --glider``: missions of several vehicles that keep apart; each is a plan of its own too.
 
 And the result of any ``plan`` made again from what it records, for ``verify``.
 """
@@ -20,7 +20,6 @@ from planners.together.missions import (
     plan_missions,
     share_of_nearer,
 )
-from planners.together.surveys import plan_joint_survey
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig
@@ -37,8 +36,6 @@ from replay_kit.workflows.planning.adapters import (
     without_odds,
 )
 from replay_kit.workflows.planning.inputs import PlannedOn, planned_on
-from replay_kit.workflows.planning.learning import Learnt, box_of, learn_request, make_learning
-from replay_kit.workflows.planning.learning_outputs import write_learning
 from replay_kit.workflows.planning.mission import (
     PlannedMission,
     make_mission,
@@ -56,22 +53,20 @@ class Together:
     """Plans of several vehicles.
 
     Attributes:
-        planned: Of each vehicle that has one, by its name: missions, or surveys of a box.
+        planned: Of each vehicle that has one, by its name.
         goals: Number of each vehicle's goal, by its name, counted from 1; None for a vehicle without one.
         left: Numbers of the goals to which no vehicle goes.
         nearness: Of each two missions, by the vehicles' names.
         separation: Least distance asked for [m]; 0 for any.
         count: Number of samples that the missions are flown in.
-        share_of_bound: Of a joint survey.
     """
 
-    planned: Mapping[str, PlannedMission | Learnt]
+    planned: Mapping[str, PlannedMission]
     goals: Mapping[str, int | None]
     left: tuple[int, ...] = ()
     nearness: tuple[tuple[str, str, Nearness], ...] = ()
     separation: float = 0.0
     count: int = 0
-    share_of_bound: float = float("nan")
 
 
 def make_together(job: PlanRequest, config: PlannerConfig) -> Together:
@@ -85,22 +80,7 @@ def make_together(job: PlanRequest, config: PlannerConfig) -> Together:
         PlanError: A place cannot be planned for.
         ReplayKitError: A file cannot be read.
     """
-    on = planned_on(job, config)
-    return _surveys(job, config, on) if job.learns else _missions(job, config, on)
-
-
-def _surveys(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
-    numbers, starts = job.box_numbers, job.glider_places
-    assert numbers is not None, "a checked request for a map has a box"
-    request, origin, notes = learn_request(job, config, on, next(iter(starts.values())))
-    requests = [replace(request, start=place) for place in starts.values()]
-    announce("comparing surveys")
-    joint = plan_joint_survey(on.known.first, requests, box_of(numbers))
-    planned = {
-        name: Learnt(with_origin(replace(plan, notes=(*plan.notes, *notes)), origin), on)
-        for name, plan in zip(starts, joint.plans, strict=True)
-    }
-    return Together(planned, dict.fromkeys(starts), share_of_bound=joint.share_of_bound)
+    return _missions(job, config, planned_on(job, config))
 
 
 def _missions(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
@@ -202,26 +182,20 @@ def together_json(made: Together, each: Mapping[str, Any]) -> dict[str, Any]:
         made: The plans.
         each: Of each vehicle its plan's own JSON.
     """
-    share = made.share_of_bound
     return {
         "vehicles": dict(each),
         "goals": dict(made.goals),
         "goals_left": list(made.left),
         "separation": separation_rows(made),
-        "share_of_bound": None if np.isnan(share) else share,
     }
 
 
 def print_together(made: Together, console: Console) -> None:
     """Print who goes where, what each two missions keep apart, and what is left out."""
-    missions = [
-        (name, one) for name, one in made.planned.items() if isinstance(one, PlannedMission)
-    ]
-    if missions:
-        columns = ("glider", "goal", "status", "hours", "arrives")
-        print_table(console, "Gliders", columns, [_cells(made, *one) for one in missions])
+    columns = ("glider", "goal", "status", "hours", "arrives")
+    print_table(console, "Gliders", columns, [_cells(made, *one) for one in made.planned.items()])
     for name, goal in made.goals.items():
-        if missions and goal is None:
+        if goal is None:
             console.print(f"{name}: no goal is left for it, or none that it can reach")
     for goal in made.left:
         console.print(f"goal {goal}: no glider goes there")
@@ -264,7 +238,6 @@ def plan_again(recorded: Recorded, config: RunConfig, found: Mapping[str, Path],
     """
     request = checked(recorded_request(recorded.metadata[PLAN_RECORD], found))
     config = config.model_copy(update={"plan": request})
-    planned: PlannedMission | Learnt
     if request.glider:
         each = make_together(request, config.planner).planned
         if request.of_glider is None or request.of_glider not in each:
@@ -272,12 +245,7 @@ def plan_again(recorded: Recorded, config: RunConfig, found: Mapping[str, Path],
                 f"{PLAN_RECORD}: expected the plan of a glider, one of {', '.join(each)}, got {request.of_glider}; plan again"
             )
         planned = each[request.of_glider]
-    elif request.learns:
-        planned = make_learning(request, config.planner)
     else:
         on = planned_on(request, config.planner)
         planned = make_mission(request, config.planner, on)
-    if isinstance(planned, PlannedMission):
-        write_mission(out, False, planned, config)
-    else:
-        write_learning(out, False, planned, config)
+    write_mission(out, False, planned, config)

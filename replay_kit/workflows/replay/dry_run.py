@@ -70,7 +70,7 @@ def dry_run(
         inputs = check_inputs(job, config, planner_of)
         ensemble = inputs.forecasts.ensemble
         # Any: a baseline was refused above, and the two that are left have what is asked for here
-        estimator: Any = build(inputs.forecasts, config, None)
+        estimator: Any = build(inputs.forecasts, config)
         timed = list(filter(estimator.usable, inputs.first))
         began = time.perf_counter()
         if states := [state for state, _ in estimator.steps(estimator.initial(), timed)]:

@@ -12,7 +12,7 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import LinearMeasurement, Observation
 from replay_kit.estimator import Estimator
-from replay_kit.estimator.baselines.builders import build_ensemble_mean
+from replay_kit.estimator.baselines.whole_flows import build_nearest
 from replay_kit.logs.glider.dialects import Dialect
 from replay_kit.measurements.consistency.summary import PingSummary
 from replay_kit.results.views.contents import Contents
@@ -43,9 +43,9 @@ def radial(payload: Mapping[str, Any]) -> LinearMeasurement | str:
     return Observation.component(place, 1.0, payload["towards"], payload["speed"], payload["error"])
 
 
-def build_persistence(ensemble: Ensemble, config: EstimatorConfig) -> Estimator:
-    """Return an estimator that keeps the mean of the forecast, whatever is measured: what others must beat."""
-    return build_ensemble_mean(ensemble, config)
+def build_closest(ensemble: Ensemble, config: EstimatorConfig) -> Estimator:
+    """Return an estimator that takes the member nearest to what was measured: what others must beat."""
+    return build_nearest(ensemble, config)
 
 
 @dataclass(frozen=True, slots=True)

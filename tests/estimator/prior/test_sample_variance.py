@@ -15,7 +15,6 @@ from planners.mission.solve.optimum import SafetyMargin, tolerance_factor
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.baselines.etkf import build_etkf, build_letkf
 from replay_kit.estimator.baselines.whole_flows import build_naive
 from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.basis.slices import ensemble_slices
@@ -71,22 +70,6 @@ def test_the_naive_filter():
     naive = build_naive(MEMBERS, EstimatorConfig())
     variance = np.einsum("ij,i...,j...->...", naive.initial().cov, naive.velocity, naive.velocity)
     np.testing.assert_allclose(variance, VARIANCE * FIELD**2, atol=1e-12)
-
-
-def test_the_local_ensemble_filter():
-    np.testing.assert_allclose(
-        np.sum(build_letkf(MEMBERS, EstimatorConfig()).velocity[1:] ** 2, axis=0),
-        VARIANCE * FIELD**2,
-        atol=1e-12,
-    )
-
-
-def test_the_ensemble_transform_filter():
-    etkf = build_etkf(MEMBERS, EstimatorConfig())
-    first, second, _ = etkf.reduced.basis.member_weights
-    np.testing.assert_allclose(
-        np.sum(etkf.anomalies**2, axis=0), VARIANCE * (second - first).ravel() ** 2, atol=1e-12
-    )
 
 
 def test_the_margin_of_a_plan_for_samples():

@@ -15,7 +15,6 @@ from replay_kit.core.flow.factors import covariance_of_sum
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import FilterState, build_estimator
-from replay_kit.estimator.baselines.builders import build_named
 from replay_kit.estimator.evolving.build import build_evolving
 from replay_kit.estimator.prior.amplitude import ScaledPrior
 from replay_kit.estimator.prior.conditioned import FullCovariancePrior
@@ -134,9 +133,6 @@ def test_a_quadratic_form_of_a_matrix_of_several_blocks():
 ESTIMATORS = {
     "static": lambda: static("default"),
     "evolving": evolving,
-    "etkf": lambda: build_named(
-        WORLD, EstimatorConfig(name="etkf", modes=20), None, GatingConfig()
-    ),
 }
 
 

@@ -94,7 +94,6 @@ def test_windows_apart_hand_over_nothing_but_what_is_known_of_the_instrument(one
     assert np.array_equal(begun.mean, far.initial().mean)
     assert begun.monitor is state.monitor
     assert begun.last is state.last
-    assert begun.bias_score is state.bias_score
 
 
 def test_rows_of_any_form_condition_a_prior_as_the_textbook_says(one):

@@ -105,7 +105,8 @@ def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemb
     assert "the connection is refused" in missing.stderr
     refused = invoke(f"fetch --ensemble {out}")
     assert "expected an address, such as https://" in refused.stderr
-    other = invoke(["bench", "--ensemble", files.url, "--leave-out", "1"])
+    paper = ["experiment", "paper", "--leave-out", "1", "-o", str(tmp_path / "paper")]
+    other = invoke([*paper, "--ensemble", files.url])
     assert "fetch the forecast first: replay-kit fetch --ensemble http://127.0.0.1" in other.stderr
 
 

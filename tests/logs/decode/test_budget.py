@@ -16,7 +16,7 @@ from replay_kit.logs.decode.budget import (
     Budget,
     BudgetError,
 )
-from replay_kit.logs.decode.decoders import channel_decoder, decode_json, ros2msg_from_idl
+from replay_kit.logs.decode.decoders import channel_decoder, decode_json
 from replay_kit.logs.decode.protobuf import Cost, longest_cheap, pay
 
 SEPARATOR = "\n" + "=" * 80 + "\n"
@@ -182,7 +182,7 @@ def test_the_length_up_to_which_no_protobuf_message_can_cost_more_than_its_budge
 
 @pytest.mark.parametrize(
     ("encoding", "schema"),
-    [("cdr", "ros2msg"), ("cdr", "ros2idl"), ("ros1", "ros1msg"), ("protobuf", "protobuf")],
+    [("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf")],
 )
 def test_a_schema_larger_than_any_in_use_is_not_parsed(encoding, schema):
     reason = channel_decoder(
@@ -195,23 +195,6 @@ def test_a_schema_larger_than_any_in_use_is_not_parsed(encoding, schema):
             "ros1", Schema(id=1, name="p/A", encoding="ros1msg", data=b"\n" * MOST_SCHEMA)
         )
     )
-
-
-# of the first three each took time with the square of its length, an hour at this one
-@pytest.mark.parametrize(
-    "text",
-    [
-        "\n" * 10**6,
-        "/*" * 5 * 10**5,
-        '"\\' * 5 * 10**5,
-        "=" * 10**6,
-        " " * 10**6,
-        "#\n" * 5 * 10**5,
-    ],
-)
-def test_an_idl_takes_time_in_proportion_to_its_length(text):
-    with pytest.raises(ValueError, match="IDL"):
-        ros2msg_from_idl("p/msg/A", text)
 
 
 def test_json_with_a_text_that_does_not_end_takes_time_in_proportion_to_its_length():

@@ -1,18 +1,15 @@
-"""MCAP encodings: json, protobuf, ros2 (msg and idl) and ros1 payloads as plain dicts; what fits no decoder is counted with a reason."""
+"""MCAP encodings: json, protobuf, ros2  and ros1 payloads as plain dicts; what fits no decoder is counted with a reason."""
 
 import math
-from io import BytesIO
 
 import pytest
 from foxglove import messages as foxglove_messages
 from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.descriptor_pool import DescriptorPool
-from mcap.reader import make_reader
-from mcap.records import Schema
 from mcap_ros2.writer import Writer as Ros2Writer
 
 from replay_kit.logs import open_log
-from replay_kit.logs.decode.decoders import channel_decoder, decode_json, ros2msg_from_idl
+from replay_kit.logs.decode.decoders import decode_json
 from tests.logs.log_samples import one_channel_mcap
 from tests.logs.log_samples import read_log as read
 
@@ -158,97 +155,6 @@ def test_ros2(tmp_path):
     assert messages[0].schema == "test_msgs/msg/Fix"
 
 
-IDL = """// generated from rosidl_adapter/resource/msg.idl.em
-#include "std_msgs/msg/Header.idl"
-module test_msgs {
-  module msg {
-    module Fix_Constants {
-      const string UNIT = "m; // no comment";
-    };
-    typedef double double__3[3];
-    @verbatim (language="comment", text=
-      "several (words)" "\\n" "more")
-    struct Fix {
-      std_msgs::msg::Header header;
-      @unit (value="m")
-      double__3 covariance;
-      sequence<uint8> raw;
-      sequence<string, 5> names;
-      sequence<geometry_msgs::msg::Point> track;
-      @default (value=-0.5)
-      float depth;
-    };
-  };
-};
-================================================================================
-IDL: std_msgs/msg/Header
-module std_msgs { module msg { struct Header {
-  builtin_interfaces::msg::Time stamp; /* two
-  lines */ string<255> frame_id;
-}; }; };
-================================================================================
-IDL: geometry_msgs/msg/Point
-module geometry_msgs { module msg { struct Point { double x; double y; }; }; };
-"""
-
-
-def test_ros2_idl_gives_the_same_as_ros2_msg():
-    from_msg = channel_decoder(
-        "cdr", Schema(id=1, name="test_msgs/msg/Fix", encoding="ros2msg", data=ROS_FIX.encode())
-    )
-    from_idl = channel_decoder(
-        "cdr", Schema(id=1, name="test_msgs/msg/Fix", encoding="ros2idl", data=IDL.encode())
-    )
-    assert callable(from_msg)
-    assert callable(from_idl), from_idl
-    value = {
-        "covariance": [1.0, 2.0, 3.0],
-        "raw": b"ab",
-        "names": ["x"],
-        "track": [{"x": 1.0, "y": -1.0}],
-        "depth": 2.0,
-    }
-    out = BytesIO()
-    writer = Ros2Writer(out)
-    writer.write_message("/fix", writer.register_msgdef("test_msgs/msg/Fix", ROS_FIX), value)
-    writer.finish()
-    data = next(make_reader(BytesIO(out.getvalue())).iter_messages())[2].data
-    assert from_idl(data) == from_msg(data)
-    assert from_idl(data)["track"] == [{"x": 1.0, "y": -1.0}]
-
-
-@pytest.mark.parametrize(
-    ("text", "fields"),
-    [
-        (
-            "struct A { unsigned long long a; long b[2][3]; octet c; };",
-            "uint64 a\nint32[6] b\nbyte c",
-        ),
-        ("enum E { X, Y }; struct A { E a; boolean b; };", "uint32 a\nbool b"),
-        ("typedef sequence<short> S; struct A { S a; };", "int16[] a"),
-    ],
-)
-def test_idl_types(text, fields):
-    assert ros2msg_from_idl("p/msg/A", f"module p {{ module msg {{ {text} }}; }};") == fields
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "struct",
-        "struct A {",
-        "union A { };",
-        "struct A { double x }",
-        "module p { struct A { }; };",
-        "const x",
-    ],
-)
-def test_what_is_no_idl(text):
-    with pytest.raises(ValueError, match="IDL"):
-        ros2msg_from_idl("p/msg/A", text)
-
-
 ROS1 = b"""# a comment
 string UNIT="m"
 Header  header
@@ -309,6 +215,7 @@ def test_a_ros1_schema_is_never_run_as_code(tmp_path, name, text):
         ("cdr", ("a/msg/B", "ros2msg", b"missing_msgs/Thing x"), "definition not found"),
         ("cdr", ("a/msg/B", "ros2msg", b"\xff"), "cannot be parsed"),
         ("protobuf", ("a.B", "protobuf", b"not a descriptor"), "cannot be parsed"),
+        ("cdr", ("a/msg/B", "ros2idl", b"module a { };"), "record with definitions in ros2msg"),
         ("protobuf", ("a.B", "protobuf", b""), "cannot be parsed"),
     ],
 )
@@ -326,9 +233,3 @@ def test_the_reason_is_kept_and_nothing_printed(
     assert report.undecodable["/x"][0] == 2
     assert reason in report.undecodable["/x"][1]
     assert capsys.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("text", ["module p { " * 5000, "struct A { " + "sequence<" * 5000])
-def test_idl_that_is_nested_too_deeply_is_refused(text):
-    with pytest.raises(ValueError, match="IDL is nested too deeply"):
-        ros2msg_from_idl("p/msg/A", text)

@@ -186,27 +186,6 @@ def test_dead_reckoning_through_water_gives_the_current_of_dives_without_one():
     assert "computed" in reasons(events)[0]
 
 
-def test_a_drift_at_the_surface_counts_where_it_is_asked_for():
-    longitude, latitude = to_geographic(HERE, 60.0, -30.0)
-    surface = [
-        fix(0, depth=0.0),
-        fix(60, depth=0.0),
-        fix(300, float(longitude), float(latitude), depth=0.0),
-    ]
-    assert not only(PathMean, run(surface))
-    mean = the(PathMean, surface, MeasurementConfig(use_drift=True))
-    assert_allclose(mean.velocity, (0.2, -0.1), atol=1e-6)
-    assert (mean.kind, mean.weight.sum(), set(mean.depth)) == ("drift", 1.0, {0.5})
-    assert mean.error_std == pytest.approx(np.hypot(0.07, np.sqrt(2.0) * 20.0 / 300.0))
-    # a dive between is no drift, nor is a long silence
-    between = [*dive(), fix(8000, depth=0.0)]
-    assert not [
-        mean
-        for mean in only(PathMean, run(between, MeasurementConfig(use_drift=True)))
-        if mean.kind == "drift"
-    ]
-
-
 def test_junk_in_any_field_of_a_current_is_used_or_skipped_once():
     there = [*dive()[:-1], fix(1200, depth=1e308), fix(1201, depth=0.0)]
     fixes = ({"time": {"sec": 1e308, "nsec": 0}, "lon": 1e308, "lat": 0.0}, {"time": 3})

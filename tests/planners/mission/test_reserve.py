@@ -8,7 +8,7 @@ import pytest
 from planners import MissionSettings, Pilot, fly_scenarios, plan_for_odds, plan_mission
 from replay_kit.core.plan import share_interval
 from tests.planners.flow_samples import eddying_flow, request_between
-from tests.planners.mission.test_policy import uncertain
+from tests.planners.uncertain import uncertain
 
 FLOW = uncertain(eddying_flow(7), 0.08)
 REQUEST = request_between(

@@ -19,7 +19,7 @@ from planners.together.missions import (
 )
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import place
-from tests.planners.learning.scenes import static
+from tests.planners.uncertain import static
 
 SETTINGS = MissionSettings(depth=280.0, tolerance=400.0)
 

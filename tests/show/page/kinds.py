@@ -11,15 +11,12 @@ from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
-from replay_kit.studies.bench.page import bench_page
 from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome
 from tests import synthetic
 from tests.command import succeed
-from tests.planners.learning.scenes import static
 from tests.results.cases import write
 from tests.show.status.held_samples import held
-from tests.studies.pages import bench_result
 from tests.synthetic_flow import synthetic_flow
 
 #: Makes a page, of files in a folder and of the fixtures of a request.
@@ -31,34 +28,6 @@ def _report(folder: Path, request: pytest.FixtureRequest) -> str:
     innovations = [replace(innovation, dive=k + 1) for k in range(4)]
     write(folder / "result.mcap", synthetic_flow(), innovations, request.getfixturevalue("plan"))
     return report_html(read_result(folder / "result.mcap"))
-
-
-def _survey(folder: Path, request: pytest.FixtureRequest) -> str:
-    static().save(folder / "static.nc")
-    ask = (
-        "--objective",
-        "map",
-        "--box=152.3,-39.75,152.7,-39.45",
-        "--profiles",
-        "4",
-        "--dives",
-        "3",
-        "--depth",
-        "290",
-        "--samples",
-        "20",
-    )
-    _run(
-        "plan",
-        folder / "static.nc",
-        "--start=152.45,-39.66,0",
-        *ask,
-        "--profile-error",
-        "0.02",
-        "-o",
-        folder / "survey.mcap",
-    )
-    return report_html(read_result(folder / "survey.mcap"))
 
 
 def _paper(folder: Path, request: pytest.FixtureRequest) -> str:
@@ -100,8 +69,7 @@ def _fleet(folder: Path, request: pytest.FixtureRequest) -> str:
 QUICK: dict[str, Make] = {
     "show/report": _report,
     "show/status": lambda folder, request: status_page(status_of(held())),
-    "studies/bench": lambda folder, request: bench_page(bench_result()),
     "workflows/fleet": _fleet,
 }
 #: Those that take long to make.
-SLOW: dict[str, Make] = {"show/report, a survey": _survey, "studies/paper": _paper}
+SLOW: dict[str, Make] = {"studies/paper": _paper}

@@ -9,7 +9,7 @@ from tests.show.page.checks import check_figures, check_ids
 from tests.show.page.kinds import QUICK, SLOW
 
 #: What other pages are made with.
-SHARED = {"show/page", "studies/reports"}
+SHARED = {"show/page"}
 
 
 @pytest.mark.parametrize(

@@ -163,7 +163,6 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write, state
     assert "no <way>" not in page.split("<script")[0]
     found = figures(page)
     assert "plan-profile" not in found
-    assert found["current-map"]["flight"] == {}
     names = [mark["name"] for mark in found["current-map"]["map"]["marks"]]
     assert names.count("90 % of past surfacings") == 1
     assert "last plan" not in names

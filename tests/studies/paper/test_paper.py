@@ -4,7 +4,6 @@ import csv
 import io
 import json
 import math
-import re
 import subprocess
 import sys
 from dataclasses import asdict, fields, replace
@@ -19,28 +18,12 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
 from replay_kit.show.text import SafeConsole
-from replay_kit.studies.jobs import bootstrap_median, bound, build_method, miss_figures
-from replay_kit.studies.paper import findings
-from replay_kit.studies.paper.findings import sparse_logs
-from replay_kit.studies.paper.page import (
-    FILES,
-    report_of,
-    text_tables,
-    to_json,
-    to_markdown,
-)
-from replay_kit.studies.paper.rows import (
-    ErrorRow,
-    GlideRow,
-    SparseRow,
-    coherence,
-    depth_kernel,
-    level_correlation,
-    over_truths,
-)
+from replay_kit.studies.paper.methods import bootstrap_median, bound, build_method
+from replay_kit.studies.paper.page import FILES, files_of, text_tables, to_json, to_markdown
+from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths
 from replay_kit.studies.paper.run import PaperJob, run_paper
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
-from replay_kit.studies.reports.tables import rows_to_csv
+from replay_kit.studies.paper.text import print_tables, rows_to_csv
 from replay_kit.studies.twins import truths
 from replay_kit.studies.twins.adcp import (
     IDEAL_ERROR_STD,
@@ -78,7 +61,8 @@ def study():
 @pytest.fixture(scope="module")
 def folder(study, tmp_path_factory):
     out = tmp_path_factory.mktemp("paper")
-    report_of(study[0]).write(out)
+    for name, text in files_of(study[0]).items():
+        (out / name).write_text(text)
     return out
 
 
@@ -237,133 +221,6 @@ def test_the_way_through_the_pings_ends_in_table_2(study):
     # the first row of a method has as many modes as plans are made on, the next fewer
     first = {row.method: row.rel_error for row in reversed(tables.table2)}
     assert last == {method: first[method] for method in last}
-    said = sparse_logs(tables)[0]
-    worse = [
-        row
-        for row in tables.sparse
-        if row.method == "paper" and row.rel_error >= last["ensemble_mean"]
-    ]
-    assert ("worse than the ensemble mean" in said.split(";")[0]) == bool(worse)
-
-
-def test_the_order_of_the_modes_is_blamed_only_where_the_paper_s_span_is_the_farther(study):
-    tables = study[0]
-    number = next(row.modes for row in tables.table1 if row.rung and row.method == "default")
-
-    def said(bound_of_paper):
-        rows = [
-            replace(row, modes=number, bound=bound_of_paper if row.method == "paper" else 0.05)
-            for row in tables.table1
-        ]
-        return sparse_logs(replace(tables, table1=tuple(rows)))[-1]
-
-    assert "explains no error" not in said(0.06)
-    assert f"With {number}" in said(0.04)
-    assert "explains no error" in said(0.04)
-
-
-def test_two_pairs_tell_of_no_plan_and_one_truth_of_no_other(study, folder):
-    tables = study[0]
-    said = findings.glides(tables)
-    assert (
-        "2 pairs of start and target are too few to tell which plans come nearer: it takes 5."
-        in said
-    )
-    written = (folder / "report.md").read_text()
-    for text in (said, written):
-        assert "Better than it" not in text
-        assert "No estimate does better" not in text
-    of_one = findings.errors(tables)
-    assert of_one in written
-    assert of_one.count("On 1 truth the relative error of 2.5D default is ") == 2
-    assert of_one.count("So few truths tell nothing of others: it takes 5") == 2
-    assert sparse_logs(tables)[0].startswith("On 1 truth, too few to tell of others: ")
-    # every rival is on one side or the other
-    first = {row.method: row for row in reversed(tables.table1)}
-    side = "smaller" if first["naive3d"].rel_error < first["default"].rel_error else "larger"
-    assert (
-        f"naive 3D basis ({first['naive3d'].rel_error:.3f})"
-        in of_one.split("*Table II.*")[0].split(f"{side}: ")[1].split(";")[0].split(". ")[0]
-    )
-
-
-def flown(flow, misses):
-    return GlideRow(
-        flow, len(misses), **miss_figures(np.array(misses)), closest_approach=tuple(misses)
-    )
-
-
-@pytest.mark.parametrize("factor", [0.3, 3.0])
-def test_intervals_over_pairs_decide_which_plans_come_nearer_for_every_rival(study, factor):
-    rng = np.random.default_rng(3)
-    default = rng.lognormal(6.0, 0.7, 40)
-    mixed = np.where(np.arange(40) % 2, 1.5, 0.6) * default
-    rows = {
-        "truth": 0.01 * default,
-        "depth_averaged_truth": default * rng.lognormal(0.0, 0.3, 40),
-        "naive3d": factor * default,
-    }
-    rows |= {
-        "default": default,
-        "nearest": mixed,
-        "paper": default / factor,
-        "ensemble_mean": 1.02 * default,
-    }
-    table3 = tuple(flown(flow, misses) for flow, misses in rows.items())
-    said = findings.glides(replace(study[0], table3=table3))
-    (beside,) = re.findall(
-        r"Beside plans on the 2\.5D default, by the 90 % interval of the ratio of medians over 40 pairs: (.*?)\. ",
-        said,
-    )
-    sides = {
-        part.split(": ")[0]: set(part.split(": ")[1].split(", "))
-        for part in beside.replace("l = 10 km", "l").split("; ")
-    }
-    nearer, farther = (
-        ("naive 3D basis", "2.5D paper") if factor < 1.0 else ("2.5D paper", "naive 3D basis")
-    )
-    assert nearer in sides["nearer"]
-    assert farther in sides["farther"]
-    assert {"depth-averaged truth", "nearest member"} <= sides["cannot be told"]
-    assert "Beside plans on the depth-averaged truth, by the 90 % interval" in said
-    # what is so of one side is so of the other
-    with_few = tuple(flown(flow, misses[:4]) for flow, misses in rows.items())
-    assert "4 pairs of start and target are too few to tell" in findings.glides(
-        replace(study[0], table3=with_few)
-    )
-
-
-def test_intervals_over_truths_decide_whose_errors_are_smaller(study):
-    row = study[0].table1[0]
-    values = {
-        "naive3d": (0.2, 0.21, 0.19, 0.22, 0.2, 0.18),
-        "default": (0.4, 0.42, 0.39, 0.41, 0.4, 0.38),
-        "nearest": (0.6, 0.2) * 3,
-    }
-    rows = tuple(
-        replace(row, method=name, rung="", rel_error=float(np.median(of)), rel_error_by_truth=of)
-        for name, of in values.items()
-    )
-    said = findings.errors(replace(study[0], table1=rows, table2=rows, truths=6))
-    assert (
-        said.count(
-            "over 6 truths: smaller: naive 3D basis; larger: none; cannot be told: nearest member."
-        )
-        == 2
-    )
-    sparse = [
-        SparseRow(5, name, None, float(np.median(of)), max(of), of)
-        for name, of in (
-            ("paper", values["nearest"]),
-            ("default", values["naive3d"]),
-            ("ensemble_mean", values["default"]),
-        )
-    ]
-    said = sparse_logs(replace(study[0], sparse=tuple(sparse)))[0]
-    assert said.startswith(
-        "Over 6 truths: 2.5D paper, l = 10 km: not told apart from the ensemble mean at 5 pings (0.400 against 0.400)"
-    )
-    assert "2.5D default: better than the ensemble mean." in said
 
 
 def test_targets_are_reached_by_the_truth_s_own_plans(study):
@@ -449,7 +306,7 @@ def test_over_truths_the_median_and_the_worst():
 
 @pytest.mark.usefixtures("without_planning")
 @pytest.mark.full
-def test_all_members_in_turn(tmp_path):
+def test_all_members_in_turn():
     few = Ensemble(MEMBERS.grid, MEMBERS.velocity[:3], None, "three")
     *partial, tables = run_paper(
         few, None, CONFIG, PaperJob("all", most_modes=4, plan_modes=4, pings=(2,), pairs=1)
@@ -463,14 +320,9 @@ def test_all_members_in_turn(tmp_path):
     assert len(partial[0].table2[0].rel_error_by_truth) == 1
     assert not tables.unfinished
     # of a study that is not finished the tables are written, and what is not known yet is not
-    report_of(partial[0]).write(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "paper.json",
-        "sparse.csv",
-        "table1.csv",
-        "table2.csv",
-    ]
-    assert json.loads((tmp_path / "paper.json").read_text())["unfinished"] is True
+    files = files_of(partial[0])
+    assert sorted(files) == ["paper.json", "sparse.csv", "table1.csv", "table2.csv"]
+    assert json.loads(files["paper.json"])["unfinished"] is True
     assert "unfinished" not in to_json(tables)
     assert (tables.truth, tables.truths) == ("all", 3)
     assert tables.shown_truth.startswith("three#")
@@ -480,25 +332,6 @@ def test_all_members_in_turn(tmp_path):
     )
     headings = text_tables(tables)[0].columns
     assert "worst rel. error" in headings
-
-
-def test_the_depth_kernel_sags_between_wide_levels_and_is_singular_between_close_ones():
-    wide, close = (
-        depth_kernel(np.array([0.0, 300.0]), 100.0),
-        depth_kernel(np.array([0.0, 5.0, 10.0]), 100.0),
-    )
-    assert wide.condition < 1.1
-    assert wide.least_share == pytest.approx(2.0 * math.exp(-0.5 * 1.5**2) / (1.0 + math.exp(-4.5)))
-    assert wide.least_depth == pytest.approx(150.0)
-    assert close.condition > 1e5
-
-
-def test_coherence_and_correlation_of_a_current_that_is_the_same_at_all_depths():
-    same = Ensemble(MEMBERS.grid, np.repeat(MEMBERS.velocity[:, :, :1], 4, axis=2), None, "same")
-    assert coherence(embed_member(same, 0, CONFIG), 300.0) == pytest.approx(1.0)
-    assert coherence(embed_member(MEMBERS, 0, CONFIG), 300.0) < 0.99
-    assert level_correlation(same) == pytest.approx((1.0, 1.0))
-    assert level_correlation(MEMBERS)[0] < 1.0
 
 
 def test_files_say_the_same_numbers(study, folder):
@@ -532,7 +365,7 @@ def test_files_say_the_same_numbers(study, folder):
 def test_console_and_report_show_the_rows(study, folder):
     tables = study[0]
     words = io.StringIO()
-    report_of(study[0]).print(SafeConsole(file=words, width=200))
+    print_tables(SafeConsole(file=words, width=200), text_tables(tables))
     written = (folder / "report.md").read_text()
     for row in (*tables.table1, *tables.table2):
         for text in (words.getvalue(), written):
@@ -540,20 +373,17 @@ def test_console_and_report_show_the_rows(study, folder):
             assert f"{row.rmse:.4f}" in text
     for row in tables.table3:
         assert f"{row.lower_quartile:.0f} to {row.upper_quartile:.0f}" in written
-    assert f"{tables.depth_kernel.condition:.1e}" in written
 
 
-def test_the_page_has_the_tables_the_findings_and_the_charts(study, folder):
+def test_the_page_has_the_tables_and_the_charts(study, folder):
     tables = study[0]
     page = (folder / "index.html").read_text()
     found = check_figures(page)
     assert sorted(found) == ["glides", "sparse"]
     assert [text for _, text in elements(page, "h2")] == [
-        "In words",
         "Errors",
         "Sparse logs",
         "Glides",
-        "Make it again",
     ]
     assert [row[0] for row in table(page, text_tables(tables)[0].title)] == [
         str(row[0]) for row in text_tables(tables)[0].rows
@@ -573,20 +403,6 @@ def test_the_page_has_the_tables_the_findings_and_the_charts(study, folder):
     ]
     drawn = found["glides"]["tables"]["values"]["nearest member: miss distance in the truth [m]"]
     np.testing.assert_allclose(drawn[::2], np.sort(glide.closest_approach), rtol=1e-4)
-
-
-@pytest.mark.parametrize(
-    "job",
-    [
-        PaperJob("0", pings=()),
-        PaperJob("0", pings=(5, 3)),
-        PaperJob("0", pairs=0),
-        PaperJob("0", seed=-1),
-    ],
-)
-def test_wrong_jobs_are_said(job):
-    with pytest.raises(ConfigError):
-        final(run_paper(MEMBERS, None, CONFIG, job))
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.evidence import coverage, crps_gaussian
 from replay_kit.core.grid import Ensemble
-from replay_kit.estimator import embed_member
-from replay_kit.studies.jobs import score
 from replay_kit.workflows.replay.scoring import rms_length, scored_points
 from tests import synthetic
 from tests.reference import baselines as slow
@@ -41,16 +38,6 @@ def test_coverage_of_gaussian_errors_is_their_share(share):
         for e, s in zip(error, std, strict=True)
     )
     assert coverage(error, std, share) == inside / std.size
-
-
-def test_a_flow_that_is_zero_has_relative_error_one():
-    still = replace(TRUTH, velocity=np.zeros_like(TRUTH.velocity))
-    nothing = embed_member(still, 0, EstimatorConfig(speed=1.0))
-    scores = score(nothing, scored_points(MEMBERS.grid, TRUTH))
-    assert scores.rel_error == pytest.approx(1.0)
-    assert scores.rmse == pytest.approx(np.sqrt(np.mean(np.sum(TRUTH.velocity[0] ** 2, axis=0))))
-    assert scores.crps == pytest.approx(np.mean(np.abs(TRUTH.velocity)))
-    assert np.isnan(scores.coverage50)
 
 
 def test_only_wet_points_inside_region_and_levels_are_scored():

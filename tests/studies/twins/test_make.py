@@ -16,11 +16,11 @@ from replay_kit.core.observation import Observation, PathMean
 from replay_kit.forecast import read_changing_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import observations
-from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.studies.twins.vehicle import EPOCH, EPOCH_NS
 from tests import synthetic
+from tests.faulty import Faults, write_glider
 from tests.studies.twins.truths import LEVELS, make_truth
 
 _PING_KEYS = [
@@ -183,7 +183,13 @@ PLAIN = Twin("glider", 18, 0.05, 3)
 
 
 def made(folder: Path, truth=None, **options) -> list[Observation | PathMean]:
-    make_twin(truth or make_truth(), replace(PLAIN, **options), folder / "a.mcap", True)
+    given = truth or make_truth()
+    faults, pings = options.pop("faults", None), options.pop("pings", PLAIN.pings)
+    twin = replace(PLAIN, pings=pings)
+    if faults or options:
+        write_glider(given, twin, folder / "a.mcap", faults or Faults(), pings=not options)
+    else:
+        make_twin(given, twin, folder / "a.mcap", True)
     return observed(folder / "a.mcap")
 
 
@@ -339,11 +345,7 @@ def test_a_truth_is_read_at_all_its_leads(tmp_path):
     [
         ({"interval_s": 601.0}, "a.mcap", "whole number"),
         ({"interval_s": 0.0}, "a.mcap", "whole number"),
-        ({"dac_only": True, "vehicle": "vessel"}, "a.mcap", "a glider's"),
         ({"interval_s": 1200.0, "vehicle": "vessel"}, "a.mcap", "a glider's"),
-        ({"dac_only": True}, "a.tlog", "choose .mcap"),
-        ({"faults": Faults(outliers=1.5)}, "a.mcap", "outliers of 0 to 1"),
-        ({"faults": Faults(platform_std=0.1)}, "a.mcap", "reference platform"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(tmp_path, options, name, said):

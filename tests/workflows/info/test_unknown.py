@@ -119,7 +119,7 @@ def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
         "--levels",
         "5,150",
         "--measurements.no-use-inverted",
-        "--measurements.use-drift",
+        "--measurements.no-flight-bias",
         "--remap",
         "/a b=/c",
         "--remap",
@@ -129,7 +129,7 @@ def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
     words = [
         "--forecast.levels=5,150",
         "--measurements.no-use-inverted",
-        "--measurements.use-drift",
+        "--measurements.no-flight-bias",
         "--logs.remap=/a b=/c",
         "--logs.remap=/d=/e",
     ]

@@ -18,7 +18,6 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency import findings
 from replay_kit.results.slices import depth_slice
-from replay_kit.studies.twins.adcp import Faults
 from replay_kit.workflows.follow.follow import follow
 from replay_kit.workflows.follow.watch import FollowOptions
 from replay_kit.workflows.planning.adapters import planner_of
@@ -27,6 +26,7 @@ from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts
 from replay_kit.workflows.replay.replay import replay
 from tests.arrays import write_array
 from tests.command import invoke, succeed
+from tests.faulty import Faults
 from tests.places import SAMPLES
 from tests.workflows.follow.delivery import contents
 from tests.workflows.replay.interrupted import Killed, run_until

@@ -20,11 +20,6 @@ SETTINGS = {"estimator": {"modes": 6}}
 KINDS = [
     "naive3d",
     "nearest",
-    "ensemble_mean",
-    "etkf",
-    "letkf",
-    "gp",
-    "depth_average",
     "reduced_basis",
 ]
 
@@ -65,7 +60,7 @@ def innovations(estimator, grid):
 def test_what_is_read_gives_what_was_built(ocean, tmp_path, settings):
     config = load_config(None, settings)
     forecasts = forecasts_in(ocean, config)
-    fresh, grid = build(forecasts, config, 100.0), forecasts.ensemble.grid
+    fresh, grid = build(forecasts, config), forecasts.ensemble.grid
     for _ in range(2):
         kept = built(forecasts, config, job_in(ocean, tmp_path))
         assert type(kept) is type(fresh)

@@ -30,8 +30,7 @@ from replay_kit.results.outcome.from_run import failed, outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import Result, read_result
 from replay_kit.show.report.sections.answer import found_warnings
-from replay_kit.studies.twins.adcp import Faults
-from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.studies.twins.make import Twin
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.consistency import MonitoringState, conclusions, trusting
@@ -39,6 +38,7 @@ from replay_kit.workflows.replay.stages.counts import ProfileCounts, Sums
 from tests import synthetic
 from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke
+from tests.faulty import Faults, write_glider
 from tests.planted import in_centimetres
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
 
@@ -53,8 +53,8 @@ PINGS = 60
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory):
     folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, PINGS)
-    turned = Twin("glider", PINGS, 0.05, 1, Faults(heading_bias_deg=180.0))
-    make_twin(truth_in(folder, CONFIG), turned, folder / "turned.mcap")
+    glider, turned = Twin("glider", PINGS, 0.05, 1), Faults(heading_bias_deg=180.0)
+    write_glider(truth_in(folder, CONFIG), glider, folder / "turned.mcap", turned)
     return folder
 
 

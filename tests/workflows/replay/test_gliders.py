@@ -54,15 +54,8 @@ def test_mean_currents_alone_estimate_a_field_and_say_so(ocean, tmp_path):
     answer, said = replay(ocean, made.bodc(tmp_path / "a.nc"))
     assert answer["observations"]["used"] == 2
     assert "Observations: 2 mean currents used, 0 rejected" in said
-    assert (
-        "the estimate rests on 2 mean currents of dives and 0 drifts between fixes alone (measurements.use_drift = true adds"
-        in said
-    )
+    assert "the estimate rests on 2 mean currents of dives alone; how" in said
     assert answer["rms_innovation"]["after"] < answer["rms_innovation"]["prior"]
-    (tmp_path / "drift.toml").write_text("[measurements]\nuse_drift = true\n")
-    answer, said = replay(ocean, tmp_path / "a.nc", "--config", tmp_path / "drift.toml")
-    assert answer["observations"]["used"] == 3
-    assert "2 mean currents of dives and 1 drifts between fixes alone; how" in said
 
 
 def test_what_was_assumed_is_kept_in_the_result(ocean, tmp_path):
@@ -80,17 +73,6 @@ def test_absolute_profiles_are_used_directly_by_every_command(ocean, tmp_path):
     succeed(f"convert {path} -o {tmp_path}/a.mcap")
     again, _ = replay(ocean, tmp_path / "a.mcap")
     assert again["rms_innovation"] == answer["rms_innovation"]
-    done = succeed(
-        [
-            "bench",
-            str(made.bodc(tmp_path / "b.nc")),
-            "--ensemble",
-            str(ocean / "E.nc"),
-            "--place-ensemble",
-            "--first=1",
-        ]
-    )
-    assert "next-dive" in done.stdout
 
 
 def test_qc_of_mean_currents_alone_says_what_they_are(tmp_path):

@@ -29,7 +29,6 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
 from replay_kit.show.plots.panel import Chosen
 from replay_kit.show.plots.plots import plan_panels
-from replay_kit.show.report.sections.waypoint import editing
 from replay_kit.show.status.figures import statistics_of
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import status_text
@@ -151,7 +150,6 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
     )
     assert words in " ".join(status_text(status_of(held)).split())
     contents = Contents(rk.open_result(path))
-    assert "m at 0.30 m/s and 19° of glide" in editing(contents).readout
     assert f"Dives {words}." in plan_panels(contents, Chosen()).notes
     last = held.fixes[-1]
     ask = [

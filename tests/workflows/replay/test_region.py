@@ -220,7 +220,7 @@ def test_a_log_of_several_windows_is_compared_with_all_that_it_passes(strip):
     ("settings", "what"),
     [
         ({"time": {"scale": 6.0}, "estimator": {"preset": "paper"}}, "preset paper"),
-        ({"time": {"window": 600.0}, "estimator": {"name": "etkf"}}, "etkf"),
+        ({"time": {"window": 600.0}, "estimator": {"name": "nearest"}}, "nearest"),
     ],
 )
 def test_what_needs_time_or_groups_is_refused_with_an_estimator_without(strip, settings, what):

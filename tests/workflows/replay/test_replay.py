@@ -495,7 +495,7 @@ def test_nothing_is_claimed_to_be_known_outside_the_region(ocean):
 
 def test_a_dry_run_of_a_baseline_is_refused(ocean, tmp_path):
     arguments = (
-        f"replay {ocean}/survey.mcap --ensemble {ocean}/ensemble.nc --dry-run --estimator etkf"
+        f"replay {ocean}/survey.mcap --ensemble {ocean}/ensemble.nc --dry-run --estimator nearest"
     )
     done = invoke(f"{arguments} -o {tmp_path}/o.mcap")
     assert isinstance(done.exception, ConfigError)

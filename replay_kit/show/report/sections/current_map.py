@@ -20,7 +20,6 @@ from replay_kit.show.figures.on_canvas import Extent, frame_of, marks_of, scales
 from replay_kit.show.figures.on_page import tables_of
 from replay_kit.show.page.section import Control, Figure, Section, column, pack, times
 from replay_kit.show.report.card import card_html
-from replay_kit.show.report.sections.waypoint import Editing, editing
 
 #: Of one step of the packed current [m/s] and of the packed depth of the bottom [m].
 _STEP, _DEPTH_STEP = 5e-4, 1.0
@@ -30,17 +29,15 @@ _MOST = 0.98
 
 def map_section(contents: Contents) -> Section:
     """Return the map of the current, of the track and of the plans, beside the answer."""
-    edited = editing(contents)
-    return map_beside(contents, card_html(contents, edited.arrivals), edited)
+    return map_beside(contents, card_html(contents))
 
 
-def map_beside(contents: Contents, card: str, edited: Editing | None = None) -> Section:
+def map_beside(contents: Contents, card: str) -> Section:
     """Return the map of a result with all its vehicles, beside an answer.
 
     Args:
         contents: Of the result.
         card: The answer, as HTML.
-        edited: With which a plan can be edited; None where none can.
     """
     slices, track = contents.slices, contents.track
     missing = []
@@ -74,13 +71,11 @@ def map_beside(contents: Contents, card: str, edited: Editing | None = None) -> 
         "The current, the track and the plan",
         _caption(contents, slices),
         _alternative(contents),
-        {**tables, **(edited.tables if edited else {})},
+        tables,
         (),
         {},
         [] if slices is None else _controls(contents, slices),
-        {**packed, **(edited.packed if edited else {})},
-        edited.flight if edited else {},
-        edited.readout if edited else "",
+        packed,
         map=drawn,
     )
     return Section("map", "Map", figures=(figure,), missing=missing, beside=card, menu="Map")

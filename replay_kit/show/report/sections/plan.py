@@ -12,7 +12,6 @@ from replay_kit.show.figures.on_page import figure_of
 from replay_kit.show.figures.plan import profile_chart, surfacing_chart
 from replay_kit.show.numbers import fixed, leg_number, number, sentence
 from replay_kit.show.page.section import Section, table_html
-from replay_kit.show.report.sections.learning import learning_html, value_chart
 from replay_kit.show.sentences import energy_sentence, odds_sentence, outcomes_sentence
 
 _STATUS = {
@@ -107,14 +106,11 @@ def plan_section(contents: Contents) -> Section:
         )
     figures = [figure_of(profile_chart(contents, plan))] if len(plan.track) else []
     found = contents.outcome.surfacings
-    if (value := value_chart(contents)) is not None:
-        figures.append(figure_of(value))
     if len(contents.result.surfacings):
         figures.append(figure_of(surfacing_chart(contents)))
     html = (
         last_plan_html(contents, plan)
         + _departures_html(contents)
-        + learning_html(contents)
         + _legs_html(plan)
         + _plans_html(contents)
         + ("" if found is None else f"<p>{outcomes_sentence(found).html}.</p>")

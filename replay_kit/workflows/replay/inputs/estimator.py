@@ -40,15 +40,12 @@ _KIND = Kind("basis", 2, "delete the file, and run again")
 _SECTIONS = {"forecast", "estimator", "time", "gating"}
 
 
-def build(
-    forecasts: Forecasts, config: RunConfig, goal_depth: float | None, vehicles: int = 1
-) -> Estimator[Any]:
+def build(forecasts: Forecasts, config: RunConfig, vehicles: int = 1) -> Estimator[Any]:
     """Return the estimator of a run.
 
     Args:
         forecasts: What it is built from.
         config: The run's settings.
-        goal_depth: [m]; ``depth_average`` alone needs it.
         vehicles: Number of vehicles that windows may follow.
 
     Raises:
@@ -65,7 +62,7 @@ def build(
             config.time.window,
         )
     return with_window(
-        build_named(forecasts.ensemble, config.estimator, goal_depth, config.gating),
+        build_named(forecasts.ensemble, config.estimator, config.gating),
         config.time.window,
     )
 
@@ -122,10 +119,9 @@ def built(forecasts: Forecasts, config: RunConfig, job: ReplayJob) -> Estimator[
     """
     if job.estimator is not None:
         return job.estimator(forecasts, config)
-    goal_depth = None if job.goal is None else job.goal.depth
     if job.basis_store is None or forecasts.read is not None:
         # windows are begun as vehicles go on
-        return build(forecasts, config, goal_depth, len(job.each_vehicle))
+        return build(forecasts, config, len(job.each_vehicle))
     path = job.basis_store / f"{_identity(forecasts, config, job)}.basis"
     if not path.exists():
         with _locked(path.with_suffix(".lock")) as alone:
@@ -133,7 +129,7 @@ def built(forecasts: Forecasts, config: RunConfig, job: ReplayJob) -> Estimator[
             for left in path.parent.glob(f"{path.stem}-*.new*") if alone else ():
                 left.unlink(missing_ok=True)
             if not path.exists():
-                _write(path, build(forecasts, config, goal_depth))
+                _write(path, build(forecasts, config))
     # read also by who made it: all replays have the same value
     return _read(path)
 
@@ -142,13 +138,8 @@ def _identity(forecasts: Forecasts, config: RunConfig, job: ReplayJob) -> str:
     """Return the SHA-256 of what an estimator is built from: files, settings, the part of the forecast that is used, versions."""
     settings = config.model_dump(mode="json", include=_SECTIONS)
     files = [file_hash(path) for path in ensemble_files(job.ensemble)]
-    depth = (
-        job.goal.depth
-        if job.goal is not None and config.estimator.name == "depth_average"
-        else None
-    )
     text = json.dumps(
-        [settings, files, depth, config.output.threads, forecasts.evolves, package_versions()],
+        [settings, files, config.output.threads, forecasts.evolves, package_versions()],
         sort_keys=True,
     )
     digest = hashlib.sha256(text.encode())

@@ -164,7 +164,7 @@ def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[
         ConfigError: The estimator is asked for what it does not do.
     """
     name, preset, spread = config.estimator.name, config.estimator.preset, config.estimator.spread
-    takes_numbers = name in (OWN, "depth_average")
+    takes_numbers = name == OWN
     if takes_numbers and preset == "default" and not evolves:
         return ()
     what = (

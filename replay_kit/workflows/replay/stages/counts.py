@@ -205,13 +205,9 @@ class ProfileCounts:
         notes = []
         means = sum(self.path_means.values())
         if means and means == self.total.profiles:
-            drifts = self.path_means.get("drift", 0)
-            more = (
-                "" if drifts else " (measurements.use_drift = true adds the drift at the surface)"
-            )
             notes.append(
-                f"no profile of the current was used: the estimate rests on {means - drifts} mean currents of dives and {drifts} drifts "
-                f"between fixes alone{more}; how the current changes with depth is known from the ensemble only"
+                f"no profile of the current was used: the estimate rests on {means} mean currents of dives alone; "
+                "how the current changes with depth is known from the ensemble only"
             )
         if self.interpolated:
             notes.append(

@@ -1,17 +1,15 @@
-"""Tables, and figures beside the limits required of them, as CSV, Markdown, JSON and text; results to files."""
+"""Tables as CSV, Markdown, JSON and text."""
 
 import json
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.table import Table as ConsoleTable
 
-from replay_kit.core.atomic import write_whole
 from replay_kit.core.text import csv_text
 from replay_kit.core.version import __version__
 
@@ -50,11 +48,6 @@ def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list
 def named_columns(name: str, title: str, rows: Sequence[Mapping[str, Cell]]) -> Table:
     """Return the table of at least one row, each a cell for each column by its name."""
     return Table(name, title, tuple(rows[0]), tuple(tuple(row.values()) for row in rows))
-
-
-def is_within(value: float, at_least: float, at_most: float) -> bool:
-    """Return whether a value keeps to its limits, of which NaN sets none; an undefined value does not."""
-    return not math.isnan(value) and not value < at_least and not value > at_most
 
 
 def plain(value: Any) -> Any:
@@ -131,27 +124,3 @@ def to_text(cell: Cell) -> str:
 def number(value: float, digits: int = 3) -> str:
     """Return a number with so many decimals; a dash for an undefined or infinite one."""
     return f"{value:.{digits}f}" if math.isfinite(value) else "-"
-
-
-def limits_text(at_least: float, at_most: float) -> str:
-    """Return the limits of a figure for people; empty when both are NaN."""
-    if math.isfinite(at_least) and math.isfinite(at_most):
-        return f"{to_text(at_least)} to {to_text(at_most)}"
-    return (
-        f">= {to_text(at_least)}"
-        if math.isfinite(at_least)
-        else f"<= {to_text(at_most)}"
-        if math.isfinite(at_most)
-        else ""
-    )
-
-
-def met_text(met: bool | None) -> str:
-    """Return whether a limit is met, in words; empty when there is none."""
-    return {None: "", True: "met", False: "NOT MET"}[met]
-
-
-def write_files(out: Path, contents: Mapping[str, str | bytes]) -> None:
-    """Write files by name into a folder that exists, each whole or not at all; existing ones are replaced."""
-    for name, content in contents.items():
-        write_whole(out / name, content)

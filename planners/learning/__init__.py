@@ -1,1 +1,0 @@
-"""Plans that learn: surveys before a stretch without fixes, and the next profiles of a map."""

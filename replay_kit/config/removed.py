@@ -1,0 +1,67 @@
+"""What earlier versions had and this one has no more: settings, options, their values and commands, each with what to use instead."""
+
+from collections.abc import Sequence
+
+from replay_kit.core.errors import ConfigError
+
+_SAMPLING = "adaptive sampling is gone: choose the places yourself, and plan to them with --goal"
+_BLIND = "it steered a vehicle that nobody corrects: the odds with headings held (reached_held of --json) say how one fares"
+
+#: Keys of the settings, by table.
+SETTINGS: dict[str, dict[str, str]] = {
+    "measurements": {
+        "use_dac": 'without = ["dac"] leaves depth-averaged currents out',
+        **dict.fromkeys(
+            ("use_drift", "drift_std", "drift_depth"),
+            "drift between fixes is no measurement: the wind moves the vehicle too",
+        ),
+    },
+    "measurements.map": {"join_within": "record both components of a velocity in one message"},
+    "forecast": {"level_step": "name the levels, as in levels = [0, 100, 300]"},
+    "gating": {
+        "soften_factor": "a softened profile moves the estimate by two prior standard deviations"
+    },
+    "planner": {"flight_model": "a script plans with Glider(flight=fit_flight(...))"},
+    "plan": {
+        **dict.fromkeys(
+            ("then", "blind", "survey", "box", "profiles", "profile_error", "others"), _SAMPLING
+        ),
+        "policy": _BLIND,
+    },
+}
+#: Options, by command; those of the settings of a table of the same name are there.
+OPTIONS: dict[str, dict[str, str]] = {}
+#: Values of an option.
+VALUES: dict[str, dict[str, str]] = {
+    "--without": {"drift": "leave it out; no drift between fixes is used"},
+    "--oscillators": {"steady": "levels that are closer resolve depth more finely"},
+    "--objective": dict.fromkeys(("learn", "map"), _SAMPLING),
+    "--estimator": dict.fromkeys(
+        ("ensemble_mean", "etkf", "letkf", "gp", "depth_average"),
+        "leave it out for the project's own, or add yours as a package (entry point replay_kit.estimators)",
+    ),
+}
+#: Commands.
+COMMANDS: dict[str, str] = {
+    "bench": "accuracy is measured in a copy of the project by python -m tests.benchmarks pings and dives"
+}
+
+
+def refuse_command(words: Sequence[str]) -> None:
+    """Raise ConfigError for a command line whose first word is a command that was."""
+    if words and (instead := COMMANDS.get(words[0])) is not None:
+        raise ConfigError(f"there is no command {words[0]} any more: {instead}")
+
+
+def refuse_option(command: str, option: str) -> None:
+    """Raise ConfigError for an option that a command had."""
+    named = option.removeprefix("--").replace("-", "_")
+    instead = OPTIONS.get(command, {}).get(option) or SETTINGS.get(command, {}).get(named)
+    if instead is not None:
+        raise ConfigError(f"{command} has no {option} any more: {instead}")
+
+
+def refuse_value(option: str, value: object) -> None:
+    """Raise ConfigError for a value that an option could have."""
+    if (instead := VALUES.get(option, {}).get(str(value))) is not None:
+        raise ConfigError(f"{option} has no {value} any more: {instead}")

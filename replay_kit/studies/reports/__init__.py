@@ -1,1 +1,0 @@
-"""What the studies share of their output: tables, files, pictures, failures, progress."""
