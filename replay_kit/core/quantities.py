@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _LAST_NS = 2**63 - 1
+_OUTSIDE = "is outside 1970..2262; write a time of the mission such as 2018-11-16T00:00:00Z"
 # Symbols as UDUNITS has them: there "M" and "K" begin other units. A foot is the international one.
 _SYMBOLS = {"m": 1.0, "km": 1e3, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048}
 _METRES = {"metre": 1.0, "kilometre": 1e3, "centimetre": 1e-2, "foot": 0.3048, "feet": 0.3048}
@@ -53,9 +54,7 @@ def parse_time(text: str) -> int:
         int(digits[1].ljust(3, "0")) if digits else 0
     )
     if not 0 <= time_ns <= _LAST_NS:
-        raise ConfigError(
-            f"'{text}' is outside 1970..2262; write a time of the mission such as 2018-11-16T00:00:00Z"
-        )
+        raise ConfigError(f"'{text}' {_OUTSIDE}")
     return time_ns
 
 
@@ -81,16 +80,21 @@ def to_time_ns(time: Any) -> "NDArray[np.int64]":
             Text and times without a zone are UTC.
 
     Raises:
-        ConfigError: A value is none of these.
+        ConfigError: A value is none of these, or lies outside 1970..2262.
     """
     # the configuration needs ``parse_time`` alone, before numpy
     import numpy as np
 
     values = np.asarray(time)
-    if values.dtype.kind in "iu":
-        return values.astype(np.int64)
-    if values.dtype.kind == "M" and not np.isnat(values).any():
-        return values.astype("datetime64[ns]").astype(np.int64)
+    if values.dtype.kind in "iu" or (values.dtype.kind == "M" and not np.isnat(values).any()):
+        dates = values.dtype.kind == "M"
+        counted, most = values, _LAST_NS
+        if dates:
+            # in seconds, as what lies outside would be another date in nanoseconds
+            counted, most = values.astype("datetime64[s]").astype(np.int64), _LAST_NS // 10**9 - 1
+        if (outside := (counted < 0) | (counted > most)).any():
+            raise ConfigError(f"time: '{values[outside][0]}' {_OUTSIDE}")
+        return (values.astype("datetime64[ns]") if dates else values).astype(np.int64)
     texts = [
         each.isoformat() if isinstance(each, date) else each for each in values.ravel().tolist()
     ]
