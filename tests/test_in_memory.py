@@ -127,6 +127,8 @@ def test_a_single_component_informs_along_its_direction_alone():
     ensemble = _dataset()
     found = rk.replay([one], ensemble, settings=settings)
     assert found.outcome.observations["used"] == 1
+    # by a sensor of its own, no radar
+    assert [row["kind"] for row in found.outcome.observations["sources"]] == ["sensors"]
     at, before = (
         each.estimate.velocity_at(152.3, -39.8, 5.0)
         for each in (

@@ -187,8 +187,8 @@ class MeasurementConfig(Section):
     )
     without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
         default=(),
-        description="Withhold measurements (data denial): dac, drift, profiles, shear, radar, drifters, dives:3-5. Values that the "
-        "log's own programs computed from them stay.",
+        description="Withhold measurements (data denial): dac, drift, profiles, shear, radar, drifters, sensors, dives:3-5. Values that "
+        "the log's own programs computed from them stay.",
     )
     map: tuple[TopicMap, ...] = Field(
         default=(),

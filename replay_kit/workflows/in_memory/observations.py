@@ -157,6 +157,7 @@ def _component(single: LinearMeasurement) -> dict[str, Any]:
         "depth": float(single.depth[0]),
         "averaged": _AVERAGED,
         "error_length": 0.0,
+        "kind": single.label.kind,
         **{name: numbers(values) for name, values in columns.items()},
     }
 
