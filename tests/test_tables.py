@@ -58,25 +58,10 @@ def expected() -> np.ndarray:
         _columns(),
         {name: ("row", column) for name, column in _columns().items()},
         {**{name: [*column] for name, column in _columns().items()}, "error": 0.05},
-        [_rows().iloc[::2], _rows().iloc[1::2]],
     ],
-    ids=["xarray", "index", "unnamed", "indices", "arrays", "dimensions", "lists", "parts"],
+    ids=["xarray", "index", "unnamed", "indices", "arrays", "dimensions", "lists"],
 )
 def test_whatever_a_dataset_can_be_made_of_is_a_table(table, expected):
-    if isinstance(table, list):
-        expected = _latent(
-            rk.replay(
-                [
-                    rk.Observation.profile(
-                        p.time_ns, p.longitude, p.latitude, p.depth[k::2], *p.velocity[k::2].T, 0.05
-                    )
-                    for k in (0, 1)
-                    for p in PROFILES
-                ],
-                _dataset(),
-                settings=SETTINGS,
-            )
-        )
     found = rk.replay(table, _dataset(), settings=SETTINGS)
     np.testing.assert_allclose(_latent(found), expected, atol=1e-10)
 
@@ -94,7 +79,6 @@ def test_whatever_a_dataset_can_be_made_of_is_a_table(table, expected):
             r"^measurements\['time'\]: .* outside 1970\.\.2262",
         ),
         ({"time": 1_542_330_000}, r"^measurements\['time'\]: .* got what would be seconds"),
-        ({"time": 1_542_330_000_000}, "got what would be milliseconds"),
     ],
 )
 def test_errors_of_a_table_name_its_column(change, words):

@@ -90,12 +90,12 @@ def to_time_ns(time: Any) -> "NDArray[np.int64]":
 
     values = np.asarray(time)
     if values.dtype.kind in "iu" or (values.dtype.kind == "M" and not np.isnat(values).any()):
+        # by seconds, as a date that nanoseconds cannot hold becomes another one
         dates = values.dtype.kind == "M"
-        counted, most = values, _LAST_NS
-        if dates:
-            # in seconds, as what lies outside would be another date in nanoseconds
-            counted, most = values.astype("datetime64[s]").astype(np.int64), _LAST_NS // 10**9 - 1
-        if (outside := (counted < 0) | (counted > most)).any():
+        about = (
+            values.astype("datetime64[s]").astype(float) * 1e9 if dates else values.astype(float)
+        )
+        if (outside := (about < 0.0) | (about >= _LAST_NS)).any():
             raise ConfigError(f"time: '{values[outside][0]}' {_OUTSIDE}")
         return (values.astype("datetime64[ns]") if dates else values).astype(np.int64)
     texts = [

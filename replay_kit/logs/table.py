@@ -76,17 +76,15 @@ class Table:
         own = {name.lower(): name for name in self.columns}
         found: dict[str, str | float] = {}
         for key, (standard, *names) in _NAMES.items():
-            if key in asked:
-                found[key] = asked[key]
-                continue
             stated = [
                 name
                 for name, column in self.columns.items()
                 if column.text("standard_name") == standard
             ]
             named = [own[name] for name in (standard, *names) if name in own]
-            if len(stated) == 1 or named:
-                found[key] = (stated if len(stated) == 1 else named)[0]
+            known = [asked[key]] if key in asked else stated if len(stated) == 1 else named
+            if known:
+                found[key] = known[0]
         for key, name in found.items():
             if isinstance(name, str) and name not in self.columns:
                 raise ConfigError(
@@ -95,7 +93,7 @@ class Table:
         return found
 
     def profiles(self, asked: Asked, notes: list[str]) -> tuple[list[Observation], int]:
-        """Return the profiles in the order of their first rows, and the number of rows without a time or a place, which are left out.
+        """Return the profiles in order of time, and the number of rows without a time or a place, which are left out.
 
         Args:
             asked: What is not to be found by standard name or name.
@@ -112,25 +110,23 @@ class Table:
                 f"; name it with --columns {lacking[0]}=COLUMN (logs.columns), or give one number for all rows"
             )
         rows, known = self._rows(chosen, notes)
-        time, depth = rows["time"], rows["depth"]
+        place, depth = ("time", "longitude", "latitude"), rows["depth"]
         good = np.isfinite(depth + rows["u"] + rows["v"])
-        if (bad := known & good & ~(np.isfinite(rows["error"]) & (rows["error"] > 0.0))).any():
+        if (bad := known & good & ~(rows["error"] > 0.0)).any():
             raise ConfigError(
                 f"{self._of(chosen['error'])}: expected the standard error of each component [m/s], above 0, got "
                 f"{rows['error'][bad][0]:g}; it is not guessed"
             )
         error = np.where(good, rows["error"], 1.0)  # of a bin that is missing
-        places = np.column_stack([time.astype(np.float64), rows["longitude"], rows["latitude"]])
         at = np.flatnonzero(known)
-        _, first, of_profile = np.unique(places[at], axis=0, return_index=True, return_inverse=True)
-        order = np.lexsort((depth[at], np.argsort(np.argsort(first))[of_profile.ravel()]))
-        ends = np.cumsum(np.bincount(of_profile.ravel())[np.argsort(first)])
+        at = at[np.lexsort([rows[name][at] for name in ("depth", *place[::-1])])]
+        apart = np.any([np.diff(rows[name][at]) != 0 for name in place], axis=0)
         return [
             Observation.profile(
-                *(int(time[k[0]]), float(rows["longitude"][k[0]]), float(rows["latitude"][k[0]])),
+                *(rows[name][k[0]].item() for name in place),
                 *(values[k] for values in (depth, rows["u"], rows["v"], error)),
             )
-            for k in np.split(at[order], ends[:-1])
+            for k in np.split(at, np.flatnonzero(apart) + 1)
             if k.size
         ], int((~known).sum())
 
@@ -227,7 +223,6 @@ class TableReader(LogFile):
             self._profiles, self._left_out = table.profiles(self._config.columns, notes)
         except ConfigError as error:
             raise LogError(str(error)) from error
-        self._profiles.sort(key=lambda profile: profile.time_ns)
         self._notes = self.statistics.notes = tuple(notes)
 
     def messages(self) -> Iterator[Message]:

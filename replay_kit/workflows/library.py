@@ -47,7 +47,7 @@ from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory, 
 
 #: Settings of a run: tables of keys as in TOML, a TOML file, or a whole configuration; None for the defaults.
 Settings = Mapping[str, Any] | str | Path | RunConfig | None
-#: A path, an open log, or several; measurements or a pandas table of them.
+#: A path, an open log, or several; measurements or a table of them.
 Logs = (
     Any
     | str
@@ -96,12 +96,13 @@ def replay(
 
     Args:
         logs: Logs of one mission; an open one stands for its path, and is read with these settings. Or measurements
-            (``Observation.profile``, ``Observation.mean``), one or several, or a table with a row for each depth: ``time``, ``lon``,
-            ``lat``, ``depth`` [m], ``u``, ``v`` and ``error`` [m/s]; they are written beside ``out`` as NAME.observations.mcap. Of several
-            vehicles that share the estimate a mapping from the name of each to its log or logs.
+            (``Observation.profile``, ``Observation.mean``), one or several, or a table with a row for each depth: a pandas table, an xarray
+            ``Dataset`` or what one can be made of, with ``time``, ``longitude``, ``latitude``, ``depth`` [m], ``u``, ``v`` and ``error``
+            [m/s]; ``logs.columns`` names others. They are written beside ``out`` as NAME.observations.mcap. Of several vehicles that share
+            the estimate a mapping from the name of each to its log or logs.
         ensemble: NetCDF files, Zarr stores, folders or patterns; ``forecast.members`` says what a member is. With ``models``, files in a
-            list of their own are one product. Or an xarray ``Dataset``, or an ``Ensemble``, which is written beside ``out`` as
-            NAME.ensemble.nc.
+            list of their own are one product. Or an ``Ensemble``, an xarray ``Dataset`` or what one can be made of, which is written beside
+            ``out`` as NAME.ensemble.nc; of several in a list each is a member.
         goal: Where to go next, of several vehicles all or, in a mapping, those named; None plans nothing.
         out: Result MCAP to keep; None for a temporary one, which lasts as long as the value returned.
         settings: Such as ``{"forecast": {"levels": [5, 150, 500]}}``; ``replay_kit.RunConfig`` has them all.
