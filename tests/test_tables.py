@@ -96,12 +96,19 @@ def test_a_mapping_names_columns_and_constants(expected):
     )
     with pytest.raises(ConfigError, match=r"logs\.columns\.u: expected a column of measurements"):
         rk.replay(_columns(), _dataset(), settings={"logs": {"columns": {"u": "none"}}})
-    with pytest.raises(ConfigError, match="got currents on a grid over"):
+    with pytest.raises(ConfigError, match="got columns over lon, lat, depth, member"):
         rk.replay(
             _dataset().assign(error=0.1),
             _dataset(),
             settings={"logs": {"columns": {"u": "uo", "v": "vo"}}},
         )
+
+
+def test_columns_without_rows_in_common_are_refused_before_they_take_memory():
+    dims = {"depth": "a", "u": "a", "lon": "a", "v": "b", "lat": "b"}
+    columns = {name: (dim, np.ones(1_000_000)) for name, dim in dims.items()}
+    with pytest.raises(ConfigError, match="got columns over a, b"):
+        rk.replay(columns | {"time": np.datetime64("2020"), "error": 0.1}, _dataset())
 
 
 def test_datasets_in_a_list_are_members_and_errors_name_the_one(expected):

@@ -159,9 +159,10 @@ class Table:
             )
         except ValueError as error:
             raise ConfigError(f"{self.name}: {_EXPECTED}, of one length: {error}") from error
-        if len(spread[0].dims) > 2:
+        # of a grid, or of columns that have no rows in common
+        if len(spread[0].dims) > 2 or spread[0].size > max(np.size(v) for _, v in held.values()):
             over = some_text(list(map(str, spread[0].dims)))
-            raise ConfigError(f"{self.name}: {_EXPECTED}, got currents on a grid over {over}")
+            raise ConfigError(f"{self.name}: {_EXPECTED}, got columns over {over}")
         rows = dict(zip(held, (each.to_numpy().ravel() for each in spread), strict=True))
         return rows, rows.pop("dated") & np.isfinite(rows["longitude"] + rows["latitude"])
 
