@@ -4,23 +4,29 @@ import os
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import replay_kit as rk
 from replay_kit.config.run import EstimatorConfig, MeasurementConfig, load_config
 from replay_kit.core import extensions
-from replay_kit.core.errors import ConfigError
+from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.message import Message
+from replay_kit.core.observation import Observation
 from replay_kit.estimator.baselines.builders import build_named
 from replay_kit.logs.glider.dialects import dialect_of
+from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import initial_state, interpret_block
 from replay_kit.measurements.consistency import checks
 from replay_kit.measurements.messages import kinds
+from tests import synthetic
 from tests.places import ROOT
 from tests.synthetic import ensemble
+from tests.synthetic_flow import TIME_NS
 
 EXTENSION = ROOT / "sample_logs" / "examples" / "extension"
 NAMED = EstimatorConfig(name="mine")
@@ -131,6 +137,51 @@ def test_two_packages_of_one_name_are_refused(monkeypatch):
     monkeypatch.setattr(extensions, "_points", lambda kind: points)
     with pytest.raises(ConfigError, match="another package adds this name too"):
         extensions.additions("sections", callable, "a function")
+
+
+def sensor(payload):
+    """A current meter chain; with ``pairs``, each value is the mean of two points."""
+    depth = [np.nan if each is None else each for each in payload["depth"]]
+    made = Observation.profile(
+        0, 152.2, -39.8, depth, *(np.full((2, len(depth)), 0.1)), 0.05
+    ).linear
+    if payload["pairs"]:
+        n = len(depth) // 2
+        short = {name: getattr(made, name)[:n] for name in ("value", "error_std")}
+        flags = {"flags": np.ones(n, np.int8), "reasons": np.zeros(n, np.int32)}
+        return replace(made, weights=np.repeat(np.eye(n), 2, axis=1) / 2, **short, **flags)
+    return replace(made, flags=np.ones(len(depth), np.int8))
+
+
+@pytest.mark.parametrize("pairs", [False, True])
+def test_a_sensors_values_without_a_place_in_the_water_are_flagged_and_of_their_own_kind(
+    monkeypatch, tmp_path, pairs
+):
+    point = EntryPoint("test.Chain", "tests.test_examples:sensor", "replay_kit.sensors")
+    monkeypatch.setattr(extensions, "_points", lambda asked: (point,) * (asked == "sensors"))
+
+    def replayed(depth, **measurements):
+        payload = {"depth": depth, "pairs": pairs}
+        write_mcap_log(
+            tmp_path / "a.mcap", [Message(TIME_NS, "/chain", "test/Chain", payload, 0, 0)]
+        )
+        dataset = synthetic.dataset(n_members=6).assign_coords(time=np.datetime64(TIME_NS, "ns"))
+        settings = {
+            "estimator": {"modes": 4, "shift_distance": 0.0},
+            "time": {"scale": "static"},
+            "measurements": measurements,
+        }
+        return rk.replay(tmp_path / "a.mcap", dataset, settings=settings)
+
+    sound = [20.0, 40.0, 60.0, 80.0]
+    expected, found = (replayed([*sound, *odd]) for odd in ([], [None, 30.0, -20.0, 30.0]))
+    (row,) = found.outcome.observations["sources"]
+    assert (row["kind"], row["used"]) == ("sensors", 1)
+    assert found.outcome.observations["bins_rejected"] == {"missing": 1, "above_surface": 1}
+    if pairs:
+        np.testing.assert_allclose(found.estimate.latent, expected.estimate.latent, atol=1e-12)
+    with pytest.raises(MeasurementError, match="left out: sensors"):
+        replayed(sound, without=["sensors"])
 
 
 @pytest.mark.full

@@ -97,7 +97,7 @@ def test_a_table_without_errors_asks_for_them():
         match="it lacks error; state the standard error of each component, it is not guessed",
     ):
         rk.replay(table, _dataset())
-    with pytest.raises(ConfigError, match="above 0, got array"):
+    with pytest.raises(ConfigError, match="above 0, got 0; it is not guessed"):
         rk.replay(table.assign(error=0.0), _dataset())
     with pytest.raises(ConfigError, match="it is not guessed"):
         rk.Observation.profile(TIME, 152.2, -39.9, [5.0], [0.1], [0.1], None)
@@ -127,6 +127,8 @@ def test_a_single_component_informs_along_its_direction_alone():
     ensemble = _dataset()
     found = rk.replay([one], ensemble, settings=settings)
     assert found.outcome.observations["used"] == 1
+    # by a sensor of its own, no radar
+    assert [row["kind"] for row in found.outcome.observations["sources"]] == ["sensors"]
     at, before = (
         each.estimate.velocity_at(152.3, -39.8, 5.0)
         for each in (

@@ -85,6 +85,16 @@ def test_a_replay_that_fails_leaves_nothing(monkeypatch, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_log_is_iterated_as_it_is_or_in_its_context():
+    with rk.open_log(LOG) as log:
+        expected = [message.position for message in log.messages()]
+    assert [message.position for message in rk.open_log(LOG)] == expected
+    first = next(rk.observations(rk.open_log(LOG)))
+    assert first.depth.size
+    # a loop that ends early leaves no file open, of which a warning would tell
+    assert next(iter(rk.open_log(LOG))).position == expected[0]
+
+
 def test_what_is_lost_of_a_log_is_a_warning(tmp_path):
     (tmp_path / "cut.mcap").write_bytes(LOG.read_bytes()[:-200_000])
     with pytest.warns(

@@ -184,7 +184,8 @@ _OF_FORECAST = (
 PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST)
 _LOGS = (
     "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other glider NetCDF files, "
-    "SeaExplorer raw files, or folders of these; merged by time."
+    "SeaExplorer raw files, a table of pings (pings.csv or .nc with time, longitude, latitude, depth, u, v, error; --columns u=East names "
+    "others), or folders of these; merged by time."
 )
 Log = Annotated[Path, argument("LOG", _LOGS)]
 LogIfAny = Annotated[Path, Parameter(name="LOG", help=_LOGS, group=INPUTS, required=False)]

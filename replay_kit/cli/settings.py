@@ -114,8 +114,8 @@ def takes_settings(
     return decorate
 
 
-def remapped(pairs: list[str]) -> dict[str, str]:
-    """Return the topics of options ``OLD=NEW``, old to new.
+def remapped(pairs: list[str], option: str = "--remap") -> dict[str, str]:
+    """Return the values of options ``OLD=NEW``, old to new.
 
     Raises:
         ConfigError: One is not such a pair, or an old name is given twice.
@@ -124,7 +124,7 @@ def remapped(pairs: list[str]) -> dict[str, str]:
     if not all(old and new for old, _, new in names) or len({old for old, _, _ in names}) < len(
         names
     ):
-        raise ConfigError(f"--remap: expected OLD=NEW, each old topic once, got {' '.join(pairs)}")
+        raise ConfigError(f"{option}: expected OLD=NEW, each old name once, got {' '.join(pairs)}")
     return {old: new for old, _, new in names}
 
 
@@ -159,7 +159,7 @@ def _option_type(setting: FieldInfo) -> tuple[Any, Callable[[Any], object]]:
     if first is bool or (origin is Literal and not others):
         return first | None, lambda value: value
     if origin is dict:
-        return list[str] | None, remapped
+        return list[str] | None, lambda pairs: remapped(pairs, _marks(setting, Option)[0].name)
     return str | None, (lambda text: text.split(",")) if origin is tuple else str
 
 

@@ -191,8 +191,8 @@ class QualityConfig(Section):
         return suspect, fail
 
 
-_KINDS = ("dac", "profiles", "shear", "radar", "drifters")
-_EXPECTED = "expected dac, profiles, shear, radar, drifters or dives:3-5"
+_KINDS = ("dac", "profiles", "shear", "radar", "drifters", "sensors")
+_EXPECTED = f"expected {', '.join(_KINDS)} or dives:3-5"
 
 
 def checked_rules(rules: Sequence[str]) -> None:

@@ -71,6 +71,17 @@ class LogConfig(Section):
         default_factory=dict,
         description="New names of topics, by their old names; the option may be repeated.",
     )
+    columns: Annotated[
+        dict[
+            Literal["time", "longitude", "latitude", "depth", "u", "v", "error"],
+            Annotated[float | str, Field(union_mode="left_to_right")],
+        ],
+        Option("--columns", "QUANTITY=COLUMN"),
+    ] = Field(
+        default_factory=dict,
+        description="Columns of a table of pings that have neither the standard name nor that of the quantity (time, longitude, latitude, "
+        "depth, u, v, error); a number stands for all rows. The option may be repeated.",
+    )
     caches: str | None = Field(
         default=None,
         description="Folder with the sensor lists (.cac) of a Slocum's files. Default: that of the files, and cac and cache in it and in "
@@ -178,8 +189,8 @@ class MeasurementConfig(Section):
     )
     without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
         default=(),
-        description="Withhold measurements (data denial): dac, profiles, shear, radar, drifters, dives:3-5. Values that the "
-        "log's own programs computed from them stay.",
+        description="Withhold measurements (data denial): dac, profiles, shear, radar, drifters, sensors, dives:3-5. Values that "
+        "the log's own programs computed from them stay.",
     )
     map: tuple[TopicMap, ...] = Field(
         default=(),

@@ -13,6 +13,10 @@ if TYPE_CHECKING:
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _LAST_NS = 2**63 - 1
+_OUTSIDE = "is outside 1970..2262; write a time of the mission such as 2018-11-16T00:00:00Z"
+# 1990 and 2100 [ns], and units of clocks that may be taken for nanoseconds
+_FROM_NS, _TO_NS = 631_152_000 * 10**9, 4_102_444_800 * 10**9
+_CLOCKS = {"seconds": 10**9, "milliseconds": 10**6, "microseconds": 10**3}
 # Symbols as UDUNITS has them: there "M" and "K" begin other units. A foot is the international one.
 _SYMBOLS = {"m": 1.0, "km": 1e3, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048}
 _METRES = {"metre": 1.0, "kilometre": 1e3, "centimetre": 1e-2, "foot": 0.3048, "feet": 0.3048}
@@ -53,9 +57,7 @@ def parse_time(text: str) -> int:
         int(digits[1].ljust(3, "0")) if digits else 0
     )
     if not 0 <= time_ns <= _LAST_NS:
-        raise ConfigError(
-            f"'{text}' is outside 1970..2262; write a time of the mission such as 2018-11-16T00:00:00Z"
-        )
+        raise ConfigError(f"'{text}' {_OUTSIDE}")
     return time_ns
 
 
@@ -81,16 +83,21 @@ def to_time_ns(time: Any) -> "NDArray[np.int64]":
             Text and times without a zone are UTC.
 
     Raises:
-        ConfigError: A value is none of these.
+        ConfigError: A value is none of these, or lies outside 1970..2262.
     """
     # the configuration needs ``parse_time`` alone, before numpy
     import numpy as np
 
     values = np.asarray(time)
-    if values.dtype.kind in "iu":
-        return values.astype(np.int64)
-    if values.dtype.kind == "M" and not np.isnat(values).any():
-        return values.astype("datetime64[ns]").astype(np.int64)
+    if values.dtype.kind in "iu" or (values.dtype.kind == "M" and not np.isnat(values).any()):
+        # by seconds, as a date that nanoseconds cannot hold becomes another one
+        dates = values.dtype.kind == "M"
+        about = (
+            values.astype("datetime64[s]").astype(float) * 1e9 if dates else values.astype(float)
+        )
+        if (outside := (about < 0.0) | (about >= _LAST_NS)).any():
+            raise ConfigError(f"time: '{values[outside][0]}' {_OUTSIDE}")
+        return (values.astype("datetime64[ns]") if dates else values).astype(np.int64)
     texts = [
         each.isoformat() if isinstance(each, date) else each for each in values.ravel().tolist()
     ]
@@ -100,6 +107,18 @@ def to_time_ns(time: Any) -> "NDArray[np.int64]":
             f"got {'a missing time (NaT)' if values.dtype.kind == 'M' else repr(time)[:60]}"
         )
     return np.array([parse_time(text) for text in texts], dtype=np.int64).reshape(values.shape)
+
+
+def unit_of_clock(time_ns: "NDArray[np.int64]") -> str:
+    """Return the unit in which times [ns, UTC] would be of 1990 to 2100, where they are not as nanoseconds; empty where none would."""
+    return next(
+        (
+            unit
+            for unit, factor in _CLOCKS.items()
+            if ((time_ns >= _FROM_NS // factor) & (time_ns < _TO_NS // factor)).any()
+        ),
+        "",
+    )
 
 
 def metres(unit: str) -> float | None:

@@ -98,6 +98,10 @@ class LogFile(AbstractContextManager["LogFile"]):
         for file in self._files:
             file.close()
 
+    def __iter__(self) -> Iterator[Message]:
+        """Yield ``messages()``; unlike the context, a loop that ends early leaves its file to be closed with it."""
+        return self.messages()
+
     @abstractmethod
     def messages(self) -> Iterator[Message]:
         """Yield the decoded messages in the file's order.

@@ -142,6 +142,12 @@ def _is_drifters(head: bytes) -> bool:
     return b"drogue" in head and is_table(head)
 
 
+def _is_csv(head: bytes) -> bool:
+    from replay_kit.logs.table import is_csv
+
+    return is_csv(head)
+
+
 def _reader(module: str, name: str) -> Callable[[], Open]:
     """Return what imports a reader, with the first log of its format: its libraries may take longer to load than a log to read."""
 
@@ -161,6 +167,7 @@ FORMATS = (
     LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _reader("adcp.reader", "RawAdcpReader")),
     LogFormat("radials", _begins(_RADIALS), _reader("surface.lluv", "RadialsReader")),
     LogFormat("drifters", _is_drifters, _reader("surface.drifters", "DrifterReader")),
+    LogFormat("table", _is_csv, _reader("table", "TableReader")),
     LogFormat("tlog", _is_tlog, _reader("mavlink.reader", "TlogReader")),
     LogFormat("dataflash", _is_dataflash, _reader("dataflash.reader", "DataflashReader")),
 )
@@ -218,8 +225,9 @@ def open_log(
             return log
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
-        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider file (NetCDF, "
-        "SeaExplorer, Slocum), currents by HF radar (NetCDF, LLUV), drifters (NetCDF, CSV), or a raw ADCP file (PD0, AD2CP); "
+        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider file "
+        "(NetCDF, SeaExplorer, Slocum), currents by HF radar (NetCDF, LLUV), drifters or a table of pings "
+        "(NetCDF, CSV), or a raw ADCP file (PD0, AD2CP); "
         + (
             f"this is {foreign}"
             if foreign

@@ -259,7 +259,12 @@ def referee_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
 
 
 #: The sources beside the vehicle's own profiles and mean currents.
-SOURCES = {"shear": "geostrophic shear", "radar": "HF radar", "drifters": "drifters"}
+SOURCES = {
+    "shear": "geostrophic shear",
+    "radar": "HF radar",
+    "drifters": "drifters",
+    "sensors": "other sensors",
+}
 
 
 def source_sentence(row: Mapping[str, Any], at: str = "") -> Sentence:

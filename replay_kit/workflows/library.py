@@ -11,22 +11,24 @@ import warnings
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic
 from typing import Any, TypedDict, Unpack
 
 from replay_kit.config.run import RunConfig, load_config
-from replay_kit.core.errors import ConfigError
+from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.observation import Observation, PathMean
-from replay_kit.core.paths import Paths, addresses_in, as_groups, as_path, check_paths
+from replay_kit.core.paths import Paths, addresses_in, as_groups, as_path, as_paths, check_paths
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.quantities import to_time_ns
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
+from replay_kit.forecast.names import MEMBER_NAMES
 from replay_kit.show.notebook import Result, as_pooled
 from replay_kit.workflows.in_memory.observations import is_observed, write_observed
 from replay_kit.workflows.in_memory.parts import (
@@ -45,7 +47,7 @@ from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory, 
 
 #: Settings of a run: tables of keys as in TOML, a TOML file, or a whole configuration; None for the defaults.
 Settings = Mapping[str, Any] | str | Path | RunConfig | None
-#: A path, an open log, or several; measurements or a pandas table of them.
+#: A path, an open log, or several; measurements or a table of them.
 Logs = (
     Any
     | str
@@ -94,12 +96,13 @@ def replay(
 
     Args:
         logs: Logs of one mission; an open one stands for its path, and is read with these settings. Or measurements
-            (``Observation.profile``, ``Observation.mean``), one or several, or a table with a row for each depth: ``time``, ``lon``,
-            ``lat``, ``depth`` [m], ``u``, ``v`` and ``error`` [m/s]; they are written beside ``out`` as NAME.observations.mcap. Of several
-            vehicles that share the estimate a mapping from the name of each to its log or logs.
+            (``Observation.profile``, ``Observation.mean``), one or several, or a table with a row for each depth: a pandas table, an xarray
+            ``Dataset`` or what one can be made of, with ``time``, ``longitude``, ``latitude``, ``depth`` [m], ``u``, ``v`` and ``error``
+            [m/s]; ``logs.columns`` names others. They are written beside ``out`` as NAME.observations.mcap. Of several vehicles that share
+            the estimate a mapping from the name of each to its log or logs.
         ensemble: NetCDF files, Zarr stores, folders or patterns; ``forecast.members`` says what a member is. With ``models``, files in a
-            list of their own are one product. Or an xarray ``Dataset``, or an ``Ensemble``, which is written beside ``out`` as
-            NAME.ensemble.nc.
+            list of their own are one product. Or an ``Ensemble``, an xarray ``Dataset`` or what one can be made of, which is written beside
+            ``out`` as NAME.ensemble.nc; of several in a list each is a member.
         goal: Where to go next, of several vehicles all or, in a mapping, those named; None plans nothing.
         out: Result MCAP to keep; None for a temporary one, which lasts as long as the value returned.
         settings: Such as ``{"forecast": {"levels": [5, 150, 500]}}``; ``replay_kit.RunConfig`` has them all.
@@ -116,21 +119,25 @@ def replay(
         )
     config, overwrite = settings_of(settings), options.get("overwrite", False)
     estimator, prior = options.get("estimator"), options.get("prior")
-    if goal is not None and is_observed(logs):
+    of_each = logs if isinstance(logs, Mapping) and not is_observed(logs) else None
+    if goal is not None and any(map(is_observed, [logs] if of_each is None else of_each.values())):
         raise ConfigError(
             "goal: measurements say nothing of where the vehicle is; plan on the estimate: plan(result.estimate, start, goal)"
         )
     folder = Path(tempfile.mkdtemp(prefix="replay_kit_")) if out is None else None
-    file = as_path(out, "out") if folder is None else folder / "result.mcap"
+    held = _Held(
+        as_path(out, "out") if folder is None else folder / "result.mcap", overwrite, config
+    )
+    file = held.out
+    config = _with_members(config, ensemble)
     try:
-        vehicles = _vehicles(logs, goal, file) if isinstance(logs, Mapping) else ()
+        vehicles = () if of_each is None else _vehicles(of_each, goal, held)
         of_one = None
         if goal is not None and not isinstance(goal, Mapping):
             of_one = place_of(goal, "goal")
         job = ReplayJob(
-            tuple(path for one in vehicles for path in one.logs)
-            or _log_paths(logs, file, overwrite),
-            _forecast_paths(ensemble, file, overwrite),
+            tuple(path for one in vehicles for path in one.logs) or held.log_paths(logs),
+            held.forecast_paths(ensemble),
             file,
             goal=of_one,
             vehicles=vehicles,
@@ -147,9 +154,11 @@ def replay(
             summary, flow = replay_job(
                 job, config, planner_factory(options.get("planner")), progress
             )
-    except BaseException:
+    except BaseException as error:
         if folder is not None:
             shutil.rmtree(folder)
+        if isinstance(error, ReplayKitError):
+            error.args = tuple(held.named(str(words)) for words in error.args)
         raise
     if 4 in summary.exit_codes:
         lost = f"{len(summary.losses)} damaged parts of the logs, {summary.late} late messages"
@@ -189,45 +198,92 @@ def _notebook_progress() -> Iterator[Progress]:
         bar.update(HTML(""))
 
 
-def _log_paths(logs: Logs, out: Path, overwrite: bool) -> tuple[Path, ...]:
-    """Return the logs of a replay; observations and tables are written beside the result."""
-    if is_observed(logs):
-        path = out.with_suffix(".observations.mcap")
-        check_paths((), (path,), overwrite)
-        write_observed(path, logs)
-        return (path,)
-    each = logs if isinstance(logs, list | tuple) else [logs]
-    if not each:
-        raise ConfigError("logs: expected one log or several, got none")
-    return tuple(as_path(getattr(log, "path", log), "log") for log in each)
+@dataclass(frozen=True)
+class _Held:
+    """What is in memory, as files beside a result.
+
+    Attributes:
+        out: The result.
+        overwrite: Whether existing files are replaced.
+        config: The run's.
+        names: What each of the files is called in errors.
+    """
+
+    out: Path
+    overwrite: bool
+    config: RunConfig
+    names: dict[Path, str] = field(default_factory=dict)
+
+    def path(self, ending: str, name: str) -> Path:
+        """Return the file of what is called so."""
+        path = self.out.with_suffix(ending)
+        check_paths((), (path,), self.overwrite)
+        self.names[path] = name
+        return path
+
+    def named(self, words: str) -> str:
+        """Return an error's words with what was given in place of its file."""
+        for path, name in self.names.items():
+            words = words.replace(str(path), name).replace(path.name, name)
+        return words
+
+    def log_paths(self, logs: Logs, vehicle: str = "") -> tuple[Path, ...]:
+        """Return the logs of a replay, or of one of its vehicles; observations and tables are written."""
+        if is_observed(logs):
+            name = f"logs['{vehicle}']" if vehicle else "measurements"
+            path = self.path(f"{vehicle and '.'}{vehicle}.observations.mcap", name)
+            write_observed(path, logs, name, self.config.logs.columns)
+            return (path,)
+        each = logs if isinstance(logs, list | tuple) else [logs]
+        if not each:
+            raise ConfigError("logs: expected one log or several, got none")
+        return tuple(as_path(getattr(log, "path", log), "log") for log in each)
+
+    def forecast_paths(self, ensemble: Forecast) -> tuple[tuple[Path, ...], ...]:
+        """Return the files of a forecast; datasets are written, each of several as a file of its own."""
+        several = isinstance(ensemble, list | tuple)
+        each: Sequence[Any] = ensemble if isinstance(ensemble, list | tuple) else [ensemble]
+        if not any(map(is_forecast, each)):
+            return as_groups(ensemble, "ensemble")
+        groups: list[tuple[Path, ...]] = []
+        for k, one in enumerate(each):
+            if not is_forecast(one):
+                groups.append(as_paths(one, "ensemble"))
+                continue
+            name = f"ensemble[{k}]" if several else "ensemble"
+            path = self.path(f".{name.replace('[', '.').rstrip(']')}.nc", name)
+            write_forecast(path, one, name)
+            groups.append((path,))
+        return tuple(groups)
 
 
-def _vehicles(logs: Mapping[str, Any], goal: Any, out: Path) -> tuple[Vehicle, ...]:
+def _with_members(config: RunConfig, ensemble: Any) -> RunConfig:
+    """Return settings with which datasets in a list are members, unless these say otherwise or one of them has members itself."""
+    several = isinstance(ensemble, list | tuple) and all(hasattr(one, "dims") for one in ensemble)
+    if (
+        not several
+        or config.forecast.members
+        or any({*MEMBER_NAMES} & {*one.dims} for one in ensemble)
+    ):
+        return config
+    forecast = config.forecast.model_copy(update={"members": "files"})
+    return config.model_copy(update={"forecast": forecast})
+
+
+def _vehicles(logs: Mapping[str, Any], goal: Any, held: _Held) -> tuple[Vehicle, ...]:
     """Return the vehicles of a replay of several, each with its logs and its goal."""
     goals: Mapping[str, Any] = goal if isinstance(goal, Mapping) else {}
     if not logs or (unknown := [name for name in goals if name not in logs]):
         what = f"goal: {', '.join(unknown)}" if logs else "logs"
         raise ConfigError(f"{what}: expected names of vehicles among {', '.join(logs) or 'none'}")
-    if any(is_observed(one) for one in logs.values()):
-        raise ConfigError("logs: expected the logs of each vehicle, got measurements; give paths")
     return tuple(
         Vehicle(
             str(name),
-            _log_paths(own, out, overwrite=False),
+            held.log_paths(own, str(name)),
             None if goals.get(name) is None else place_of(goals[name], f"goal of {name}"),
         )
         for name, own in logs.items()
     )
-
-
-def _forecast_paths(ensemble: Forecast, out: Path, overwrite: bool) -> tuple[tuple[Path, ...], ...]:
-    """Return the files of a forecast; a dataset is written beside the result."""
-    if not is_forecast(ensemble):
-        return as_groups(ensemble, "ensemble")
-    path = out.with_suffix(".ensemble.nc")
-    check_paths((), (path,), overwrite)
-    write_forecast(path, ensemble)
-    return ((path,),)
 
 
 def plan(

@@ -69,6 +69,22 @@ def test_what_is_no_time_is_named():
         to_time_ns(1.5)
 
 
+@pytest.mark.parametrize(
+    "time",
+    [
+        np.datetime64("1969-12-31T23:59:59", "ns"),
+        np.array(["2018-11-16", "1850-01-01"], "datetime64[D]"),
+        np.datetime64("2300-01-01", "s"),
+        "1969-12-31T23:59:59",
+        -1,
+        np.array([1, 2**63], np.uint64),
+    ],
+)
+def test_a_time_that_nanoseconds_since_1970_cannot_hold_is_refused_in_every_form(time):
+    with pytest.raises(ConfigError, match=r"is outside 1970\.\.2262; write a time of the mission"):
+        to_time_ns(time)
+
+
 def test_measurements_say_what_they_are():
     depth, twice = np.array([0.0, 300.0]), np.array([0.5, 0.5])
     path = PathMean(

@@ -48,7 +48,8 @@ def test_what_is_left_out_counts_as_not_used_for_its_own_reason():
 )
 def test_a_rule_that_is_none_is_refused(rule):
     with pytest.raises(
-        ValueError, match="expected dac, profiles, shear, radar, drifters or dives:3-5"
+        ValueError,
+        match="expected dac, profiles, shear, radar, drifters, sensors or dives:3-5",
     ):
         MeasurementConfig(without=(rule,))
     with pytest.raises(ValueError, match="each once"):

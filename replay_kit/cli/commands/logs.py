@@ -61,7 +61,9 @@ _Full = Annotated[
 ]
 
 
-@takes_settings("logs.clock", "logs.system", "logs.remap", "measurements", *PART_OF_FORECAST)
+@takes_settings(
+    *("logs.clock", "logs.system", "logs.remap", "logs.columns", "measurements"), *PART_OF_FORECAST
+)
 def info(
     *logs: LogIfAny,
     ensemble: _Ensemble = (),
@@ -171,7 +173,7 @@ class Copy(Answer):
     ]
 
 
-@takes_settings("logs.remap", file=False)
+@takes_settings("logs.remap", "logs.columns", file=False)
 def convert(*logs: Log, outputs: Annotated[Copy, TO_OUTPUTS], settings: Settings) -> int:
     """Return 0, or 4 when something was lost."""
     check_paths(logs, [outputs.out, outputs.json_file], outputs.overwrite)

@@ -43,7 +43,7 @@ class Fix(NamedTuple):
 
 
 #: Sources of measurements beside the vehicle's own profiles and mean currents.
-Kind = Literal["", "shear", "radar", "drifters"]
+Kind = Literal["", "shear", "radar", "drifters", "sensors"]
 
 
 @made_often
@@ -55,7 +55,8 @@ class Label:
         dive: Number of the dive; as in ``Observation``.
         source: The message that completed it.
         mean: The mean along a path that it was made of; None for others.
-        kind: ``shear``, ``radar`` or ``drifters``; empty for the vehicle's own profiles and mean currents.
+        kind: ``shear``, ``radar``, ``drifters`` or ``sensors``, of other packages and of single components that a person states; empty
+            for the vehicle's own profiles and mean currents.
         doubt: What may be wrong with it, in words; empty where nothing is known.
         vectors: The vectors of which a radar's boxes are averages; None for others.
     """

@@ -217,7 +217,7 @@ class Observation:
             *(fix.time_ns, None, np.array([fix.longitude]), np.array([fix.latitude])),
             *(np.array([float(depth)]), None, np.array([[float(speed)]])),
             *(_stated_errors(error, 1), np.full(1, Flag.GOOD, np.int8), np.zeros(1, np.int32)),
-            Label(0, Source(0, STATED, 0, fix.time_ns), kind="radar"),
+            Label(0, Source(0, STATED, 0, fix.time_ns), kind="sensors"),
             components=np.array([[math.sin(angle), math.cos(angle)]]),
         )
 

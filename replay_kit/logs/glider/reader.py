@@ -281,4 +281,8 @@ def open_glider(
         from replay_kit.logs.surface.totals import TotalsReader
 
         return TotalsReader((path, *more), input, config)
+    from replay_kit.logs.table import TableReader, holds_pings
+
+    if holds_pings(path, config.columns if config else {}):
+        return TableReader(path, input, config)
     return NetcdfRows(path, input, config, wanted)

@@ -3,11 +3,9 @@
 In NetCDF, of one drifter or of several as a ragged array, or as a table of ERDDAP (``.csv``): names, units, then a row a fix.
 """
 
-import csv
 from collections.abc import Collection, Iterator
-from itertools import islice
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +18,7 @@ from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import VALUES, Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import number, stamp
+from replay_kit.logs.table import is_csv, read_csv
 
 SCHEMA, TOPIC = "replay_kit.DrifterFix", "/drifters"
 #: By quantity the names of its variable, the preferred first.
@@ -36,8 +35,8 @@ _NAMES = {
 }
 # m: depth of the middle of the programme's drogue; and of a degree of latitude
 _DROGUE, _DEGREE = 15.0, 111_200.0
-# Rows of a table that are read at once, and letters of a value and of a line.
-_ROWS, _LONGEST, _LINE = 50_000, 128, 1 << 14
+# Letters of a line.
+_LINE = 1 << 14
 
 
 def is_table(head: bytes) -> bool:
@@ -143,40 +142,11 @@ def _opened(path: Path) -> NetcdfFile:
     Raises:
         LogError: It cannot be read, or a table's rows are of unlike lengths.
     """
-    try:
-        with open(path, newline="", encoding="latin-1") as file:
-            if not is_table(file.readline(_LINE).encode("latin-1")):
-                return open_netcdf(path, lambda names, attributes: list(_chosen(names).values()))
-            file.seek(0)
-            table = csv.reader(_lines(file))
-            names, stated = next(table), next(table)
-            cells = np.hstack([_block(rows) for rows in iter(lambda: [*islice(table, _ROWS)], [])])
-        columns = dict(zip(names, zip(cells, stated, strict=True), strict=True))
-    except (OSError, ValueError, csv.Error) as error:
-        raise LogError(
-            f"{path}: expected a table of ERDDAP: names, units, rows as long; got: {error}; fetch it again as .csv"
-        ) from error
-    variables = {name: Stored(column, {"units": unit}) for name, (column, unit) in columns.items()}
-    return NetcdfFile(path, {}, variables, tuple(names))
-
-
-def _lines(file: TextIO) -> Iterator[str]:
-    """Yield the lines of a table; raise ValueError for one that hardly ends."""
-    while line := file.readline(_LINE):
-        if len(line) == _LINE:
-            raise ValueError(f"a line of {_LINE} letters or more")
-        yield line
-
-
-def _block(rows: list[list[str]]) -> NDArray[np.bytes_]:
-    """Return the columns of some rows of a table.
-
-    Raises:
-        ValueError: They are of unlike lengths, or hold what is no value.
-    """
-    if max(len(cell) for row in rows for cell in row) > _LONGEST:
-        raise ValueError(f"a value of more than {_LONGEST} letters")
-    return np.char.encode(np.array(rows).T, "utf-8")
+    with open(path, "rb") as file:
+        if not is_csv(file.readline(_LINE)):
+            return open_netcdf(path, lambda names, attributes: list(_chosen(names).values()))
+    columns = read_csv(path)
+    return NetcdfFile(path, {}, columns, tuple(columns))
 
 
 def _drogued(

@@ -57,6 +57,7 @@ _SOURCE = {
     "shear": "geostrophic shears",
     "radar": "radar currents",
     "drifters": "drifters",
+    "sensors": "other sensors",
 }
 
 

@@ -58,6 +58,7 @@ class Instrument:
         headings: Headings [degrees] in place of depths.
         is_believed: Whether its profiles are used.
         named: Names of what was found.
+        beams: Number of beams along which its velocities are, 0 for true or other axes; None while no ping has told.
     """
 
     raw: RawHistory = field(default_factory=RawHistory)
@@ -69,6 +70,13 @@ class Instrument:
     headings: DepthRecord = field(default_factory=DepthRecord)
     is_believed: bool = True
     named: frozenset[str] = frozenset()
+    beams: int | None = None
+
+
+def _beams(ping: Observation) -> int | None:
+    """Return along how many beams a ping's velocities are, 0 for true or other axes; None where it does not tell."""
+    texture = ping.raw.texture
+    return None if texture is None else texture.shape[1] * ping.raw.along_beams
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,6 +243,8 @@ def _after_quiet(
 ) -> Instrument | None:
     """Return an instrument after pings in a row; None where one may show anything."""
     pings, known = zip(*run, strict=True)
+    if not {*map(_beams, pings)} <= {None, before.beams}:
+        return None
     raw = before.raw.quietly(pings) if before.is_believed else None
     checked = None if raw is None else checks.quiet(before.pings, pings, known)
     if raw is None or checked is None:
@@ -305,9 +315,12 @@ def _after_ping(
     state: ConsistencyState, ping: Observation, summary: PingSummary, through_water: bool
 ) -> tuple[ConsistencyState, Observation]:
     topic = ping.source.topic
-    instrument = state.instruments.get(topic) or Instrument(
-        sources=SourceStatistics(through_water=through_water)
-    )
+    instrument, beams = state.instruments.get(topic), _beams(ping)
+    if instrument is None or (beams is not None and instrument.beams not in (None, beams)):
+        # with other beams it is another instrument on the same topic, of which nothing is known yet
+        instrument = Instrument(sources=SourceStatistics(through_water=through_water))
+    if beams is not None and instrument.beams is None:
+        instrument = replace(instrument, beams=beams)
     raw, wrong = instrument.raw.after(ping.time_ns, ping.raw)
     found: list[Finding] = []
     if raw.is_dead and findings.DEAD not in instrument.named:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.observation import Kind
 from replay_kit.measurements.messages.fields import number
 
 
@@ -44,6 +45,7 @@ class RadarCurrents:
         depth: That the radars see [m].
         averaged: Over which time [s].
         error_length: Over which errors are correlated [m]; 0 where that is not stated.
+        kind: As in ``Label``.
     """
 
     longitude: Array
@@ -54,6 +56,7 @@ class RadarCurrents:
     depth: float
     averaged: float
     error_length: float
+    kind: Kind = "radar"
 
     def part(self, chosen: NDArray[np.bool_]) -> "RadarCurrents":
         """Return some of the vectors."""
@@ -140,4 +143,5 @@ def radar_currents(payload: Mapping[str, Any]) -> RadarCurrents | str:
         depth,
         averaged,
         length if length > 0.0 else 0.0,
+        kind="sensors" if payload.get("kind") == "sensors" else "radar",
     )

@@ -10,7 +10,15 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Label, LinearMeasurement, Source, VehicleState
+from replay_kit.core.observation import (
+    Flag,
+    Label,
+    LinearMeasurement,
+    Reason,
+    Source,
+    VehicleState,
+    usable,
+)
 from replay_kit.measurements.events import Event, Skipped, Used, left_out_reason
 from replay_kit.measurements.messages.water import Ctd, DrifterFix, RadarCurrents
 from replay_kit.measurements.steps.state import MeasurementState, Step
@@ -21,6 +29,7 @@ if TYPE_CHECKING:
 
 # ns; a vehicle that has sent no sample for so long has surfaced, whether or not its log says so
 _LONGEST_NS = 3 * 3600 * 10**9
+_PLACE = ("longitude", "latitude", "depth")
 # m/s; of currents where nothing else is known
 _SPEED = 0.2
 # m, and m/s
@@ -77,7 +86,7 @@ def record_radar(
     stated = stated if config.surface_box is None else stated.within(config.surface_box)
     if not stated.error_std.size:
         return state, [Skipped(source.topic, _NO_VECTOR)]
-    label = Label(state.dive, source, kind="radar")
+    label = Label(state.dive, source, kind=stated.kind)
     made = superobservations(stated, label, config.surface_spacing or _SPACING, _tide_of(config))
     return state, [Used(source.topic), *made]
 
@@ -87,8 +96,30 @@ def record_measurement(
 ) -> Step:
     """Return the state as it is, and what a sensor of another package measured at the time of its message."""
     del config
-    label = replace(stated.label, dive=state.dive, source=source)
-    return state, [Used(source.topic), replace(stated, time_ns=source.time_ns, label=label)]
+    kind = stated.label.kind or "sensors"
+    label = replace(stated.label, dive=state.dive, source=source, kind=kind)
+    placed = _with_places(stated)
+    return state, [Used(source.topic), replace(placed, time_ns=source.time_ns, label=label)]
+
+
+def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
+    """Return a measurement with those values flagged that have no place, or one above the surface."""
+    points = stated.longitude + stated.latitude + stated.depth
+    unknown, above, weights = ~np.isfinite(points), stated.depth < 0.0, stated.weights
+    if weights is not None:
+        # a point without a place is no point of the sums that do not use it, either
+        stated = replace(
+            stated,
+            **{name: np.nan_to_num(getattr(stated, name)) for name in _PLACE},
+        )
+        unknown, above = ((weights != 0.0) @ each for each in (unknown, above))
+    flags = np.where(above & usable(stated.flags), Flag.FAIL, stated.flags)
+    reasons = Reason.ABOVE_SURFACE * above + Reason.MISSING * unknown
+    return replace(
+        stated,
+        flags=np.where(unknown, Flag.MISSING, flags).astype(np.int8),
+        reasons=(stated.reasons | reasons).astype(np.int32),
+    )
 
 
 def record_drifter(

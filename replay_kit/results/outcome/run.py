@@ -57,7 +57,7 @@ class SourceRow:
     """Measurements of one source beside the vehicle's own.
 
     Attributes:
-        kind: ``shear``, ``radar`` or ``drifters``.
+        kind: ``shear``, ``radar``, ``drifters`` or ``sensors``.
         used: Number used.
         rejected: Number without a usable value, or rejected by the gate.
         values: Number of values used.

@@ -1,4 +1,4 @@
-"""Tables of a result in one CF NetCDF file: a dimension a table, and a variable a column, named after both."""
+"""Tables of a result in one CF NetCDF file: a dimension a table, and a variable a column, of several tables named after both."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -82,13 +82,14 @@ def to_dataset(
     for table, rows in tables.items():
         if not len(rows):
             continue
-        coordinates = [f"{table}_{name}" for name in _COORDINATES if name in rows]
+        before = f"{table}_" if len(tables) > 1 else ""
+        coordinates = [f"{before}{name}" for name in _COORDINATES if name in rows]
         for column in rows:
             values, attributes = _values(rows[column]), _attributes(table, str(column))
             # counts and flags
             if values.dtype.kind == "i":
                 attributes.setdefault("units", "1")
-            dataset[f"{table}_{column}"] = (table, values, attributes)
+            dataset[f"{before}{column}"] = (table, values, attributes)
         dataset = dataset.set_coords(coordinates)
     return described(
         dataset,

@@ -1,7 +1,7 @@
 """What a script gives: a forecast in memory, as a file; an estimator, a prior or a planner in place of the settings' own."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -26,24 +26,76 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def is_forecast(value: object) -> bool:
-    """Return whether a value is an ``Ensemble`` or an xarray ``Dataset``."""
-    return isinstance(value, Ensemble) or (
-        hasattr(value, "data_vars") and hasattr(value, "to_netcdf")
+def is_table(value: object) -> bool:
+    """Return whether a value is a pandas table, an xarray ``Dataset``, or a mapping of which one could be made."""
+    # neither library is loaded for the question: whoever has a table has loaded it
+    return (
+        (hasattr(value, "columns") and hasattr(value, "groupby"))
+        or hasattr(value, "data_vars")
+        or (isinstance(value, Mapping) and any(map(_has_numbers, value.values())))
     )
 
 
-def write_forecast(path: Path, value: Any) -> None:
+def _has_numbers(value: object) -> bool:
+    if isinstance(value, list | tuple):
+        return any(map(_has_numbers, value))
+    return hasattr(value, "dtype") or isinstance(value, int | float)
+
+
+def dataset_of(value: Any, name: str) -> "xr.Dataset":
+    """Return a value of ``is_table`` as a dataset; of a pandas table, and of arrays without dimensions, along ``row``.
+
+    Args:
+        value: As of ``is_table``; times may be the index of a pandas table.
+        name: What it is called in errors.
+
+    Raises:
+        ConfigError: No dataset can be made of it.
+    """
+    # takes half a second to load
+    import xarray as xr
+
+    if hasattr(value, "columns"):
+        held = {**value.index.to_frame(), **value}
+        value = {
+            "time"
+            if isinstance(key, int) and column.dtype.kind == "M"
+            else str(key): column.to_numpy()
+            for key, column in held.items()
+        }
+    if not any(hasattr(each, "dims") or isinstance(each, tuple) for each in value.values()):
+        value = {key: (("row",) * np.ndim(each), np.asarray(each)) for key, each in value.items()}
+        n = max(each.size for _, each in value.values())
+        for key, (dims, each) in value.items():
+            if dims and each.shape != (n,):
+                raise ConfigError(
+                    f"{name}['{key}']: expected {n} values, as others have, got {each.shape}"
+                )
+    try:
+        return xr.Dataset(value) if not hasattr(value, "data_vars") else value
+    except (ValueError, TypeError) as error:
+        raise ConfigError(
+            f"{name}: expected what xarray.Dataset can be made of: {error}; give each as (dimensions, values)"
+        ) from error
+
+
+def is_forecast(value: object) -> bool:
+    """Return whether a value is an ``Ensemble``, an xarray ``Dataset``, or a mapping of which one could be made."""
+    return isinstance(value, Ensemble) or is_table(value)
+
+
+def write_forecast(path: Path, value: Any, name: str) -> None:
     """Write a forecast as NetCDF.
 
     Args:
         path: The file.
         value: As of ``is_forecast``.
+        name: What it is called in errors.
 
     Raises:
         ForecastError: Its values cannot be read or written.
     """
-    dataset = _dataset_of(value) if isinstance(value, Ensemble) else value
+    dataset = _dataset_of(value) if isinstance(value, Ensemble) else dataset_of(value, name)
     halves = [name for name, held in dataset.variables.items() if held.dtype == np.float16]
     if halves:
         named = ", ".join(map(str, halves))
@@ -55,7 +107,7 @@ def write_forecast(path: Path, value: Any) -> None:
     except Exception as error:
         said = " ".join(str(error).split())[:200]
         raise ForecastError(
-            f"ensemble: expected a Dataset whose values can be read and written as NetCDF, got {type(error).__name__}: {said}; "
+            f"{name}: expected a Dataset whose values can be read and written as NetCDF, got {type(error).__name__}: {said}; "
             "is the file that it was opened from still there?"
         ) from error
 

@@ -37,7 +37,7 @@ class LogContent:
         profiles: Number of profiles of the current.
         bins: Number of usable bins in them.
         mean_currents: Number of mean currents between fixes.
-        surface: Number of measurements of the current by radar and drifters.
+        surface: Number of measurements of the current by radar, drifters and other sensors.
         positions: Number of positions.
         box: West, south, east, north [degrees] of the positions, east above 180 when they cross the antimeridian; None without positions.
         depths: Shallowest and deepest usable bin [m]; None without bins.
@@ -70,7 +70,7 @@ class LogContent:
                 )
             case PathMean():
                 return replace(self, mean_currents=self.mean_currents + 1)
-            case LinearMeasurement() if event.label.kind in ("radar", "drifters"):
+            case LinearMeasurement() if event.label.kind != "shear":
                 return replace(self, surface=self.surface + 1)
             case VehicleState():
                 return self._with_position(event.longitude, event.latitude)

@@ -94,7 +94,7 @@ def _content_lines(log: LogInfo) -> Iterator[str]:
     if content.mean_currents:
         yield f"Mean currents between fixes: {content.mean_currents}"
     if content.surface:
-        yield f"Currents at the surface, by radar or drifters: {content.surface} measurements"
+        yield f"Currents by radar, drifters or other sensors: {content.surface} measurements"
     if content.depths is not None:
         yield f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m"
 

@@ -134,7 +134,7 @@ def test_a_table_whose_rows_are_cut_is_refused(tmp_path):
     path = tmp_path / "drifters.csv"
     _table(made.drifters(), path)
     path.write_text(path.read_text()[:-30])
-    with pytest.raises(LogError, match="expected a table of ERDDAP: names, units, rows as long"):
+    with pytest.raises(LogError, match="expected a table: names, perhaps units, rows as long"):
         read([path])
 
 

@@ -78,6 +78,20 @@ def test_netcdf_holds_every_table_and_is_compliant(contents, tmp_path, complaint
         np.testing.assert_allclose(found["section_u_measured"], total, rtol=1e-12)
 
 
+def test_a_table_alone_has_the_names_of_along_in_netcdf_as_in_csv(contents, tmp_path):
+    expected = contents.estimate.along(contents.result.fixes)
+    export(contents, tmp_path / "x.nc", table="track")
+    export(contents, tmp_path / "x.csv", table="track")
+    with xr.open_dataset(tmp_path / "x.nc") as found:
+        names = {*found.variables}
+        for name in ("u", "v", "u_standard_error", "v_standard_error", "depth"):
+            np.testing.assert_array_equal(found[name], getattr(expected, name))
+            assert found[name].attrs["units"] == expected.to_xarray()[name].attrs["units"]
+        assert {*found.coords} == {"time", "longitude", "latitude", "depth"}
+    assert names == {*pd.read_csv(tmp_path / "x.csv")}
+    assert names == {*expected.to_pandas()} | {"dead_reckoned"}
+
+
 @pytest.mark.parametrize("end", ["longitude", "latitude", "depth"])
 def test_columns_of_places_have_the_attributes_of_a_place_whatever_goes_before(end):
     alone, before = _attributes("surfacings", end), _attributes("surfacings", f"forecast_{end}")
