@@ -200,7 +200,11 @@ def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
         variables = {
             name: Stored(
                 _stored(item, rows if item.ndim > 1 else ...),
-                {key: plain_attribute(item.attrs[key]) for key in _ATTRIBUTES if key in item.attrs},
+                {
+                    key: plain_attribute(value)
+                    for key, value in item.attrs.items()
+                    if key in _ATTRIBUTES or key.startswith("parameter")
+                },
                 _dims(group, name, item),
             )
             for name, item in chosen.items()
