@@ -120,6 +120,22 @@ def as_number(text: str) -> float:
         return float("nan")
 
 
+def stated_of(held: Collection[str], name: str, attribute: str) -> str:
+    """Return an attribute of a variable that a file holds, read or not; empty when there is none.
+
+    Args:
+        held: The file's variables by name, as ``Choose`` is given them; a table's names alone state nothing.
+        name: Of the variable.
+        attribute: Its name.
+    """
+    item: Any = held[name] if isinstance(held, Mapping) else None
+    attributes = next(
+        (of for key in ("attributes", "attrs", "_attributes") if (of := getattr(item, key, None))),
+        {},
+    )
+    return Stored(np.empty(0), dict(attributes)).text(attribute)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class NetcdfFile:
     """Some variables of a file.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.message import Loss, Message
+from replay_kit.core.message import NO_MEANS, Loss, Message
 from replay_kit.core.observation import Fix
 from replay_kit.core.text import count_text
 from replay_kit.logs.glider.adcp import INVERTED
@@ -91,6 +91,19 @@ class GliderReader(LogFile):
             else [entry for part in files for entry in pings(part.content, notes)]
         )
         self._adcp += absolute_profiles(self._columns, self._means.means, notes)
+        if (
+            not (self._means.means or self._adcp)
+            and self._fixes.time_ns.size > 1
+            and {
+                "longitude",
+                "depth",
+            }
+            <= set(self._columns.samples)
+        ):
+            notes.append(
+                f"{NO_MEANS}none is stated; if the dead-reckoned positions include no current, "
+                "--measurements.dead-reckoning through_water computes them"
+            )
         self._notes = (*by_variable(_counted(notes)), *_heading_note(self._columns, self._dialect))
         self.statistics.notes = self._notes
 

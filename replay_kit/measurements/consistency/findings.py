@@ -24,6 +24,7 @@ CLOCK = "clock of the instrument"
 ERRORS = "stated errors"
 BEAM = "a beam of the instrument"
 MEANS = "mean currents"
+RECKONED = "mean currents and dead reckoning contradict each other"
 DUPLICATES = "messages logged twice"
 FROZEN = "frozen positions"
 REPEATED = "the last fix repeated under water"
@@ -110,6 +111,18 @@ def of_sources(explanation: Explanation, rivals: Rivals, mean: PathMean, topic: 
         cause = f"{cause}; {_odds(rivals)}"
     evidence, since_ns = f"{evidence} ({_strength(explanation)})", explanation.since_ns
     return Finding(name, since_ns or mean.time_ns, evidence, cause, advice, severity)
+
+
+def of_reckoning(explanation: Explanation, mean: PathMean) -> Finding:
+    """Return the finding of mean currents with a slip of axes or signs beside those that fixes and dead-reckoned positions give."""
+    return Finding(
+        RECKONED,
+        explanation.since_ns or mean.time_ns,
+        f"{mean.source.topic}: beside fixes and dead-reckoned positions the mean currents look {_names(explanation)} "
+        f"({_strength(explanation)})",
+        "the axes or signs of the mean currents",
+        'check which variable is east; withhold them (--without dac), or compute them (measurements.dead_reckoning = "through_water")',
+    )
 
 
 def undecided(best: Explanation, rivals: Rivals, mean: PathMean, topic: str) -> Finding:

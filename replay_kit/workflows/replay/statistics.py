@@ -8,7 +8,7 @@ from replay_kit.core.arrays import replace
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.evidence import Evidence
 from replay_kit.core.grid import Grid
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import NO_MEANS, LogReport, Message
 from replay_kit.core.observation import LinearMeasurement, PathMean, kind_of
 from replay_kit.logs.merge import ClockJump, Merge
 from replay_kit.logs.shared.payloads import gather, short
@@ -163,10 +163,12 @@ class RunStatistics:
             raise MeasurementError(f"{names}: {counts.rejected} ADCP pings, none usable: {why}")
         found = _describe(self.messages.topic_rows(reports)) or "no messages at all"
         lost = self.lost_pings(reports)
+        means = [note for report in reports for note in report.notes if note.startswith(NO_MEANS)]
+        hints = "".join([self._mapping_hint(reports), *(f". {note}" for note in means)])
         raise MeasurementError(
             f"{names}: {lost}{'. ' if lost else ''}no usable ADCP ping and no mean current of a dive; "
             "expected pings (AdcpPing messages, ADCP_* frames, PD0, AD2CP or a [[measurements.map]]) with positions and, unless in earth "
-            f"coordinates, attitude; or depth-averaged currents between fixes. Found: {found}{self._mapping_hint(reports)}"
+            f"coordinates, attitude; or depth-averaged currents between fixes. Found: {found}{hints}"
         )
 
     def _mapping_hint(self, reports: Sequence[LogReport]) -> str:
