@@ -126,7 +126,7 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
     skipped = _without_bad(file, dialect, chosen, values, notes)
     _with_sign(file, chosen, values, notes)
     for key in ("heading", "pitch", "roll"):
-        if key in values:
+        if key in values and not dialect.raw:
             values[key] = units.attitude_degrees(chosen[key], values[key], key == "heading", notes)
     return _grouped(values, skipped)
 

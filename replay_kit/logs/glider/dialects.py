@@ -83,6 +83,7 @@ class Dialect:
         dac_kind: How the mean currents were computed.
         pings: Reads the pings of an ADCP from a file, and adds to the notes what it assumed; None for a dialect without one.
         in_parts: Whether a mission is many files: one a profile, or one a segment.
+        raw: Whether values are as the vehicle wrote them: their units are fixed, and positions before the first fix are unfounded.
     """
 
     name: str
@@ -98,6 +99,7 @@ class Dialect:
     dac_kind: str = "dead_reckoning"
     pings: Callable[[NetcdfFile, list[str]], Iterator[Entry]] | None = None
     in_parts: bool = False
+    raw: bool = False
 
     def recognises(self, names: Collection[str], attributes: Mapping[str, Any]) -> bool:
         """Return whether a file with these variables and attributes is of the dialect."""
@@ -272,6 +274,7 @@ _SLOCUM = Dialect(
         **dict.fromkeys(("heading", "pitch", "roll", "declination"), "rad"),
         "pressure": "bar",
     },
+    raw=True,
 )
 
 #: Slocum's binary files, put together by ``logs/slocum``; the files themselves are recognised by their first bytes.
@@ -470,6 +473,7 @@ _SEAEXPLORER = Dialect(
     beside=("ad2cp_",),
     pings=seaexplorer_pings,
     in_parts=True,
+    raw=True,
 )
 
 #: All dialects, in the order in which they are tried: the narrower signature first.

@@ -171,6 +171,8 @@ class GliderReader(LogFile):
             samples["time"], self._fixes.time_ns
         )
         usable &= np.isfinite(depth) if self.format == "seaglider" else True
+        if self._dialect.raw and self._fixes.time_ns.size:
+            usable &= samples["time"] >= self._fixes.time_ns[0]
         due = -_DECIMATED_NS
         angles = [
             name

@@ -39,10 +39,12 @@ class LogContent:
         mean_currents: Number of mean currents between fixes.
         surface: Number of measurements of the current by radar and drifters.
         positions: Number of positions.
-        box: West, south, east, north [degrees] of the positions, east above 180 when they cross the antimeridian; None without positions.
+        box: West, south, east, north [degrees] of the fixes, of the dead-reckoned positions where there is no fix; east above 180 when they
+            cross the antimeridian; None without positions.
         depths: Shallowest and deepest usable bin [m]; None without bins.
         first_longitude: Of the first position [degrees]; the others are counted from it, so that a track across the antimeridian has a
             narrow box.
+        has_fix: Whether one of the positions is a fix.
     """
 
     profiles: int = 0
@@ -53,6 +55,7 @@ class LogContent:
     box: tuple[float, float, float, float] | None = None
     depths: tuple[float, float] | None = None
     first_longitude: float | None = None
+    has_fix: bool = False
 
     def extended(self, event: object) -> "LogContent":
         """Return the content with one more measurement; other events change nothing."""
@@ -73,10 +76,16 @@ class LogContent:
             case LinearMeasurement() if event.label.kind in ("radar", "drifters"):
                 return replace(self, surface=self.surface + 1)
             case VehicleState():
-                return self._with_position(event.longitude, event.latitude)
+                return self._with_position(event.longitude, event.latitude, event.dead_reckoned)
         return self
 
-    def _with_position(self, longitude: float, latitude: float) -> "LogContent":
+    def _with_position(
+        self, longitude: float, latitude: float, dead_reckoned: bool
+    ) -> "LogContent":
+        if self.has_fix and dead_reckoned:
+            return replace(self, positions=self.positions + 1)
+        if not (self.has_fix or dead_reckoned):
+            return replace(self, box=None, has_fix=True)._with_position(longitude, latitude, False)
         first = longitude if self.first_longitude is None else self.first_longitude
         if abs(longitude - first) > 180.0:
             longitude = float(unwrap_longitude(longitude, first))
