@@ -129,7 +129,7 @@ def stated_of(held: Collection[str], name: str, attribute: str) -> str:
         attribute: Its name.
     """
     item: Any = held[name] if isinstance(held, Mapping) else None
-    attributes = next(
+    attributes: Mapping[str, Any] = next(
         (of for key in ("attributes", "attrs", "_attributes") if (of := getattr(item, key, None))),
         {},
     )

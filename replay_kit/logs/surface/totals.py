@@ -185,7 +185,7 @@ class TotalsReader(LogFile):
             f"{dialect.name}: {how}; vectors without an error, or with one of questionable quality, are not used"
         )
         self._notes |= dict.fromkeys(notes)
-        columns = {
+        columns: dict[str, NDArray[Any]] = {
             "longitude": longitude,
             "latitude": latitude,
             "east": u,
@@ -270,9 +270,10 @@ def _parameters(file: NetcdfFile, dialect: TotalsDialect) -> tuple[float, float]
     described = {int(n): words for n, words in _PARAMETER.findall(stored.text("comment"))}
     for key, value in {**file.attributes, **stored.attributes}.items():
         if match := re.fullmatch(r"parameter(\d+)(_description)?", key):
-            (described if match[2] else values)[int(match[1])] = (
-                str(value) if match[2] else float(np.ravel(value)[0])
-            )
+            if match[2]:
+                described[int(match[1])] = str(value)
+            else:
+                values[int(match[1])] = float(np.ravel(value)[0])
 
     def stated(words: str, place: int) -> float:
         found = [n for n, text in described.items() if re.search(words, text, re.I)]
