@@ -210,6 +210,7 @@ class Merge(Generic[_T]):
     end_ns: int | None = None
     keep_late: bool = False
     _late: Counter[str] = field(default_factory=Counter, init=False, repr=False)
+    _late_by: list[int] = field(default_factory=lambda: [0], init=False, repr=False)
     _astray: Counter[str] = field(default_factory=Counter, init=False, repr=False)
     _jumps: list[ClockJump] = field(default_factory=list, init=False, repr=False)
 
@@ -217,6 +218,11 @@ class Merge(Generic[_T]):
     def late(self) -> Mapping[str, int]:
         """Late messages left out, by topic; complete once the iteration is."""
         return dict(self._late)
+
+    @property
+    def late_by_s(self) -> float:
+        """Largest time by which a late message is older than the newest before it [s]: a window as long keeps all."""
+        return 1e-9 * self._late_by[0]
 
     @property
     def astray(self) -> Mapping[str, int]:
@@ -231,6 +237,7 @@ class Merge(Generic[_T]):
     def __iter__(self) -> Iterator[_T]:
         """Yield the messages from ``start_ns`` to ``end_ns``, both included; each iteration reads the logs anew."""
         self._late.clear()
+        self._late_by[0] = 0
         self._astray.clear()
         self._jumps.clear()
         ordered = [self._ordered(reader) for reader in self.readers]
@@ -260,6 +267,7 @@ class Merge(Generic[_T]):
                     yield message
                 elif self._wanted(message):
                     self._late[message.topic] += 1
+                    self._late_by[0] = max(self._late_by[0], newest - time_ns)
                 continue
             heapq.heappush(held, (time_ns, message.position, message))
             newest = max(newest, time_ns)

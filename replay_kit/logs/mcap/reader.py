@@ -1,10 +1,10 @@
-"""Streaming MCAP reader: one chunk in memory, messages in file order, damage counted and skipped."""
+"""Streaming MCAP reader: one chunk in memory, messages in file order or that of the index, damage counted and skipped."""
 
 import os
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO, NamedTuple, TypeVar
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
@@ -13,6 +13,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import MAVLINK_FRAMES, Message, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
 from replay_kit.logs.decode.to_json import DIVE_MEAN
+from replay_kit.logs.mcap.ordered import Slice, is_disordered, slices, times_of
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     MAGIC,
@@ -24,7 +25,7 @@ from replay_kit.logs.mcap.records import (
 )
 from replay_kit.logs.mcap.scanner import MESSAGE, McapScanner
 from replay_kit.logs.mcap.summary import Channels, Make, read_summary
-from replay_kit.logs.mcap.survey import Survey, overview_of
+from replay_kit.logs.mcap.survey import Survey, overview_of, problem_of
 from replay_kit.logs.reader import LogFile, OnExtra
 from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics
 
@@ -38,7 +39,7 @@ class McapReader(LogFile):
     format = "mcap"
 
     def messages(self) -> Iterator[Message]:
-        """Yield the decoded messages in the order in which the file holds them.
+        """Yield the decoded messages in the order in which the file holds them; in order of log time where its index tells of another.
 
         ``position`` is the ordinal of the message in the file, undecodable ones counted.
 
@@ -58,9 +59,15 @@ class McapReader(LogFile):
         survey = Survey(self.statistics, self._decoded, f"{self._clock}_ns", wanted)
         with self._opened() as file:
             self._check_magic(file)
-            yield from McapScanner(
-                file, self.statistics, survey.single, self._topic, bulk=survey
-            ).messages()
+            if (ordered := self._ordered(file)) is None:
+                yield from McapScanner(
+                    file, self.statistics, survey.single, self._topic, bulk=survey
+                ).messages()
+                return
+            channels, first = ordered.channels, 0
+            for part in ordered.slices:
+                yield survey.block(channels, part.contents, part.found, first)
+                first += part.ordinals.size
 
     def overview(self) -> Overview | str:
         """Return what the index at the end of the file says; as ``LogFile.overview``."""
@@ -112,7 +119,35 @@ class McapReader(LogFile):
         with self._opened() as file:
             self._check_magic(file)
             on_record = None if on_extra is None else lambda record: on_extra(_extra(file, record))
-            yield from McapScanner(file, self.statistics, make, self._topic, on_record).messages()
+            ordered = self._ordered(file)
+            scanner = McapScanner(file, self.statistics, make, self._topic, on_record)
+            if ordered is None:
+                yield from scanner.messages()
+                return
+            for record in ordered.extras:
+                scanner.pass_on(record)
+            for part in ordered.slices:
+                starts, stops = (part.found.offset + HEAD_SIZE).tolist(), part.found.stop.tolist()
+                rows = zip(starts, stops, part.ordinals.tolist(), strict=True)
+                for start, stop, ordinal in rows:
+                    made = make(ordered.channels, part.contents, start, stop, ordinal)
+                    if made is not None:
+                        yield made
+
+    def _ordered(self, file: BinaryIO) -> "_Ordered | None":
+        """Return what an index gives in order of time; None where the order of the file will do, or is all there is."""
+        summary = read_summary(file, os.fstat(file.fileno()).st_size)
+        window_ns = round(self._config.reorder_window * 1e9)
+        if problem_of(summary) or not is_disordered(file, summary, window_ns):
+            file.seek(len(MAGIC))
+            return None
+        statistics, extras = ReadStatistics(), list[Record]()
+        times = times_of(file, summary, statistics, extras.append)
+        if times is None:
+            return None
+        self.statistics.unchecked += statistics.unchecked
+        channels = Channels(summary, self._topic)
+        return _Ordered(channels, extras, slices(file, summary, times))
 
     def _check_magic(self, file: BinaryIO) -> None:
         if (head := file.read(len(MAGIC))) != MAGIC:
@@ -188,6 +223,14 @@ class McapReader(LogFile):
             self.statistics.without_stamp += 1
             return log_ns
         return stamp
+
+
+class _Ordered(NamedTuple):
+    """A file in order of time: its channels, what it holds beside messages, and these by and by."""
+
+    channels: Channels
+    extras: list[Record]
+    slices: Iterator[Slice]
 
 
 def _extra(file: BinaryIO, record: Record) -> Attachment | Metadata:

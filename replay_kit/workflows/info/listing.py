@@ -1,5 +1,6 @@
 """What is in logs, for a person and as JSON, and what to type next."""
 
+import math
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -137,8 +138,9 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     )
     if report.mission:
         console.print(f"Mission: {report.mission}")
+    print_lines(console, late_lines(topics))
     print_lines(console, _content_lines(log))
-    print_lines(console, late_and_gaps(topics))
+    print_lines(console, gap_lines(topics))
     known = {
         topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND}
         for topic, reasons in log.not_used.items()
@@ -238,12 +240,20 @@ def topic_json(name: str, topic: TopicInfo) -> dict[str, Any]:
     }
 
 
-def late_and_gaps(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
-    """Yield what is late, and the longest of the gaps that stand out."""
+def late_lines(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
+    """Yield what is late, and the setting that keeps it."""
     late = {name: topic.late for name, topic in topics.items() if topic.late}
     if late:
         which = ", ".join(f"{count} x {name}" for name, count in late.items())
-        yield f"Late, by more than the reorder window, so that a replay leaves them out: {which}"
+        seconds = math.ceil(1e-9 * max(topic.late_by_ns for topic in topics.values()))
+        yield (
+            f"Late, by more than the reorder window, so that a replay leaves them out: {which}; "
+            f"logs.reorder_window = {seconds} keeps them"
+        )
+
+
+def gap_lines(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
+    """Yield the longest of the gaps that stand out."""
     gaps = sorted(
         (
             (topic.gap_ns or 0, name, topic.gap_from_ns or 0)

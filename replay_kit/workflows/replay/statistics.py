@@ -1,5 +1,6 @@
 """Running counts of a replay, as frozen values: messages, measurements, dives."""
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -45,6 +46,7 @@ class MessageCounts:
         skipped: By topic and reason.
         unsupported: Mean currents that the estimator cannot use, by kind.
         late: By topic, later than the reorder window allows.
+        late_by: By how much the latest of these is older than the newest before it [s].
         astray: By topic, set aside because their stamps are far from their neighbours'.
         jumps: Of the logs' clocks.
     """
@@ -55,6 +57,7 @@ class MessageCounts:
     late: Mapping[str, int] = field(default_factory=dict)
     astray: Mapping[str, int] = field(default_factory=dict)
     jumps: tuple[ClockJump, ...] = ()
+    late_by: float = 0.0
 
     def topic_rows(self, reports: Sequence[LogReport]) -> tuple[TopicRow, ...]:
         """Return a row for each topic of the logs."""
@@ -126,7 +129,13 @@ class RunStatistics:
             first_input: Of them; their reports begin with its.
         """
         jumps = tuple(replace(jump, input=jump.input - first_input) for jump in merged.jumps)
-        counts = replace(self.messages, late=merged.late, astray=merged.astray, jumps=jumps)
+        counts = replace(
+            self.messages,
+            late=merged.late,
+            astray=merged.astray,
+            jumps=jumps,
+            late_by=merged.late_by_s,
+        )
         return RunStatistics(counts, self.profiles)
 
     def require_left_out(self, rules: Sequence[str]) -> None:
@@ -215,8 +224,15 @@ class RunStatistics:
 
     def lost_pings(self, reports: Sequence[LogReport]) -> str:
         """Return which pings were lost for want of a setting, where they are more than a fifth of a topic's; else empty."""
-        words = []
-        for row in self.messages.topic_rows(reports):
+        words, rows = [], self.messages.topic_rows(reports)
+        late = self.messages.late
+        if pushed := any(late.get(row.topic, 0) > _MANY_LOST * row.read for row in rows):
+            # what they would have placed follows from it
+            words.append(
+                f"{sum(late.values())} messages came up to {math.ceil(self.messages.late_by)} s later than others before them, more than "
+                f"the reorder window allows; logs.reorder_window = {math.ceil(self.messages.late_by)} keeps them"
+            )
+        for row in [] if pushed else rows:
             for reason, count in row.reasons.items():
                 keeping = next(
                     (setting for begin, setting in _KEEPING if reason.startswith(begin)), None
