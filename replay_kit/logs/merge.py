@@ -12,6 +12,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar, cast
 
 from replay_kit.core.message import Message, RawMessage
 from replay_kit.core.text import time_text
+from replay_kit.logs.shared.times import doubtful_times
 
 #: Nearer stamps are no matter of a wrong clock: messages are late by hours where data are buffered [ns].
 FAR_NS = 86_400_000_000_000
@@ -211,6 +212,8 @@ class Merge(Generic[_T]):
     keep_late: bool = False
     _late: Counter[str] = field(default_factory=Counter, init=False, repr=False)
     _late_by: list[int] = field(default_factory=lambda: [0], init=False, repr=False)
+    _span: list[int] = field(default_factory=list, init=False, repr=False)
+    _samples: dict[str, Message] = field(default_factory=dict, init=False, repr=False)
     _astray: Counter[str] = field(default_factory=Counter, init=False, repr=False)
     _jumps: list[ClockJump] = field(default_factory=list, init=False, repr=False)
 
@@ -223,6 +226,14 @@ class Merge(Generic[_T]):
     def late_by_s(self) -> float:
         """Largest time by which a late message is older than the newest before it [s]: a window as long keeps all."""
         return 1e-9 * self._late_by[0]
+
+    @property
+    def doubtful_times(self) -> str:
+        """What is odd about the times; empty when nothing is. Complete once the iteration is."""
+        if not self._span:
+            return ""
+        samples = [(message.time_ns, message.payload) for message in self._samples.values()]
+        return doubtful_times((min(self._span), max(self._span)), samples, None)
 
     @property
     def astray(self) -> Mapping[str, int]:
@@ -238,6 +249,8 @@ class Merge(Generic[_T]):
         """Yield the messages from ``start_ns`` to ``end_ns``, both included; each iteration reads the logs anew."""
         self._late.clear()
         self._late_by[0] = 0
+        self._span.clear()
+        self._samples.clear()
         self._astray.clear()
         self._jumps.clear()
         ordered = [self._ordered(reader) for reader in self.readers]
@@ -260,8 +273,12 @@ class Merge(Generic[_T]):
         window_ns = round(self.reorder_window_s * 1e9)
         held: list[tuple[int, int, _T]] = []
         newest = yielded = -(2**63)
+        first_ns = 2**63
         for message in reader.messages() if self.keep_late else self._steady(reader.messages()):
             time_ns = message.time_ns
+            first_ns = min(first_ns, time_ns)
+            if message.topic not in self._samples and isinstance(message, Message):
+                self._samples[message.topic] = message
             if time_ns < yielded:
                 if self.keep_late:
                     yield message
@@ -274,6 +291,8 @@ class Merge(Generic[_T]):
             while newest - held[0][0] > window_ns:
                 yielded, _, oldest = heapq.heappop(held)
                 yield oldest
+        if newest >= first_ns:
+            self._span.extend((first_ns, newest))
         while held:
             yield heapq.heappop(held)[2]
 

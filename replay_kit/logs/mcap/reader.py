@@ -28,6 +28,7 @@ from replay_kit.logs.mcap.summary import Channels, Make, read_summary
 from replay_kit.logs.mcap.survey import Survey, overview_of, problem_of
 from replay_kit.logs.reader import LogFile, OnExtra
 from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics
+from replay_kit.logs.shared.times import header_stamp
 
 _MAX_TIME_NS = 2**63 - 1
 _T = TypeVar("_T")
@@ -252,26 +253,3 @@ def _extra(file: BinaryIO, record: Record) -> Attachment | Metadata:
     if stated not in (0, zlib.crc32(body[:-4])):
         raise ValueError("its checksum does not match")
     return parse(Attachment, body)
-
-
-def header_stamp(payload: Mapping[str, Any]) -> int | None:
-    """Return the time that a payload states about itself [ns, UTC]; None when it states none.
-
-    Read from ``header.stamp``, ``stamp`` and ``timestamp``, as a mapping of seconds and nanoseconds under the names in
-    use. Zero means unset, as in ROS; what int64 cannot hold is no time.
-    """
-    header = payload.get("header")
-    stamps = [header.get("stamp")] if isinstance(header, Mapping) else []
-    for stamp in (*stamps, payload.get("stamp"), payload.get("timestamp")):
-        if isinstance(stamp, Mapping):
-            seconds = _first_integer(stamp, ("sec", "secs", "seconds"))
-            nanoseconds = _first_integer(stamp, ("nsec", "nanosec", "nsecs", "nanos"))
-            if seconds is not None and nanoseconds is not None:
-                time_ns = seconds * 1_000_000_000 + nanoseconds
-                if 0 < time_ns <= _MAX_TIME_NS:
-                    return time_ns
-    return None
-
-
-def _first_integer(stamp: Mapping[str, Any], names: tuple[str, ...]) -> int | None:
-    return next((stamp[name] for name in names if isinstance(stamp.get(name), int)), None)

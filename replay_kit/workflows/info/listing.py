@@ -30,7 +30,7 @@ from replay_kit.show.text import (
     print_table,
     short_times,
 )
-from replay_kit.workflows.info.inspect import LogInfo
+from replay_kit.workflows.info.inspect import LogInfo, use_of
 from replay_kit.workflows.info.reading import TopicInfo
 
 
@@ -119,6 +119,19 @@ def print_infos(logs: Sequence[LogInfo], console: Console, verbose: bool = False
             for note, found in shared.items()
         ),
     )
+    print_lines(console, together_lines(logs))
+
+
+def together_lines(logs: Sequence[LogInfo]) -> Iterator[str]:
+    """Yield what logs can be used for that are judged together."""
+    content = next((log.together for log in logs if log.together is not None), None)
+    if content is not None:
+        yield (
+            f"Together: {use_of(content)}. {content.profiles} profiles with {content.bins} usable bins, {content.positions} positions, "
+            f"{content.mean_currents} mean currents"
+        )
+        if missing := next((log.missing for log in logs if log.missing), ""):
+            yield f"Missing for a replay: {missing}"
 
 
 def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
@@ -150,7 +163,7 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     print_lines(console, unchecked_lines(report))
     print_lines(console, (f"Note: {note}" for note in report.notes))
     print_lines(console, (f"LOST: {loss_words(loss)}" for loss in report.losses))
-    if log.missing:
+    if log.missing and log.together is None:
         print_lines(console, [f"Missing for a replay: {log.missing}"])
     mappable = log.mappable
     print_lines(
@@ -175,7 +188,7 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
 def asks_for_replay(logs: Sequence[LogInfo]) -> bool:
     """Return whether logs are of one mission and measure a current, so that a replay comes next."""
     missions = {log.report.mission for log in logs if log.report.mission}
-    held = (log.content for log in logs)
+    held = (log.judged for log in logs)
     return len(missions) <= 1 and any(c.bins or c.mean_currents or c.surface for c in held)
 
 

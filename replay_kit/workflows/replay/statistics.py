@@ -49,6 +49,7 @@ class MessageCounts:
         late_by: By how much the latest of these is older than the newest before it [s].
         astray: By topic, set aside because their stamps are far from their neighbours'.
         jumps: Of the logs' clocks.
+        doubt: What is odd about the logs' times; empty when nothing is.
     """
 
     used: Mapping[str, int] = field(default_factory=dict)
@@ -58,6 +59,7 @@ class MessageCounts:
     astray: Mapping[str, int] = field(default_factory=dict)
     jumps: tuple[ClockJump, ...] = ()
     late_by: float = 0.0
+    doubt: str = ""
 
     def topic_rows(self, reports: Sequence[LogReport]) -> tuple[TopicRow, ...]:
         """Return a row for each topic of the logs."""
@@ -135,6 +137,7 @@ class RunStatistics:
             astray=merged.astray,
             jumps=jumps,
             late_by=merged.late_by_s,
+            doubt=merged.doubtful_times,
         )
         return RunStatistics(counts, self.profiles)
 
@@ -199,6 +202,7 @@ class RunStatistics:
     def notes(self, reports: Sequence[LogReport]) -> list[str]:
         """Return notes on the clocks of the logs, on measurements that were not used, and on messages that could not be decoded."""
         return [
+            *([self.messages.doubt] if self.messages.doubt else []),
             *(
                 f"{report.path}: {report.without_stamp} messages without a stamp were ordered by their log time"
                 for report in reports

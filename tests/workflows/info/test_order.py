@@ -162,7 +162,7 @@ def test_blocks_hold_all_messages_in_order():
 def test_a_replay_comes_next_where_one_mission_measures_a_current(missions, kind, asked):
     counts = dict.fromkeys(("bins", "mean_currents", "surface", "positions"), 0) | {kind: 3}
     logs = [
-        SimpleNamespace(report=SimpleNamespace(mission=one), content=SimpleNamespace(**counts))
+        SimpleNamespace(report=SimpleNamespace(mission=one), judged=SimpleNamespace(**counts))
         for one in missions
     ]
     assert asks_for_replay(logs) == asked
