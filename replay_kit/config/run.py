@@ -247,8 +247,9 @@ class ForecastConfig(Section):
     )
     lead: Annotated[float | None, Option("--lead", "LEAD")] = Field(
         default=None,
-        description="Forecast period in the file's unit; the nearest is taken. Default: all dated leads where the estimate changes in "
-        "time, else the dated lead nearest to the log's first message; the last lead without a log, or where leads have no date.",
+        description="Forecast period in the file's unit, or of times without dates how long after the first; the nearest is taken. "
+        "Default: all dated leads where the estimate changes in time, else the dated lead nearest to the log's first message; the last "
+        "lead without a log, or where leads have no date.",
     )
     time: Moment | None = Field(
         default=None,

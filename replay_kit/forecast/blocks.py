@@ -33,7 +33,8 @@ from replay_kit.forecast.names import (
     suffixes,
     without_partner,
 )
-from replay_kit.forecast.pairs import OpenedFile, Part, pair_files
+from replay_kit.forecast.pairs import OpenedFile, Part, pair_files, without_repeats
+from replay_kit.forecast.polar import with_components
 from replay_kit.forecast.times import rule_of, runs_of, start_of
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
@@ -107,7 +108,7 @@ def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collectio
     try:
         with ExitStack() as stack:
             opened = [
-                (number, path, stack.enter_context(opened_file(path)))
+                (number, path, with_components(stack.enter_context(opened_file(path))))
                 for number, argument in enumerate(sources.arguments)
                 for path in argument
             ]
@@ -186,6 +187,9 @@ def _collected(
     for label in dict.fromkeys(file.label for file in holders):
         parts, more = pair_files([file for file in holders if file.label == label], grids)
         notes += more
+        once = [without_repeats(part) for part in parts]
+        parts = tuple(part for part, _ in once)
+        notes += tuple(note for _, of in once for note in of)
         blocks += _blocks(parts, rule, label)
     about = None
     if background:

@@ -1,7 +1,7 @@
 """Files that hold one component, both, or only the grid, joined to datasets with both components and the grid."""
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +41,62 @@ class Part:
     def names(self) -> str:
         """Names of the files without their folders."""
         return " + ".join(path.name for path in self.paths)
+
+
+def without_repeats(part: Part) -> tuple[Part, tuple[str, ...]]:
+    """Return a part with each of its longitudes and latitudes once, and what was repeated.
+
+    Raises:
+        ForecastError: A repeated coordinate has other values the second time, or coordinates are not monotonic.
+    """
+    notes, where = [], str(part.paths[0])
+    for dim in dict.fromkeys((*part.ds[U].dims, *part.ds[V].dims)):
+        name = _axis(part.ds, str(dim))
+        if name is None or part.ds[name].size < 2:
+            continue
+        values = part.ds[name].values.astype(np.float64)
+        steps = (np.diff(values) + 180.0) % 360.0 - 180.0
+        if not (np.isfinite(steps).all() and (steps.max() <= 0.0 or steps.min() >= 0.0)):
+            if np.isfinite(values).all():
+                at = int(np.argmax(steps * np.sign(np.median(steps)) < 0.0)) + 1
+                raise ForecastError(
+                    f"{where}: {name} is not monotonic: it turns at its value {at + 1}, {values[at]:g}; put {dim} in order"
+                )
+            continue
+        again = np.flatnonzero(steps == 0.0) + 1
+        if again.size in (0, steps.size):
+            continue
+        for component, shown in ((U, part.current.u), (V, part.current.v)):
+            held = part.ds[component]
+            if dim not in held.dims or not np.array_equal(
+                held.isel({dim: again}).values, held.isel({dim: again - 1}).values, equal_nan=True
+            ):
+                raise ForecastError(
+                    f"{where}: {name} repeats {values[again[0]]:g} with other values of {shown}; leave one of both out"
+                )
+        once = np.setdiff1d(np.arange(values.size), again)
+        part = replace(part, ds=part.ds.isel({dim: once}))
+        listed = some_text([f"{value:g}" for value in values[again]])
+        notes.append(f"{name} repeats {count_text(again.size, 'value')} ({listed}): read once")
+    return part, tuple(notes)
+
+
+def _axis(ds: xr.Dataset, dim: str) -> str | None:
+    """Return the longitude or latitude along a dimension alone; None without one."""
+    return next(
+        (
+            str(name)
+            for name, variable in ds.variables.items()
+            if variable.dims == (dim,)
+            and variable.dtype.kind in "fiu"
+            and (
+                variable.attrs.get("standard_name") in ("longitude", "latitude")
+                or str(name).lower()
+                in ("lon", "lat", "longitude", "latitude", "nav_lon", "nav_lat")
+            )
+        ),
+        None,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,6 +183,8 @@ def _assumptions(u: OpenedFile) -> tuple[str, ...]:
         if calendar
         else []
     )
+    if "replay_kit_polar" in u.ds.attrs:
+        notes.append(f"components computed of {u.ds.attrs['replay_kit_polar']}")
     named = str(variable.encoding.get("coordinates", variable.attrs.get("coordinates", ""))).split()
     lacking = [
         name

@@ -294,7 +294,9 @@ def _mission(path: Path) -> tuple[str, ...]:
     if not _is_glider(head):
         return ()
     from replay_kit.logs.glider.files import mission_key
+    from replay_kit.logs.glider.rows import refuse_forecast
 
+    refuse_forecast(path)
     return mission_key(path)
 
 

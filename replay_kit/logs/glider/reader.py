@@ -23,7 +23,7 @@ from replay_kit.logs.glider.instruments import (
     instrument_entries,
 )
 from replay_kit.logs.glider.missions import mission_of
-from replay_kit.logs.glider.rows import NetcdfRows
+from replay_kit.logs.glider.rows import NetcdfRows, refuse_forecast
 from replay_kit.logs.reader import VALUES, Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import (
@@ -284,6 +284,8 @@ def open_glider(
     Raises:
         LogError: A file cannot be read, or is of no known dialect.
     """
+    for part in (path, *more):
+        refuse_forecast(part)
     files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
     if files:
         return GliderReader(files, input, config)
