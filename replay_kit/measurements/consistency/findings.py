@@ -171,7 +171,8 @@ def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Fin
         COMPASS,
         explanation.since_ns or time_ns,
         f"{topic}: {what}; relative to the vehicle the profiles look {_names(explanation)} ({_strength(explanation)})",
-        "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted",
+        "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted; "
+        "of a DVL its axes, where forward, left and up are taken for forward, starboard and down (measurements.dvl_axes)",
         "its profiles are not used, the estimate is rebuilt without them; correct the instrument's settings and replay again",
         distrusts=True,
     )

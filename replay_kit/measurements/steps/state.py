@@ -18,6 +18,8 @@ from replay_kit.measurements.messages.mapped import Component
 from replay_kit.measurements.messages.mavlink import (
     GpsStatus,
     Key,
+    LocalOrigin,
+    LocalPosition,
     NavigationPosition,
     PingFrame,
     is_dead_reckoned,
@@ -56,7 +58,10 @@ class MeasurementState:
         track: Latest fixes at the surface.
         line: Of the CTD; None before its first sample.
         drifters: By name, the fix of each drifter from which its displacement is counted.
-        system: Number of the MAVLink system whose position and depth count: the one asked for, or the first that states a position.
+        sender: Numbers of the MAVLink system and component whose position and depth count: those asked for, or the first that state a
+            position.
+        local_origins: Longitude and latitude of the origins of local frames [degrees], by MAVLink system.
+        navigated: The MAVLink systems that have stated a position on the Earth.
     """
 
     fix: VehicleState | None = None
@@ -72,7 +77,9 @@ class MeasurementState:
     dives: Dives | None = field(default_factory=Dives)
     bottom: tuple[int, PlatformVelocity] | None = None
     track: Fixes = ()
-    system: str | None = None
+    sender: tuple[str | None, str | None] = (None, None)
+    local_origins: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    navigated: frozenset[str] = frozenset()
     line: "SectionLine | None" = None
     drifters: Mapping[str, tuple[Source, DrifterFix]] = field(default_factory=dict)
 
@@ -98,6 +105,9 @@ def at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -
     return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun, dives=dives)
 
 
+#: Why a position in a local frame says nothing.
+NO_ORIGIN = "local position without an origin: state it with --origin LON,LAT"
+_NAVIGATED = "local position beside the system's position on the Earth, which is used"
 _ATTITUDE = "attitude: kept for pings without their own"
 
 
@@ -147,9 +157,39 @@ def record_navigation(
 ) -> Step:
     """Return the state after a position by a MAVLink system's filter, which goes on when GPS is lost: it is then dead-reckoned."""
     dead_reckoned = is_dead_reckoned(state.gps_fix_ns, stated.system, source.time_ns)
+    if stated.system not in state.navigated:
+        state = replace(state, navigated=state.navigated | {stated.system})
     return record_position(
         state, replace(stated.position, dead_reckoned=dead_reckoned), source, config
     )
+
+
+def record_origin(
+    state: MeasurementState, stated: LocalOrigin, source: Source, config: MeasurementConfig
+) -> Step:
+    """Return the state after the origin of a MAVLink system's local frame."""
+    del config
+    origin = stated.longitude, stated.latitude
+    if state.local_origins.get(stated.system) != origin:
+        origins = {**state.local_origins, stated.system: origin}
+        state = replace(state, local_origins=origins)
+    return state, [Used(source.topic)]
+
+
+def record_local(
+    state: MeasurementState, stated: LocalPosition, source: Source, config: MeasurementConfig
+) -> Step:
+    """Return the state after a position in a local frame: dead-reckoned from its origin, of a system that states none on the Earth."""
+    if stated.system in state.navigated:
+        return state, [Skipped(source.topic, _NAVIGATED)]
+    origin = config.origin or state.local_origins.get(stated.system)
+    if origin is None:
+        return at_depth(state, stated.depth, config), [Skipped(source.topic, NO_ORIGIN)]
+    longitude, latitude = to_geographic(Projection(*origin), stated.east, stated.north)
+    position = checked(float(longitude), float(latitude), stated.depth, True)
+    if isinstance(position, str):
+        return state, [Skipped(source.topic, position)]
+    return record_position(state, position, source, config)
 
 
 def record_pose(
@@ -158,9 +198,13 @@ def record_pose(
     """Place a pose relative to the position known when its topic's first pose since the last measured fix came."""
     state = replace(state, orientation=(source.time_ns, pose.orientation))
     if source.topic not in state.origins:
-        if state.fix is None:
+        fix, first = state.fix, pose
+        if fix is None and config.origin is not None:
+            fix = VehicleState(source.time_ns, *config.origin, 0.0, True, source)
+            first = replace(pose, east=0.0, north=0.0)
+        if fix is None:
             return at_depth(state, pose.depth, config), [Used(source.topic)]
-        state = replace(state, origins={**state.origins, source.topic: (state.fix, pose)})
+        state = replace(state, origins={**state.origins, source.topic: (fix, first)})
     fix, origin = state.origins[source.topic]
     longitude, latitude = to_geographic(
         Projection(fix.longitude, fix.latitude), pose.east - origin.east, pose.north - origin.north

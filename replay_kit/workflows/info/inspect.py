@@ -25,7 +25,7 @@ from replay_kit.core.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.times import doubtful_times
-from replay_kit.measurements.events import NOT_A_KIND, Skipped
+from replay_kit.measurements.events import NO_POSITION, NOT_A_KIND, Skipped
 from replay_kit.measurements.interpret import (
     events_of,
     finish,
@@ -145,7 +145,12 @@ class LogInfo:
             return ""
         if not content.positions and not content.bins:
             lacks.append("positions")
-        if not content.bins and not content.mean_currents:
+        unplaced = any(
+            reason.startswith(NO_POSITION)
+            for reasons in self.not_used.values()
+            for reason in reasons
+        )
+        if not content.bins and not content.mean_currents and not unplaced:
             lacks.append("profiles of the current, or mean currents of dives with their fixes")
         return ", and ".join(lacks)
 
@@ -213,7 +218,7 @@ def _together(logs: Sequence[LogFile], config: RunConfig) -> LogContent:
     """Return what logs measure that place each other's profiles, merged as a replay merges them."""
     content, settings = LogContent(), config.logs
     merged = merge(logs, settings.reorder_window, settings.start_ns, settings.end_ns)
-    for events in events_of(merged, config.measurements, settings.system):
+    for events in events_of(merged, config.measurements, settings.system, settings.component):
         for event in events:
             content = content.extended(event)
     return content
@@ -227,7 +232,7 @@ def _inspect(
     log: LogFile, config: RunConfig, full: bool, advance: Callable[[], None] = lambda: None
 ) -> LogInfo:
     state, content, order = (
-        initial_state(config.logs.system),
+        initial_state(config.logs.system, config.logs.component),
         LogContent(),
         Order(config.logs.reorder_window),
     )
