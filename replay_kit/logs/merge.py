@@ -212,8 +212,7 @@ class Merge(Generic[_T]):
     keep_late: bool = False
     _late: Counter[str] = field(default_factory=Counter, init=False, repr=False)
     _late_by: list[int] = field(default_factory=lambda: [0], init=False, repr=False)
-    _span: list[int] = field(default_factory=list, init=False, repr=False)
-    _samples: dict[str, Message] = field(default_factory=dict, init=False, repr=False)
+    _firsts: list[_T] = field(default_factory=list, init=False, repr=False)
     _astray: Counter[str] = field(default_factory=Counter, init=False, repr=False)
     _jumps: list[ClockJump] = field(default_factory=list, init=False, repr=False)
 
@@ -229,11 +228,11 @@ class Merge(Generic[_T]):
 
     @property
     def doubtful_times(self) -> str:
-        """What is odd about the times; empty when nothing is. Complete once the iteration is."""
-        if not self._span:
-            return ""
-        samples = [(message.time_ns, message.payload) for message in self._samples.values()]
-        return doubtful_times((min(self._span), max(self._span)), samples, None)
+        """What is odd about the times of the logs' first messages; empty when nothing is."""
+        known = [(one.time_ns, one.payload) for one in self._firsts if isinstance(one, Message)]
+        return next(
+            (said for one in known if (said := doubtful_times((one[0], one[0]), [one], None))), ""
+        )
 
     @property
     def astray(self) -> Mapping[str, int]:
@@ -249,8 +248,7 @@ class Merge(Generic[_T]):
         """Yield the messages from ``start_ns`` to ``end_ns``, both included; each iteration reads the logs anew."""
         self._late.clear()
         self._late_by[0] = 0
-        self._span.clear()
-        self._samples.clear()
+        self._firsts.clear()
         self._astray.clear()
         self._jumps.clear()
         ordered = [self._ordered(reader) for reader in self.readers]
@@ -273,12 +271,10 @@ class Merge(Generic[_T]):
         window_ns = round(self.reorder_window_s * 1e9)
         held: list[tuple[int, int, _T]] = []
         newest = yielded = -(2**63)
-        first_ns = 2**63
         for message in reader.messages() if self.keep_late else self._steady(reader.messages()):
             time_ns = message.time_ns
-            first_ns = min(first_ns, time_ns)
-            if message.topic not in self._samples and isinstance(message, Message):
-                self._samples[message.topic] = message
+            if newest == -(2**63):
+                self._firsts.append(message)
             if time_ns < yielded:
                 if self.keep_late:
                     yield message
@@ -291,8 +287,6 @@ class Merge(Generic[_T]):
             while newest - held[0][0] > window_ns:
                 yielded, _, oldest = heapq.heappop(held)
                 yield oldest
-        if newest >= first_ns:
-            self._span.extend((first_ns, newest))
         while held:
             yield heapq.heappop(held)[2]
 

@@ -71,13 +71,11 @@ def scan(data: bytes) -> tuple[Record, ...]:
         return _chained(_candidates(values, sums, AD2CP_MAGICS, _ad2cp))
     ensembles = _chained(_candidates(values, sums, (PD0_MAGIC,), _pd0))
     others = _candidates(values, sums, (OTHER_PACKETS[0][:1],), _packets)
-    between = np.array(
-        [0, *(place for one in ensembles for place in (one.start, one.end)), values.size]
-    )
-    # in the gap after an even number of beginnings and ends, up to the gap's end
-    gap = np.searchsorted(between[1:], others[0], side="right")
-    inside = (gap % 2 == 0) & (others[1] <= between[np.minimum(gap + 1, between.size - 1)])
-    packets = _chained((others[0][inside], others[1][inside], others[2][inside]))
+    start, end, kind = others
+    at = np.array([(one.start, one.end) for one in ensembles], np.int64).reshape(-1, 2)
+    # no ensemble overlaps it
+    alone = np.searchsorted(at[:, 1], start, side="right") == np.searchsorted(at[:, 0], end)
+    packets = _chained((start[alone], end[alone], kind[alone]))
     return tuple(sorted((*ensembles, *packets), key=lambda record: record.start))
 
 

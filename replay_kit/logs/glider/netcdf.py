@@ -139,12 +139,6 @@ def stated_of(held: Collection[str], name: str, attribute: str) -> str:
     return Stored(np.empty(0), dict(attributes)).text(attribute)
 
 
-def rank_of(held: Collection[str], name: str) -> int:
-    """Return the number of dimensions of a variable that a file holds, read or not; arguments as of ``stated_of``."""
-    item: Any = held[name] if isinstance(held, Mapping) else None
-    return len(getattr(item, "shape", ()))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class NetcdfFile:
     """Some variables of a file.

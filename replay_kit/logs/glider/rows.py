@@ -1,8 +1,7 @@
 """NetCDF files of no known dialect: each time is a message, for ``[[measurements.map]]``."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from replay_kit.core.inputs import open_input
 from replay_kit.core.message import Message
 from replay_kit.core.text import some_text
 from replay_kit.logs.glider import units
-from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf, rank_of, ranks_of, stated_of
+from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf, ranks_of
 from replay_kit.logs.reader import VALUES, Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers
@@ -70,7 +69,12 @@ class NetcdfRows(LogFile):
         Raises:
             LogError: The file cannot be read, holds no time, or is a forecast.
         """
-        file = open_netcdf(Path(self.path), self._chosen)
+        file = open_netcdf(Path(self.path), lambda names, attributes: names)
+        if any(
+            stored.text("standard_name") in _VELOCITY and stored.values.ndim > 2
+            for stored in file.variables.values()
+        ):
+            raise on_a_grid(self.path, file.variables)
         self._name = _time_name(file)
         notes: list[str] = []
         self._time_ns, self._known = units.time_ns(
@@ -88,18 +92,6 @@ class NetcdfRows(LogFile):
             *notes,
         )
         self.statistics.notes = self._notes
-
-    def _chosen(self, names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
-        """Return the variables of up to two dimensions, by the header; no others are rows.
-
-        Raises:
-            LogError: The header is of a forecast.
-        """
-        del attributes
-        gridded = [name for name in names if rank_of(names, name) > 2]
-        if any(stated_of(names, name, "standard_name") in _VELOCITY for name in gridded):
-            raise on_a_grid(self.path, names)
-        return [name for name in names if name not in gridded]
 
     def messages(self) -> Iterator[Message]:
         """Yield a message a row, in order of time; rows without a time are counted and left out."""

@@ -1,14 +1,12 @@
 """An MCAP file with an index in the order of log times, whatever the order of its chunks.
 
-Recorders and tools write topic after topic, or chunks that overlap in time. Where the index says that messages come later than the reorder
-window allows, the file is scanned once for the times in each chunk, and then read in slices of time, each of which fits into memory: the
-chunks that reach into a slice are decompressed for it, some more than once.
-
-A file that is damaged keeps its order, as does one whose clock was set back: of such a topic times fall by more than a day.
+Recorders and tools write topic after topic, or chunks that overlap in time. Where the message indexes say that messages come later than the
+reorder window allows, the file is read in slices of time, each of which fits into memory: the chunks that reach into a slice are
+decompressed for it, some more than once. A file whose clock was set back, by which times of a topic fall for more than a day, keeps its
+order.
 """
 
-import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import BinaryIO, NamedTuple
 
@@ -16,15 +14,8 @@ import numpy as np
 from mcap.records import ChunkIndex
 from numpy.typing import NDArray
 
-from replay_kit.logs.mcap.records import (
-    RECORD_ERRORS,
-    Record,
-    chunk_contents,
-    file_records,
-    parse_chunk,
-)
-from replay_kit.logs.mcap.scanner import McapScanner
-from replay_kit.logs.mcap.summary import Channels, Summary
+from replay_kit.logs.mcap.records import RECORD_ERRORS, chunk_contents, file_records, parse_chunk
+from replay_kit.logs.mcap.summary import Summary
 from replay_kit.logs.mcap.survey import Columns, columns_of, index_entries
 from replay_kit.logs.merge import FAR_NS
 from replay_kit.logs.shared.blocks import ReadStatistics
@@ -37,140 +28,103 @@ class ChunkTimes(NamedTuple):
     """When the messages of a chunk were logged.
 
     Attributes:
+        chunk: As the index has it.
         first: Ordinal in the file of the first message.
-        size: Bytes of the contents.
+        messages: Number of them.
         times: shape (17,) [ns], from the earliest to the latest; between two neighbours are equally many messages.
     """
 
+    chunk: ChunkIndex
     first: int
-    size: int
+    messages: int
     times: NDArray[np.int64]
 
 
 class Slice(NamedTuple):
-    """The messages of a span of time, in its order.
-
-    Attributes:
-        contents: Their records, one after the other.
-        found: Where each begins, and its head.
-        ordinals: Of each in the file.
-    """
+    """The messages of a span of time, in its order: their records, where each begins with its head, and its ordinal in the file."""
 
     contents: bytes
     found: Columns
     ordinals: NDArray[np.int64]
 
 
-class _Census:
-    """Takes the times of the messages in each chunk, and whether they can be ordered by them."""
-
-    def __init__(self) -> None:
-        self._newest: dict[int, int] = {}
-        self.is_orderable = True
-
-    def takes(self, found: Columns, span: tuple[int, int] | None) -> bool:
-        """Return True: a message that is odd is so wherever it is read."""
-        return True
-
-    def block(self, channels: Channels, data: bytes, found: Columns, first: int) -> ChunkTimes:
-        """Return the times in a chunk."""
-        log_ns = found.head["log_ns"]
-        self.is_orderable &= bool((log_ns < 2**63).all())
-        times = log_ns.astype(np.int64)
-        for number in np.unique(found.head["channel"]).tolist():
-            own = times[found.head["channel"] == number]
-            newest = np.maximum.accumulate(np.append(self._newest.get(number, own[0]), own))
-            self.is_orderable &= int((newest[1:] - own).max()) <= FAR_NS
-            self._newest[number] = int(newest[-1])
-        at = np.linspace(0, times.size - 1, _TIMES).astype(np.int64)
-        return ChunkTimes(first, len(data), np.sort(times)[at])
-
-    def single(self, channels: Channels, data: bytes, start: int, end: int, position: int) -> None:
-        """Note a message outside chunks, or in one that holds more than messages."""
-        self.is_orderable = False
-
-
-def is_disordered(file: BinaryIO, summary: Summary, window_ns: int) -> bool:
-    """Return whether the index says that messages come later in the file than a window allows.
+def disordered(file: BinaryIO, summary: Summary, window_ns: int) -> list[ChunkTimes] | None:
+    """Return the times in each chunk; None where the order of the file will do, or its index does not tell of another.
 
     Args:
         file: The open file.
         summary: Its summary.
         window_ns: How long messages are held back for older ones [ns].
     """
-    newest = 0
-    held = [chunk for chunk in summary.chunks if chunk.message_index_offsets]
-    for chunk in held:
-        if chunk.message_start_time + window_ns < newest:
-            return True
-        newest = max(newest, chunk.message_end_time)
-    return any(
-        chunk.message_end_time - chunk.message_start_time > window_ns
-        and _is_mixed(file, chunk, window_ns)
-        for chunk in held
-    )
+    held, newest, first, latest = list[ChunkTimes](), dict[int, int](), 0, 0
+    for chunk in summary.chunks:
+        try:
+            parts = {
+                number: index_entries(file, number, chunk) for number in chunk.message_index_offsets
+            }
+        except RECORD_ERRORS:
+            return None
+        if not parts:
+            continue
+        entries = np.concatenate([*parts.values()])
+        order = np.argsort(entries["offset"], kind="stable")
+        times = entries["log_ns"].astype(np.int64)[order]
+        of = np.repeat([*parts], [part.size for part in parts.values()])[order]
+        for number in parts:
+            lag, newest[number] = _lag(times[of == number], newest.get(number, 0))
+            if lag > FAR_NS:
+                return None
+        lag, newest[-1] = _lag(times, newest.get(-1, 0))
+        latest = max(latest, lag)
+        if times.size:
+            at = np.linspace(0, times.size - 1, _TIMES).astype(np.int64)
+            held.append(ChunkTimes(chunk, first, times.size, np.sort(times)[at]))
+        first += times.size
+    counted = summary.statistics is not None and summary.statistics.message_count == first
+    return held if latest > window_ns and counted else None
 
 
-def _is_mixed(file: BinaryIO, chunk: ChunkIndex, window_ns: int) -> bool:
-    """Return whether the messages within a chunk are out of order by more than a window, by its message indexes."""
-    try:
-        entries = np.concatenate(
-            [index_entries(file, number, chunk) for number in chunk.message_index_offsets]
-        )
-    except (*RECORD_ERRORS, struct.error):
-        return False
-    times = entries["log_ns"][np.argsort(entries["offset"], kind="stable")]
-    return bool(times.size and int((np.maximum.accumulate(times) - times).max()) > window_ns)
+def _lag(times: NDArray[np.int64], newest: int) -> tuple[int, int]:
+    """Return by how much times are older than the newest before them at most [ns], and the newest of all."""
+    tops = np.maximum.accumulate(np.append(newest, times))
+    return int((tops[1:] - times).max(initial=0)), int(tops[-1])
 
 
-def times_of(
-    file: BinaryIO, summary: Summary, statistics: ReadStatistics, on_extra: Callable[[Record], None]
-) -> list[ChunkTimes] | None:
-    """Return the times in each chunk that the index lists; None for a file that is damaged, or cannot be ordered by them.
-
-    Args:
-        file: The open file.
-        summary: Its summary.
-        statistics: Counts what no checksum covers.
-        on_extra: Called with each attachment and metadata record.
-    """
-    census = _Census()
-    scanner: McapScanner[ChunkTimes] = McapScanner(
-        file, statistics, census.single, str, on_extra, census
-    )
-    found = list(scanner.messages())
-    listed = sum(bool(chunk.message_index_offsets) for chunk in summary.chunks)
-    whole = census.is_orderable and not statistics.lost and len(found) == listed
-    return found if whole and found else None
-
-
-def slices(file: BinaryIO, summary: Summary, held: list[ChunkTimes]) -> Iterator[Slice]:
+def slices(file: BinaryIO, held: list[ChunkTimes], statistics: ReadStatistics) -> Iterator[Slice]:
     """Yield the messages of a file in the order of their log times, those of one time in the order of the file.
 
     Args:
         file: The open file.
-        summary: Its summary.
-        held: The times in each chunk, of ``times_of``.
+        held: The times in each chunk.
+        statistics: Counts chunks that are damaged, and those that no checksum covers.
     """
-    chunks = [chunk for chunk in summary.chunks if chunk.message_index_offsets]
     times = np.concatenate([each.times[1:] for each in held])
-    sizes = np.repeat([each.size / (_TIMES - 1) for each in held], _TIMES - 1)
+    sizes = np.repeat([each.chunk.uncompressed_size / (_TIMES - 1) for each in held], _TIMES - 1)
     order = np.argsort(times, kind="stable")
     filled = np.cumsum(sizes[order])
     cuts = times[order][np.searchsorted(filled, np.arange(_SLICE, filled[-1], _SLICE))]
-    first = min(int(each.times[0]) for each in held)
-    for begin, end in pairwise([first, *np.unique(np.append(cuts, times.max())).tolist()]):
-        # the first slice has its beginning, too
-        begin -= begin == first
-        pieces, logged, ordinals = list[bytes](), [], []
-        for chunk, each in zip(chunks, held, strict=True):
+    before, seen = min(int(each.times[0]) for each in held) - 1, set[int]()
+    for begin, end in pairwise([before, *np.unique(np.append(cuts, times.max())).tolist()]):
+        pieces, logged, ordinals = list[bytes](), [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+        for each in held:
             if each.times[0] > end or each.times[-1] <= begin:
                 continue
-            offset = chunk.chunk_start_offset
-            record = next(file_records(file, offset, offset + chunk.chunk_length))
-            data = chunk_contents(parse_chunk(record.body))
-            columns = columns_of(data)
-            assert columns is not None, "it was scanned"
+            offset, length = each.chunk.chunk_start_offset, each.chunk.chunk_length
+            is_new = offset not in seen
+            seen.add(offset)
+            try:
+                chunk = parse_chunk(next(file_records(file, offset, offset + length)).body)
+                data = chunk_contents(chunk)
+                columns = columns_of(data)
+                if columns is None or columns.offset.size != each.messages:
+                    raise ValueError("its messages are not those of its index")
+            except RECORD_ERRORS as error:
+                if is_new:
+                    span = int(each.times[0]), int(each.times[-1])
+                    statistics.lose(f"chunk skipped: {error}", offset, length, each.messages, span)
+                continue
+            if is_new and chunk.crc == 0:
+                statistics.unchecked["chunks without a checksum"] += 1
             log_ns = columns.head["log_ns"].astype(np.int64)
             at = np.flatnonzero((log_ns > begin) & (log_ns <= end))
             starts, stops = columns.offset[at].tolist(), columns.stop[at].tolist()

@@ -4,7 +4,7 @@ import os
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, BinaryIO, NamedTuple, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
@@ -13,7 +13,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import MAVLINK_FRAMES, Message, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
 from replay_kit.logs.decode.to_json import DIVE_MEAN
-from replay_kit.logs.mcap.ordered import Slice, is_disordered, slices, times_of
+from replay_kit.logs.mcap.ordered import Slice, disordered, slices
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     MAGIC,
@@ -60,14 +60,15 @@ class McapReader(LogFile):
         survey = Survey(self.statistics, self._decoded, f"{self._clock}_ns", wanted)
         with self._opened() as file:
             self._check_magic(file)
-            if (ordered := self._ordered(file)) is None:
+            if (parts := self._ordered(file)) is None:
                 yield from McapScanner(
                     file, self.statistics, survey.single, self._topic, bulk=survey
                 ).messages()
                 return
-            channels, first = ordered.channels, 0
-            for part in ordered.slices:
-                yield survey.block(channels, part.contents, part.found, first)
+            channels, first = self._channels(file), 0
+            for part in parts:
+                if part.ordinals.size:
+                    yield survey.block(channels, part.contents, part.found, first)
                 first += part.ordinals.size
 
     def overview(self) -> Overview | str:
@@ -120,35 +121,31 @@ class McapReader(LogFile):
         with self._opened() as file:
             self._check_magic(file)
             on_record = None if on_extra is None else lambda record: on_extra(_extra(file, record))
-            ordered = self._ordered(file)
+            parts = self._ordered(file)
             scanner = McapScanner(file, self.statistics, make, self._topic, on_record)
-            if ordered is None:
+            if parts is None:
                 yield from scanner.messages()
                 return
-            for record in ordered.extras:
-                scanner.pass_on(record)
-            for part in ordered.slices:
+            for record in file_records(file, len(MAGIC), os.fstat(file.fileno()).st_size):
+                if record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
+                    scanner.pass_on(record)
+            channels = self._channels(file)
+            for part in parts:
                 starts, stops = (part.found.offset + HEAD_SIZE).tolist(), part.found.stop.tolist()
-                rows = zip(starts, stops, part.ordinals.tolist(), strict=True)
-                for start, stop, ordinal in rows:
-                    made = make(ordered.channels, part.contents, start, stop, ordinal)
-                    if made is not None:
+                for row in zip(starts, stops, part.ordinals.tolist(), strict=True):
+                    if (made := make(channels, part.contents, *row)) is not None:
                         yield made
 
-    def _ordered(self, file: BinaryIO) -> "_Ordered | None":
-        """Return what an index gives in order of time; None where the order of the file will do, or is all there is."""
+    def _ordered(self, file: BinaryIO) -> Iterator[Slice] | None:
+        """Return the messages in order of time, part by part; None where the order of the file will do, or is all there is."""
         summary = read_summary(file, os.fstat(file.fileno()).st_size)
         window_ns = round(self._config.reorder_window * 1e9)
-        if problem_of(summary) or not is_disordered(file, summary, window_ns):
-            file.seek(len(MAGIC))
-            return None
-        statistics, extras = ReadStatistics(), list[Record]()
-        times = times_of(file, summary, statistics, extras.append)
-        if times is None:
-            return None
-        self.statistics.unchecked += statistics.unchecked
-        channels = Channels(summary, self._topic)
-        return _Ordered(channels, extras, slices(file, summary, times))
+        held = None if problem_of(summary) else disordered(file, summary, window_ns)
+        file.seek(len(MAGIC))
+        return None if held is None else slices(file, held, self.statistics)
+
+    def _channels(self, file: BinaryIO) -> Channels:
+        return Channels(read_summary(file, os.fstat(file.fileno()).st_size), self._topic)
 
     def _check_magic(self, file: BinaryIO) -> None:
         if (head := file.read(len(MAGIC))) != MAGIC:
@@ -224,14 +221,6 @@ class McapReader(LogFile):
             self.statistics.without_stamp += 1
             return log_ns
         return stamp
-
-
-class _Ordered(NamedTuple):
-    """A file in order of time: its channels, what it holds beside messages, and these by and by."""
-
-    channels: Channels
-    extras: list[Record]
-    slices: Iterator[Slice]
 
 
 def _extra(file: BinaryIO, record: Record) -> Attachment | Metadata:

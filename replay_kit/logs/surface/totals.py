@@ -36,7 +36,11 @@ _SUMS = re.compile(
     r"prim|(qc_?)?primary(_?flag)?|qc|qc_?flag|quality_flag|.*aggregate.*|.*operator.*", re.I
 )
 _TESTS = re.compile(r"q(c_?)?\d{2,3}(_.*)?|.*_qc|.*qartod_.*", re.I)
-_SUSPECT = re.compile(r"suspect|question|interest", re.I)
+_MEANINGS = (
+    (re.compile(r"suspect|question|interest", re.I), Flag.SUSPECT),
+    (units.UNUSABLE, Flag.FAIL),
+    (re.compile(r"unknown|not_", re.I), Flag.NOT_EVALUATED),
+)
 _PARAMETER = re.compile(r"(\d+)\)\s*([^\n]+)")
 # times of a file that are read together: a month of a file is 200 MB
 _ROWS = 48
@@ -224,13 +228,10 @@ def usable_or_untested(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
 
 def worst_flag(flags: Sequence[NDArray[np.int8]], n: int) -> NDArray[np.int8]:
     """Return the worst of each value's QARTOD flags, shape (n,); not evaluated where there are none."""
-    ranked = np.stack([np.full(n, Flag.NOT_EVALUATED, np.int8), *flags])
-    ranked[ranked == Flag.GOOD] = 0
-    ranked[ranked == Flag.NOT_EVALUATED] = -1
-    worst = ranked.max(axis=0)
-    return np.where(worst == -1, Flag.NOT_EVALUATED, np.where(worst == 0, Flag.GOOD, worst)).astype(
-        np.int8
-    )
+    ranked = np.stack([np.full(n, Flag.NOT_EVALUATED, np.float64), *flags])
+    # a test that was passed is more than one that was not made
+    ranked[ranked == Flag.GOOD] = Flag.NOT_EVALUATED + 0.5
+    return np.where(ranked.max(axis=0) == 2.5, Flag.GOOD, ranked.max(axis=0)).astype(np.int8)
 
 
 def _quality(file: NetcdfFile, dialect: TotalsDialect, k: int) -> NDArray[np.int8]:
@@ -252,14 +253,9 @@ def _as_qartod(stored: Stored) -> NDArray[np.int8]:
     numbers = np.nan_to_num(stored.unpacked().ravel(), nan=Flag.NOT_EVALUATED).astype(np.int8)
     found = numbers.copy()
     for value, words in units.stated_meanings(stored).items():
-        flag = Flag.GOOD
-        if _SUSPECT.search(words):
-            flag = Flag.SUSPECT
-        elif units.UNUSABLE.search(words):
-            flag = Flag.FAIL
-        elif "unknown" in words or "not_" in words:
-            flag = Flag.NOT_EVALUATED
-        found[numbers == value] = flag
+        found[numbers == value] = next(
+            (flag for pattern, flag in _MEANINGS if pattern.search(words)), Flag.GOOD
+        )
     return found
 
 
