@@ -34,7 +34,6 @@ from replay_kit.forecast.names import (
     without_partner,
 )
 from replay_kit.forecast.pairs import OpenedFile, Part, pair_files, without_repeats
-from replay_kit.forecast.polar import with_components
 from replay_kit.forecast.times import rule_of, runs_of, start_of
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
@@ -108,7 +107,7 @@ def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collectio
     try:
         with ExitStack() as stack:
             opened = [
-                (number, path, with_components(stack.enter_context(opened_file(path))))
+                (number, path, stack.enter_context(opened_file(path)))
                 for number, argument in enumerate(sources.arguments)
                 for path in argument
             ]

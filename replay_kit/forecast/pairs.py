@@ -10,7 +10,7 @@ import xarray as xr
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, some_text
 from replay_kit.forecast.files import natural
-from replay_kit.forecast.layout import STAGGERED, U, V
+from replay_kit.forecast.layout import DIRECTION, STAGGERED, U, V
 from replay_kit.forecast.names import Current, find_time
 
 _TIMES_OF_GRIDS = ("time", "time_counter", "time_steps", "ocean_time")
@@ -43,6 +43,9 @@ class Part:
         return " + ".join(path.name for path in self.paths)
 
 
+_AXES = ("lon", "lat", "longitude", "latitude", "nav_lon", "nav_lat")
+
+
 def without_repeats(part: Part) -> tuple[Part, tuple[str, ...]]:
     """Return a part with each of its longitudes and latitudes once, and what was repeated.
 
@@ -50,53 +53,31 @@ def without_repeats(part: Part) -> tuple[Part, tuple[str, ...]]:
         ForecastError: A repeated coordinate has other values the second time, or coordinates are not monotonic.
     """
     notes, where = [], str(part.paths[0])
-    for dim in dict.fromkeys((*part.ds[U].dims, *part.ds[V].dims)):
-        name = _axis(part.ds, str(dim))
-        if name is None or part.ds[name].size < 2:
+    for name, axis in part.ds.variables.items():
+        known = str(name).lower() in _AXES or axis.attrs.get("standard_name") in _AXES
+        if not known or axis.ndim != 1 or axis.size < 2 or axis.dtype.kind not in "fiu":
             continue
-        values = part.ds[name].values.astype(np.float64)
+        (dim,), values = axis.dims, axis.values.astype(np.float64)
         steps = (np.diff(values) + 180.0) % 360.0 - 180.0
-        if not (np.isfinite(steps).all() and (steps.max() <= 0.0 or steps.min() >= 0.0)):
-            if np.isfinite(values).all():
-                at = int(np.argmax(steps * np.sign(np.median(steps)) < 0.0)) + 1
-                raise ForecastError(
-                    f"{where}: {name} is not monotonic: it turns at its value {at + 1}, {values[at]:g}; put {dim} in order"
-                )
-            continue
+        turns = np.flatnonzero(steps * np.sign(np.median(steps)) < 0.0) + 1
         again = np.flatnonzero(steps == 0.0) + 1
+        if turns.size:
+            raise ForecastError(
+                f"{where}: {name} is not monotonic: it turns at its value {turns[0] + 1}, {values[turns[0]]:g}; put {dim} in order"
+            )
         if again.size in (0, steps.size):
             continue
-        for component, shown in ((U, part.current.u), (V, part.current.v)):
-            held = part.ds[component]
+        for held in (part.ds[U], part.ds[V]):
             if dim not in held.dims or not np.array_equal(
-                held.isel({dim: again}).values, held.isel({dim: again - 1}).values, equal_nan=True
+                held.isel({dim: again}), held.isel({dim: again - 1}), equal_nan=True
             ):
                 raise ForecastError(
-                    f"{where}: {name} repeats {values[again[0]]:g} with other values of {shown}; leave one of both out"
+                    f"{where}: {name} repeats {values[again[0]]:g} with other values of {held.attrs['replay_kit_name']}; leave one out"
                 )
-        once = np.setdiff1d(np.arange(values.size), again)
-        part = replace(part, ds=part.ds.isel({dim: once}))
+        part = replace(part, ds=part.ds.isel({dim: np.delete(np.arange(values.size), again)}))
         listed = some_text([f"{value:g}" for value in values[again]])
         notes.append(f"{name} repeats {count_text(again.size, 'value')} ({listed}): read once")
     return part, tuple(notes)
-
-
-def _axis(ds: xr.Dataset, dim: str) -> str | None:
-    """Return the longitude or latitude along a dimension alone; None without one."""
-    return next(
-        (
-            str(name)
-            for name, variable in ds.variables.items()
-            if variable.dims == (dim,)
-            and variable.dtype.kind in "fiu"
-            and (
-                variable.attrs.get("standard_name") in ("longitude", "latitude")
-                or str(name).lower()
-                in ("lon", "lat", "longitude", "latitude", "nav_lon", "nav_lat")
-            )
-        ),
-        None,
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +130,7 @@ def _joined(
     assert v.current is not None
     assert u.current.u is not None
     assert v.current.v is not None
-    current = Current(u.current.u, v.current.v, u.current.axes or v.current.axes, u.current.why)
+    current = replace(u.current, v=v.current.v, axes=u.current.axes or v.current.axes)
     ds = u.ds
     second = v.ds[v.current.v].variable
     if v is not u:
@@ -157,6 +138,10 @@ def _joined(
     ds = ds.assign(
         {U: _marked(u.ds[u.current.u].variable, current.u), V: _marked(second, current.v)}
     )
+    if current.direction is not None:
+        ds = ds.assign({DIRECTION: u.ds[current.direction].variable})
+        for name, turn in ((U, current.turn - 90.0), (V, current.turn)):
+            ds[name].attrs["replay_kit_turn"] = turn
     notes = list(_assumptions(u))
     for grid in grids:
         ds, fits = _with_grid(ds, grid.ds)
@@ -183,8 +168,8 @@ def _assumptions(u: OpenedFile) -> tuple[str, ...]:
         if calendar
         else []
     )
-    if "replay_kit_polar" in u.ds.attrs:
-        notes.append(f"components computed of {u.ds.attrs['replay_kit_polar']}")
+    if u.current.direction is not None:
+        notes.append(f"components computed of {u.current.why}")
     named = str(variable.encoding.get("coordinates", variable.attrs.get("coordinates", ""))).split()
     lacking = [
         name

@@ -55,7 +55,6 @@ from replay_kit.measurements.steps.state import (
     Step,
     record_depth,
     record_gps_status,
-    record_local,
     record_mean_current,
     record_navigation,
     record_orientation,
@@ -117,7 +116,6 @@ _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig
             Position: record_position,
             mavlink.NavigationPosition: record_navigation,
             mavlink.GpsStatus: record_gps_status,
-            mavlink.LocalPosition: record_local,
             mavlink.LocalOrigin: record_origin,
             Pose: record_pose,
             Orientation: record_orientation,
@@ -132,7 +130,7 @@ _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig
     )
 )
 # what tells which MAVLink system counts, in a log that holds several
-_STATES_POSITION = (Position, mavlink.NavigationPosition, mavlink.LocalPosition)
+_STATES_POSITION = (Position, mavlink.NavigationPosition, Pose)
 
 
 def initial_state(system: int | None = None, component: int | None = None) -> MeasurementState:

@@ -66,7 +66,6 @@ Statement = (
     | mavlink.PingFrame
     | mavlink.GpsStatus
     | mavlink.NavigationPosition
-    | mavlink.LocalPosition
     | mavlink.LocalOrigin
     | MeanCurrent
     | vehicle.Dvl

@@ -14,7 +14,7 @@ from typing import Any
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.measurements.messages.fields import number, whole_number
-from replay_kit.measurements.messages.vehicle import Depth, Position, checked
+from replay_kit.measurements.messages.vehicle import Depth, Pose, Position, checked
 
 #: What a reader needs to decode for this module.
 NAMES = frozenset(
@@ -60,23 +60,6 @@ class NavigationPosition:
 
 
 @dataclass(frozen=True, slots=True)
-class LocalPosition:
-    """A position by a system's filter in its local frame.
-
-    Attributes:
-        system: ``mavlink/{system}``.
-        east: From the frame's origin [m].
-        north: From the frame's origin [m].
-        depth: [m], positive down.
-    """
-
-    system: str
-    east: float
-    north: float
-    depth: float
-
-
-@dataclass(frozen=True, slots=True)
 class LocalOrigin:
     """Where a system's local frame has its origin.
 
@@ -91,12 +74,12 @@ class LocalOrigin:
     latitude: float
 
 
-def local_position_ned(message: Message) -> LocalPosition | str:
+def local_position_ned(message: Message) -> Pose | str:
     """Return the position in a ``LOCAL_POSITION_NED``, or why it is none."""
     north, east, down = (number(message.payload.get(axis)) for axis in "xyz")
     if not math.isfinite(north + east + down):
         return "position is not a number"
-    return LocalPosition(_system(message.topic), east, north, down)
+    return Pose(east, north, down, None, _system(message.topic))
 
 
 def gps_global_origin(message: Message) -> LocalOrigin | str:

@@ -72,13 +72,15 @@ class Pose:
         east: [m].
         north: [m].
         depth: [m], positive down.
-        orientation: Of the vehicle.
+        orientation: Of the vehicle; None where its messages are others.
+        system: ``mavlink/{system}`` that states the origin of the frame elsewhere; empty for others.
     """
 
     east: float
     north: float
     depth: float
-    orientation: Orientation
+    orientation: Orientation | None
+    system: str = ""
 
 
 def location_fix(payload: Mapping[str, Any]) -> Position | str:

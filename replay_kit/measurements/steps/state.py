@@ -19,7 +19,6 @@ from replay_kit.measurements.messages.mavlink import (
     GpsStatus,
     Key,
     LocalOrigin,
-    LocalPosition,
     NavigationPosition,
     PingFrame,
     is_dead_reckoned,
@@ -105,8 +104,7 @@ def at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -
     return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun, dives=dives)
 
 
-#: Why a position in a local frame says nothing.
-NO_ORIGIN = "local position without an origin: state it with --origin LON,LAT"
+_NO_ORIGIN = "local position without an origin: state it with --origin LON,LAT"
 _NAVIGATED = "local position beside the system's position on the Earth, which is used"
 _ATTITUDE = "attitude: kept for pings without their own"
 
@@ -176,34 +174,23 @@ def record_origin(
     return state, [Used(source.topic)]
 
 
-def record_local(
-    state: MeasurementState, stated: LocalPosition, source: Source, config: MeasurementConfig
-) -> Step:
-    """Return the state after a position in a local frame: dead-reckoned from its origin, of a system that states none on the Earth."""
-    if stated.system in state.navigated:
-        return state, [Skipped(source.topic, _NAVIGATED)]
-    origin = config.origin or state.local_origins.get(stated.system)
-    if origin is None:
-        return at_depth(state, stated.depth, config), [Skipped(source.topic, NO_ORIGIN)]
-    longitude, latitude = to_geographic(Projection(*origin), stated.east, stated.north)
-    position = checked(float(longitude), float(latitude), stated.depth, True)
-    if isinstance(position, str):
-        return state, [Skipped(source.topic, position)]
-    return record_position(state, position, source, config)
-
-
 def record_pose(
     state: MeasurementState, pose: Pose, source: Source, config: MeasurementConfig
 ) -> Step:
-    """Place a pose relative to the position known when its topic's first pose since the last measured fix came."""
-    state = replace(state, orientation=(source.time_ns, pose.orientation))
+    """Place a pose relative to the position known when its topic's first pose since the last measured fix came, or to a stated origin."""
+    if pose.orientation is not None:
+        state = replace(state, orientation=(source.time_ns, pose.orientation))
+    if pose.system and pose.system in state.navigated:
+        return state, [Skipped(source.topic, _NAVIGATED)]
     if source.topic not in state.origins:
-        fix, first = state.fix, pose
-        if fix is None and config.origin is not None:
-            fix = VehicleState(source.time_ns, *config.origin, 0.0, True, source)
+        fix, first = None if pose.system else state.fix, pose
+        stated = config.origin or state.local_origins.get(pose.system)
+        if fix is None and stated is not None:
+            fix = VehicleState(source.time_ns, *stated, 0.0, True, source)
             first = replace(pose, east=0.0, north=0.0)
         if fix is None:
-            return at_depth(state, pose.depth, config), [Used(source.topic)]
+            said = Skipped(source.topic, _NO_ORIGIN) if pose.system else Used(source.topic)
+            return at_depth(state, pose.depth, config), [said]
         state = replace(state, origins={**state.origins, source.topic: (fix, first)})
     fix, origin = state.origins[source.topic]
     longitude, latitude = to_geographic(
