@@ -119,4 +119,4 @@ def test_logs_given_together_are_judged_together(tmp_path):
     assert "Next: replay-kit replay places.mcap pings.mcap" in done.stdout
     (tmp_path / "more.mcap").write_bytes(json_mcap(pings[:2]))
     done = run_command(tmp_path, "info more.mcap pings.mcap")
-    assert done.stdout.count("Missing for a replay: positions, and profiles") == 1
+    assert done.stdout.count("Missing for a replay: positions\n") == 1
