@@ -42,6 +42,8 @@ Moment = Annotated[str, AfterValidator(_checked_time)]
 #: The region that ``--region all`` stands for.
 EVERYWHERE = (-180.0, -90.0, 180.0, 90.0)
 _Depth = Annotated[float, Field(ge=0.0)]
+_Longitude = Annotated[float, Field(ge=-180.0, le=360.0)]
+_Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
 
 
 class LogConfig(Section):
@@ -55,6 +57,12 @@ class LogConfig(Section):
         ge=0,
         le=255,
         description="MAVLink system to read; required for a log with positions of several systems.",
+    )
+    component: int | None = Field(
+        default=None,
+        ge=0,
+        le=255,
+        description="MAVLink component of the system whose positions are read; by default the first that states one.",
     )
     start: Annotated[Moment | None, Option("--start", "TIME")] = Field(
         default=None, description="First time used, ISO 8601 UTC."
@@ -117,6 +125,14 @@ class MeasurementConfig(Section):
         default=86400.0,
         gt=0.0,
         description="Longest time between the positions before and after a dive between which its pings are interpolated [s].",
+    )
+    origin: Annotated[tuple[_Longitude, _Latitude] | None, Option("--origin", "LON,LAT")] = Field(
+        default=None,
+        description="Longitude and latitude of the origin of local positions (LOCAL_POSITION_NED, odometry), for a log that states none.",
+    )
+    dvl_axes: Literal["forward-starboard-down", "forward-left-up"] | None = Field(
+        default=None,
+        description="Axes of a DVL's velocity; by default those that its frame_id names, else forward, starboard and down.",
     )
     surface_depth: float = Field(
         default=3.0, gt=0.0, description="Depth above which the vehicle is at the surface [m]."
@@ -249,8 +265,9 @@ class ForecastConfig(Section):
     )
     lead: Annotated[float | None, Option("--lead", "LEAD")] = Field(
         default=None,
-        description="Forecast period in the file's unit; the nearest is taken. Default: all dated leads where the estimate changes in "
-        "time, else the dated lead nearest to the log's first message; the last lead without a log, or where leads have no date.",
+        description="Forecast period in the file's unit, or of times without dates how long after the first; the nearest is taken. "
+        "Default: all dated leads where the estimate changes in time, else the dated lead nearest to the log's first message; the last "
+        "lead without a log, or where leads have no date.",
     )
     time: Moment | None = Field(
         default=None,

@@ -107,6 +107,32 @@ def plain_attribute(value: Any) -> Any:
     return str(value) if isinstance(value, str) else value
 
 
+def packed_fill(fill: Any, dtype: Any, factor: float, offset: float) -> Any:
+    """Return a missing value as packed values have it; some writers state it as it is unpacked.
+
+    CF has it packed. A number that is not stated in the type of the values is taken as unpacked where it is no integer, or where its packed
+    form is one of the few values that 16 bits can hold.
+
+    Args:
+        fill: As stated.
+        dtype: Of the packed values.
+        factor: By which they are multiplied.
+        offset: Which is added then.
+    """
+    import numpy as np
+
+    dtype, stated = np.dtype(dtype), np.ravel(fill)
+    if dtype.kind not in "iu" or stated.size != 1 or stated.dtype.kind != "f" or factor == 0.0:
+        return fill
+    packed = (float(stated[0]) - offset) / factor
+    limits = np.iinfo(dtype)
+    if not (np.isfinite(packed) and limits.min <= round(packed) <= limits.max):
+        return fill
+    if dtype.itemsize > 2 and float(stated[0]).is_integer():
+        return fill
+    return dtype.type(round(packed))
+
+
 def is_dimension(item: "h5py.Dataset") -> bool:
     """Return whether a dataset of HDF5 is a dimension of NetCDF without a variable."""
     return str(plain_attribute(item.attrs.get("NAME", ""))).startswith(_NO_VARIABLE)

@@ -97,6 +97,8 @@ class LogReader(AbstractContextManager["LogReader"], Protocol):
         ...
 
 
+#: Begins a reader's note on what may be or give mean currents, of a log that states none.
+NO_MEANS = "mean currents: "
 #: Encoding of channels that hold the frames of a telemetry log as they were: no schema, log time is the entry's stamp.
 MAVLINK_FRAMES = "mavlink"
 

@@ -33,7 +33,7 @@ from replay_kit.forecast.names import (
     suffixes,
     without_partner,
 )
-from replay_kit.forecast.pairs import OpenedFile, Part, pair_files
+from replay_kit.forecast.pairs import OpenedFile, Part, pair_files, without_repeats
 from replay_kit.forecast.times import rule_of, runs_of, start_of
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
@@ -186,6 +186,9 @@ def _collected(
     for label in dict.fromkeys(file.label for file in holders):
         parts, more = pair_files([file for file in holders if file.label == label], grids)
         notes += more
+        once = [without_repeats(part) for part in parts]
+        parts = tuple(part for part, _ in once)
+        notes += tuple(note for _, of in once for note in of)
         blocks += _blocks(parts, rule, label)
     about = None
     if background:

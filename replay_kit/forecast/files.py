@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.inputs import exceeds_claim, open_input
+from replay_kit.core.inputs import exceeds_claim, open_input, packed_fill
 from replay_kit.core.paths import Address, Paths, as_groups
 from replay_kit.core.text import count_text
 
@@ -239,9 +239,18 @@ def _opened(source: Any, engine: str, **options: Any) -> xr.Dataset:
         warnings.filterwarnings(
             "ignore", "Failed to open Zarr store with consolidated metadata", RuntimeWarning
         )
-        return xr.open_dataset(
-            source, engine=engine, decode_times=False, decode_timedelta=False, **options
-        )
+        stored = xr.open_dataset(source, engine=engine, decode_cf=False, **options)
+        for variable in stored.variables.values():
+            about = variable.attrs
+            if "scale_factor" in about:
+                packing = [
+                    float(np.ravel(about.get(key, 0.0))[0])
+                    for key in ("scale_factor", "add_offset")
+                ]
+                for key in ("_FillValue", "missing_value"):
+                    if key in about:
+                        about[key] = packed_fill(about[key], variable.dtype, *packing)
+        return xr.decode_cf(stored, decode_times=False, decode_timedelta=False)
 
 
 def _check_coordinates(path: Path, shapes: Sequence[tuple[int, ...]]) -> None:

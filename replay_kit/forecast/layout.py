@@ -26,6 +26,8 @@ from replay_kit.forecast.names import (
 
 #: Names of the two components in the datasets that are made of an ensemble's files.
 U, V = "replay_kit_u", "replay_kit_v"
+#: Name of the direction there of a current that is stated as speed and direction: the speed is then both components.
+DIRECTION = "replay_kit_direction"
 #: Attribute of such a dataset: the files of u and v state different coordinates under the same name.
 STAGGERED = "replay_kit_staggered"
 

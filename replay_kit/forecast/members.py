@@ -190,7 +190,7 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
     rms = component_rms(velocity)
     if rms == 0.0:
         notes.append(
-            f"{WARNING}the current is 0 everywhere; choose a time after the start of the run with forecast.time"
+            f"{WARNING}the current is 0 everywhere; choose a time after the start of the run with forecast.time, or --lead without dates"
         )
     elif not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
         notes.append(

@@ -49,6 +49,12 @@ _VELOCITY_STANDARD_NAMES: tuple[tuple[str, str, Axes], ...] = (
     ("sea_water_x_velocity", "sea_water_y_velocity", "grid"),
     ("sea_water_x_velocity_at_u_location", "sea_water_y_velocity_at_v_location", "grid"),
 )
+# Where a current goes to, the older name second; and where it comes from.
+_DIRECTIONS = (
+    "sea_water_velocity_to_direction",
+    "direction_of_sea_water_velocity",
+    "sea_water_velocity_from_direction",
+)
 # Where a name alone says nothing of the axes, they follow from the grid.
 _VELOCITY_SHORT_NAMES: tuple[tuple[str, str, Axes | None], ...] = (
     ("u_eastward", "v_northward", "true"),
@@ -153,12 +159,16 @@ class Current:
         v: Name of the second.
         axes: Along which axes they lie; None where no name says it.
         why: What says it.
+        direction: Of a current that is stated as speed, which is both components, and direction: the name of the latter.
+        turn: What is added to the direction to have where the current goes to [degrees].
     """
 
     u: str | None
     v: str | None
     axes: Axes | None
     why: str
+    direction: str | None = None
+    turn: float = 0.0
 
 
 def find_current(ds: xr.Dataset, where: str) -> Current | None:
@@ -186,6 +196,11 @@ def find_current(ds: xr.Dataset, where: str) -> Current | None:
     for east, north, of_name in _VELOCITY_SHORT_NAMES:
         u, v = (name if name in ds.variables else None for name in (east, north))
         pairs.append(Current(u, v, of_name, f"name {east}"))
+    for turn, towards in enumerate(_DIRECTIONS):
+        speed, angle = _by_standard_name(ds, "sea_water_speed"), _by_standard_name(ds, towards)
+        if speed and angle:
+            why = f"{speed[0]} and {angle[0]}"
+            pairs.append(Current(speed[0], speed[0], "true", why, angle[0], 180.0 * (turn > 1)))
     present = [pair for pair in pairs if pair.u or pair.v]
     return next((pair for pair in present if pair.u and pair.v), present[0] if present else None)
 

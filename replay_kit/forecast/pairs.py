@@ -1,7 +1,7 @@
 """Files that hold one component, both, or only the grid, joined to datasets with both components and the grid."""
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ import xarray as xr
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, some_text
 from replay_kit.forecast.files import natural
-from replay_kit.forecast.layout import STAGGERED, U, V
+from replay_kit.forecast.layout import DIRECTION, STAGGERED, U, V
 from replay_kit.forecast.names import Current, find_time
 
 _TIMES_OF_GRIDS = ("time", "time_counter", "time_steps", "ocean_time")
@@ -41,6 +41,43 @@ class Part:
     def names(self) -> str:
         """Names of the files without their folders."""
         return " + ".join(path.name for path in self.paths)
+
+
+_AXES = ("lon", "lat", "longitude", "latitude", "nav_lon", "nav_lat")
+
+
+def without_repeats(part: Part) -> tuple[Part, tuple[str, ...]]:
+    """Return a part with each of its longitudes and latitudes once, and what was repeated.
+
+    Raises:
+        ForecastError: A repeated coordinate has other values the second time, or coordinates are not monotonic.
+    """
+    notes, where = [], str(part.paths[0])
+    for name, axis in part.ds.variables.items():
+        known = str(name).lower() in _AXES or axis.attrs.get("standard_name") in _AXES
+        if not known or axis.ndim != 1 or axis.size < 2 or axis.dtype.kind not in "fiu":
+            continue
+        (dim,), values = axis.dims, axis.values.astype(np.float64)
+        steps = (np.diff(values) + 180.0) % 360.0 - 180.0
+        turns = np.flatnonzero(steps * np.sign(np.median(steps)) < 0.0) + 1
+        again = np.flatnonzero(steps == 0.0) + 1
+        if turns.size:
+            raise ForecastError(
+                f"{where}: {name} is not monotonic: it turns at its value {turns[0] + 1}, {values[turns[0]]:g}; put {dim} in order"
+            )
+        if again.size in (0, steps.size):
+            continue
+        for held in (part.ds[U], part.ds[V]):
+            if dim not in held.dims or not np.array_equal(
+                held.isel({dim: again}), held.isel({dim: again - 1}), equal_nan=True
+            ):
+                raise ForecastError(
+                    f"{where}: {name} repeats {values[again[0]]:g} with other values of {held.attrs['replay_kit_name']}; leave one out"
+                )
+        part = replace(part, ds=part.ds.isel({dim: np.delete(np.arange(values.size), again)}))
+        listed = some_text([f"{value:g}" for value in values[again]])
+        notes.append(f"{name} repeats {count_text(again.size, 'value')} ({listed}): read once")
+    return part, tuple(notes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +130,7 @@ def _joined(
     assert v.current is not None
     assert u.current.u is not None
     assert v.current.v is not None
-    current = Current(u.current.u, v.current.v, u.current.axes or v.current.axes, u.current.why)
+    current = replace(u.current, v=v.current.v, axes=u.current.axes or v.current.axes)
     ds = u.ds
     second = v.ds[v.current.v].variable
     if v is not u:
@@ -101,6 +138,10 @@ def _joined(
     ds = ds.assign(
         {U: _marked(u.ds[u.current.u].variable, current.u), V: _marked(second, current.v)}
     )
+    if current.direction is not None:
+        ds = ds.assign({DIRECTION: u.ds[current.direction].variable})
+        for name, turn in ((U, current.turn - 90.0), (V, current.turn)):
+            ds[name].attrs["replay_kit_turn"] = turn
     notes = list(_assumptions(u))
     for grid in grids:
         ds, fits = _with_grid(ds, grid.ds)
@@ -127,6 +168,8 @@ def _assumptions(u: OpenedFile) -> tuple[str, ...]:
         if calendar
         else []
     )
+    if u.current.direction is not None:
+        notes.append(f"components computed of {u.current.why}")
     named = str(variable.encoding.get("coordinates", variable.attrs.get("coordinates", ""))).split()
     lacking = [
         name

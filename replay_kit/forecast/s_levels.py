@@ -16,7 +16,10 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, span_text
 from replay_kit.forecast.depths import Levels, at_depths, depths_text, reach, reach_of
-from replay_kit.forecast.members import no_water
+from replay_kit.forecast.members import WARNING, no_water
+
+#: Begins the note on water that no level is near.
+LEFT_DRY = "left dry: "
 
 _NAMES = {
     "s": ("s_rho", "sc_r"),
@@ -156,8 +159,9 @@ def from_s_levels(
     ]
     if beyond.any():
         dry = count_text(int(beyond.sum()), "point")
+        warning = WARNING if reach_of(at_rest)[0] > 0.0 else ""
         notes.append(
-            f"left dry: {dry} in the water at {depths_text(levels[beyond.any(axis=(1, 2))])}: no level is near, of {span}"
+            f"{warning}{LEFT_DRY}{dry} in the water at {depths_text(levels[beyond.any(axis=(1, 2))])}: no level is near, of {span}"
         )
     return found, Levels(levels, np.arange(coordinate.s.size), reach_of(at_rest), tuple(notes))
 

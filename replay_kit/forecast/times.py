@@ -44,7 +44,8 @@ def choose_time(
         ForecastError: An option is given that the file has no use for.
     """
     lead, time = find_lead(ds, dims), find_time(ds, dims)
-    if lead is None and (config.lead is not None or config.reference_time is not None):
+    is_undated = time is not None and (time not in ds.coords or ds[time].dtype.kind != "M")
+    if lead is None and not is_undated and (config.lead, config.reference_time) != (None, None):
         raise ForecastError(
             f"{where}: a lead or reference time was given, but the file has no lead dimension; remove the option"
         )
@@ -52,16 +53,26 @@ def choose_time(
         raise ForecastError(
             f"{where}: a time was chosen, but the file has no time dimension; remove the option"
         )
-    if time is not None and (time not in ds.coords or ds[time].dtype.kind != "M"):
+    if time is not None and is_undated:
+        since, unit = _since_first(ds, time)
+        ways = f"--lead takes another by its {unit} since the first, 0 to {since[-1]:g}"
         if config.time is not None:
             raise ForecastError(
-                f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); remove the option"
+                f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); {ways}"
             )
+        position, taken = 0, "the first"
+        if lead is None and config.lead is not None:
+            position = int(np.argmin(np.abs(since - config.lead)))
+            taken = f"that of {since[position]:g} {unit} since the first"
         note = f"{time} has no dates ({undated(ds[time])})" + (
-            f": the first of {ds.sizes[time]} was taken" if ds.sizes[time] > 1 else ""
+            f": {taken} of {since.size} was taken; {ways}" if since.size > 1 else ""
         )
         inner, time_ns, more = choose_time(
-            ds.isel({time: 0}), [dim for dim in dims if dim != time], config, near_ns, where
+            ds.isel({time: position}),
+            [dim for dim in dims if dim != time],
+            config if lead is not None else config.model_copy(update={"lead": None}),
+            near_ns,
+            where,
         )
         return inner, time_ns, (note, *more)
     if time is not None:
@@ -88,6 +99,17 @@ def choose_time(
         valid_ns,
         (f"lead {chosen} of {ds.sizes[lead]} leads", *_notes(valid_ns, near_ns, "")),
     )
+
+
+def _since_first(ds: xr.Dataset, time: str) -> tuple[NDArray[np.float64], str]:
+    """Return how long after the first each time without a date is, and the unit: the file's, or the number of times."""
+    count = np.arange(ds.sizes[time], dtype=np.float64)
+    if time not in ds.coords or ds[time].dtype.kind not in "iuf":
+        return count, "number of times"
+    values = ds[time].values.astype(np.float64)
+    if not np.isfinite(values).all() or np.ptp(values) == 0.0:
+        return count, "number of times"
+    return values - values[0], str(ds[time].attrs.get("units", "")).strip() or "value"
 
 
 def dated_leads(ds: xr.Dataset, lead: str, config: ForecastConfig) -> list[tuple[float, int]]:

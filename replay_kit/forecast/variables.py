@@ -13,7 +13,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.inputs import unpacking
 from replay_kit.forecast.grid import Block
-from replay_kit.forecast.layout import Layout, U, V
+from replay_kit.forecast.layout import DIRECTION, Layout, U, V
 from replay_kit.forecast.names import LEVEL_COUNTS, sizes_text
 
 Faces = tuple[int | None, int | None]
@@ -49,7 +49,12 @@ class Source:
 
     def component(self, name: str, depth: str | None, order: NDArray[np.int64]) -> Array:
         """Return the component ``U`` or ``V`` where it lies, shape (E, Z, J, I), on the levels in some positions."""
-        return self.read(name, *self.places[name == V], None if depth is None else (depth, order))
+        levels = None if depth is None else (depth, order)
+        values = self.read(name, *self.places[name == V], levels)
+        if (turn := self.ds[name].attrs.get("replay_kit_turn")) is not None:
+            angle = self.read(DIRECTION, *self.places[name == V], levels)
+            values *= np.cos(np.deg2rad(angle + turn))
+        return values
 
     def first_of(self, names: Iterable[str], dims: tuple[str, str]) -> str | None:
         """Return the first of some variables that the dataset holds on two horizontal dimensions; None without any."""

@@ -19,7 +19,7 @@ from replay_kit.forecast.grid import Block, region_block
 from replay_kit.forecast.layout import Layout, U, V
 from replay_kit.forecast.members import WARNING
 from replay_kit.forecast.names import SEA_LEVEL, Axes, Current, find_depth
-from replay_kit.forecast.s_levels import find_s_coordinate, from_s_levels
+from replay_kit.forecast.s_levels import LEFT_DRY, find_s_coordinate, from_s_levels
 from replay_kit.forecast.selection import Selected
 from replay_kit.forecast.variables import (
     AT_CENTRES,
@@ -105,7 +105,8 @@ def read_window(field: Selected, layout: Layout, config: ForecastConfig) -> Wind
         velocity, levels = from_s_levels(velocity, s_coordinate, h, sea_level, config.levels, where)
     first = None if sea_level is None else np.asarray(sea_level[0])
     notes = (*layout.notes, *counts, *levels.notes)
-    if (least := levels.within[0]) > 0.0:
+    # of terrain-following levels it was said where the water above the first was left dry
+    if (least := levels.within[0]) > 0.0 and not any(LEFT_DRY in note for note in levels.notes):
         notes += (
             f"{WARNING}the file has no level near the water above {least:.4g} m: the current of the first level is taken there",
         )

@@ -12,6 +12,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar, cast
 
 from replay_kit.core.message import Message, RawMessage
 from replay_kit.core.text import time_text
+from replay_kit.logs.shared.times import doubtful_times
 
 #: Nearer stamps are no matter of a wrong clock: messages are late by hours where data are buffered [ns].
 FAR_NS = 86_400_000_000_000
@@ -210,6 +211,8 @@ class Merge(Generic[_T]):
     end_ns: int | None = None
     keep_late: bool = False
     _late: Counter[str] = field(default_factory=Counter, init=False, repr=False)
+    _late_by: list[int] = field(default_factory=lambda: [0], init=False, repr=False)
+    _firsts: list[_T] = field(default_factory=list, init=False, repr=False)
     _astray: Counter[str] = field(default_factory=Counter, init=False, repr=False)
     _jumps: list[ClockJump] = field(default_factory=list, init=False, repr=False)
 
@@ -217,6 +220,19 @@ class Merge(Generic[_T]):
     def late(self) -> Mapping[str, int]:
         """Late messages left out, by topic; complete once the iteration is."""
         return dict(self._late)
+
+    @property
+    def late_by_s(self) -> float:
+        """Largest time by which a late message is older than the newest before it [s]: a window as long keeps all."""
+        return 1e-9 * self._late_by[0]
+
+    @property
+    def doubtful_times(self) -> str:
+        """What is odd about the times of the logs' first messages; empty when nothing is."""
+        known = [(one.time_ns, one.payload) for one in self._firsts if isinstance(one, Message)]
+        return next(
+            (said for one in known if (said := doubtful_times((one[0], one[0]), [one], None))), ""
+        )
 
     @property
     def astray(self) -> Mapping[str, int]:
@@ -231,6 +247,8 @@ class Merge(Generic[_T]):
     def __iter__(self) -> Iterator[_T]:
         """Yield the messages from ``start_ns`` to ``end_ns``, both included; each iteration reads the logs anew."""
         self._late.clear()
+        self._late_by[0] = 0
+        self._firsts.clear()
         self._astray.clear()
         self._jumps.clear()
         ordered = [self._ordered(reader) for reader in self.readers]
@@ -255,11 +273,14 @@ class Merge(Generic[_T]):
         newest = yielded = -(2**63)
         for message in reader.messages() if self.keep_late else self._steady(reader.messages()):
             time_ns = message.time_ns
+            if newest == -(2**63):
+                self._firsts.append(message)
             if time_ns < yielded:
                 if self.keep_late:
                     yield message
                 elif self._wanted(message):
                     self._late[message.topic] += 1
+                    self._late_by[0] = max(self._late_by[0], newest - time_ns)
                 continue
             heapq.heappush(held, (time_ns, message.position, message))
             newest = max(newest, time_ns)

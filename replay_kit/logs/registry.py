@@ -11,7 +11,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.extensions import additions
 from replay_kit.core.inputs import open_input
 from replay_kit.core.paths import as_path
-from replay_kit.logs.adcp.records import AD2CP_MAGICS, PD0_MAGIC
+from replay_kit.logs.adcp.records import AD2CP_MAGICS, OTHER_PACKETS, PD0_MAGIC, scan
 from replay_kit.logs.reader import LogFile, unreadable
 
 #: Endings of logs that are written message by message, and may grow while they are read; in lower case.
@@ -124,6 +124,11 @@ def _is_dataflash(head: bytes) -> bool:
     return is_dataflash(head)
 
 
+def _holds_pd0(head: bytes) -> bool:
+    """Return whether a file of no other format has a sound ensemble near its beginning, after packets or bytes of another kind."""
+    return PD0_MAGIC in head and any(record.kind == 0 for record in scan(head))
+
+
 def _is_glider(head: bytes) -> bool:
     if head.startswith(_NETCDF):
         return True
@@ -163,13 +168,14 @@ FORMATS = (
     LogFormat("mcap", _begins(b"\x89MCAP0\r\n"), _reader("mcap.reader", "McapReader")),
     LogFormat("glider", _is_glider, _reader("glider.reader", "open_glider")),
     LogFormat("slocum", _is_slocum, _reader("slocum.reader", "open_slocum")),
-    LogFormat("pd0", _begins(PD0_MAGIC), _reader("adcp.reader", "RawAdcpReader")),
+    LogFormat("pd0", _begins(PD0_MAGIC, *OTHER_PACKETS), _reader("adcp.reader", "RawAdcpReader")),
     LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _reader("adcp.reader", "RawAdcpReader")),
     LogFormat("radials", _begins(_RADIALS), _reader("surface.lluv", "RadialsReader")),
     LogFormat("drifters", _is_drifters, _reader("surface.drifters", "DrifterReader")),
     LogFormat("table", _is_csv, _reader("table", "TableReader")),
     LogFormat("tlog", _is_tlog, _reader("mavlink.reader", "TlogReader")),
     LogFormat("dataflash", _is_dataflash, _reader("dataflash.reader", "DataflashReader")),
+    LogFormat("pd0", _holds_pd0, _reader("adcp.reader", "RawAdcpReader")),
 )
 #: Logs that are recognised only to say what to do with them.
 _FOREIGN = (
@@ -296,7 +302,9 @@ def _mission(path: Path) -> tuple[str, ...]:
     if not _is_glider(head):
         return ()
     from replay_kit.logs.glider.files import mission_key
+    from replay_kit.logs.glider.rows import refuse_forecast
 
+    refuse_forecast(path)
     return mission_key(path)
 
 

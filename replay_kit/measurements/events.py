@@ -11,6 +11,8 @@ MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
 
 #: The reason of a message of a kind that is not known.
 NOT_A_KIND = "message type not used by the estimator"
+#: Begins the reason for which a ping is not used that nothing places.
+NO_POSITION = "no position within"
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,6 +58,7 @@ from replay_kit.measurements.steps.state import (
     record_mean_current,
     record_navigation,
     record_orientation,
+    record_origin,
     record_pose,
     record_position,
     record_pressure,
@@ -87,6 +88,7 @@ _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig
             Position: record_position,
             mavlink.NavigationPosition: record_navigation,
             mavlink.GpsStatus: record_gps_status,
+            mavlink.LocalOrigin: record_origin,
             Pose: record_pose,
             Orientation: record_orientation,
             Depth: record_depth,
@@ -100,12 +102,13 @@ _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig
     )
 )
 # what tells which MAVLink system counts, in a log that holds several
-_STATES_POSITION = (Position, mavlink.NavigationPosition)
+_STATES_POSITION = (Position, mavlink.NavigationPosition, Pose)
 
 
-def initial_state(system: int | None = None) -> MeasurementState:
-    """Return the state before the first message; ``system`` is the MAVLink system asked for, in logs that hold several."""
-    return MeasurementState(system=None if system is None else str(system))
+def initial_state(system: int | None = None, component: int | None = None) -> MeasurementState:
+    """Return the state before the first message; ``system`` and ``component`` are those of MAVLink asked for, in logs that hold several."""
+    asked = (None if number is None else str(number) for number in (system, component))
+    return MeasurementState(sender=(next(asked), next(asked)))
 
 
 def observations(
@@ -124,7 +127,10 @@ def observations(
 
 
 def events_of(
-    messages: Iterable[Message], config: MeasurementConfig, system: int | None = None
+    messages: Iterable[Message],
+    config: MeasurementConfig,
+    system: int | None = None,
+    component: int | None = None,
 ) -> Iterator[list[Event]]:
     """Yield the events that each message of a stream completes, and last those of what still waits at its end.
 
@@ -132,8 +138,9 @@ def events_of(
         messages: In order of time; one is taken when its events are asked for.
         config: How messages become observations.
         system: The MAVLink system that counts; None for the first that states a position.
+        component: The component of it that counts; None for the first that states a position.
     """
-    state = initial_state(system)
+    state = initial_state(system, component)
     for message in messages:
         state, events = interpret(state, message, config)
         yield events
@@ -256,20 +263,21 @@ def _interpret(
     stated: Statement,
     config: MeasurementConfig,
 ) -> Step:
-    system = mavlink.system_of(message)
-    if system is not None and _entry(message, config) is not None:
-        system = None
-    if system is not None and state.system not in (None, system):
-        return state, [
-            Skipped(
-                message.topic,
-                f"MAVLink system {system}, but system {state.system} is used; choose with system in [logs]",
-            )
-        ]
+    sender = mavlink.sender_of(message)
+    if sender is not None and _entry(message, config) is not None:
+        sender = None
+    for what, own, used in zip(("system", "component"), sender or (), state.sender, strict=False):
+        if used not in (None, own):
+            return state, [
+                Skipped(
+                    message.topic,
+                    f"MAVLink {what} {own}, but {what} {used} is used; choose with {what} in [logs]",
+                )
+            ]
     if isinstance(stated, str):
         return state, [Skipped(message.topic, stated)]
-    if system is not None and state.system is None and type(stated) in _STATES_POSITION:
-        state = replace(state, system=system)
+    if sender is not None and None in state.sender and type(stated) in _STATES_POSITION:
+        state = replace(state, sender=sender)
     source = Source(message.input, message.topic, message.position, message.time_ns)
     events: list[Event | PlacedPing] = []
     if isinstance(stated, StatedPing) and stated.position is not None:

@@ -73,7 +73,7 @@ def sentence(template: str, fields: Mapping[str, Any], at: str = "") -> Sentence
 
 def _part(key: str, value: Any, form: str) -> str | Shown:
     if value is None or isinstance(value, str):
-        return "none" if value is None else value
+        return "-" if value is None else value
     own = {
         "cm": lambda: f"{100.0 * value:.2f} cm/s",
         "cm/s": lambda: f"{100.0 * value:.1f}",

@@ -33,11 +33,12 @@ def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
     )
     for k, row in enumerate(sources):
         yield joined("Also used: ", [source_sentence(row, f"observations.sources.{k}.")])
-    yield sentence(
-        "RMS innovation: {rms_innovation.before:cm} before each update, {rms_innovation.after:cm} after it, "
-        "{rms_innovation.prior:cm} by the prior forecast; NIS per degree of freedom {nis_per_dof:.2f}",
-        {"rms_innovation": outcome.rms_innovation, "nis_per_dof": outcome.nis_per_dof},
-    )
+    if outcome.rms_innovation["prior"] is not None:
+        yield sentence(
+            "RMS innovation: {rms_innovation.before:cm} before each update, {rms_innovation.after:cm} after it, "
+            "{rms_innovation.prior:cm} by the prior forecast; NIS per degree of freedom {nis_per_dof:.2f}",
+            {"rms_innovation": outcome.rms_innovation, "nis_per_dof": outcome.nis_per_dof},
+        )
     if outcome.flight_correction is not None:
         yield joined("Flight model: ", [flight_correction_sentence(outcome.flight_correction)])
 
@@ -274,10 +275,13 @@ def source_sentence(row: Mapping[str, Any], at: str = "") -> Sentence:
         row: The source.
         at: Path of its fields within an outcome, with a dot at its end.
     """
+    compared = (
+        "RMS innovation {rms_prior:cm/s} cm/s by the prior forecast, {rms_before:cm/s} before and {rms_after:cm/s} after each update; "
+        "NIS per value {nis_per_dof:.2f}"
+    )
     said = (
         f"{SOURCES[row['kind']]}: {{used}} measurements used ({{values}} values), {{rejected}} rejected",
-        "RMS innovation {rms_prior:cm/s} cm/s by the prior forecast, {rms_before:cm/s} before and {rms_after:cm/s} after each update; "
-        "NIS per value {nis_per_dof:.2f}",
+        *([compared] if row["rms_prior"] is not None else []),
         *(f"{{doubts.{k}}}" for k in range(len(row["doubts"]))),
     )
     return sentence("; ".join(said), row, at)

@@ -81,11 +81,13 @@ def _dive_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
 def _dive_sentence(dives: Sequence[Mapping[str, Any]]) -> str:
     """Return how well dives were predicted, and the worst of them."""
     known = [row for row in dives if row["bins"] and row["rms_innovation_predicted"] is not None]
+    if not known:
+        return f"Dives: {len(dives)}, none of them with measurements that were predicted"
     bins = sum(row["bins"] for row in known)
 
     def rms(name: str) -> str:
         squares = sum(row["bins"] * row[f"rms_innovation_{name}"] ** 2 for row in known)
-        return _cm(math.sqrt(squares / bins)) if bins else "none"
+        return _cm(math.sqrt(squares / bins))
 
     worst = sorted(known, key=lambda row: -row["rms_innovation_predicted"])[:_WORST]
     named = ", ".join(f"{row['dive']} ({_cm(row['rms_innovation_predicted'])})" for row in worst)
@@ -107,4 +109,4 @@ def _closing_lines(outcome: Outcome) -> Iterator[str]:
 
 
 def _cm(value: float | None) -> str:
-    return "none" if value is None else f"{100.0 * value:.2f} cm/s"
+    return "-" if value is None else f"{100.0 * value:.2f} cm/s"

@@ -165,7 +165,7 @@ def _events(
     merged = merge(readers, settings.reorder_window, settings.start_ns, settings.end_ns)
     kept: list[VehicleState | Measurement] = []
     statistics, flight, dives = RunStatistics(), FlightState(), list[FlownDive]()
-    for events in events_of(merged, config.measurements, settings.system):
+    for events in events_of(merged, config.measurements, settings.system, settings.component):
         advance()
         for stated in events:
             if isinstance(stated, PathMean) and (dive := flown_of(stated)) is not None:

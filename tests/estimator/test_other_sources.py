@@ -53,6 +53,7 @@ def radar(rng, radials):
         1.0,
         3600.0,
         10e3,
+        np.zeros(n, bool),
     )
     at = Source(0, "/radar", 1, 2 * HOUR_NS)
     return superobservations(currents, Label(0, at, kind="radar"), 8e3, 0.08)
@@ -156,6 +157,7 @@ def test_boxes_outside_the_region_are_left_out_one_by_one():
         1.0,
         3600.0,
         0.0,
+        np.zeros(40, bool),
     )
     (given,) = superobservations(currents, Label(0, Source(0, "/radar", 1, 5)), 8e3, 0.0)
     _, said = (estimator := build_estimator(OCEAN, CONFIG)).step(estimator.initial(), given)

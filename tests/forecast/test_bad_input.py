@@ -230,3 +230,71 @@ def test_coordinates_that_are_named_and_not_in_the_file_are_told(tmp_path):
         note.startswith("coordinates geolon, geolat are named but missing in the file")
         for note in notes
     )
+
+
+def _with_twice(ds, dim, at=3):
+    """Return a forecast in which a coordinate of a dimension is there twice, as where tiles were joined."""
+    order = np.insert(np.arange(ds.sizes[dim]), at, at)
+    return ds.isel({dim: order})
+
+
+@pytest.mark.parametrize("dims", [("lon",), ("lat",), ("lon", "lat")])
+def test_a_repeated_coordinate_is_read_once_and_noted(tmp_path, dims):
+    ds = synthetic.dataset()
+    whole = read_with(save(ds, tmp_path / "whole.nc"))
+    for dim in dims:
+        ds = _with_twice(ds, dim)
+    ds["uo"][:, :, 0, 0] = np.nan
+    ds["vo"][:, :, 0, 0] = np.nan
+    read = read_with(save(ds, tmp_path / "e.nc"))
+    for dim in dims:
+        assert any(note.startswith(f"{dim} repeats 1 value") for note in read.notes)
+    np.testing.assert_allclose(read.grid.longitude, whole.grid.longitude)
+    wet = read.grid.wet
+    assert not wet[:, 0, 0].any()
+    np.testing.assert_allclose(read.velocity[:, :, wet], whole.velocity[:, :, wet], atol=1e-6)
+
+
+def test_a_repeated_coordinate_of_other_values_and_one_that_turns_are_refused(tmp_path):
+    ds = _with_twice(synthetic.dataset(), "lon")
+    other = ds.copy(deep=True)
+    other["vo"][2, 1, 2, 4] += 0.1
+    refused("lon repeats .* with other values of vo", save(other, tmp_path / "e.nc"))
+    overlapping = synthetic.dataset().isel(lon=[0, 1, 2, 1, 2, 3, 4, 5])
+    refused("lon is not monotonic: it turns at its value 4", save(overlapping, tmp_path / "o.nc"))
+
+
+def test_a_missing_value_that_is_stated_unpacked_is_missing(tmp_path):
+    ds = synthetic.dataset()
+    whole = read_with(save(ds, tmp_path / "whole.nc"))
+    for name in ("uo", "vo"):
+        packed = np.round(ds[name].values / 0.001)
+        packed[:, :, 1, 2] = -32000
+        ds[name] = (
+            ds[name].dims,
+            packed.astype(np.int16),
+            {**ds[name].attrs, "scale_factor": 0.001, "add_offset": 0.0, "missing_value": -32.0},
+        )
+    read = read_with(save(ds, tmp_path / "e.nc"))
+    assert not read.grid.wet[:, 1, 2].any()
+    assert read.grid.wet.sum() == whole.grid.wet.sum() - whole.grid.levels.size
+    assert np.nanmax(np.abs(read.velocity)) < 2.0
+
+
+@pytest.mark.parametrize("comes_from", [True, False])
+def test_speed_and_direction_are_read_as_components(tmp_path, comes_from):
+    ds = synthetic.dataset()
+    whole = read_with(save(ds, tmp_path / "whole.nc"))
+    angle = np.rad2deg(np.arctan2(ds.uo, ds.vo)) + (180.0 if comes_from else 0.0)
+    towards = f"sea_water_velocity_{'from' if comes_from else 'to'}_direction"
+    polar = xr.Dataset(
+        {
+            "spd": np.hypot(ds.uo, ds.vo).assign_attrs(
+                standard_name="sea_water_speed", units="m s-1"
+            ),
+            "dir": (angle % 360.0).assign_attrs(standard_name=towards, units="degree"),
+        }
+    )
+    read = read_with(save(polar, tmp_path / "e.nc"))
+    np.testing.assert_allclose(read.velocity, whole.velocity, atol=1e-9)
+    assert "components computed of spd and dir" in read.notes

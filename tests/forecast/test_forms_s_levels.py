@@ -180,6 +180,14 @@ def test_a_history_at_rest_at_its_first_time_is_water_at_rest(tmp_path, masks, t
     assert np.nanmax(np.abs(read.velocity)) == 0.0
     (warning,) = (note for note in read.notes if note.startswith("WARNING: "))
     assert warning.startswith("WARNING: the current is 0 everywhere")
+    assert "--lead without dates" in warning
+    if times == 2:
+        assert noted(read, "--lead takes another by its second since the first, 0 to 86400")
+        later = describe_ensemble(pair, ForecastConfig(lead=80_000.0)).ensemble
+        assert np.nanmax(np.abs(later.velocity)) > 0.1
+        assert noted(later, "that of 86400 second since the first of 2 was taken")
+        with pytest.raises(ForecastError, match=r"no dates .*--lead takes another"):
+            describe_ensemble(pair, ForecastConfig(time="2020-01-01T00:00:00Z"))
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.0])
@@ -224,12 +232,11 @@ def test_the_deepest_levels_alone_say_nothing_of_the_water_above_them(tmp_path):
     assert_array_equal(read.velocity[:, :, read.grid.wet], known.velocity[:, :, read.grid.wet])
     dry = int((known.grid.wet[0] & ~near).sum())
     assert (
-        f"left dry: {dry} points in the water at 3500 m: no level is near, of {span}" in read.notes
-    )
-    assert (
-        "WARNING: the file has no level near the water above 3815 m: the current of the first level is taken there"
+        f"WARNING: left dry: {dry} points in the water at 3500 m: no level is near, of {span}"
         in read.notes
     )
+    # one statement about the water above the levels
+    assert not any("the current of the first level is taken there" in note for note in read.notes)
     assert not any("left dry" in note or note.startswith("WARNING") for note in known.notes)
     one = str(save(deep_sea(slice(0, 1)), tmp_path / "one.nc"))
     with pytest.raises(ForecastError, match="no level is near 3600 m"):

@@ -69,8 +69,8 @@ def fix(time_s, longitude=152.0, latitude=-40.0, depth=None, **changes):
     )
 
 
-def run(messages, config=CONFIG):
-    state, events = initial_state(), []
+def run(messages, config=CONFIG, component=None):
+    state, events = initial_state(None, component), []
     for message in messages:
         state, more = interpret(state, message, config)
         events += more

@@ -5,13 +5,37 @@ import struct
 
 def slow_records(data: bytes) -> list[tuple[int, int, int]]:
     """Return start, end and kind of the records of PD0 or AD2CP, whichever the file begins with."""
-    end_of, found, at = (_pd0 if data[:2] == b"\x7f\x7f" else _ad2cp), [], 0
-    while at < len(data):
-        end, kind = end_of(data, at)
-        if end:
-            found.append((at, end, kind))
-        at = end or at + 1
+    if data[:2] in (b"\xa5\x0a", b"\xa5\x0c"):
+        return _walk(data, 0, len(data), _ad2cp)
+    found, ended = [], 0
+    for record in [*_walk(data, 0, len(data), _pd0), None]:
+        found += _walk(data, ended, len(data) if record is None else record[0], _packet)
+        if record is not None:
+            found.append(record)
+            ended = record[1]
     return found
+
+
+def _walk(data, at, last, end_of):
+    found = []
+    while at < last:
+        end, kind = end_of(data, at)
+        if 0 < end <= last:
+            found.append((at, end, kind))
+            at = end
+        else:
+            at += 1
+    return found
+
+
+def _packet(data: bytes, at: int) -> tuple[int, int]:
+    if data[at] != 0x7F or at + 6 > len(data) or data[at + 1] == 0x7F:
+        return 0, 0
+    end = at + int.from_bytes(data[at + 2 : at + 4], "little")
+    sound = end >= at + 4 and int.from_bytes(data[end : end + 2], "little") == (
+        sum(data[at:end]) % 65536
+    )
+    return (end + 2, data[at + 1]) if sound and end + 2 <= len(data) else (0, 0)
 
 
 def _pd0(data: bytes, at: int) -> tuple[int, int]:

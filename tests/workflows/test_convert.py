@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from replay_kit.config.run import LogConfig
+from replay_kit.config.run import LogConfig, MeasurementConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements import observations
+from replay_kit.measurements import events_of
 from replay_kit.show.text import SafeConsole, iso
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.convert import convert, convert_json, print_converted
@@ -54,10 +54,9 @@ def test_logs_are_merged_in_order_and_read_by_the_stock_reader(tmp_path, logs):
     assert (summary.losses, summary.undecodable) == ((), {})
 
 
-def _profiles(path: Path) -> list[Observation]:
-    return [
-        each for each in observations(merge([open_log(path)], 1.0)) if isinstance(each, Observation)
-    ]
+def _profiles(path: Path, component: int | None = None) -> list[Observation]:
+    found = events_of(merge([open_log(path)], 1.0), MeasurementConfig(), component=component)
+    return [each for events in found for each in events if isinstance(each, Observation)]
 
 
 @pytest.mark.parametrize("which", [0, 1])
@@ -152,8 +151,10 @@ def test_a_telemetry_log_takes_frames_and_what_has_none(tmp_path, logs, by_way_o
     assert sum(
         count for topic, count in summary.messages.items() if topic.startswith("mavlink/frames")
     ) == len(_stamps(logs[1]))
-    found = _profiles(tmp_path / "out.tlog")
-    assert len(found) == sum(len(_profiles(path)) for path in logs)
+    # of two vehicles' tracks in one system that of one component is used
+    for component, path in ((191, logs[0]), (1, logs[1])):
+        placed = {each.time_ns // 1000 for each in _profiles(tmp_path / "out.tlog", component)}
+        assert placed >= {each.time_ns // 1000 for each in _profiles(path)}
     assert _stamps(tmp_path / "out.tlog") == sorted(_stamps(tmp_path / "out.tlog"))
     currents = sum(message.topic == "/dac" for message in open_log(logs[0]).messages())
     assert currents > 0

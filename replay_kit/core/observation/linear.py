@@ -208,6 +208,7 @@ class PathMean:
         flight_std: Error of each component that the flight model adds [m/s], as far as it is counted.
         beside_profiles: Whether profiles that were computed from it, among other things, are used too.
         deepest: Greatest depth of the path [m]; NaN where it is not known.
+        reckoned: What the dead-reckoned positions and the fixes of a dive say of it, true east and true north [m/s]; None without them.
     """
 
     time_ns: int
@@ -226,6 +227,7 @@ class PathMean:
     flight_std: float = 0.0
     beside_profiles: bool = False
     deepest: float = np.nan
+    reckoned: tuple[float, float] | None = None
 
     @property
     def used(self) -> tuple[float, float]:

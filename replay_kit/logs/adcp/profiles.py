@@ -56,6 +56,9 @@ def raw_profiles(dataset: Any, tag: str, ordinals: Sequence[int] | None = None) 
     """
     teledyne = dataset.attrs["inst_make"] == "TRDI"
     make = _teledyne if teledyne else _nortek
+    if f"vel{tag}" not in dataset:
+        # bottom track alone
+        dataset = _without_cells(dataset)
     velocity = _by_ping(dataset, f"vel{tag}")
     velocity[
         np.isclose(
@@ -95,6 +98,16 @@ def raw_profiles(dataset: Any, tag: str, ordinals: Sequence[int] | None = None) 
     )
 
 
+def _without_cells(dataset: Any) -> Any:
+    """Return a dataset without a profile as one with no cells."""
+    time, beams = dataset["time"], dataset["vel_bt"].dims[0]
+    shape = dataset.sizes[beams], 0, time.size
+    bare = dataset.drop_vars([name for name in dataset.variables if "range" in dataset[name].dims])
+    return bare.assign(
+        vel=((beams, "range", "time"), np.zeros(shape)), range=("range", np.zeros(0))
+    )
+
+
 def _times(values: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     known = ~np.isnat(values)
     ticks = np.round(
@@ -117,7 +130,7 @@ def _geometry(dataset: Any, tag: str) -> dict[str, Any]:
         "orientation": _ORIENTATIONS[attributes["orientation"]],
         "n_cells": int(cells.size),
         "cell_size": round(float(attributes[f"cell_size{tag}"]), 4),
-        "bin0_distance": round(float(cells[0]), 4),
+        "bin0_distance": round(float(cells[0]), 4) if cells.size else None,
     }
 
 

@@ -5,7 +5,7 @@ with attitude, beam geometry and bottom track in the same message: ``measurement
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -22,10 +22,13 @@ from replay_kit.logs.adcp.bottom_track import bottom_tracks, with_bottom
 from replay_kit.logs.adcp.pd0 import by_configuration
 from replay_kit.logs.adcp.profiles import RawProfiles, raw_profiles
 from replay_kit.logs.adcp.records import (
+    AD2CP_MAGICS,
+    BURST,
     NO_ENSEMBLE,
     PD0_MAGIC,
     lose_between,
-    read_ad2cp,
+    modes_of,
+    read_mode,
     read_pd0,
     scan,
 )
@@ -155,8 +158,11 @@ def _declination(year: float, longitude: float, latitude: float) -> float | None
 
 
 _NS = 1_000_000_000
-_TOPICS = {"": "/adcp", "_avg": "/adcp/average"}
-_BURST_PING, _AVERAGE_PING = 0x15, 0x16
+_PINGS, _AVERAGES = "/adcp", "/adcp/average"
+# kind of a PD0 ensemble, and names of other packets
+_ENSEMBLE, _KNOWN = 0, {0x79: ", waves"}
+#: Topic, number of pings that the file holds, and what was read of them.
+Stream = tuple[str, int, RawProfiles]
 _UNTURNED = "bottom track in coordinates that cannot be turned to those of the pings"
 
 
@@ -171,10 +177,10 @@ class RawAdcpReader(LogFile):
         """
         with self._opened() as file:
             data = file.read()
-        self.format = "pd0" if data[:2] == PD0_MAGIC else "ad2cp"
+        self.format = "ad2cp" if data[:2] in AD2CP_MAGICS else "pd0"
         self._size = len(data)
         self._records = scan(data)
-        self._unreadable: Mapping[str, int] = {}
+        self._unreadable: Counter[tuple[str, str]] = Counter()
         self._notes: tuple[str, ...] = ()
         self._no_bottom: Counter[str] = Counter()
         try:
@@ -183,58 +189,87 @@ class RawAdcpReader(LogFile):
             raise LogError(
                 f"{self.path}: unknown setting of an instrument: {type(error).__name__}: {error}"
             ) from error
-        if not self._profiles:
-            raise LogError(
-                f"{self.path}: it has no profile of velocities; give a file of a current profiler"
-            )
 
-    def _pd0(self, data: bytes) -> tuple[Fixes, list[tuple[str, RawProfiles]]]:
+    def _pd0(self, data: bytes) -> tuple[Fixes, list[Stream]]:
         """Return the fixes and the profiles of each configuration."""
-        path, found = Path(self.path), by_configuration(data, self._records)
+        path, kinds = Path(self.path), Counter(record.kind for record in self._records)
+        ensembles = [record for record in self._records if record.kind == _ENSEMBLE]
+        found = by_configuration(data, ensembles)
         if not found.parts:
             why = "; ".join(f"{count} x {reason}" for reason, count in found.unreadable.items())
             raise LogError(f"{path}: {f'no ensemble can be read: {why}' if why else NO_ENSEMBLE}")
-        self._unreadable, self._notes = found.unreadable, found.notes
+        self._unreadable += Counter(
+            {(_PINGS, reason): count for reason, count in found.unreadable.items()}
+        )
+        others = [
+            f"{count} packets of another kind ({PD0_MAGIC[0]:02X} {kind:02X}{_KNOWN.get(kind, '')}), skipped"
+            for kind, count in sorted(kinds.items())
+            if kind != _ENSEMBLE
+        ]
+        self._notes = (*found.notes, *others)
         datasets = [
             read_pd0(path, [found.parts[k] for k in group], key.has_pressure)
             for key, group in found.groups.items()
         ]
+        if not any("vel" in dataset for dataset in datasets):
+            self._notes += (
+                "bottom track and fixes alone: the file holds no profile of the current",
+            )
         pairs = zip(datasets, found.groups.values(), strict=True)
         return fixes_of(datasets), [
-            ("", raw_profiles(dataset, "", group)) for dataset, group in pairs
+            (_PINGS, len(group), raw_profiles(dataset, "", group)) for dataset, group in pairs
         ]
 
-    def _ad2cp(self, data: bytes) -> tuple[Fixes, list[tuple[str, RawProfiles]]]:
-        """Return the fixes, none, and the profiles of each mode with their bottom tracks."""
-        datasets = read_ad2cp(Path(self.path), data, self._records)
+    def _ad2cp(self, data: bytes) -> tuple[Fixes, list[Stream]]:
+        """Return the fixes, none, and the profiles of each mode with their bottom tracks, each configuration a stream of its own."""
         tracks, self._no_bottom = bottom_tracks(data, self._records)
-        found = [
-            (tag, with_bottom(raw_profiles(ds, tag), tracks))
-            for ds in datasets
-            for tag in _TOPICS
-            if f"vel{tag}" in ds
-        ]
-        if tracks and all(profiles.bottom is None for _, profiles in found):
+        found: list[Stream] = []
+        names, said, errors = Counter[str](), [], list[Exception]()
+        for mode in modes_of(Path(self.path), data, self._records):
+            topic = _PINGS if mode.kind == BURST else _AVERAGES
+            names[topic] += 1
+            topic = topic if names[topic] == 1 else f"{topic}/{names[topic]}"
+            try:
+                dataset = read_mode(Path(self.path), mode)
+                # of one mode alone MHKiT may leave the name of an average out
+                tag = "" if "vel" in dataset else "_avg"
+                profiles = with_bottom(raw_profiles(dataset, tag, mode.ordinals), tracks)
+            except (LogError, LookupError, ValueError, TypeError) as error:
+                errors.append(error)
+                why = str(error).removeprefix(f"{self.path}: ")
+                self._unreadable[topic, f"configuration that cannot be read: {why}"] += len(
+                    mode.pings
+                )
+                continue
+            found.append((topic, len(mode.pings), profiles))
+            cells, size = (profiles.common[name] for name in ("n_cells", "cell_size"))
+            said.append(f"{topic} ({len(mode.pings)} pings of {cells} cells of {size:g} m)")
+        if not found:
+            raise errors[0]
+        if len(said) > 1:
+            self._notes = (
+                f"{len(said)} configurations, each a stream of pings: {', '.join(said)}",
+            )
+        if tracks and all(profiles.bottom is None for *_, profiles in found):
             self._no_bottom[_UNTURNED] = sum(track.time_ns.size for track in tracks.values())
-        return fixes_of(datasets), found
+        return fixes_of([]), found
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in order of time.
 
         ``/vehicle/fix``: the vessel's GPS. ``/adcp``: velocities relative to the platform; ``/adcp/average``: those of a Nortek's
-        averaging mode, where it has both.
+        averaging mode. Further configurations of a Nortek have topics of their own, ``/adcp/2`` and so on.
         """
         self.statistics = ReadStatistics()
         self.statistics.notes = self._notes
         lose_between(self.statistics, self._records, self._size)
-        kinds = Counter(record.kind for record in self._records)
-        pings = {"": 0 if self.format == "pd0" else _BURST_PING, "_avg": _AVERAGE_PING}
-        for tag in dict.fromkeys(tag for tag, _ in self._profiles):
-            known = sum(int(profiles.known.sum()) for of, profiles in self._profiles if of == tag)
-            missing = kinds[pings[tag]] - known - sum(self._unreadable.values())
-            self._skip(_TOPICS[tag], "ping that MHKiT leaves out or gives no time", max(missing, 0))
-        for reason, count in self._unreadable.items():
-            self._skip(_TOPICS[""], reason, count)
+        missing: Counter[str] = Counter()
+        for topic, expected, profiles in self._profiles:
+            missing[topic] += expected - int(profiles.known.sum())
+        for topic, count in missing.items():
+            self._skip(topic, "ping that MHKiT leaves out or gives no time", max(count, 0))
+        for (topic, reason), count in self._unreadable.items():
+            self._skip(topic, reason, count)
         self._skip("/vehicle/fix", "not a GPS fix (quality 0, or 0 N 0 E)", self._gps.n_bad)
         for reason, count in self._no_bottom.items():
             self._skip("/adcp/bottom_track", reason, count)
@@ -242,7 +277,7 @@ class RawAdcpReader(LogFile):
         yield from self._by_time(
             chain(
                 self._gps.entries(),
-                *(self._pings(_TOPICS[tag], profiles) for tag, profiles in self._profiles),
+                *(self._pings(topic, profiles) for topic, _, profiles in self._profiles),
             )
         )
 

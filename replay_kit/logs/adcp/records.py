@@ -11,6 +11,7 @@ import contextlib
 import io
 import logging
 import os
+import re
 import struct
 import tempfile
 import warnings
@@ -18,7 +19,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,8 @@ Found = tuple[Indices, Indices, Indices]
 PD0_MAGIC = b"\x7f\x7f"
 AD2CP_MAGICS = (b"\xa5\x0a", b"\xa5\x0c")
 AD2CP_TEXT = 0xA0
+#: Packets that Teledyne's instruments write between ensembles, with the same size and checksum: waves, and others that begin alike.
+OTHER_PACKETS = (b"\x7f\x79",)
 _CHECKSUM_SEED = 0xB58C
 #: Bytes summed at once, even.
 _BLOCK = 16
@@ -48,7 +51,7 @@ class Record:
     Attributes:
         start: Offset of its first byte.
         end: Offset after its last byte.
-        kind: Nortek's record identifier; 0 for a PD0 ensemble.
+        kind: Nortek's record identifier; 0 for a PD0 ensemble, the second byte of another packet of Teledyne.
     """
 
     start: int
@@ -60,16 +63,42 @@ def scan(data: bytes) -> tuple[Record, ...]:
     """Return the sound records of a file.
 
     Args:
-        data: The whole file, which begins with one of the magics.
+        data: The whole file; of one that begins with no magic of Nortek's the ensembles of PD0, and packets of other kinds between them.
     """
     values = np.frombuffer(data, np.uint8)
-    find, magics = (_pd0, (PD0_MAGIC,)) if data[:2] == PD0_MAGIC else (_ad2cp, AD2CP_MAGICS)
-    sums, found = _Sums(values), []
+    sums = _Sums(values)
+    if data[:2] in AD2CP_MAGICS:
+        return _chained(_candidates(values, sums, AD2CP_MAGICS, _ad2cp))
+    ensembles = _chained(_candidates(values, sums, (PD0_MAGIC,), _pd0))
+    others = _candidates(values, sums, (OTHER_PACKETS[0][:1],), _packets)
+    start, end, kind = others
+    at = np.array([(one.start, one.end) for one in ensembles], np.int64).reshape(-1, 2)
+    # no ensemble overlaps it
+    alone = np.searchsorted(at[:, 1], start, side="right") == np.searchsorted(at[:, 0], end)
+    packets = _chained((start[alone], end[alone], kind[alone]))
+    return tuple(sorted((*ensembles, *packets), key=lambda record: record.start))
+
+
+def _candidates(
+    values: Bytes,
+    sums: "_Sums",
+    magics: Sequence[bytes],
+    find: Callable[[Bytes, "_Sums", Indices], Found],
+) -> Found:
+    """Return the records that pass their checksums; they may overlap. Of a magic of one byte any second one is looked at."""
+    found = []
     for first in range(0, values.size - 1, _SEARCHED):
         start = first + np.flatnonzero(values[first : first + _SEARCHED] == magics[0][0])
-        start = start[np.isin(values.take(start + 1, mode="clip"), [magic[1] for magic in magics])]
+        if len(magics[0]) > 1:
+            second = values.take(start + 1, mode="clip")
+            start = start[np.isin(second, [magic[1] for magic in magics])]
         found.append(find(values, sums, start))
     start, end, kind = (np.concatenate(column) for column in zip(*found, strict=True))
+    return start, end, kind
+
+
+def _chained(found: Found) -> tuple[Record, ...]:
+    start, end, kind = found
     columns = (column[chain(start, end)].tolist() for column in (start, end, kind))
     return tuple(Record(*record) for record in zip(*columns, strict=True))
 
@@ -108,6 +137,16 @@ def _pd0(values: Bytes, sums: "_Sums", start: Indices) -> Found:
         sums.of(start, check).sum(axis=1) & 0xFFFF == _word(values, check)
     )
     return start[fits], check[fits] + 2, np.zeros(np.count_nonzero(fits), dtype=np.int64)
+
+
+def _packets(values: Bytes, sums: "_Sums", start: Indices) -> Found:
+    """Return the sound packets of other kinds among some candidates: two bytes of a kind, a size, contents, a checksum."""
+    head = values.take(start[:, None] + np.arange(4), mode="clip").astype(np.int64)
+    check = start + (head[:, 2] | head[:, 3] << 8)
+    fits = (check >= start + 4) & (check + 2 <= values.size) & (head[:, 1] != PD0_MAGIC[1])
+    start, check, kind = start[fits], check[fits], head[fits, 1]
+    fits = sums.of(start, check).sum(axis=1) & 0xFFFF == _word(values, check)
+    return start[fits], check[fits] + 2, kind[fits]
 
 
 def _ad2cp(values: Bytes, sums: "_Sums", start: Indices) -> Found:
@@ -174,7 +213,8 @@ class _Sums:
         return sums
 
 
-_AVERAGE, _BURST = 0x16, 0x15
+_AVERAGE, BURST = 0x16, 0x15
+_CLOCK_LINE = re.compile(rb"GETCLOCKSTR[^\r\n]*")
 #: Where a record's kind is in its head, and a profile's ensemble counter in its data [bytes].
 _KIND, _ENSEMBLE = 2, 72
 NO_ENSEMBLE = (
@@ -203,8 +243,26 @@ def read_pd0(path: Path, parts: Sequence[bytes], has_pressure: bool) -> Any:
     return dataset if has_pressure else dataset.drop_vars("pressure", errors="ignore")
 
 
-def read_ad2cp(path: Path, data: bytes, records: Sequence[Record]) -> list[Any]:
-    """Return the datasets (xarray) that MHKiT makes of the sound records of an AD2CP file.
+class Mode(NamedTuple):
+    """The profiles of one kind and configuration of an AD2CP file.
+
+    Attributes:
+        kind: Record identifier, of bursts or of averages.
+        text: The record with the instrument's configuration that holds for them.
+        pings: Their records.
+        ordinals: Of each among the records of its kind.
+    """
+
+    kind: int
+    text: bytes
+    pings: list[bytes]
+    ordinals: list[int]
+
+
+def modes_of(path: Path, data: bytes, records: Sequence[Record]) -> list[Mode]:
+    """Return the profiles of an AD2CP file by kind and configuration, in the order of the first of each.
+
+    MHKiT reads a configuration alone: modes of unequal numbers of pings, and a second configuration, are errors to it.
 
     Args:
         path: The file, for messages.
@@ -212,35 +270,53 @@ def read_ad2cp(path: Path, data: bytes, records: Sequence[Record]) -> list[Any]:
         records: Its sound records.
 
     Raises:
-        LogError: MHKiT is not installed, there is nothing to read, or it cannot read this.
+        LogError: There is no profile, or no record with the instrument's configuration.
     """
-    _, read_signature = _readers(path)
-    kinds = {record.kind for record in records}
-    if not kinds & {_AVERAGE, _BURST}:
+    texts = [data[record.start : record.end] for record in records if record.kind == AD2CP_TEXT]
+    if not {record.kind for record in records} & {_AVERAGE, BURST}:
         raise LogError(f"{path}: {NO_ENSEMBLE}")
-    if AD2CP_TEXT not in kinds:
+    if not texts:
         raise LogError(
             f"{path}: the record with the instrument's configuration is missing or damaged; copy the file again"
         )
+    found: dict[tuple[Any, ...], Mode] = {}
+    text, counts = texts[0], Counter[int]()
+    for record in records:
+        body = data[record.start : record.end]
+        if record.kind == AD2CP_TEXT:
+            text = body
+        if record.kind in (BURST, _AVERAGE):
+            at = body[1]
+            # version, offset and contents of the data; beams, coordinates, cells; cell size, blanking
+            settings = body[at : at + 4] + body[at + 30 : at + 36]
+            lines = _CLOCK_LINE.sub(b"", text[text[1] :])
+            mode = found.setdefault(
+                (record.kind, settings, len(body), lines), Mode(record.kind, text, [], [])
+            )
+            mode.pings.append(body)
+            mode.ordinals.append(counts[record.kind])
+            counts[record.kind] += 1
+    return list(found.values())
 
-    def read(copy: str) -> list[Any]:
-        found = read_signature(copy, userdata=False, dual_profile=kinds >= {_AVERAGE, _BURST})
-        datasets = list(found) if isinstance(found, tuple) else [found]
-        # of two modes MHKiT leaves the file's configuration with the first
-        return [
-            dataset.assign_attrs({**datasets[0].attrs, **dataset.attrs}) for dataset in datasets
-        ]
 
-    first, *pings = [data[record.start : record.end] for record in _of_use(records)]
+def read_mode(path: Path, mode: Mode) -> Any:
+    """Return the dataset (xarray) that MHKiT makes of one mode.
+
+    Raises:
+        LogError: MHKiT is not installed, or cannot read this.
+    """
+    _, read_signature = _readers(path)
     # MHKiT needs a second ping to know how long one is
-    alone = len(pings) == 1
-    datasets = _read(path, b"".join([first, *_numbered(2 * pings if alone else pings)]), read)
-    return [
-        dataset.isel({name: slice(0, 1) for name in dataset.dims if str(name).startswith("time")})
-        if alone
-        else dataset
-        for dataset in datasets
-    ]
+    alone = len(mode.pings) == 1
+    pings = _numbered(2 * mode.pings if alone else mode.pings)
+    (dataset,) = _read(
+        path, b"".join([mode.text, *pings]), lambda copy: [read_signature(copy, userdata=False)]
+    )
+    if not alone:
+        return dataset
+    return dataset.isel(
+        {name: slice(0, 1) for name in dataset.dims if str(name).startswith("time")}
+    )
 
 
 def _numbered(pings: Sequence[bytes]) -> Iterator[bytes]:
@@ -279,12 +355,6 @@ def _readers(path: Path) -> tuple[Any, Any]:
             f"{path}: raw ADCP files are read through MHKiT, which is not installed; pip install 'replay-kit[adcp]'"
         ) from error
     return read_rdi, read_signature
-
-
-def _of_use(records: Sequence[Record]) -> list[Record]:
-    """Return the configuration, then the profiles: MHKiT pairs all kinds of records by ensemble, and stumbles where some are lost."""
-    text = next(record for record in records if record.kind == AD2CP_TEXT)
-    return [text, *(record for record in records if record.kind in (_BURST, _AVERAGE))]
 
 
 @contextlib.contextmanager

@@ -85,7 +85,7 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
     Raises:
         LogError: The file holds no times, or a time has a unit that is not understood.
     """
-    chosen = dialect.chosen(file.variables)
+    chosen = dialect.by_standard_names(file.variables, notes)
     if not {"time", "gps_time"} & set(chosen):
         names = " or ".join(dialect.names["time"].split())
         raise LogError(
@@ -126,7 +126,7 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
     skipped = _without_bad(file, dialect, chosen, values, notes)
     _with_sign(file, chosen, values, notes)
     for key in ("heading", "pitch", "roll"):
-        if key in values:
+        if key in values and not dialect.raw:
             values[key] = units.attitude_degrees(chosen[key], values[key], key == "heading", notes)
     return _grouped(values, skipped)
 

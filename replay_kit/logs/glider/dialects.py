@@ -4,14 +4,17 @@ A name is compared without regard to case. Of several names of a quantity the fi
 To add a dialect, write its ``Dialect`` here and add it to ``DIALECTS``.
 """
 
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
 from replay_kit.core.extensions import additions
+from replay_kit.core.message import NO_MEANS
+from replay_kit.core.quantities import metres_per_second
 from replay_kit.logs.glider.adcp import midas_pings, seaexplorer_pings, seaglider_pings
-from replay_kit.logs.glider.netcdf import NetcdfFile
+from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, stated_of
 from replay_kit.logs.glider.units import (
     ANGLE,
     CHARGE,
@@ -31,6 +34,8 @@ from replay_kit.logs.glider.units import (
 from replay_kit.logs.reader import Entry
 
 Names = Mapping[str, str]
+# not at the surface, nor relative to the vehicle
+_CURRENT = re.compile(r"(?:[a-z]+_)*?(eastward|northward)_sea_water_velocity(?:_\w+)?")
 
 _PLACES = ("", "gps_", "start_", "end_", "dac_", "waypoint_")
 #: What the reader asks for: samples along the track, fixes before (``start_``), after (``end_``) or at any time (``gps_``), mean
@@ -78,6 +83,7 @@ class Dialect:
         dac_kind: How the mean currents were computed.
         pings: Reads the pings of an ADCP from a file, and adds to the notes what it assumed; None for a dialect without one.
         in_parts: Whether a mission is many files: one a profile, or one a segment.
+        raw: Whether values are as the vehicle wrote them: their units are fixed, and positions before the first fix are unfounded.
     """
 
     name: str
@@ -93,6 +99,7 @@ class Dialect:
     dac_kind: str = "dead_reckoning"
     pings: Callable[[NetcdfFile, list[str]], Iterator[Entry]] | None = None
     in_parts: bool = False
+    raw: bool = False
 
     def recognises(self, names: Collection[str], attributes: Mapping[str, Any]) -> bool:
         """Return whether a file with these variables and attributes is of the dialect."""
@@ -116,7 +123,10 @@ class Dialect:
 
     def wanted(self, names: Collection[str]) -> list[str]:
         """Return which of a file's variables are read: those of quantities, their flags, and those of the ADCP reader."""
-        chosen = set(self.chosen(names).values())
+        found = self.chosen(names)
+        chosen = set(found.values())
+        if not {"dac_east", "dac_north"} <= set(found):
+            chosen |= {name for name in names if self.may_be_mean(names, name)}
         flags = {name + suffix for name in chosen for suffix in ("_QC", "_qc")}
         beside = (*self.beside, *_ALWAYS)
         return [
@@ -124,6 +134,64 @@ class Dialect:
             for name in names
             if name in chosen or name in flags or name.lower().startswith(beside)
         ]
+
+    def may_be_mean(self, held: Collection[str], name: str) -> bool:
+        """Return whether a variable may be a component of a mean current: by its standard name, or by a unit of velocity without one."""
+        if name.lower().startswith(self.beside):
+            return False
+        unit = stated_of(held, name, "units")
+        standard = stated_of(held, name, "standard_name")
+        return bool(_direction(held, name)) or (
+            not standard and bool(unit) and metres_per_second(unit) is not None
+        )
+
+    def by_standard_names(self, held: Mapping[str, Stored], notes: list[str]) -> dict[str, str]:
+        """Return the variable of each quantity, components of currents by their standard names wherever one is present.
+
+        Args:
+            held: The file's variables.
+            notes: What names and standard names contradict, and which variables may be mean currents, is added here.
+        """
+        found = self.chosen(held)
+        for part in ("dac", "profile"):
+            keys = (f"{part}_east", f"{part}_north")
+            named = [found.get(key, "") for key in keys]
+            stated = [_direction(held, name) if name else "" for name in named]
+            if all(named) and stated in (["north", "east"], ["north", ""], ["", "east"]):
+                found |= dict(zip(keys, reversed(named), strict=True))
+                notes.append(
+                    f"{' and '.join(named)}: read as their standard names state, northward and eastward; their names say the contrary"
+                )
+            elif all(named) and stated[0] and stated[0] == stated[1]:
+                notes.append(
+                    f"{' and '.join(named)}: both have the standard name of the {stated[0]}ward component; read by their names"
+                )
+        if {"dac_east", "dac_north"} <= set(found):
+            return found
+        free = [
+            name
+            for name, stored in held.items()
+            if name not in found.values()
+            and stored.values.ndim < 2
+            and self.may_be_mean(held, name)
+        ]
+        east, north = (
+            [name for name in free if _direction(held, name) == to] for to in ("east", "north")
+        )
+        if len(east) == len(north) == 1 and held[east[0]].values.size == held[north[0]].values.size:
+            return found | {"dac_east": east[0], "dac_north": north[0]}
+        if free:
+            notes.append(
+                f"{NO_MEANS}{', '.join(free)} may be them, by their unit, but no standard name says which is east and which north; "
+                "state eastward_sea_water_velocity and northward_sea_water_velocity"
+            )
+        return found
+
+
+def _direction(held: Collection[str], name: str) -> str:
+    """Return ``east`` or ``north`` for a variable whose standard name is of a component of the current; empty for others."""
+    match = _CURRENT.fullmatch(stated_of(held, name, "standard_name"))
+    return "" if match is None or match[0].startswith("surface") else match[1][:-4]
 
 
 # Seaglider: the files of its basestation, with or without an ADCP.
@@ -206,6 +274,7 @@ _SLOCUM = Dialect(
         **dict.fromkeys(("heading", "pitch", "roll", "declination"), "rad"),
         "pressure": "bar",
     },
+    raw=True,
 )
 
 #: Slocum's binary files, put together by ``logs/slocum``; the files themselves are recognised by their first bytes.
@@ -404,6 +473,7 @@ _SEAEXPLORER = Dialect(
     beside=("ad2cp_",),
     pings=seaexplorer_pings,
     in_parts=True,
+    raw=True,
 )
 
 #: All dialects, in the order in which they are tried: the narrower signature first.

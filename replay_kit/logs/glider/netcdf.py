@@ -20,6 +20,7 @@ from replay_kit.core.inputs import (
     exceeds_claim,
     is_dimension,
     open_input,
+    packed_fill,
     plain_attribute,
     unpacking,
 )
@@ -104,6 +105,8 @@ class Stored:
         for name in ("_FillValue", "missing_value"):
             fill = self.attributes.get(name)
             if fill is not None and np.size(fill) and not isinstance(fill, str | bytes):
+                if self.packing != (1.0, 0.0):
+                    fill = packed_fill(fill, self.values.dtype, *self.packing)
                 values[values == float(np.ravel(fill)[0])] = np.nan
         factor, offset = self.packing
         return values if (factor, offset) == (1.0, 0.0) else values * factor + offset
@@ -118,6 +121,22 @@ def as_number(text: str) -> float:
         return float(text)
     except ValueError:
         return float("nan")
+
+
+def stated_of(held: Collection[str], name: str, attribute: str) -> str:
+    """Return an attribute of a variable that a file holds, read or not; empty when there is none.
+
+    Args:
+        held: The file's variables by name, as ``Choose`` is given them; a table's names alone state nothing.
+        name: Of the variable.
+        attribute: Its name.
+    """
+    item: Any = held[name] if isinstance(held, Mapping) else None
+    attributes: Mapping[str, Any] = next(
+        (of for key in ("attributes", "attrs", "_attributes") if (of := getattr(item, key, None))),
+        {},
+    )
+    return Stored(np.empty(0), dict(attributes)).text(attribute)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,6 +197,27 @@ def open_netcdf(path: Path, choose: Choose, rows: slice = slice(None)) -> Netcdf
         raise LogError(f"{path}: cannot be read as NetCDF: {error}; is the file whole?") from error
 
 
+def ranks_of(path: Path) -> dict[str, int]:
+    """Return the number of dimensions of each variable of a file, of which nothing but the header is read.
+
+    Raises:
+        LogError: The file cannot be read as NetCDF.
+    """
+    try:
+        with open_input(path) as file:
+            classic = file.read(3) == b"CDF"
+        if classic:
+            # without a map of the file all values are read
+            with netcdf_file(path, "r", mmap=True) as file:
+                return {name: len(v.shape) for name, v in file.variables.items()}
+        with h5py.File(path, "r") as file:
+            return {
+                name: item.ndim for name, item in file.items() if isinstance(item, h5py.Dataset)
+            }
+    except _UNREADABLE as error:
+        raise LogError(f"{path}: cannot be read as NetCDF: {error}; is the file whole?") from error
+
+
 def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
     if (heap := endless_heap(path)) is not None:
         raise ValueError(f"the texts from byte {heap} on are damaged")
@@ -200,7 +240,11 @@ def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
         variables = {
             name: Stored(
                 _stored(item, rows if item.ndim > 1 else ...),
-                {key: plain_attribute(item.attrs[key]) for key in _ATTRIBUTES if key in item.attrs},
+                {
+                    key: plain_attribute(value)
+                    for key, value in item.attrs.items()
+                    if key in _ATTRIBUTES or key.startswith("parameter")
+                },
                 _dims(group, name, item),
             )
             for name, item in chosen.items()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.message import Loss, Message
+from replay_kit.core.message import NO_MEANS, Loss, Message
 from replay_kit.core.observation import Fix
 from replay_kit.core.text import count_text
 from replay_kit.logs.glider.adcp import INVERTED
@@ -23,7 +23,7 @@ from replay_kit.logs.glider.instruments import (
     instrument_entries,
 )
 from replay_kit.logs.glider.missions import mission_of
-from replay_kit.logs.glider.rows import NetcdfRows
+from replay_kit.logs.glider.rows import NetcdfRows, refuse_forecast
 from replay_kit.logs.reader import VALUES, Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import (
@@ -91,6 +91,19 @@ class GliderReader(LogFile):
             else [entry for part in files for entry in pings(part.content, notes)]
         )
         self._adcp += absolute_profiles(self._columns, self._means.means, notes)
+        if (
+            not (self._means.means or self._adcp)
+            and self._fixes.time_ns.size > 1
+            and {
+                "longitude",
+                "depth",
+            }
+            <= set(self._columns.samples)
+        ):
+            notes.append(
+                f"{NO_MEANS}none is stated; if the dead-reckoned positions include no current, "
+                "--measurements.dead-reckoning through_water computes them"
+            )
         self._notes = (*by_variable(_counted(notes)), *_heading_note(self._columns, self._dialect))
         self.statistics.notes = self._notes
 
@@ -158,6 +171,8 @@ class GliderReader(LogFile):
             samples["time"], self._fixes.time_ns
         )
         usable &= np.isfinite(depth) if self.format == "seaglider" else True
+        if self._dialect.raw and self._fixes.time_ns.size:
+            usable &= samples["time"] >= self._fixes.time_ns[0]
         due = -_DECIMATED_NS
         angles = [
             name
@@ -269,6 +284,8 @@ def open_glider(
     Raises:
         LogError: A file cannot be read, or is of no known dialect.
     """
+    for part in (path, *more):
+        refuse_forecast(part)
     files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
     if files:
         return GliderReader(files, input, config)

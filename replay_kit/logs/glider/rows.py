@@ -1,6 +1,6 @@
 """NetCDF files of no known dialect: each time is a message, for ``[[measurements.map]]``."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
+from replay_kit.core.inputs import open_input
 from replay_kit.core.message import Message
+from replay_kit.core.text import some_text
 from replay_kit.logs.glider import units
-from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf
+from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf, ranks_of
 from replay_kit.logs.reader import VALUES, Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers
@@ -23,10 +25,35 @@ _VELOCITY = (
     "sea_water_x_velocity",
     "sea_water_y_velocity",
 )
+# names of currents in forecasts, and bytes from which a file is asked for them before it is read
+_USUAL = ("u", "uo", "water_u", "vozocrtx", "uvel", "u_eastward", "ucur", "vxo")
+_LARGE = 1 << 24
 # Rows of which messages are made at once.
 _ROWS = 4096
 _NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
 _EXPECTED = "expected a Seaglider basestation file or a glider file of another known dialect"
+
+
+def refuse_forecast(path: Path) -> None:
+    """Raise LogError for a large file of currents on a grid, by its header: to read it as a log takes long, and says no more."""
+    with open_input(path) as file:
+        is_netcdf = file.read(4).startswith((b"CDF", b"\x89HDF"))
+    if not is_netcdf or path.stat().st_size < _LARGE:
+        return
+    from replay_kit.logs.surface.totals import dialect_of as totals_of
+
+    ranks = ranks_of(path)
+    if totals_of(ranks) is None and any(
+        rank > 2 and name.lower() in _USUAL for name, rank in ranks.items()
+    ):
+        raise on_a_grid(path, ranks)
+
+
+def on_a_grid(path: str | Path, names: Collection[str]) -> LogError:
+    """Return the error for a forecast that is given as a log."""
+    return LogError(
+        f"{path}: {_EXPECTED}, got currents on a grid: {some_text(list(names))}{_NOT_A_LOG}"
+    )
 
 
 class NetcdfRows(LogFile):
@@ -47,9 +74,7 @@ class NetcdfRows(LogFile):
             stored.text("standard_name") in _VELOCITY and stored.values.ndim > 2
             for stored in file.variables.values()
         ):
-            raise LogError(
-                f"{self.path}: {_EXPECTED}, got currents on a grid: {', '.join(file.variables)}{_NOT_A_LOG}"
-            )
+            raise on_a_grid(self.path, file.variables)
         self._name = _time_name(file)
         notes: list[str] = []
         self._time_ns, self._known = units.time_ns(

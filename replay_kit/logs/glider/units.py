@@ -231,10 +231,8 @@ def _epoch_ms(match: re.Match[str]) -> int | None:
     return round(whole.timestamp()) * 1000 + round(float(match[8] or 0.0) * 1000.0)
 
 
-# of a flag's meaning: such values are not used
-_UNUSABLE = re.compile(
-    r"bad|fail|miss|suspect|question|unsampled|reject|spike|stuck", re.IGNORECASE
-)
+#: Of a flag's meaning: such values are not used
+UNUSABLE = re.compile(r"bad|fail|miss|suspect|question|unsampled|reject|spike|stuck", re.IGNORECASE)
 
 
 def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> NDArray[np.bool_]:
@@ -246,11 +244,11 @@ def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> ND
         meanings: ``value meaning`` pairs to take where the file states none.
         notes: What was found is added here.
     """
-    known = _meanings(flags) or dict(
+    known = stated_meanings(flags) or dict(
         zip(map(int, meanings.split()[::2]), meanings.split()[1::2], strict=True)
     )
     numbers = np.nan_to_num(_flag_numbers(flags), nan=-1.0).astype(np.int64)
-    bad = {value: words for value, words in known.items() if _UNUSABLE.search(words)}
+    bad = {value: words for value, words in known.items() if UNUSABLE.search(words)}
     found = np.isin(numbers, list(bad))
     for value in sorted(set(numbers[found].tolist())):
         notes.append(f"{name}: {int((numbers == value).sum())} x {value} ({bad[value]}), not used")
@@ -268,7 +266,7 @@ def _flag_numbers(flags: Stored) -> Array:
     )
 
 
-def _meanings(flags: Stored) -> dict[int, str]:
+def stated_meanings(flags: Stored) -> dict[int, str]:
     """Return the meanings of flags; some writers state the values as one text."""
     values: Any = flags.attributes.get("flag_values")
     if values is None or not flags.text("flag_meanings"):

@@ -1,4 +1,4 @@
-"""Streaming MCAP reader: one chunk in memory, messages in file order, damage counted and skipped."""
+"""Streaming MCAP reader: one chunk in memory, messages in file order or that of the index, damage counted and skipped."""
 
 import os
 import struct
@@ -13,6 +13,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import MAVLINK_FRAMES, Message, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
 from replay_kit.logs.decode.to_json import DIVE_MEAN
+from replay_kit.logs.mcap.ordered import Slice, disordered, slices
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     MAGIC,
@@ -24,9 +25,10 @@ from replay_kit.logs.mcap.records import (
 )
 from replay_kit.logs.mcap.scanner import MESSAGE, McapScanner
 from replay_kit.logs.mcap.summary import Channels, Make, read_summary
-from replay_kit.logs.mcap.survey import Survey, overview_of
+from replay_kit.logs.mcap.survey import Survey, overview_of, problem_of
 from replay_kit.logs.reader import LogFile, OnExtra
 from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics
+from replay_kit.logs.shared.times import header_stamp
 
 _MAX_TIME_NS = 2**63 - 1
 _T = TypeVar("_T")
@@ -38,7 +40,7 @@ class McapReader(LogFile):
     format = "mcap"
 
     def messages(self) -> Iterator[Message]:
-        """Yield the decoded messages in the order in which the file holds them.
+        """Yield the decoded messages in the order in which the file holds them; in order of log time where its index tells of another.
 
         ``position`` is the ordinal of the message in the file, undecodable ones counted.
 
@@ -58,9 +60,16 @@ class McapReader(LogFile):
         survey = Survey(self.statistics, self._decoded, f"{self._clock}_ns", wanted)
         with self._opened() as file:
             self._check_magic(file)
-            yield from McapScanner(
-                file, self.statistics, survey.single, self._topic, bulk=survey
-            ).messages()
+            if (parts := self._ordered(file)) is None:
+                yield from McapScanner(
+                    file, self.statistics, survey.single, self._topic, bulk=survey
+                ).messages()
+                return
+            channels, first = self._channels(file), 0
+            for part in parts:
+                if part.ordinals.size:
+                    yield survey.block(channels, part.contents, part.found, first)
+                first += part.ordinals.size
 
     def overview(self) -> Overview | str:
         """Return what the index at the end of the file says; as ``LogFile.overview``."""
@@ -112,7 +121,31 @@ class McapReader(LogFile):
         with self._opened() as file:
             self._check_magic(file)
             on_record = None if on_extra is None else lambda record: on_extra(_extra(file, record))
-            yield from McapScanner(file, self.statistics, make, self._topic, on_record).messages()
+            parts = self._ordered(file)
+            scanner = McapScanner(file, self.statistics, make, self._topic, on_record)
+            if parts is None:
+                yield from scanner.messages()
+                return
+            for record in file_records(file, len(MAGIC), os.fstat(file.fileno()).st_size):
+                if record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
+                    scanner.pass_on(record)
+            channels = self._channels(file)
+            for part in parts:
+                starts, stops = (part.found.offset + HEAD_SIZE).tolist(), part.found.stop.tolist()
+                for row in zip(starts, stops, part.ordinals.tolist(), strict=True):
+                    if (made := make(channels, part.contents, *row)) is not None:
+                        yield made
+
+    def _ordered(self, file: BinaryIO) -> Iterator[Slice] | None:
+        """Return the messages in order of time, part by part; None where the order of the file will do, or is all there is."""
+        summary = read_summary(file, os.fstat(file.fileno()).st_size)
+        window_ns = round(self._config.reorder_window * 1e9)
+        held = None if problem_of(summary) else disordered(file, summary, window_ns)
+        file.seek(len(MAGIC))
+        return None if held is None else slices(file, held, self.statistics)
+
+    def _channels(self, file: BinaryIO) -> Channels:
+        return Channels(read_summary(file, os.fstat(file.fileno()).st_size), self._topic)
 
     def _check_magic(self, file: BinaryIO) -> None:
         if (head := file.read(len(MAGIC))) != MAGIC:
@@ -209,26 +242,3 @@ def _extra(file: BinaryIO, record: Record) -> Attachment | Metadata:
     if stated not in (0, zlib.crc32(body[:-4])):
         raise ValueError("its checksum does not match")
     return parse(Attachment, body)
-
-
-def header_stamp(payload: Mapping[str, Any]) -> int | None:
-    """Return the time that a payload states about itself [ns, UTC]; None when it states none.
-
-    Read from ``header.stamp``, ``stamp`` and ``timestamp``, as a mapping of seconds and nanoseconds under the names in
-    use. Zero means unset, as in ROS; what int64 cannot hold is no time.
-    """
-    header = payload.get("header")
-    stamps = [header.get("stamp")] if isinstance(header, Mapping) else []
-    for stamp in (*stamps, payload.get("stamp"), payload.get("timestamp")):
-        if isinstance(stamp, Mapping):
-            seconds = _first_integer(stamp, ("sec", "secs", "seconds"))
-            nanoseconds = _first_integer(stamp, ("nsec", "nanosec", "nsecs", "nanos"))
-            if seconds is not None and nanoseconds is not None:
-                time_ns = seconds * 1_000_000_000 + nanoseconds
-                if 0 < time_ns <= _MAX_TIME_NS:
-                    return time_ns
-    return None
-
-
-def _first_integer(stamp: Mapping[str, Any], names: tuple[str, ...]) -> int | None:
-    return next((stamp[name] for name in names if isinstance(stamp.get(name), int)), None)

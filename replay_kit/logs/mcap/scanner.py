@@ -147,14 +147,15 @@ class McapScanner(Generic[_T]):
                         record.opcode, record.body, record.offset, None if self._chunked else 0
                     )
             elif record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
-                self._pass_on(record)
+                self.pass_on(record)
             else:
                 self._check(record)
             # should no record follow, the next one may begin within this one
             self._search_from = max(self._search_from, record.offset + 1)
         return None
 
-    def _pass_on(self, record: Record) -> None:
+    def pass_on(self, record: Record) -> None:
+        """Give an attachment or metadata record to ``on_extra``; one that it cannot take is a loss."""
         try:
             if self._on_extra is not None:
                 self._on_extra(record)

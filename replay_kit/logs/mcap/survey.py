@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
+from operator import attrgetter
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
@@ -205,17 +206,19 @@ def overview_of(
     """
     summary = read_summary(file, os.fstat(file.fileno()).st_size)
     held = _chunks_by_channel(summary)
-    if (problem := _problem(summary, held)) or _is_small(summary):
+    if (problem := problem_of(summary)) or _is_small(summary):
         return problem
     channels = Channels(summary, rename)
     try:
         topics = _topics(file, summary, channels, held)
-        first = tuple(_first_messages(file, channels, held, decoded))
+        first = sorted(_first_messages(file, channels, held, decoded), key=attrgetter("time_ns"))
     except RECORD_ERRORS as error:
         return f"its index or one of the first chunks is damaged: {error}"
     sinks = [channels.sink(number) for number in held]
     return Overview(
-        topics, {sink.topic: sink.decode for sink in sinks if isinstance(sink.decode, str)}, first
+        topics,
+        {sink.topic: sink.decode for sink in sinks if isinstance(sink.decode, str)},
+        tuple(first),
     )
 
 
@@ -228,8 +231,9 @@ def _chunks_by_channel(summary: Summary) -> dict[int, list[ChunkIndex]]:
     return held
 
 
-def _problem(summary: Summary, held: Mapping[int, Sequence[ChunkIndex]]) -> str:
+def problem_of(summary: Summary) -> str:
     """Return why an index says too little of its file; empty when it says enough."""
+    held = _chunks_by_channel(summary)
     statistics = summary.statistics
     if statistics is None:
         return summary.problem or "it has no index, or its end is missing"
@@ -282,15 +286,15 @@ def _edge(file: BinaryIO, channel: int, chunks: Sequence[ChunkIndex], last: bool
             break
         if read == _MOST_INDEXES:
             return None
-        times = _indexed_times(file, channel, chunks[k])
+        times = index_entries(file, channel, chunks[k])["log_ns"]
         if times.size:
             found = sign * int(times.max() if last else times.min())
             best = found if best is None else min(best, found)
     return None if best is None else sign * best
 
 
-def _indexed_times(file: BinaryIO, channel: int, chunk: ChunkIndex) -> NDArray[np.uint64]:
-    """Return the log times that a chunk's message index lists for a channel [ns].
+def index_entries(file: BinaryIO, channel: int, chunk: ChunkIndex) -> NDArray[np.void]:
+    """Return what a chunk's message index lists for a channel: ``log_ns``, and ``offset`` in the contents.
 
     Raises:
         struct.error, ValueError: ``RECORD_ERRORS``; no such index is where the summary says.
@@ -300,8 +304,7 @@ def _indexed_times(file: BinaryIO, channel: int, chunk: ChunkIndex) -> NDArray[n
     opcode, _, number, size = _INDEX_HEAD.unpack(file.read(_INDEX_HEAD.size))
     if opcode != Opcode.MESSAGE_INDEX or number != channel or size > chunk.message_index_length:
         raise ValueError(f"no message index of channel {channel} begins at byte {offset}")
-    times: NDArray[np.uint64] = np.frombuffer(file.read(size), _INDEX_ENTRY)["log_ns"]
-    return times
+    return np.frombuffer(file.read(size), _INDEX_ENTRY)
 
 
 def _first_messages(

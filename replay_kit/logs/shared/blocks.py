@@ -219,7 +219,7 @@ class Overview:
     Attributes:
         topics: By name.
         undecodable: Topic to the reason why none of its messages can be decoded.
-        first: The first messages of each other topic, in the order of the file.
+        first: The first messages of each other topic, in order of time.
     """
 
     topics: Mapping[str, TopicExtent]

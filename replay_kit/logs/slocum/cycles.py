@@ -122,6 +122,8 @@ def _find_cycles(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[Lost, ...]]:
     """Return where the cycles begin; the first cycle of each run without damage; and the damage between the runs."""
     lengths, states, size = _Lengths(sensors), (len(sensors) + 3) // 4, len(data)
+    # newer firmware writes no mark of the end; what fills the last block of a transfer is no cycle either
+    last = len(data.rstrip(b"\0\x1a"))
     starts: list[int] = []
     runs, lost = [0], []
     tries = iter(range(_TRIES))
@@ -132,7 +134,8 @@ def _find_cycles(
         if data[start] != _CYCLE or body > size or (length := lengths[data[start + 1 : body]]) < 0:
             return -1
         end = body + length
-        return end if end == size or (end < size and data[end] in (_CYCLE, _END)) else -1
+        ends = end >= last if end <= size else False
+        return end if ends or (end < size and data[end] in (_CYCLE, _END)) else -1
 
     def next_run(start: int) -> int:
         """Return where some cycles in a row begin after damage; the end of the file where they do nowhere."""
@@ -146,9 +149,7 @@ def _find_cycles(
                 return tag.start()
         return size
 
-    while at < size:
-        if data[at] == _END and not data[at + 1 :].strip(b"\0\x1a"):
-            break
+    while at < last and not (data[at] == _END and at + 1 == last):
         end = end_of(at)
         if end >= 0:
             starts.append(at)
@@ -157,9 +158,6 @@ def _find_cycles(
             lost.append(Lost(at, end - at, "expected a whole cycle"))
             runs.append(len(starts))
         at = end
-    else:
-        if not lost or lost[-1].offset + lost[-1].size < size:
-            lost.append(Lost(size, 0, "expected the mark of the file's end"))
     return np.array(starts, np.int64), np.array(runs, np.int64), tuple(lost)
 
 

@@ -1,6 +1,6 @@
 """Reader of a Slocum's binary files: the segments of one glider as two tables, flight and science, which glider files are read from."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,7 +26,14 @@ from replay_kit.logs.slocum.header import (
     read_sensors,
     unpacked,
 )
-from replay_kit.logs.slocum.tables import CLOCKS, WANTED, Rows, flight_table, science_table
+from replay_kit.logs.slocum.tables import (
+    CLOCKS,
+    CURRENTS,
+    WANTED,
+    Rows,
+    flight_table,
+    science_table,
+)
 
 # s; a cycle whose time is farther from the others of its file had a wrong clock, or is damaged
 _FAR = 30 * 86_400.0
@@ -199,12 +206,30 @@ def _completeness(segments: Sequence[Segment]) -> list[str]:
     ]
 
 
+def _lacking(parts: Sequence[Segment], units: Mapping[str, str]) -> Iterator[str]:
+    """Yield which sensors some files of a computer lack, of those that others have, as sentences."""
+    without: dict[tuple[str, ...], list[str]] = {}
+    for part in parts:
+        if lacks := tuple(name for name in units if name not in part.units):
+            without.setdefault(lacks, []).append(part.header.path.name)
+    for lacks, files in without.items():
+        kept = units.keys() - set(lacks)
+        means = any(set(pair) <= units.keys() for pair in CURRENTS)
+        dives = (
+            ""
+            if not means or any(set(pair) <= kept for pair in CURRENTS)
+            else "; their dives have no mean current"
+        )
+        yield f"{', '.join(lacks)}: not among the sensors of {len(files)} of {len(parts)} files, such as {files[0]}{dives}"
+
+
 def _joined(segments: Sequence[Segment], is_science: bool, notes: list[str]) -> NetcdfFile | None:
     """Return the files of one computer as one, in order of time; None when there are none."""
     parts = [segment for segment in segments if segment.header.is_science == is_science]
     if not parts:
         return None
     units = {name: unit for segment in parts for name, unit in segment.units.items()}
+    notes += _lacking(parts, units)
     rows = Rows.joined([segment.rows for segment in parts], list(units))
     if late := sum(segment.out_of_time for segment in parts):
         notes.append(

@@ -14,8 +14,8 @@ from replay_kit.logs.glider.units import from_minutes
 CLOCKS = ("m_present_time", "sci_m_present_time")
 _FIX = ("m_gps_lat", "m_gps_lon")
 _QUALITY = ("m_gps_status", "m_gps_hdop")
-# estimates of a dive's mean current, the better ones later
-_CURRENTS = (
+#: Estimates of a dive's mean current, the better ones later
+CURRENTS = (
     ("m_initial_water_vx", "m_initial_water_vy"),
     ("m_water_vx", "m_water_vy"),
     ("m_final_water_vx", "m_final_water_vy"),
@@ -29,7 +29,7 @@ _CTD = ("sci_water_pressure", "sci_water_temp", "sci_water_cond")
 #: All sensors that are read.
 WANTED = frozenset(
     (*CLOCKS, *_FIX, *_QUALITY, *_PLACE, *_DEPTHS, *_ATTITUDE, *_OTHERS, *_WAYPOINT, *_CTD)
-) | {name for pair in _CURRENTS for name in pair}
+) | {name for pair in CURRENTS for name in pair}
 # s; how long an attitude counts, and between which values depths and positions are interpolated
 _ATTITUDE_HOLDS, _BETWEEN_DEPTHS, _BETWEEN_PLACES = 60.0, 180.0, 1800.0
 # m; a dive was deeper
@@ -236,7 +236,7 @@ def _currents(rows: Rows, units: Mapping[str, str]) -> dict[str, Stored]:
     """
     reports = [
         np.column_stack([rows.time, rows.held[x], rows.held[y]])[_is_new(rows, (x, y))]
-        for x, y in _CURRENTS
+        for x, y in CURRENTS
         if rows.has((x, y))
     ]
     if not sum(map(len, reports)):
@@ -248,7 +248,7 @@ def _currents(rows: Rows, units: Mapping[str, str]) -> dict[str, Stored]:
     deep = rows.time[rows.now(depth) * scale > _DEEP] if depth else np.empty(0)
     before = np.searchsorted(deep, time) - 1
     within = np.where(before >= 0, deep[np.maximum(before, 0)] if deep.size else time, time)
-    attributes = {"units": next(units[x] for x, _ in _CURRENTS if x in units)}
+    attributes = {"units": next(units[x] for x, _ in CURRENTS if x in units)}
     return {
         "report_time": Stored(within, _EPOCH, ("report",)),
         "m_water_vx": Stored(east, attributes, ("report",)),

@@ -18,14 +18,19 @@ from replay_kit.core.message import Message
 from replay_kit.logs.reader import VALUES, LogFile, unreadable
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers, stamp
-from replay_kit.logs.surface.totals import SCHEMA, depth_of
+from replay_kit.logs.surface.totals import SCHEMA, depth_of, usable_or_untested, worst_flag
 
 #: First part of the topic, before the station's name.
 TOPIC = "/radar/radials"
-_COLUMNS = ("LOND", "LATD", "VELO", "HEAD", "ESPC", "ETMP", "VFLG", "RNGE", "BEAR")
+_COLUMNS = ("LOND", "LATD", "VELO", "HEAD", "RNGE", "BEAR")
+# spatial and temporal standard deviation, and the accuracy that phased arrays state
+_ERRORS = ("ESPC", "ETMP", "EACC")
+# QARTOD: the primary flag sums up the tests
+_PRIMARY, _TEST = "PRIM", re.compile(r"Q\d{3}|QC\d{2}")
 _KEYS = ("TimeStamp", "Origin", "TransmitCenterFreqMHz", "TableColumnTypes")
-# cm/s: what stands for no error, the least, and of flags the one of radials over land
-_NO_ERROR, _LEAST_ERROR, _OVER_LAND = 900.0, 3.0, 128
+# cm/s: what stands for no error, the least, and the one taken where a file states none; of flags the one of radials over land
+_NO_ERROR, _LEAST_ERROR, _USUAL_ERROR, _OVER_LAND = 900.0, 3.0, 10.0, 128
+_NO_STATED_ERROR = f"radials state no error; {_USUAL_ERROR:g} cm/s is assumed for each"
 _OTHER_UNITS = re.compile(r"\((?:knots?|kn|kts?|m/s)\)", re.IGNORECASE)
 # km by which places may depart from range and bearing
 _NEAR = 3.0
@@ -59,8 +64,13 @@ class RadialsReader(LogFile):
             columns, dropped = _radials(path, head)
             name = self._topic(f"{TOPIC}/{station(head)}")
             lost.update(dropped)
-            self.statistics.notes = tuple(
-                f"{station(head)}: {count} radials {what}, not used" for what, count in lost.items()
+            unstated = not set(_ERRORS) & set(head["TableColumnTypes"].split())
+            self.statistics.notes = (
+                *(
+                    f"{station(head)}: {count} radials {what}, not used"
+                    for what, count in lost.items()
+                ),
+                *([f"{station(head)}: {_NO_STATED_ERROR}"] if unstated else []),
             )
             self.statistics.read[name] += 1
             payload = {
@@ -141,25 +151,30 @@ def _radials(path: Path, head: Mapping[str, str]) -> tuple[dict[str, Array], Cou
             except ValueError as error:
                 raise LogError(f"{path}: radials: expected numbers, got {error}") from error
     table = np.array(values).reshape(-1, len(names))
-    east, north, speed, heading, spatial, temporal, flag, distance, bearing = (
-        table[:, names.index(name)] for name in _COLUMNS
-    )
+    of = {name: table[:, k] for k, name in enumerate(names)}
+    east, north, speed, heading, distance, bearing = (of[name] for name in _COLUMNS)
     _check_station(path, head, (east, north), (distance, bearing))
     _check_unit(path, head, speed)
-    errors = np.where(np.stack([spatial, temporal]) < _NO_ERROR, [spatial, temporal], np.nan)
-    known, over_land = np.isfinite(errors).any(axis=0), flag.astype(np.int64) & _OVER_LAND > 0
-    good = known & ~over_land & (flag == 0)
-    std = np.fmax(np.fmax(errors[0], errors[1]), _LEAST_ERROR)
+    errors = [of[name] for name in _ERRORS if name in of] or [np.full(len(table), _USUAL_ERROR)]
+    std = np.fmax.reduce([np.where(each < _NO_ERROR, each, np.nan) for each in errors])
+    flag = of.get("VFLG", np.zeros(len(table))).astype(np.int64)
+    tests = [_PRIMARY] if _PRIMARY in of else [name for name in names if _TEST.fullmatch(name)]
+    quality = worst_flag([of[name].astype(np.int8) for name in tests], len(table))
+    known, over_land, failed = np.isfinite(std), flag & _OVER_LAND > 0, ~usable_or_untested(quality)
+    good = known & (flag == 0) & ~failed
     dropped = Counter(
         {
             "over land": int(over_land.sum()),
             "flagged otherwise": int(((flag != 0) & ~over_land).sum()),
-            "without an error": int((~known & (flag == 0)).sum()),
+            f"failed by their quality flags ({', '.join(tests)})": int(
+                (failed & (flag == 0)).sum()
+            ),
+            "without an error": int((~known & (flag == 0) & ~failed).sum()),
             "in lines that are not whole": left_out,
         }
     )
-    columns = {"longitude": east, "latitude": north, "direction": heading}
-    columns |= {"speed": 1e-2 * speed, "error": 1e-2 * std}
+    columns = {"longitude": east, "latitude": north, "direction": heading, "flag": quality}
+    columns |= {"speed": 1e-2 * speed, "error": 1e-2 * np.fmax(std, _LEAST_ERROR)}
     return {key: values[good] for key, values in columns.items()}, +dropped
 
 

@@ -3,18 +3,21 @@
 To add a dialect, write its ``TotalsDialect`` and add it to ``DIALECTS``, or offer it as an entry point ``radar_totals``.
 """
 
+import math
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.extensions import additions
 from replay_kit.core.message import Message
+from replay_kit.core.observation import Flag
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import VALUES, LogFile
@@ -28,6 +31,17 @@ _LIGHT = 299.792458
 # MHz of the radars that see farthest, and are taken where no frequency is stated
 _LONG_RANGE = 5.0
 _HOUR = 3600.0
+# flags that sum up all tests, or are an operator's; and those of single tests
+_SUMS = re.compile(
+    r"prim|(qc_?)?primary(_?flag)?|qc|qc_?flag|quality_flag|.*aggregate.*|.*operator.*", re.I
+)
+_TESTS = re.compile(r"q(c_?)?\d{2,3}(_.*)?|.*_qc|.*qartod_.*", re.I)
+_MEANINGS = (
+    (re.compile(r"suspect|question|interest", re.I), Flag.SUSPECT),
+    (units.UNUSABLE, Flag.FAIL),
+    (re.compile(r"unknown|not_", re.I), Flag.NOT_EVALUATED),
+)
+_PARAMETER = re.compile(r"(\d+)\)\s*([^\n]+)")
 # times of a file that are read together: a month of a file is 200 MB
 _ROWS = 48
 # of normalised errors; values above are of questionable quality, as the files say
@@ -44,9 +58,10 @@ class TotalsDialect:
         north: Northward.
         east_error: Standard error, or the error variance over that of the signal, which has no unit.
         north_error: Of the northward current.
-        parameters: Variable that lists how the vectors were made; empty for none.
-        variance: Where in it the signal's variance stands [cm2/s2].
-        length: Where in it the decorrelation length stands [km].
+        parameters: Variable that lists how the vectors were made, as values with their descriptions in its comment, or as numbered
+            attributes (``parameter6``, ``parameter6_description``); empty for none.
+        variance: Where in it the signal's variance stands when nothing is described [cm2/s2].
+        length: Where in it the decorrelation length stands then [km].
     """
 
     name: str
@@ -126,6 +141,7 @@ class TotalsReader(LogFile):
     def messages(self) -> Iterator[Message]:
         """Yield the vectors of each time as a message on ``/radar/totals``: SI units, degrees; those without an error are left out."""
         self.statistics = ReadStatistics()
+        self._failed = 0
         opened: tuple[Path, int, NetcdfFile] | None = None
         topic = self._topic(TOPIC)
         for position, (time_ns, path, k) in enumerate(self._times):
@@ -133,7 +149,8 @@ class TotalsReader(LogFile):
             if opened is None or opened[:2] != (path, begin):
                 opened = path, begin, open_netcdf(path, _wanted, slice(begin, begin + _ROWS))
             payload = self._payload(opened[2], k - begin)
-            self.statistics.notes = tuple(self._notes)
+            failed = f"{self._failed} vectors failed by their quality flags, not used"
+            self.statistics.notes = (*self._notes, *([failed] if self._failed else []))
             self.statistics.read[topic] += 1
             message = {"stamp": stamp(time_ns), **payload}
             yield Message(time_ns, topic, SCHEMA, message, self.input, position)
@@ -160,23 +177,30 @@ class TotalsReader(LogFile):
             units.in_si(name, stored, units.SPEED, notes).reshape(longitude.shape)
             for name, stored in ((dialect.east, east), (dialect.north, north))
         )
-        parameters = file.array(dialect.parameters) if file.has(dialect.parameters) else np.empty(0)
-        stds = [_error(each, parameters, dialect, notes) for each in errors]
-        known = np.isfinite(u + v) & np.isfinite(stds[0] + stds[1]).reshape(u.shape)
+        variance, length = _parameters(file, dialect)
+        stds = [_error(each, variance, dialect, notes) for each in errors]
+        quality = _quality(file, dialect, k).reshape(u.shape)
+        measured = np.isfinite(u + v)
+        failed = measured & ~usable_or_untested(quality)
+        self._failed += int(failed.sum())
+        known = measured & ~failed & np.isfinite(stds[0] + stds[1]).reshape(u.shape)
         depth, how = _depth(file.attributes)
         notes.append(
             f"{dialect.name}: {how}; vectors without an error, or with one of questionable quality, are not used"
         )
         self._notes |= dict.fromkeys(notes)
-        length = (
-            1e3 * float(parameters[dialect.length]) if parameters.size > dialect.length else 0.0
-        )
-        columns = {"longitude": longitude, "latitude": latitude, "east": u, "north": v}
+        columns: dict[str, NDArray[Any]] = {
+            "longitude": longitude,
+            "latitude": latitude,
+            "east": u,
+            "north": v,
+            "flag": quality,
+        }
         columns |= {"east_error": stds[0].reshape(u.shape), "north_error": stds[1].reshape(u.shape)}
         return {
             "depth": depth,
             "averaged": _HOUR,
-            "error_length": length,
+            "error_length": 1e3 * length,
             **{name: numbers(values[known]) for name, values in columns.items()},
         }
 
@@ -186,7 +210,10 @@ def _wanted(names: Collection[str], attributes: Mapping[str, Any]) -> list[str]:
     if dialect is None:
         return []
     own = (dialect.east, dialect.north, dialect.east_error, dialect.north_error)
-    return [name for name in (*own, dialect.parameters, "time", "lat", "lon") if name in names]
+    flags = [name for name in names if _SUMS.fullmatch(name) or _TESTS.fullmatch(name)]
+    return [
+        name for name in (*own, dialect.parameters, "time", "lat", "lon", *flags) if name in names
+    ]
 
 
 def _at(stored: Stored, k: int) -> Stored:
@@ -194,16 +221,74 @@ def _at(stored: Stored, k: int) -> Stored:
     return Stored(stored.values[k], stored.attributes, stored.dims[1:])
 
 
-def _error(stored: Stored, parameters: Array, dialect: TotalsDialect, notes: list[str]) -> Array:
+def usable_or_untested(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Return which values QARTOD flags do not call failed or missing."""
+    return np.asarray((flags != Flag.FAIL) & (flags != Flag.MISSING))
+
+
+def worst_flag(flags: Sequence[NDArray[np.int8]], n: int) -> NDArray[np.int8]:
+    """Return the worst of each value's QARTOD flags, shape (n,); not evaluated where there are none."""
+    ranked = np.stack([np.full(n, Flag.NOT_EVALUATED, np.float64), *flags])
+    # a test that was passed is more than one that was not made
+    ranked[ranked == Flag.GOOD] = Flag.NOT_EVALUATED + 0.5
+    return np.where(ranked.max(axis=0) == 2.5, Flag.GOOD, ranked.max(axis=0)).astype(np.int8)
+
+
+def _quality(file: NetcdfFile, dialect: TotalsDialect, k: int) -> NDArray[np.int8]:
+    """Return the QARTOD flag of each vector at one time: that which sums up all tests, else the worst of the tests."""
+    size = file.variables[dialect.east].values[k].size
+    held = {
+        name: _at(stored, k)
+        for name, stored in file.variables.items()
+        if (_SUMS.fullmatch(name) or _TESTS.fullmatch(name))
+        and stored.values.ndim > 1
+        and stored.values[0].size == size
+    }
+    sums = [stored for name, stored in held.items() if _SUMS.fullmatch(name)]
+    return worst_flag([_as_qartod(stored) for stored in sums or held.values()], size)
+
+
+def _as_qartod(stored: Stored) -> NDArray[np.int8]:
+    """Return flags as QARTOD's, by their stated meanings; else by their numbers."""
+    numbers = np.nan_to_num(stored.unpacked().ravel(), nan=Flag.NOT_EVALUATED).astype(np.int8)
+    found = numbers.copy()
+    for value, words in units.stated_meanings(stored).items():
+        found[numbers == value] = next(
+            (flag for pattern, flag in _MEANINGS if pattern.search(words)), Flag.GOOD
+        )
+    return found
+
+
+def _parameters(file: NetcdfFile, dialect: TotalsDialect) -> tuple[float, float]:
+    """Return the signal's variance [cm2/s2] and the decorrelation length [km], by their descriptions; NaN and 0 where not stated."""
+    stored = file.variables.get(dialect.parameters, Stored(np.empty(0), {}))
+    values = dict(enumerate(stored.unpacked().ravel().tolist(), 1))
+    described = {int(n): words for n, words in _PARAMETER.findall(stored.text("comment"))}
+    for key, value in {**file.attributes, **stored.attributes}.items():
+        if match := re.fullmatch(r"parameter(\d+)(_description)?", key):
+            if match[2]:
+                described[int(match[1])] = str(value)
+            else:
+                values[int(match[1])] = float(np.ravel(value)[0])
+
+    def stated(words: str, place: int) -> float:
+        found = [n for n, text in described.items() if re.search(words, text, re.I)]
+        return values.get(found[0] if found else place + 1, math.nan)
+
+    length = stated("decorrelation", dialect.length)
+    return stated("signal variance", dialect.variance), length if length > 0.0 else 0.0
+
+
+def _error(stored: Stored, variance: float, dialect: TotalsDialect, notes: list[str]) -> Array:
     """Return standard errors [m/s], NaN where none is stated or it is of questionable quality."""
     if stored.units not in ("", "1"):
         return units.in_si("error", stored, units.SPEED, notes)
     values = stored.unpacked()
-    if parameters.size <= dialect.variance or not parameters[dialect.variance] > 0.0:
+    if not variance > 0.0:
         raise LogError(
             f"{dialect.name}: expected the signal's variance in {dialect.parameters}, by which errors are normalised, got none"
         )
-    variance = 1e-4 * float(parameters[dialect.variance])
+    variance = 1e-4 * variance
     notes.append(
         f"errors: normalised variances, times the signal's stated variance of {1e4 * variance:g} cm2/s2"
     )

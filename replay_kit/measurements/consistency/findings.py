@@ -24,6 +24,7 @@ CLOCK = "clock of the instrument"
 ERRORS = "stated errors"
 BEAM = "a beam of the instrument"
 MEANS = "mean currents"
+RECKONED = "mean currents and dead reckoning contradict each other"
 DUPLICATES = "messages logged twice"
 FROZEN = "frozen positions"
 REPEATED = "the last fix repeated under water"
@@ -113,6 +114,18 @@ def of_sources(explanation: Explanation, rivals: Rivals, mean: PathMean, topic: 
     return Finding(name, since_ns or mean.time_ns, evidence, cause, advice, severity)
 
 
+def of_reckoning(explanation: Explanation, mean: PathMean) -> Finding:
+    """Return the finding of mean currents with a slip of axes or signs beside those that fixes and dead-reckoned positions give."""
+    return Finding(
+        RECKONED,
+        explanation.since_ns or mean.time_ns,
+        f"{mean.source.topic}: beside fixes and dead-reckoned positions the mean currents look {_names(explanation)} "
+        f"({_strength(explanation)})",
+        "the axes or signs of the mean currents",
+        'check which variable is east; withhold them (--without dac), or compute them (measurements.dead_reckoning = "through_water")',
+    )
+
+
 def undecided(best: Explanation, rivals: Rivals, mean: PathMean, topic: str) -> Finding:
     """Return the finding of profiles and mean currents that contradict each other in a way that several causes explain."""
     other = _SOURCE[mean.kind]
@@ -159,7 +172,8 @@ def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Fin
         COMPASS,
         explanation.since_ns or time_ns,
         f"{topic}: {what}; relative to the vehicle the profiles look {_names(explanation)} ({_strength(explanation)})",
-        "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted",
+        "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted; "
+        "of a DVL its axes, where forward, left and up are taken for forward, starboard and down (measurements.dvl_axes)",
         "its profiles are not used, the estimate is rebuilt without them; correct the instrument's settings and replay again",
         distrusts=True,
     )

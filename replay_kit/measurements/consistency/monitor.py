@@ -34,9 +34,10 @@ from replay_kit.measurements.consistency.depths import (
     least_lag,
 )
 from replay_kit.measurements.consistency.instrument import Beams
+from replay_kit.measurements.consistency.pairs import Pair, PairStatistics
 from replay_kit.measurements.consistency.position_checks import steady
 from replay_kit.measurements.consistency.raw import RawHistory
-from replay_kit.measurements.consistency.sources import SourceStatistics
+from replay_kit.measurements.consistency.sources import SourceStatistics, reckoned_pairs
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 
 # After any of these the instrument's depth is known to be wrong, or its time.
@@ -90,6 +91,7 @@ class ConsistencyState:
         places: Its latest positions.
         named: Names of what was found of the positions.
         equal_means: The last mean current of a dive, and since when and how often it has come without another between.
+        reckoned: Pairs of the stated mean currents of dives and those by their dead reckoning.
         pings: Pings judged.
         absolute_pings: Number of those that are not relative to a platform of unknown velocity.
         findings: What was found, in order.
@@ -103,6 +105,7 @@ class ConsistencyState:
     places: Positions = ()
     named: frozenset[str] = frozenset()
     equal_means: tuple[tuple[float, float], int, int] = ((math.nan, math.nan), 0, 0)
+    reckoned: PairStatistics = field(default_factory=reckoned_pairs)
     pings: int = 0
     absolute_pings: int = 0
     findings: tuple[Finding, ...] = ()
@@ -196,7 +199,7 @@ def check(
     if isinstance(event, VehicleState):
         return _after_position(state, event), event
     if isinstance(event, PathMean):
-        state = _after_equal_mean(state, event)
+        state = _after_reckoned(_after_equal_mean(state, event), event)
         for topic, instrument in state.instruments.items():
             after, found = _after_mean(instrument, event, topic)
             if not (found and findings.MEANS in state.named):
@@ -274,6 +277,24 @@ def _after_equal_mean(state: ConsistencyState, mean: PathMean) -> ConsistencySta
         return state
     found = findings.equal_means(mean, since_ns, number)
     return replace(state, named=state.named | {found.name}, findings=(*state.findings, found))
+
+
+def _after_reckoned(state: ConsistencyState, mean: PathMean) -> ConsistencyState:
+    """Return the state after a mean current that dead reckoning tells, too: a slip of axes or signs shows between the two.
+
+    Positions that were reckoned with a current, of which dead reckoning tells less, differ in other ways, which are not named.
+    """
+    if mean.reckoned is None or mean.reckoned == mean.velocity:
+        return state
+    pairs = state.reckoned.with_pair(
+        Pair(*mean.velocity, *mean.reckoned, 1.0, int(mean.path_time_ns[0]))
+    )
+    state = replace(state, reckoned=pairs)
+    found = pairs.explanation(TURNED, LEAST_MEANS)
+    if found is None or not found.fault.is_slip or findings.RECKONED in state.named:
+        return state
+    named = findings.of_reckoning(found, mean)
+    return replace(state, named=state.named | {named.name}, findings=(*state.findings, named))
 
 
 def _with(

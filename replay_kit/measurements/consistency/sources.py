@@ -65,6 +65,11 @@ def _pairs(floor_std: float) -> PairStatistics:
     return PairStatistics(2.0 * floor_std**2)
 
 
+def reckoned_pairs() -> PairStatistics:
+    """Return the statistics of mean currents beside those by dead reckoning, before the first."""
+    return _pairs(_DIVE_STD)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceStatistics:
     """What is remembered of the sources.

@@ -66,6 +66,7 @@ Statement = (
     | mavlink.PingFrame
     | mavlink.GpsStatus
     | mavlink.NavigationPosition
+    | mavlink.LocalOrigin
     | MeanCurrent
     | vehicle.Dvl
     | water.Ctd
@@ -108,6 +109,8 @@ _MAVLINK: Mapping[str, Callable[[Message], Statement | None]] = MappingProxyType
         "DEBUG_FLOAT_ARRAY": mavlink.ping_frame,
         "GLOBAL_POSITION_INT": mavlink.global_position_int,
         "GPS_RAW_INT": mavlink.gps_raw_int,
+        "LOCAL_POSITION_NED": mavlink.local_position_ned,
+        "GPS_GLOBAL_ORIGIN": mavlink.gps_global_origin,
     }
 )
 _ANY_PACKAGE: Mapping[str, Reader] = MappingProxyType({"CurrentProfile": profiles.current_profile})

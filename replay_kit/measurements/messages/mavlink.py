@@ -14,11 +14,19 @@ from typing import Any
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.measurements.messages.fields import number, whole_number
-from replay_kit.measurements.messages.vehicle import Depth, Position, checked
+from replay_kit.measurements.messages.vehicle import Depth, Pose, Position, checked
 
 #: What a reader needs to decode for this module.
 NAMES = frozenset(
-    {"GPS_RAW_INT", "GLOBAL_POSITION_INT", "dataflash.GPS", "dataflash.POS", "dataflash.CTUN"}
+    {
+        "GPS_RAW_INT",
+        "GLOBAL_POSITION_INT",
+        "LOCAL_POSITION_NED",
+        "GPS_GLOBAL_ORIGIN",
+        "dataflash.GPS",
+        "dataflash.POS",
+        "dataflash.CTUN",
+    }
 )
 _FIX_3D = 3
 #: A position is measured while the last three-dimensional fix is no older than this [ns].
@@ -49,6 +57,38 @@ class NavigationPosition:
 
     system: str
     position: Position
+
+
+@dataclass(frozen=True, slots=True)
+class LocalOrigin:
+    """Where a system's local frame has its origin.
+
+    Attributes:
+        system: ``mavlink/{system}``.
+        longitude: [degrees east].
+        latitude: [degrees north].
+    """
+
+    system: str
+    longitude: float
+    latitude: float
+
+
+def local_position_ned(message: Message) -> Pose | str:
+    """Return the position in a ``LOCAL_POSITION_NED``, or why it is none."""
+    north, east, down = (number(message.payload.get(axis)) for axis in "xyz")
+    if not math.isfinite(north + east + down):
+        return "position is not a number"
+    return Pose(east, north, down, None, _system(message.topic))
+
+
+def gps_global_origin(message: Message) -> LocalOrigin | str:
+    """Return the origin in a ``GPS_GLOBAL_ORIGIN``, or why it is none."""
+    longitude, latitude = (number(message.payload.get(f"{name}itude")) for name in ("long", "lat"))
+    found = checked(1e-7 * longitude, 1e-7 * latitude, math.nan, False)
+    if isinstance(found, str):
+        return found
+    return LocalOrigin(_system(message.topic), found.longitude, found.latitude)
 
 
 def gps_raw_int(message: Message) -> GpsStatus:
@@ -108,12 +148,11 @@ def _no_fix(payload: Mapping[str, Any], name: str) -> str:
     return "" if number(payload.get(name)) >= _FIX_3D else f"no fix ({name} < {_FIX_3D})"
 
 
-def system_of(message: Message) -> str | None:
-    """Return the number of the MAVLink system whose position or depth a message states; None for any other message."""
+def sender_of(message: Message) -> tuple[str, str] | None:
+    """Return the numbers of the MAVLink system and component whose position or depth a message states; None for any other message."""
     parts = message.topic.split("/")
-    return (
-        parts[1] if message.schema in NAMES and parts[0] == "mavlink" and len(parts) > 2 else None
-    )
+    known = message.schema in NAMES and parts[0] == "mavlink" and len(parts) > 3
+    return (parts[1], parts[2]) if known else None
 
 
 def _system(topic: str) -> str:

@@ -53,7 +53,9 @@ class StatedPing:
 
 
 def adcp_ping(payload: Mapping[str, Any]) -> StatedPing | str:
-    """Return our own ping as it is; with ``place``, which tells nothing of a vehicle, or why that is no place."""
+    """Return our own ping as it is; with ``place``, which tells nothing of a vehicle, or why that is no place, or holds no profile."""
+    if payload.get("n_cells") == 0 and payload.get("bottom_track"):
+        return "bottom track alone: how the vehicle moves, and no current"
     if not isinstance(stated := payload.get("place"), Mapping):
         return StatedPing(payload)
     place = checked(stated.get("lon"), stated.get("lat"), 0.0, False)

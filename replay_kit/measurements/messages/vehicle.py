@@ -5,6 +5,7 @@ IMC.xml, messages 253 and 350) have angles in radians and offsets north, east, d
 """
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -71,13 +72,15 @@ class Pose:
         east: [m].
         north: [m].
         depth: [m], positive down.
-        orientation: Of the vehicle.
+        orientation: Of the vehicle; None where its messages are others.
+        system: ``mavlink/{system}`` that states the origin of the frame elsewhere; empty for others.
     """
 
     east: float
     north: float
     depth: float
-    orientation: Orientation
+    orientation: Orientation | None
+    system: str = ""
 
 
 def location_fix(payload: Mapping[str, Any]) -> Position | str:
@@ -198,6 +201,12 @@ def _metadata(pairs: Any) -> dict[str, Any]:
 
 _MODES: Mapping[int | None, Literal["bottom", "water"]] = {1: "bottom", 2: "water"}
 _INSTRUMENT = 1
+Axes = Literal["forward-starboard-down", "forward-left-up"]
+# ends of frames' names; a vehicle's base frame has z up (ROS REP-103)
+_FRAMES: Mapping[Axes, re.Pattern[str]] = {
+    "forward-left-up": re.compile(r"(^|[_/])(flu|base_link|base_footprint)$", re.IGNORECASE),
+    "forward-starboard-down": re.compile(r"(^|[_/])(frd|fsd|ned)$", re.IGNORECASE),
+}
 # m/s; of a DVL that states none: makers state 3 to 30 mm/s for a single ping
 _STD = 0.03
 
@@ -208,13 +217,15 @@ class Dvl:
 
     Attributes:
         mode: Relative to the bottom, or to a layer of water.
-        velocity: Of the vehicle [m/s], along forward, starboard, down.
+        velocity: Of the vehicle [m/s], along x, y, z of its axes.
         error_std: Of a component [m/s].
+        axes: As its frame's name says; None where it says nothing.
     """
 
     mode: Literal["bottom", "water"]
     velocity: tuple[float, float, float]
     error_std: float
+    axes: Axes | None = None
 
 
 def imu(payload: Mapping[str, Any]) -> Orientation | str:
@@ -228,8 +239,8 @@ def imu(payload: Mapping[str, Any]) -> Orientation | str:
 def dvl(payload: Mapping[str, Any]) -> Dvl | str:
     """Return what a ``marine_acoustic_msgs/Dvl`` or ``ds_sensor_msgs/Dvl`` says of the motion, or why it says nothing.
 
-    The message's convention is that x points forward and z where the instrument looks, which is taken to be down; the velocity is
-    the vehicle's, as its ``course_gnd`` is computed from it. Zeros are no solution.
+    The message's convention is that x points forward and z where the instrument looks, which is taken to be down, unless the frame's name
+    says otherwise; the velocity is the vehicle's, as its ``course_gnd`` is computed from it. Zeros are no solution.
     """
     mode = _MODES.get(whole_number(payload.get("velocity_mode")))
     if mode is None:
@@ -246,20 +257,30 @@ def dvl(payload: Mapping[str, Any]) -> Dvl | str:
         else []
     )
     known = len(variances) == 2 and all(variance > 0.0 for variance in variances)
-    return Dvl(mode, (forward, starboard, down), math.sqrt(sum(variances) / 2.0) if known else _STD)
+    std = math.sqrt(sum(variances) / 2.0) if known else _STD
+    header = payload.get("header")
+    frame = str(header.get("frame_id", "")) if isinstance(header, Mapping) else ""
+    axes = next((axes for axes, names in _FRAMES.items() if names.search(frame)), None)
+    return Dvl(mode, (forward, starboard, down), std, axes)
 
 
-def horizontal(stated: Dvl, attitude: Attitude, declination: float) -> tuple[float, float]:
+def horizontal(
+    stated: Dvl, attitude: Attitude, declination: float, axes: Axes | None = None
+) -> tuple[float, float]:
     """Return the velocity of a DVL along true east and north [m/s].
 
     Args:
         stated: Along the vehicle's axes.
         attitude: Of the vehicle.
         declination: To be added to its heading [degrees east].
+        axes: As configured; None takes those of the frame's name, else forward, starboard and down.
     """
+    velocity = np.array(stated.velocity)
+    if (axes or stated.axes) == "forward-left-up":
+        velocity *= (1.0, -1.0, -1.0)
     # Nortek's angles are those of an attitude: nose up, starboard down
     turn = nortek_rotation(attitude.heading + declination, attitude.pitch, attitude.roll, down=True)
-    east, north, _ = turn @ np.array(stated.velocity)
+    east, north, _ = turn @ velocity
     return float(east), float(north)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import Kind
+from replay_kit.core.observation import Flag, Kind
 from replay_kit.measurements.messages.fields import number
 
 
@@ -45,6 +45,7 @@ class RadarCurrents:
         depth: That the radars see [m].
         averaged: Over which time [s].
         error_length: Over which errors are correlated [m]; 0 where that is not stated.
+        suspect: shape (n,), which their quality flags call suspect.
         kind: As in ``Label``.
     """
 
@@ -56,6 +57,7 @@ class RadarCurrents:
     depth: float
     averaged: float
     error_length: float
+    suspect: NDArray[np.bool_]
     kind: Kind = "radar"
 
     def part(self, chosen: NDArray[np.bool_]) -> "RadarCurrents":
@@ -66,6 +68,7 @@ class RadarCurrents:
             latitude=self.latitude[chosen],
             value=self.value[chosen],
             error_std=self.error_std[chosen],
+            suspect=self.suspect[chosen],
             direction=None if self.direction is None else self.direction[chosen],
         )
 
@@ -121,9 +124,11 @@ def radar_currents(payload: Mapping[str, Any]) -> RadarCurrents | str:
         np.array(payload[name], np.float64)
         for name in ("longitude", "latitude", *names, *(("error",) if radials else ()))
     ]
-    if len({each.shape for each in columns}) != 1 or columns[0].ndim != 1:
+    flags = np.array(payload.get("flag", np.ones_like(columns[0])), np.float64)
+    if len({each.shape for each in (*columns, flags)}) != 1 or columns[0].ndim != 1:
         return "radar currents: columns of unlike lengths"
     known = np.isfinite(columns).all(axis=0) & (np.abs(columns[1]) <= 90.0)
+    known &= (flags != Flag.FAIL) & (flags != Flag.MISSING)
     if not known.any():
         return "radar currents: no vector that is whole"
     longitude, latitude, first, second, *errors = (each[known] for each in columns)
@@ -143,5 +148,6 @@ def radar_currents(payload: Mapping[str, Any]) -> RadarCurrents | str:
         depth,
         averaged,
         length if length > 0.0 else 0.0,
+        flags[known] == Flag.SUSPECT,
         kind="sensors" if payload.get("kind") == "sensors" else "radar",
     )

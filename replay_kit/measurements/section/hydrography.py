@@ -74,6 +74,11 @@ class Section:
     direction: float
 
     @property
+    def is_mixed(self) -> bool:
+        """Whether no level is stratified."""
+        return bool(self.n2.max() <= _LEAST_N2)
+
+    @property
     def coriolis(self) -> float:
         """Coriolis parameter [1/s]; negative in the south."""
         return float(gsw.f(self.latitude))

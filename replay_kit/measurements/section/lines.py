@@ -39,6 +39,7 @@ _STATED = 12
 _NEAR_EQUATOR = f"within {EQUATOR:g} degrees of the equator there is no geostrophic balance"
 _NO_LINE = "profiles along no straight line of 0.3 Rossby radii"
 _NO_LEG = "no leg of 40 m with temperature and salinity"
+_MIXED = "mixed water: without stratification there are no internal waves to fit, and no shear"
 _FOULED = "deep salinity drifts along the line: it looks like a fouled cell"
 
 
@@ -138,11 +139,14 @@ def close(line: SectionLine, at: Surfacing) -> tuple[SectionLine, list[Outcome]]
     if not line.undecided:
         return after, []
     section = _section(line.profiles)
+    if section is not None and section.is_mixed:
+        return after, [Outcome(_topic(line.source), line.undecided, _MIXED)]
     if section is None or _length(section) < LEAST * regime_of(section, at.speed).rossby_radius:
         return after, [Outcome(_topic(line.source), line.undecided, _NO_LINE)]
     if is_fouled(line.profiles):
         return after, [Outcome(_topic(line.source), line.undecided, _FOULED)]
     whole = _section((*line.earlier, *line.profiles)) or section
+    whole = section if whole.is_mixed else whole
     begun_s = (int(line.profiles[0].time_ns.mean()) - whole.time_ns) * 1e-9
     part = np.flatnonzero(whole.time >= begun_s - 1.0)
     shear = window_shear(fitted_line(whole, at.speed), part)

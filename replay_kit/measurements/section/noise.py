@@ -31,6 +31,8 @@ _LEVELS, _SPREAD, _COUNTS, _MODE_COUNTS = 2.0 ** np.arange(-2, 5), 1.0, (2.2, 5.
 # Median speed of all modes [m/s], and the spread of its logarithm.
 _SPEED, _SPEED_SPREAD = 0.05, 1.3
 _MODES, _WAVE_MODES = 10, 30
+# Share of the largest variance of waves below which a mode has none but by rounding.
+_NO_WAVES = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +135,10 @@ def fit(geopotential: Array, along: Array, time: Array, waves: Array, regime: Re
     """
     n = along.size
     modes = _vertical_modes(geopotential, along, waves)
-    values = (geopotential - geopotential.mean(axis=0)) @ modes
     usual = np.einsum("zk,zy,yk->k", modes, waves, modes)
+    # of few levels a mode is constant over them, which no geopotential without its depth mean has
+    modes, usual = (each[..., usual > _NO_WAVES * usual.max()] for each in (modes, usual))
+    values = (geopotential - geopotential.mean(axis=0)) @ modes
     trend = np.stack([np.ones(n), along - along.mean()], axis=1)
     settings = list(_settings(along, time, regime))
     misfits = [

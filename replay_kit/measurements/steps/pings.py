@@ -133,7 +133,7 @@ def take_dvl(
     attitude = attitude_within(state.orientation, source.time_ns)
     if attitude is None or config.magnetic_declination is None:
         return state, [Skipped(source.topic, _NO_ATTITUDE if attitude is None else _NO_DECLINATION)]
-    east, north = horizontal(stated, attitude, config.magnetic_declination)
+    east, north = horizontal(stated, attitude, config.magnetic_declination, config.dvl_axes)
     if stated.mode == "bottom":
         velocity = PlatformVelocity(east, north, stated.error_std, "dvl")
         return replace(state, bottom=(source.time_ns, velocity)), [Used(source.topic)]

@@ -17,7 +17,7 @@ from replay_kit.core.arrays import made_often, replace
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import NO_RAW_VALUES, Observation, RawValues, Source, VehicleState
-from replay_kit.measurements.events import Event, Skipped, Used
+from replay_kit.measurements.events import NO_POSITION, Event, Skipped, Used
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
 from replay_kit.measurements.ping.profile import profiles_of, transducer_depths
@@ -167,7 +167,7 @@ def observe(
     """
     position, position_std = _place(waiting, before, after, config)
     if position is None:
-        return refuse(waiting, f"no position within {config.position_max_age:g} s")
+        return refuse(waiting, f"{NO_POSITION} {config.position_max_age:g} s")
     return [PlacedPing(waiting, position, position_std)]
 
 

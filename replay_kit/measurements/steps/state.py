@@ -17,6 +17,7 @@ from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.messages.mavlink import (
     GpsStatus,
     Key,
+    LocalOrigin,
     NavigationPosition,
     PingFrame,
     is_dead_reckoned,
@@ -54,7 +55,10 @@ class MeasurementState:
         track: Latest fixes at the surface.
         line: Of the CTD; None before its first sample.
         drifters: By name, the fix of each drifter from which its displacement is counted.
-        system: Number of the MAVLink system whose position and depth count: the one asked for, or the first that states a position.
+        sender: Numbers of the MAVLink system and component whose position and depth count: those asked for, or the first that state a
+            position.
+        local_origins: Longitude and latitude of the origins of local frames [degrees], by MAVLink system.
+        navigated: The MAVLink systems that have stated a position on the Earth.
     """
 
     fix: VehicleState | None = None
@@ -69,7 +73,9 @@ class MeasurementState:
     dives: Dives | None = field(default_factory=Dives)
     bottom: tuple[int, PlatformVelocity] | None = None
     track: Fixes = ()
-    system: str | None = None
+    sender: tuple[str | None, str | None] = (None, None)
+    local_origins: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    navigated: frozenset[str] = frozenset()
     line: "SectionLine | None" = None
     drifters: Mapping[str, tuple[Source, DrifterFix]] = field(default_factory=dict)
 
@@ -95,6 +101,8 @@ def at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -
     return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun, dives=dives)
 
 
+_NO_ORIGIN = "local position without an origin: state it with --origin LON,LAT"
+_NAVIGATED = "local position beside the system's position on the Earth, which is used"
 _ATTITUDE = "attitude: kept for pings without their own"
 
 
@@ -144,20 +152,43 @@ def record_navigation(
 ) -> Step:
     """Return the state after a position by a MAVLink system's filter, which goes on when GPS is lost: it is then dead-reckoned."""
     dead_reckoned = is_dead_reckoned(state.gps_fix_ns, stated.system, source.time_ns)
+    if stated.system not in state.navigated:
+        state = replace(state, navigated=state.navigated | {stated.system})
     return record_position(
         state, replace(stated.position, dead_reckoned=dead_reckoned), source, config
     )
 
 
+def record_origin(
+    state: MeasurementState, stated: LocalOrigin, source: Source, config: MeasurementConfig
+) -> Step:
+    """Return the state after the origin of a MAVLink system's local frame."""
+    del config
+    origin = stated.longitude, stated.latitude
+    if state.local_origins.get(stated.system) != origin:
+        origins = {**state.local_origins, stated.system: origin}
+        state = replace(state, local_origins=origins)
+    return state, [Used(source.topic)]
+
+
 def record_pose(
     state: MeasurementState, pose: Pose, source: Source, config: MeasurementConfig
 ) -> Step:
-    """Place a pose relative to the position known when its topic's first pose since the last measured fix came."""
-    state = replace(state, orientation=(source.time_ns, pose.orientation))
+    """Place a pose relative to the position known when its topic's first pose since the last measured fix came, or to a stated origin."""
+    if pose.orientation is not None:
+        state = replace(state, orientation=(source.time_ns, pose.orientation))
+    if pose.system and pose.system in state.navigated:
+        return state, [Skipped(source.topic, _NAVIGATED)]
     if source.topic not in state.origins:
-        if state.fix is None:
-            return at_depth(state, pose.depth, config), [Used(source.topic)]
-        state = replace(state, origins={**state.origins, source.topic: (state.fix, pose)})
+        fix, first = None if pose.system else state.fix, pose
+        stated = config.origin or state.local_origins.get(pose.system)
+        if fix is None and stated is not None:
+            fix = VehicleState(source.time_ns, *stated, 0.0, True, source)
+            first = replace(pose, east=0.0, north=0.0)
+        if fix is None:
+            said = Skipped(source.topic, _NO_ORIGIN) if pose.system else Used(source.topic)
+            return at_depth(state, pose.depth, config), [said]
+        state = replace(state, origins={**state.origins, source.topic: (fix, first)})
     fix, origin = state.origins[source.topic]
     longitude, latitude = to_geographic(
         Projection(fix.longitude, fix.latitude), pose.east - origin.east, pose.north - origin.north

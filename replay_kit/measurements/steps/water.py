@@ -82,7 +82,7 @@ def record_radar(
     from replay_kit.measurements.surface import superobservations
 
     slow = np.abs(stated.value).max(axis=1) <= config.max_speed
-    stated = stated.part(slow)
+    stated = stated.part(slow & (config.quality.use_suspect | ~stated.suspect))
     stated = stated if config.surface_box is None else stated.within(config.surface_box)
     if not stated.error_std.size:
         return state, [Skipped(source.topic, _NO_VECTOR)]

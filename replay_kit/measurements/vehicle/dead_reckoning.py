@@ -134,6 +134,7 @@ def path_mean(
         source=end.source,
         fixes=(_fix(path.start), _fix(end)),
         deepest=path.deepest,
+        reckoned=drift_velocity(path, end) if kind == "dac" and path.reckoned else None,
     )
 
 

@@ -1,5 +1,6 @@
 """What is in a log, and what it can be used for."""
 
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ import numpy as np
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.inputs import check_unchanged, stamps_of
-from replay_kit.core.message import LogReport
+from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import (
     LinearMeasurement,
     Observation,
@@ -21,10 +22,16 @@ from replay_kit.core.observation import (
     usable,
 )
 from replay_kit.core.progress import Progress, silent
-from replay_kit.logs import open_logs
+from replay_kit.logs import merge, open_logs
 from replay_kit.logs.reader import LogFile
-from replay_kit.measurements.events import NOT_A_KIND, Skipped
-from replay_kit.measurements.interpret import finish, initial_state, interpret_block
+from replay_kit.logs.shared.times import doubtful_times
+from replay_kit.measurements.events import NO_POSITION, NOT_A_KIND, Skipped
+from replay_kit.measurements.interpret import (
+    events_of,
+    finish,
+    initial_state,
+    interpret_block,
+)
 from replay_kit.measurements.messages.suggest import NAMED, sample_key, suggested_entries
 from replay_kit.workflows.info.reading import Order, TopicInfo, count_alike, read_log
 
@@ -39,10 +46,12 @@ class LogContent:
         mean_currents: Number of mean currents between fixes.
         surface: Number of measurements of the current by radar, drifters and other sensors.
         positions: Number of positions.
-        box: West, south, east, north [degrees] of the positions, east above 180 when they cross the antimeridian; None without positions.
+        box: West, south, east, north [degrees] of the fixes, of the dead-reckoned positions where there is no fix; east above 180 when they
+            cross the antimeridian; None without positions.
         depths: Shallowest and deepest usable bin [m]; None without bins.
         first_longitude: Of the first position [degrees]; the others are counted from it, so that a track across the antimeridian has a
             narrow box.
+        has_fix: Whether one of the positions is a fix.
     """
 
     profiles: int = 0
@@ -53,6 +62,7 @@ class LogContent:
     box: tuple[float, float, float, float] | None = None
     depths: tuple[float, float] | None = None
     first_longitude: float | None = None
+    has_fix: bool = False
 
     def extended(self, event: object) -> "LogContent":
         """Return the content with one more measurement; other events change nothing."""
@@ -73,10 +83,16 @@ class LogContent:
             case LinearMeasurement() if event.label.kind != "shear":
                 return replace(self, surface=self.surface + 1)
             case VehicleState():
-                return self._with_position(event.longitude, event.latitude)
+                return self._with_position(event.longitude, event.latitude, event.dead_reckoned)
         return self
 
-    def _with_position(self, longitude: float, latitude: float) -> "LogContent":
+    def _with_position(
+        self, longitude: float, latitude: float, dead_reckoned: bool
+    ) -> "LogContent":
+        if self.has_fix and dead_reckoned:
+            return replace(self, positions=self.positions + 1)
+        if not (self.has_fix or dead_reckoned):
+            return replace(self, box=None, has_fix=True)._with_position(longitude, latitude, False)
         first = longitude if self.first_longitude is None else self.first_longitude
         if abs(longitude - first) > 180.0:
             longitude = float(unwrap_longitude(longitude, first))
@@ -98,6 +114,7 @@ class LogInfo:
         unknown: Topic to the schema's name and one payload, for topics that no known kind and no mapping covers.
         sampled: How many messages were read, the first of each topic, where the log's index says the rest; None when all were.
         files: The files of the log.
+        together: What the logs that were given with it measure, merged as in a replay; None of one that is judged alone.
     """
 
     report: LogReport
@@ -108,6 +125,12 @@ class LogInfo:
     unknown: Mapping[str, tuple[str, Mapping[str, Any]]]
     sampled: int | None = None
     files: tuple[Path, ...] = ()
+    together: LogContent | None = None
+
+    @property
+    def judged(self) -> LogContent:
+        """What a replay of it, with the logs given with it, would have."""
+        return self.together or self.content
 
     @property
     def is_result(self) -> bool:
@@ -117,12 +140,17 @@ class LogInfo:
     @property
     def missing(self) -> str:
         """What a replay still needs; empty for a log that has it all, and for a result."""
-        content, lacks = self.content, []
+        content, lacks = self.judged, []
         if self.is_result or content.surface:
             return ""
         if not content.positions and not content.bins:
             lacks.append("positions")
-        if not content.bins and not content.mean_currents:
+        unplaced = any(
+            reason.startswith(NO_POSITION)
+            for reasons in self.not_used.values()
+            for reason in reasons
+        )
+        if not content.bins and not content.mean_currents and not unplaced:
             lacks.append("profiles of the current, or mean currents of dives with their fixes")
         return ", and ".join(lacks)
 
@@ -142,17 +170,22 @@ class LogInfo:
     @property
     def use(self) -> str:
         """What the log can be used for, in words."""
-        if self.content.bins:
-            return "ready for replay: positions and current profiles found"
-        if self.content.mean_currents:
-            return "ready for replay: mean currents between fixes found, no usable current profile"
-        if self.content.surface:
-            return "ready for replay: currents at the surface found"
-        if self.is_result:
+        if self.is_result and not (self.content.bins or self.content.mean_currents):
             return "a result of a replay, to be opened with status, report, plot, export or plan"
-        if self.content.positions:
-            return "positions only: no usable profile of the current"
-        return "nothing yet: neither positions nor profiles of the current"
+        return use_of(self.content)
+
+
+def use_of(content: LogContent) -> str:
+    """Return what measurements can be used for, in words."""
+    if content.bins:
+        return "ready for replay: positions and current profiles found"
+    if content.mean_currents:
+        return "ready for replay: mean currents between fixes found, no usable current profile"
+    if content.surface:
+        return "ready for replay: currents at the surface found"
+    if content.positions:
+        return "positions only: no usable profile of the current"
+    return "nothing yet: neither positions nor profiles of the current"
 
 
 def inspect_logs(
@@ -172,7 +205,23 @@ def inspect_logs(
     found, logs = [], open_logs(paths, config.logs, several_missions=True)
     for k, log in enumerate(logs):
         found.append(_inspect(log, config, full, partial(_advance, progress, k, len(logs), log)))
-    return found
+    alone = len({log.report.mission for log in found if log.report.mission}) > 1 or any(
+        log.is_result or log.sampled is not None for log in found
+    )
+    if len(found) < 2 or alone or not any(log.missing for log in found):
+        return found
+    together = _together(logs, config)
+    return [replace(log, together=together) for log in found]
+
+
+def _together(logs: Sequence[LogFile], config: RunConfig) -> LogContent:
+    """Return what logs measure that place each other's profiles, merged as a replay merges them."""
+    content, settings = LogContent(), config.logs
+    merged = merge(logs, settings.reorder_window, settings.start_ns, settings.end_ns)
+    for events in events_of(merged, config.measurements, settings.system, settings.component):
+        for event in events:
+            content = content.extended(event)
+    return content
 
 
 def _advance(progress: Progress, before: int, logs: int, log: LogFile) -> None:
@@ -183,13 +232,14 @@ def _inspect(
     log: LogFile, config: RunConfig, full: bool, advance: Callable[[], None] = lambda: None
 ) -> LogInfo:
     state, content, order = (
-        initial_state(config.logs.system),
+        initial_state(config.logs.system, config.logs.component),
         LogContent(),
         Order(config.logs.reorder_window),
     )
     not_used: Counter[tuple[str, str]] = Counter()
     decoded: Counter[str] = Counter()
     unknown: dict[str, tuple[str, Mapping[str, Any]]] = {}
+    samples: dict[str, Message] = {}
 
     def count(events: Sequence[object]) -> bool:
         """Add events to the content; return whether the message they are of is of no known kind."""
@@ -217,10 +267,21 @@ def _inspect(
                         message.payload,
                     )
             advance()
+            for message in block.messages:
+                samples.setdefault(message.topic, message)
         order.finish()
         count(finish(state, config.measurements))
         check_unchanged(before)
         report, topics = reading.completed(log.report(), order.topics)
+    times = [at for of in topics.values() for at in (of.first_ns, of.last_ns) if at is not None]
+    if times and (
+        doubt := doubtful_times(
+            (min(times), max(times)),
+            [(message.time_ns, message.payload) for message in samples.values()],
+            time.time_ns(),
+        )
+    ):
+        report = replace(report, notes=(doubt, *report.notes))
     if reading.overview is None:
         count_alike(not_used, report, decoded)
     return LogInfo(

@@ -1,5 +1,6 @@
 """What is in logs, for a person and as JSON, and what to type next."""
 
+import math
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -29,7 +30,7 @@ from replay_kit.show.text import (
     print_table,
     short_times,
 )
-from replay_kit.workflows.info.inspect import LogInfo
+from replay_kit.workflows.info.inspect import LogInfo, use_of
 from replay_kit.workflows.info.reading import TopicInfo
 
 
@@ -118,6 +119,19 @@ def print_infos(logs: Sequence[LogInfo], console: Console, verbose: bool = False
             for note, found in shared.items()
         ),
     )
+    print_lines(console, together_lines(logs))
+
+
+def together_lines(logs: Sequence[LogInfo]) -> Iterator[str]:
+    """Yield what logs can be used for that are judged together."""
+    content = next((log.together for log in logs if log.together is not None), None)
+    if content is not None:
+        yield (
+            f"Together: {use_of(content)}. {content.profiles} profiles with {content.bins} usable bins, {content.positions} positions, "
+            f"{content.mean_currents} mean currents"
+        )
+        if missing := next((log.missing for log in logs if log.missing), ""):
+            yield f"Missing for a replay: {missing}"
 
 
 def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
@@ -137,8 +151,9 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     )
     if report.mission:
         console.print(f"Mission: {report.mission}")
+    print_lines(console, late_lines(topics))
     print_lines(console, _content_lines(log))
-    print_lines(console, late_and_gaps(topics))
+    print_lines(console, gap_lines(topics))
     known = {
         topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND}
         for topic, reasons in log.not_used.items()
@@ -148,7 +163,7 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     print_lines(console, unchecked_lines(report))
     print_lines(console, (f"Note: {note}" for note in report.notes))
     print_lines(console, (f"LOST: {loss_words(loss)}" for loss in report.losses))
-    if log.missing:
+    if log.missing and log.together is None:
         print_lines(console, [f"Missing for a replay: {log.missing}"])
     mappable = log.mappable
     print_lines(
@@ -173,7 +188,7 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
 def asks_for_replay(logs: Sequence[LogInfo]) -> bool:
     """Return whether logs are of one mission and measure a current, so that a replay comes next."""
     missions = {log.report.mission for log in logs if log.report.mission}
-    held = (log.content for log in logs)
+    held = (log.judged for log in logs)
     return len(missions) <= 1 and any(c.bins or c.mean_currents or c.surface for c in held)
 
 
@@ -238,12 +253,20 @@ def topic_json(name: str, topic: TopicInfo) -> dict[str, Any]:
     }
 
 
-def late_and_gaps(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
-    """Yield what is late, and the longest of the gaps that stand out."""
+def late_lines(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
+    """Yield what is late, and the setting that keeps it."""
     late = {name: topic.late for name, topic in topics.items() if topic.late}
     if late:
         which = ", ".join(f"{count} x {name}" for name, count in late.items())
-        yield f"Late, by more than the reorder window, so that a replay leaves them out: {which}"
+        seconds = math.ceil(1e-9 * max(topic.late_by_ns for topic in topics.values()))
+        yield (
+            f"Late, by more than the reorder window, so that a replay leaves them out: {which}; "
+            f"logs.reorder_window = {seconds} keeps them"
+        )
+
+
+def gap_lines(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
+    """Yield the longest of the gaps that stand out."""
     gaps = sorted(
         (
             (topic.gap_ns or 0, name, topic.gap_from_ns or 0)

@@ -32,6 +32,7 @@ class TopicInfo:
             for stamps far from their neighbours' do not count, and after a jump of the clock times are corrected as there.
         last_ns: Latest time of one.
         late: Messages that a replay leaves out because they come later than the reorder window allows; None when not all were read.
+        late_by_ns: By how much the latest of these is older than the newest before it [ns].
         gap_ns: Longest time from one message to the next that is newer than all before it [ns]; None when not all were read.
         gap_from_ns: When that begins [ns, UTC].
     """
@@ -43,6 +44,7 @@ class TopicInfo:
     late: int | None = 0
     gap_ns: int | None = 0
     gap_from_ns: int | None = None
+    late_by_ns: int = 0
 
     @property
     def has_gap(self) -> bool:
@@ -57,13 +59,15 @@ class TopicInfo:
         mean_ns = (self.last_ns - self.first_ns) / (self.messages - 1)
         return self.gap_ns >= max(_TIMES_MEAN * mean_ns, _LEAST_GAP_NS)
 
-    def extended(self, schema: str, time_ns: NDArray[np.int64], late: int) -> "TopicInfo":
+    def extended(
+        self, schema: str, time_ns: NDArray[np.int64], late_ns: NDArray[np.int64]
+    ) -> "TopicInfo":
         """Return the topic with further messages, in the order of the log.
 
         Args:
             schema: Name of their schema.
             time_ns: Their times, shape (n,), n at least 1 [ns, UTC].
-            late: How many of them are late.
+            late_ns: Of late ones, by how much each is older than the newest before it; else 0, shape (n,) [ns].
         """
         before = int(time_ns[0]) if self.last_ns is None else self.last_ns
         newest = np.maximum.accumulate(np.append(before, time_ns))
@@ -72,8 +76,14 @@ class TopicInfo:
         first_ns = (
             int(time_ns.min()) if self.first_ns is None else min(self.first_ns, int(time_ns.min()))
         )
-        late += self.late or 0
-        found = replace(self, schema=schema, first_ns=first_ns, last_ns=int(newest[-1]), late=late)
+        found = replace(
+            self,
+            schema=schema,
+            first_ns=first_ns,
+            last_ns=int(newest[-1]),
+            late=(self.late or 0) + int(np.count_nonzero(late_ns)),
+            late_by_ns=max(self.late_by_ns, int(late_ns.max())),
+        )
         if int(steps[longest]) > (self.gap_ns or 0):
             found = replace(found, gap_ns=int(steps[longest]), gap_from_ns=int(newest[longest]))
         return found
@@ -133,12 +143,13 @@ class Order:
         for (topic, schema), rows in zip(kinds, np.split(by_kind, ends[:-1]), strict=True):
             if rows.size:
                 known = self._topics.get(topic, TopicInfo())
-                self._topics[topic] = known.extended(
-                    schema, time_ns[rows], int(np.count_nonzero(late[rows]))
-                )
+                self._topics[topic] = known.extended(schema, time_ns[rows], late[rows])
 
-    def _late(self, time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which messages ``merge`` would leave out: older than one that it has let go, as all have that are a window old."""
+    def _late(self, time_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return by how much messages are late that ``merge`` would leave out [ns], 0 for others.
+
+        These are older than one that it has let go, as all have that are a window old.
+        """
         held = np.append(self._held, time_ns)
         newest = np.maximum.accumulate(held)
         # for a message to be late it must be older than the newest before it by more than the window
@@ -150,17 +161,17 @@ class Order:
                     int(held[let_go].max()),
                     self._yielded if self._yielded is not None else -(2**63),
                 )
-            return np.zeros(time_ns.size, np.bool_)
+            return np.zeros(time_ns.size, np.int64)
         return self._late_one_by_one(time_ns)
 
-    def _late_one_by_one(self, time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-        held, late = self._held.tolist(), np.zeros(time_ns.size, np.bool_)
+    def _late_one_by_one(self, time_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        held, late = self._held.tolist(), np.zeros(time_ns.size, np.int64)
         newest = max(held, default=-(2**63))
         heapq.heapify(held)
         yielded = -(2**63) if self._yielded is None else self._yielded
         for k, time in enumerate(time_ns.tolist()):
             if time < yielded:
-                late[k] = True
+                late[k] = newest - time
                 continue
             heapq.heappush(held, time)
             newest = max(newest, time)

@@ -141,7 +141,7 @@ def check_quality(
     topics: dict[str, TopicQuality] = {}
     lost: dict[str, list[LostPing]] = defaultdict(list)
     not_used: Counter[tuple[str, str]] = Counter()
-    state = initial_state(config.logs.system)
+    state = initial_state(config.logs.system, config.logs.component)
 
     def count(events: Sequence[object]) -> None:
         for checks, observation in _tested(events):

@@ -149,7 +149,7 @@ def _blocks(
     """Yield blocks of events that a replay takes up, each with the time of its last message [ns, UTC]; last what waits at the end."""
     measurements, state, rest = (
         config.measurements,
-        initial_state(config.logs.system),
+        initial_state(config.logs.system, config.logs.component),
         iter(messages),
     )
     while block := list(islice(rest, _BLOCK)):

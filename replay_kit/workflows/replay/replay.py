@@ -372,7 +372,13 @@ def _loop(
 ) -> None:
     """Pass the logs' messages, those after the checkpoint, through the sessions of their vehicles."""
     checkpoint, sessions = stream.checkpoint, session.vehicles
-    states, count = [initial_state(session.config.logs.system) for _ in sessions], 0
+    states, count = (
+        [
+            initial_state(session.config.logs.system, session.config.logs.component)
+            for _ in sessions
+        ],
+        0,
+    )
     if checkpoint is not None:
         states, count = list(checkpoint.measurement), checkpoint.messages
     measurements = for_region(session.config, inputs.forecasts.ensemble).measurements

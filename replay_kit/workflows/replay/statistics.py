@@ -1,5 +1,6 @@
 """Running counts of a replay, as frozen values: messages, measurements, dives."""
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,7 +9,7 @@ from replay_kit.core.arrays import replace
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.evidence import Evidence
 from replay_kit.core.grid import Grid
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import NO_MEANS, LogReport, Message
 from replay_kit.core.observation import LinearMeasurement, PathMean, kind_of
 from replay_kit.logs.merge import ClockJump, Merge
 from replay_kit.logs.shared.payloads import gather, short
@@ -45,8 +46,10 @@ class MessageCounts:
         skipped: By topic and reason.
         unsupported: Mean currents that the estimator cannot use, by kind.
         late: By topic, later than the reorder window allows.
+        late_by: By how much the latest of these is older than the newest before it [s].
         astray: By topic, set aside because their stamps are far from their neighbours'.
         jumps: Of the logs' clocks.
+        doubt: What is odd about the logs' times; empty when nothing is.
     """
 
     used: Mapping[str, int] = field(default_factory=dict)
@@ -55,6 +58,8 @@ class MessageCounts:
     late: Mapping[str, int] = field(default_factory=dict)
     astray: Mapping[str, int] = field(default_factory=dict)
     jumps: tuple[ClockJump, ...] = ()
+    late_by: float = 0.0
+    doubt: str = ""
 
     def topic_rows(self, reports: Sequence[LogReport]) -> tuple[TopicRow, ...]:
         """Return a row for each topic of the logs."""
@@ -126,7 +131,14 @@ class RunStatistics:
             first_input: Of them; their reports begin with its.
         """
         jumps = tuple(replace(jump, input=jump.input - first_input) for jump in merged.jumps)
-        counts = replace(self.messages, late=merged.late, astray=merged.astray, jumps=jumps)
+        counts = replace(
+            self.messages,
+            late=merged.late,
+            astray=merged.astray,
+            jumps=jumps,
+            late_by=merged.late_by_s,
+            doubt=merged.doubtful_times,
+        )
         return RunStatistics(counts, self.profiles)
 
     def require_left_out(self, rules: Sequence[str]) -> None:
@@ -163,10 +175,12 @@ class RunStatistics:
             raise MeasurementError(f"{names}: {counts.rejected} ADCP pings, none usable: {why}")
         found = _describe(self.messages.topic_rows(reports)) or "no messages at all"
         lost = self.lost_pings(reports)
+        means = [note for report in reports for note in report.notes if note.startswith(NO_MEANS)]
+        hints = "".join([self._mapping_hint(reports), *(f". {note}" for note in means)])
         raise MeasurementError(
             f"{names}: {lost}{'. ' if lost else ''}no usable ADCP ping and no mean current of a dive; "
             "expected pings (AdcpPing messages, ADCP_* frames, PD0, AD2CP or a [[measurements.map]]) with positions and, unless in earth "
-            f"coordinates, attitude; or depth-averaged currents between fixes. Found: {found}{self._mapping_hint(reports)}"
+            f"coordinates, attitude; or depth-averaged currents between fixes. Found: {found}{hints}"
         )
 
     def _mapping_hint(self, reports: Sequence[LogReport]) -> str:
@@ -188,6 +202,7 @@ class RunStatistics:
     def notes(self, reports: Sequence[LogReport]) -> list[str]:
         """Return notes on the clocks of the logs, on measurements that were not used, and on messages that could not be decoded."""
         return [
+            *([self.messages.doubt] if self.messages.doubt else []),
             *(
                 f"{report.path}: {report.without_stamp} messages without a stamp were ordered by their log time"
                 for report in reports
@@ -213,8 +228,15 @@ class RunStatistics:
 
     def lost_pings(self, reports: Sequence[LogReport]) -> str:
         """Return which pings were lost for want of a setting, where they are more than a fifth of a topic's; else empty."""
-        words = []
-        for row in self.messages.topic_rows(reports):
+        words, rows = [], self.messages.topic_rows(reports)
+        late = self.messages.late
+        if pushed := any(late.get(row.topic, 0) > _MANY_LOST * row.read for row in rows):
+            # what they would have placed follows from it
+            words.append(
+                f"{sum(late.values())} messages came up to {math.ceil(self.messages.late_by)} s later than others before them, more than "
+                f"the reorder window allows; logs.reorder_window = {math.ceil(self.messages.late_by)} keeps them"
+            )
+        for row in [] if pushed else rows:
             for reason, count in row.reasons.items():
                 keeping = next(
                     (setting for begin, setting in _KEEPING if reason.startswith(begin)), None

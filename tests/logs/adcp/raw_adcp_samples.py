@@ -43,6 +43,7 @@ class Survey:
     cell: float = CELL
     leader: int | None = None  # bytes of the variable leader; None for all
     firmware: tuple[int, int] = (51, 40)
+    profile: bool = True
     n: int = 30
 
 
@@ -74,10 +75,12 @@ def pd0(survey: Survey) -> bytes:
 
 def ensemble(survey: Survey, k: int) -> bytes:
     """Return one ensemble with its checksum."""
-    types = [_fixed_leader(survey), _variable_leader(survey, k)[: survey.leader], _velocity(survey)]
+    types = [_fixed_leader(survey), _variable_leader(survey, k)[: survey.leader]]
+    types += [_velocity(survey)] if survey.profile else []
     types += [
         struct.pack("<H", kind) + bytes([value]) * 4 * survey.cells
         for kind, value in ((0x0200, 128), (0x0300, 100), (0x0400, 100))
+        if survey.profile
     ]
     types += [_bottom_track(survey)] if survey.bottom_track else []
     types += [_gga(survey, k)] if survey.gps else []
@@ -91,6 +94,12 @@ def ensemble(survey: Survey, k: int) -> bytes:
         *offsets[:-1].tolist(),
     )
     body = header + b"".join(types) + b"\x00\x00"
+    return body + struct.pack("<H", sum(body) & 0xFFFF)
+
+
+def packet(kind: int, content: bytes) -> bytes:
+    """Return a packet of another kind, 7F and its second byte, with its size and checksum."""
+    body = bytes([0x7F, kind]) + struct.pack("<H", 4 + len(content)) + content
     return body + struct.pack("<H", sum(body) & 0xFFFF)
 
 

@@ -1,5 +1,6 @@
 """AD2CP files: bottom-track records give the platform's velocity over the ground; a file with one whole ping is read."""
 
+from collections import Counter
 from dataclasses import replace
 from datetime import timedelta
 
@@ -149,3 +150,73 @@ def test_one_whole_ping_of_a_cut_file_is_read(tmp_path):
         assert len(log.report().losses) == (end > first)
     with pytest.raises(LogError, match="no sound ensemble of velocities"):
         open_log(write(tmp_path, whole[: first - 1]))
+
+
+def _text_of_both():
+    """Return the record with the configuration of an instrument that averages, too."""
+    text = samples.text()
+    lines = text[text[1] :].split(b"\r\n")
+    more = [
+        line.replace(b"BURST", b"AVG") + b",AI=30,BW=25"
+        for line in lines
+        if line.startswith((b"GETXFBURST", b"GETBURST"))
+    ]
+    return nortek_record(samples.TEXT, b"\r\n".join([lines[0], *more, *lines[1:]]))
+
+
+def _as_average(record):
+    """Return a burst as the record of an averaging mode."""
+    return nortek_record(0x16, record[record[1] :])
+
+
+def test_modes_of_unequal_numbers_are_streams_of_their_own(tmp_path):
+    bursts = [samples.burst(Survey(), k) for k in range(7)]
+    averages = [_as_average(samples.burst(Survey(water=(0.1, 0.1, 0.0)), k)) for k in (1, 4)]
+    log = open_log(write(tmp_path, b"".join([_text_of_both(), *bursts, *averages])))
+    found = list(log.messages())
+    assert Counter(m.topic for m in found) == {"/adcp": 7, "/adcp/average": 2}
+    alone = pings(tmp_path, Survey(), 7)
+    assert [m.payload["velocity"] for m in found if m.topic == "/adcp"] == [
+        ping["velocity"] for ping in alone
+    ]
+    (said,) = log.report().notes
+    assert said.startswith("2 configurations, each a stream of pings: /adcp (7 pings of 6 cells")
+    assert not log.report().losses
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_configurations_are_split(tmp_path, apart):
+    one, other = Survey(), Survey(system="earth", water=(0.2, 0.1, 0.0))
+    texts = [samples.text(), samples.text().replace(b"DECL=3.50", b"DECL=4.50")]
+    texts[1] = nortek_record(samples.TEXT, texts[1][texts[1][1] :])
+    if apart:
+        # two recordings one after the other
+        parts = [texts[0], *(samples.burst(one, k) for k in range(4))]
+        parts += [texts[1], *(samples.burst(other, k) for k in range(4, 9))]
+    else:
+        # plans in turn
+        parts = [texts[0], *(samples.burst(other if k % 2 else one, k) for k in range(9))]
+    log = open_log(write(tmp_path, b"".join(parts)))
+    found = list(log.messages())
+    counts = {"/adcp": 4, "/adcp/2": 5} if apart else {"/adcp": 5, "/adcp/2": 4}
+    assert Counter(m.topic for m in found) == counts
+    systems = {m.topic: m.payload["coordinate_system"] for m in found}
+    assert systems == {"/adcp": "beam", "/adcp/2": "earth"}
+    stated = {m.topic: m.payload["magnetic_declination"] for m in found}
+    assert stated == {"/adcp": 3.5, "/adcp/2": 4.5 if apart else 3.5}
+    (ping,) = [m.payload for m in found if m.topic == "/adcp/2"][:1]
+    moved = np.subtract(other.water, other.platform)
+    np.testing.assert_allclose(ping["velocity"][0][:2], moved[:2], atol=0.001)
+
+
+def test_a_configuration_that_cannot_be_read_costs_its_own_pings_alone(tmp_path):
+    odd = bytearray(samples.burst(Survey(), 2))
+    # three beams are claimed of a record that holds four
+    odd[odd[1] + 30 : odd[1] + 32] = (9 << 12 | 3 << 10 | 6).to_bytes(2, "little")
+    record = nortek_record(samples.BURST, bytes(odd[odd[1] :]))
+    data = samples.text() + b"".join(samples.burst(Survey(), k) for k in (0, 1)) + record
+    log = open_log(write(tmp_path, data))
+    assert Counter(m.topic for m in log.messages()) == {"/adcp": 2}
+    ((topic, (count, why)),) = log.report().undecodable.items()
+    assert (topic, count) == ("/adcp/2", 1)
+    assert "configuration that cannot be read" in why

@@ -14,8 +14,9 @@ from replay_kit.logs.adcp.pd0 import by_configuration
 from replay_kit.logs.adcp.records import scan
 from replay_kit.measurements import observations
 from replay_kit.workflows.info.inspect import inspect_logs
+from tests.command import run_command
 from tests.logs.adcp import raw_adcp_samples as samples
-from tests.logs.adcp.raw_adcp_samples import Survey, adcp_messages, write
+from tests.logs.adcp.raw_adcp_samples import Survey, adcp_messages, ensemble, packet, pd0, write
 
 SURVEY = Survey(shear=(0.02, -0.01, 0.0), pitch=0.0, roll=0.0)
 CHANGED = replace(SURVEY, cells=7, cell=2.0, system="earth")
@@ -164,3 +165,47 @@ def test_what_an_ensemble_lacks_is_said(tmp_path):
         match=r"no ensemble can be read: 30 x ensemble whose variable leader has 27 bytes, 28 are needed",
     ):
         open_log(write(tmp_path, samples.pd0(short)))
+
+
+@pytest.mark.parametrize("kind", [0x79, 0x7A, 0x31])
+def test_packets_of_other_kinds_are_skipped_and_counted(tmp_path, kind):
+    survey = Survey(n=6, system="earth")
+    packets = [packet(kind, bytes(range(size))) for size in (0, 1, 80, 200)]
+    alone = open_log(write(tmp_path, pd0(survey)))
+    expected = list(alone.messages())
+    whole = b"".join(
+        ensemble(survey, k) + (packets[k] if k < len(packets) else b"") for k in range(survey.n)
+    )
+    for before in ([], packets if kind == 0x79 else []):
+        log = open_log(write(tmp_path, b"".join(before) + whole))
+        assert [m.payload for m in log.messages()] == [m.payload for m in expected]
+        assert log.report().losses == ()
+        count = len(before) + len(packets)
+        name = ", waves" if kind == 0x79 else ""
+        assert (
+            f"{count} packets of another kind (7F {kind:02X}{name}), skipped" in log.report().notes
+        )
+    # what has the kind and not the checksum is no packet
+    log = open_log(write(tmp_path, whole + packets[-1][:-1] + b"\xff"))
+    assert len(list(log.messages())) == len(expected)
+    assert [loss.bytes for loss in log.report().losses] == [len(packets[-1])]
+
+
+def test_an_ensemble_after_bytes_of_no_kind_makes_it_a_log(tmp_path):
+    log = open_log(write(tmp_path, b"[BREAK Wakeup A]\r\n" + pd0(Survey(n=4))))
+    assert sum(message.topic == "/adcp" for message in log.messages()) == 4
+    assert [loss.bytes for loss in log.report().losses] == [18]
+
+
+def test_bottom_track_alone_says_what_it_holds(tmp_path):
+    path = write(tmp_path, pd0(Survey(profile=False)))
+    log = open_log(path)
+    messages = list(log.messages())
+    fixes = [m.payload["latitude"] for m in messages if m.topic == "/vehicle/fix"]
+    assert len(fixes) == 30
+    pings = [m.payload for m in messages if m.topic == "/adcp"]
+    assert all(ping["n_cells"] == 0 and ping["bottom_track"]["velocity"] for ping in pings)
+    done = run_command(tmp_path, ["info", str(path)])
+    assert done.returncode == 0
+    assert "bottom track and fixes alone: the file holds no profile" in done.stdout
+    assert "30 x /adcp: bottom track alone" in done.stdout

@@ -287,6 +287,10 @@ def _pieces(magic, rng):
     sound = [_pd0_record(k % 2, filling, 1 + k % 3) for k, filling in enumerate(fillings)]
     return [
         *sound,
+        # packets of waves, and one that only looks like it
+        samples.packet(0x79, sound[2]),
+        samples.packet(0x79, rng.bytes(40)),
+        samples.packet(0x12, b"")[:-1],
         _pd0_record(2, b""),
         _pd0_record(0, sound[3] + sound[4]),
         struct.pack("<HHBBH", 0x7F7F, 8, 0, 0, 6),
@@ -303,7 +307,7 @@ def test_records_are_found_as_by_a_walk(monkeypatch, magic, searched):
     data = magic + b"".join(
         pieces[k] + rng.bytes(int(rng.integers(3))) for k in rng.permutation(len(pieces))
     )
-    assert len(slow_records(data)) == (21 if magic == b"\xa5\x0a" else 11)
+    assert len(slow_records(data)) == (21 if magic == b"\xa5\x0a" else 13)
     damaged = bytearray(data)
     damaged[len(data) // 3 :: 200] = bytes(len(damaged[len(data) // 3 :: 200]))
     # cut in the last record, at its end, and with what might begin another

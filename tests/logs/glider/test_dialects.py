@@ -170,3 +170,20 @@ def test_the_parts_of_a_seaexplorer_come_back_with_their_fixes(tmp_path):
     assert "Timestamp: 1 values without a time, excluded" in log.report().notes
     # cut off at its end
     assert "1 line with fewer or more columns than the heading, not used" in log.report().notes
+
+
+def test_small_tilts_of_a_raw_format_are_in_its_unit(tmp_path):
+    for path in made.seaexplorer(tmp_path / "raw"):
+        heading, *lines = path.read_text().split("\n")
+        path.write_text(
+            "\n".join(
+                [heading + "Roll;", *(line + "1.2;" for line in lines if line.count(";") > 2)]
+            )
+        )
+    log = open_log(tmp_path / "raw")
+    positions = _topic(log.messages(), "/vehicle/position")
+    said = {
+        item["value"] for m in positions for item in m.payload["metadata"] if item["key"] == "roll"
+    }
+    assert said == {"1.20"}
+    assert not any("taken as radians" in note for note in log.report().notes)

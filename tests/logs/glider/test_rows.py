@@ -1,14 +1,16 @@
 """NetCDF files of no known dialect: rows that a mapping reads, or why a file is no log."""
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Observation
-from replay_kit.logs import open_log
+from replay_kit.logs import open_log, open_logs
 from replay_kit.measurements import observations
 from tests.logs.glider import glider_samples as made
 
@@ -18,7 +20,7 @@ def test_a_forecast_and_a_file_without_time_are_no_logs(tmp_path):
     time: Any = (("time",), [made.START, made.START + 60.0], made.EPOCH)
     field = (("time", "y", "x"), grid, {"standard_name": "eastward_sea_water_velocity"})
     with pytest.raises(
-        LogError, match="currents on a grid: time, uo; a forecast is given with --ensemble"
+        LogError, match=r"currents on a grid: time, .*uo; a forecast is given with --ensemble"
     ):
         open_log(made.write(tmp_path / "f.nc", {"time": time, "uo": field}))
     with pytest.raises(LogError, match=r"a variable of time .*; got variables lat"):
@@ -78,3 +80,18 @@ def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
 
 def _packed_rows(values, n):
     return made.packed(np.tile(values[:, None], (1, n)), 1e-4)
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
+def test_a_large_forecast_is_no_log_by_its_header(tmp_path, engine):
+    path = tmp_path / "forecast.nc"
+    field = np.zeros((4, 10, 300, 400), "f4")
+    dims = ("time", "depth", "y", "x")
+    xr.Dataset({"uo": (dims, field), "vo": (dims, field)}).to_netcdf(path, engine=engine)
+    tracemalloc.start()
+    for given in ([path], [path, path]):
+        with pytest.raises(LogError, match=r"currents on a grid: .*given with --ensemble, not as"):
+            open_logs(given)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < path.stat().st_size / 4

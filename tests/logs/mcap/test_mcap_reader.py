@@ -6,7 +6,8 @@ from mcap.writer import CompressionType
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap.reader import McapReader, header_stamp
+from replay_kit.logs.mcap.reader import McapReader
+from replay_kit.logs.shared.times import header_stamp
 from tests.logs.log_samples import SECOND, json_mcap, one_channel_mcap
 from tests.logs.log_samples import read_log as read
 

@@ -15,6 +15,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.slocum.cycles import read_cycles
 from replay_kit.logs.slocum.header import SensorLists, read_header, read_sensors, unpacked
+from tests.command import run_command
 from tests.fuzz.mishap import mishap
 from tests.logs.glider import glider_samples as made
 from tests.logs.slocum import slocum_samples as slocum
@@ -168,7 +169,6 @@ PLACES = {
     "known bytes": -1,
     "first cycle": -2,
     "middle": -3,
-    "before the end mark": -4,
 }
 
 
@@ -177,7 +177,7 @@ def test_a_file_cut_in_any_part_is_a_named_loss_of_a_mission_that_is_still_read(
     paths = slocum.mission(tmp_path)
     data = paths[2].read_bytes()
     known = data.index(b"sa\x124")
-    size = {-1: known + 7, -2: known + 30, -3: len(data) // 2 + known // 2, -4: len(data) - 1}.get(
+    size = {-1: known + 7, -2: known + 30, -3: len(data) // 2 + known // 2}.get(
         PLACES[part], PLACES[part]
     )
     paths[2].write_bytes(data[:size])
@@ -185,7 +185,55 @@ def test_a_file_cut_in_any_part_is_a_named_loss_of_a_mission_that_is_still_read(
     found = _topics(log)
     (loss,) = log.report().losses
     assert paths[2].name in loss.what
-    assert len(found["/dac"]) == (2 if part == "before the end mark" else 1)
+    assert len(found["/dac"]) == 1
+
+
+@pytest.mark.parametrize("fill", [b"", b"X\0\0", b"\0" * 7, b"\x1a" * 100])
+def test_a_file_that_ends_with_a_whole_cycle_is_whole(tmp_path, fill):
+    whole = _topics(open_log(slocum.mission(tmp_path / "whole")[0].parent))
+    for path in slocum.mission(tmp_path / "unmarked"):
+        path.write_bytes(path.read_bytes()[:-1] + fill)
+    found = _topics(log := open_log(tmp_path / "unmarked"))
+    assert log.report().losses == ()
+    assert [m.payload for m in found["/dac"]] == [m.payload for m in whole["/dac"]]
+    assert {topic: len(each) for topic, each in found.items()} == {
+        topic: len(each) for topic, each in whole.items()
+    }
+    # one byte less is a cycle cut
+    path.write_bytes(path.read_bytes()[: -1 - len(fill)])
+    _topics(log := open_log(tmp_path / "unmarked"))
+    (loss,) = log.report().losses
+    assert "expected a whole cycle" in loss.what
+
+
+def test_sensors_that_a_segment_lacks_are_said(tmp_path):
+    paths = slocum.mission(tmp_path)
+    kept = [sensor for sensor in slocum.FLIGHT if "water_v" not in sensor[0]]
+    cycles = [
+        {name: value for name, value in cycle.items() if "water_v" not in name}
+        for cycle in slocum.cycles_of(1)[0]
+    ]
+    paths[2].write_bytes(slocum.file_bytes(kept, cycles, segment="unit_1-2023-317-0-1"))
+    found = _topics(log := open_log(tmp_path))
+    assert len(found["/dac"]) == 1
+    (said,) = [note for note in log.report().notes if "not among the sensors" in note]
+    assert said.startswith("m_water_vx, m_water_vy, m_final_water_vx, m_final_water_vy: ")
+    assert said.endswith(f"1 of 2 files, such as {paths[2].name}; their dives have no mean current")
+
+
+def test_positions_before_the_first_fix_are_not_where_the_glider_is(tmp_path):
+    paths = slocum.mission(tmp_path)
+    flight = slocum.cycles_of(0)[0]
+    stale = {
+        "m_present_time": flight[1]["m_present_time"] - 2.0,
+        **{"m_depth": 0.0, "m_lat": slocum.minutes(40.3), "m_lon": slocum.minutes(-30.2)},
+    }
+    paths[0].write_bytes(slocum.file_bytes(slocum.FLIGHT, [flight[0], stale, *flight[1:]]))
+    found = _topics(open_log(tmp_path))
+    latitude = [m.payload["latitude"] for m in found["/vehicle/position"]]
+    assert max(latitude) < 40.03
+    done = run_command(tmp_path, f"info {paths[0].parent}")
+    assert "Positions: -30.0000..-29.9790 E, 40.0000..40.0210 N" in done.stdout
 
 
 def test_a_flipped_state_loses_its_cycles_and_not_those_after(tmp_path):
@@ -304,7 +352,7 @@ def test_a_mission_with_a_damaged_file_or_cache_is_read_or_refused(tmp_path, cou
 
 
 def test_a_hostile_file_of_tags_alone_ends():
-    data = slocum.file_bytes(slocum.FLIGHT, [])[:-1] + b"d" * (1 << 20)
+    data = slocum.file_bytes(slocum.FLIGHT, [])[:-1] + b"d" * ((1 << 20) - 1)
     assert cycles_of(data, {"m_depth"})[0].lost
 
 

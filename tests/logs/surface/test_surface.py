@@ -6,7 +6,7 @@ import pytest
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import LinearMeasurement
-from replay_kit.logs import merge, open_logs
+from replay_kit.logs import merge, open_log, open_logs
 from replay_kit.logs.surface import totals
 from replay_kit.measurements import Skipped
 from replay_kit.measurements.interpret import events_of
@@ -61,6 +61,125 @@ def test_two_stations_give_the_current_of_the_totals(tmp_path):
     # each states 5 cm/s
     errors = np.concatenate([each.error_std for each in found])
     assert ((errors > 0.02) & (errors < 0.06)).all()
+
+
+def _rewrite(path, names, columns):
+    """Give a file of radials other columns: ``columns`` makes them of the number of the row and its values by name."""
+    lines, had, k = [], [], 0
+    for line in path.read_text().splitlines():
+        if line.startswith("%TableColumnTypes:"):
+            had, line = line.split()[1:], f"%TableColumnTypes: {names}"
+        elif line[:1] == " ":
+            row = columns(k, dict(zip(had, line.split(), strict=True)))
+            line, k = " " + " ".join(str(row[name]) for name in names.split()), k + 1
+        lines.append(line)
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("flags", "bad"),
+    [("PRIM", {"PRIM": 4}), ("Q201 Q206", {"Q206": 4}), ("Q206 PRIM", {"PRIM": 9})],
+)
+def test_radials_that_their_quality_flags_fail_are_not_used_and_suspect_ones_as_asked(
+    tmp_path, flags, bad
+):
+    path = tmp_path / "one.ruv"
+    made.write_radials(path, CURRENT)
+    sound, (_, found, _, _) = path.read_bytes(), read([path])
+
+    def with_flags(suspect):
+        def columns(k, row):
+            row |= dict.fromkeys(flags.split(), 1) | ({"Q201": 2} if "Q201" in flags else {})
+            if k % 4 == 1:
+                row |= {"VELO": float(row["VELO"]) + 120.0, **bad}
+            return row | ({next(iter(bad)): 3} if k % 4 == 2 and suspect else {})
+
+        path.write_bytes(sound)
+        _rewrite(path, f"LOND LATD VFLG ESPC ETMP RNGE BEAR VELO HEAD {flags}", columns)
+        return path
+
+    (log,), flagged, _, notes = read([with_flags(suspect=False)])
+    tests = "PRIM" if "PRIM" in flags else "Q201, Q206"
+    assert f"MADE: 21 radials failed by their quality flags ({tests}), not used" in notes
+    assert len(flagged) == len(found)
+    speeds = [np.abs(each.value).max() for each in flagged]
+    assert max(speeds) < 0.35
+    strict = NO_TIDE.model_copy(
+        update={"quality": NO_TIDE.quality.model_copy(update={"use_suspect": False})}
+    )
+    fewer, all_of_them = (read([with_flags(True)], config)[1] for config in (strict, NO_TIDE))
+    assert sum(v.weights.size for v in fewer) < sum(v.weights.size for v in all_of_them)
+    assert log.format == "radar-radials"
+
+
+def test_radials_of_phased_arrays_state_no_errors_and_no_flags(tmp_path):
+    path = tmp_path / "one.ruv"
+    made.write_radials(path, CURRENT)
+    _, found, _, _ = read([path])
+    _rewrite(path, "LOND LATD VELU VELV RNGE BEAR VELO HEAD", lambda k, row: row)
+    _, same, _, notes = read([path])
+    assert notes == ["MADE: radials state no error; 10 cm/s is assumed for each"]
+    assert sum(len(each.value) for each in same) >= sum(len(each.value) for each in found)
+    assert min(each.error_std.min() for each in same) > min(each.error_std.min() for each in found)
+    (message,) = open_log(path).messages()
+    assert set(message.payload["error"]) == {0.1}
+
+
+def test_totals_that_their_quality_flags_fail_are_not_used(tmp_path):
+    path, whole = tmp_path / "one.nc", made.totals(CURRENT, hours=1)
+    good = np.ones(whole.u.shape, np.int32)
+    failed, suspect = good.copy(), good.copy()
+    failed[:, :, 4:6], suspect[:, :, 8] = 4, 3
+    off = whole.assign(u=whole.u.where(failed == 1, 150.0))
+    meanings = {"flag_values": "0 1 2", "flag_meanings": "fine doubtful_suspect rejected"}
+    own = np.where(failed == 4, 2, np.where(suspect == 3, 1, 0))
+    dims = off.u.dims
+    for flags in (
+        {"primary_flag": (dims, np.maximum(failed, suspect))},
+        {"qc": (dims, own, meanings)},
+        {"qc16_maxspeed": (dims, failed), "qc18_validlocation": (dims, suspect)},
+        {"qc_primary_flag": (dims, np.maximum(failed, suspect)), "qc19_uerr": (dims, 4 * good)},
+    ):
+        off.assign(flags).to_netcdf(path, engine="h5netcdf")
+        _, found, _, notes = read([path])
+        assert "28 vectors failed by their quality flags, not used" in notes
+        for each in found:
+            np.testing.assert_allclose(
+                each.value, np.tile(CURRENT, (len(each.value), 1)), atol=1e-6
+            )
+        (message,) = open_log(path).messages()
+        assert message.payload["flag"].count(3.0) == 14
+
+
+@pytest.mark.parametrize("form", ["attributes", "seven"])
+def test_the_signals_variance_is_found_by_its_description(tmp_path, form):
+    whole = made.totals(CURRENT, hours=1)
+    words = [
+        "Minimum sites",
+        "Minimum vectors",
+        "Search window",
+        "Decorrelation scales in the north direction",
+    ]
+    words += [
+        "Decorrelation scales in the east direction",
+        "Signal variance of the surface current fields (cm2 s-2)",
+    ]
+    values = [2.0, 3.0, 0.02, 10.0, 10.0, 400.0, 66.0]
+    if form == "attributes":
+        whole["processing_parameters"] = ((), 0.0)
+        numbered = list(enumerate(zip(values, words, strict=False), 1))
+        whole.processing_parameters.attrs = {f"parameter{n}": value for n, (value, _) in numbered}
+        whole.processing_parameters.attrs |= {
+            f"parameter{n}_description": w for n, (_, w) in numbered
+        }
+    else:
+        whole["processing_parameters"] = ("seven", values)
+        listed = "\n".join(f"{n}) {word}" for n, word in enumerate(words, 1))
+        whole.processing_parameters.attrs = {"comment": listed}
+    whole.to_netcdf(tmp_path / "one.nc", engine="h5netcdf")
+    (message,) = open_log(tmp_path / "one.nc").messages()
+    assert message.payload["east_error"][0] == pytest.approx(0.1)
+    assert message.payload["error_length"] == 10e3
 
 
 @pytest.mark.parametrize(

@@ -210,3 +210,37 @@ def test_fixes_that_come_seldom_count_from_both_sides_alike():
     ]
     observation = the(Observation, in_order(*fixes, relative(45)))
     assert observation.platform_velocity == pytest.approx((0.0, 0.0), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("frame", "axes", "is_left_up"),
+    [
+        ("dvl_link", None, False),
+        ("dvl_link", "forward-left-up", True),
+        ("base_link", None, True),
+        ("rov/base_link", None, True),
+        ("base_link_flu", None, True),
+        ("base_link_frd", None, False),
+        ("base_link", "forward-starboard-down", False),
+    ],
+)
+def test_the_axes_of_a_dvl_are_those_of_its_frame_or_as_stated(frame, axes, is_left_up):
+    forward, starboard, down = 0.9, 0.25, 0.1
+    stated = (forward, -starboard, -down) if is_left_up else (forward, starboard, down)
+    attitude = Attitude(30.0, 5.0, -8.0)
+    expected = horizontal(Dvl("bottom", (forward, starboard, down), 0.03), attitude, 0.0)
+    message = dvl_message(0, velocity=stated, header={"frame_id": frame})
+    assert_allclose(horizontal(dvl(message.payload), attitude, 0.0, axes), expected, atol=1e-12)
+    # and through the whole step: the current is the water track's opposite beside the bottom track's velocity
+    config = TRUE_HEADING.model_copy(update={"dvl_axes": axes})
+    water = (1.1, 0.05, 0.0)
+    water = (water[0], -water[1], 0.0) if is_left_up else water
+    level = (forward, -starboard, 0.0) if is_left_up else (forward, starboard, 0.0)
+    about = {"header": {"frame_id": frame}}
+    messages = [
+        *(fix(0), heading_east(1), dvl_message(1, velocity=level, **about)),
+        *(dvl_message(1, mode=2, velocity=water, **about), fix(2)),
+    ]
+    found = the(Observation, messages, config)
+    # heading east: forward is east, starboard south
+    assert_allclose(found.velocity[0], (forward - 1.1, 0.05 - starboard), atol=1e-9)

@@ -102,6 +102,46 @@ def test_a_turn_ends_a_line():
     assert directions == {1.0, 0.0}
 
 
+def _mixed_to(bottom, noise=0.0):
+    """Return what makes water the same down to a depth, but for noise of the instrument."""
+    rng = np.random.default_rng(2)
+
+    def change(ctd, dive):
+        del dive
+        if ctd["depth"] > bottom:
+            return ctd
+        pressure = ctd["pressure"]
+        salinity = gsw.SA_from_SP(35.0, pressure, -60.0, LATITUDE)
+        warm = float(gsw.t_from_CT(salinity, 10.0, pressure)) + noise * rng.standard_normal()
+        return ctd | {"temperature": warm}
+
+    return change
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_mixed_water_has_no_shear_and_says_so(noise):
+    shears, reasons, used = measured(mission(change=_mixed_to(900.0, noise)))
+    assert not shears
+    assert used == 0
+    assert any(reason.startswith("mixed water") for reason in reasons)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        _mixed_to(500.0),
+        # few levels; all casts alike, over a gradient that internal waves would show in
+        lambda ctd, _: ctd | {"temperature": np.nan if ctd["depth"] > 90.0 else ctd["temperature"]},
+        lambda ctd, _: ctd | {"temperature": 10.0 - 0.005 * ctd["depth"]},
+    ],
+)
+def test_water_that_is_hardly_stratified_gives_no_malformed_shear(change):
+    shears, _, _ = measured(mission(change=change))
+    assert shears
+    assert all(np.isfinite(each.value).all() and (each.error_std > 0.0).all() for each in shears)
+    assert all(np.isfinite(each.correlation).all() for each in shears)
+
+
 def test_it_can_be_withheld(dives):
     shears, reasons, used = measured(dives, MeasurementConfig(without=("shear",)))
     assert not shears

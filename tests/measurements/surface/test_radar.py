@@ -23,7 +23,15 @@ def drawn():
     )
     stated = rng.uniform(0.08, 0.12, longitude.size)
     radar = RadarCurrents(
-        longitude, latitude, np.zeros((stated.size, 2)), stated, None, 2.0, 3600.0, 1e3
+        longitude,
+        latitude,
+        np.zeros((stated.size, 2)),
+        stated,
+        None,
+        2.0,
+        3600.0,
+        1e3,
+        stated < 0.0,
     )
     seen = superobservations(radar, LABEL, 20e3, 0.0)[0].label.vectors
     np.testing.assert_allclose(np.sort(seen.error_std), np.sort(stated))

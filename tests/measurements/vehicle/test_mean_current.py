@@ -13,6 +13,7 @@ from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import PathMean, Source, VehicleState
+from replay_kit.measurements.consistency.monitor import ConsistencyState, check
 from replay_kit.measurements.vehicle.dead_reckoning import begin, extend, path_mean
 from tests.measurements.samples import CONFIG, ODD, SECOND, counted, fix, only, reasons, run, the
 from tests.reference import path as slow
@@ -198,3 +199,42 @@ def test_junk_in_any_field_of_a_current_is_used_or_skipped_once():
                 assert np.isfinite(places).all(), (field, value)
                 assert np.isfinite([*mean.velocity, mean.error_std]).all(), (field, value)
                 assert mean.error_std > 0.0
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        (lambda east, north: (east, north), None),
+        (lambda east, north: (north, east), "east and north are exchanged"),
+        (lambda east, north: (-east, north), "the sign of east is wrong"),
+    ],
+)
+def test_stated_currents_with_a_slip_contradict_dead_reckoning(stated, words):
+    messages = []
+    for k in range(6):
+        current = 0.15 + 0.01 * k, -0.08
+        messages += dive(current, start_s=2000 * k)
+        east, north = stated(*current)
+        change = {"dac_eastward": east, "dac_northward": north, "dive": k + 1}
+        messages.append(dac(2000 * k + 1200, 2000 * k, **change))
+    means = only(PathMean, run(messages))
+    assert len(means) == 6
+    state = ConsistencyState()
+    for mean in means:
+        state, _ = check(state, mean)
+    found = [finding for finding in state.findings if "dead reckoning" in finding.name]
+    assert len(found) == (words is not None)
+    assert all(words in str(finding) and "through_water" in str(finding) for finding in found)
+    # reckoned with a current of its own, as it was in the dive before: no slip
+    corrected = []
+    for k in range(6):
+        angle = 0.5 * np.pi * k
+        current, before = ((0.2 * np.cos(a), 0.2 * np.sin(a)) for a in (angle, angle - 0.5 * np.pi))
+        corrected += [
+            *dive(current, before, 2000 * k),
+            dac(2000 * k + 1200, 2000 * k, dac_eastward=current[0], dac_northward=current[1]),
+        ]
+    state = ConsistencyState()
+    for mean in only(PathMean, run(corrected)):
+        state, _ = check(state, mean)
+    assert not [finding for finding in state.findings if "dead reckoning" in finding.name]

@@ -10,7 +10,7 @@ from replay_kit.config.run import load_config
 from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.info.listing import print_info
-from tests.command import invoke
+from tests.command import invoke, run_command
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
 
@@ -103,3 +103,20 @@ def test_every_note_of_the_reader_and_what_is_damaged_or_unchecked_is_printed(lo
         "Without a checksum",
     ):
         assert words in text.getvalue()
+
+
+def test_logs_given_together_are_judged_together(tmp_path):
+    place = fix(0)
+    fixes = [(10 * k, place.topic, place.schema, place.payload) for k in range(30)]
+    pings = [(5 + 10 * k, "/adcp", "replay_kit.AdcpPing", ping(0).payload) for k in range(25)]
+    for name, rows in (("places", fixes), ("pings", pings)):
+        (tmp_path / f"{name}.mcap").write_bytes(json_mcap(rows))
+    done = run_command(tmp_path, "info places.mcap pings.mcap")
+    assert "Together: ready for replay" in done.stdout
+    assert "25 profiles" in done.stdout
+    assert "Missing" not in done.stdout
+    assert "ANOTHER_LOG" not in done.stdout
+    assert "Next: replay-kit replay places.mcap pings.mcap" in done.stdout
+    (tmp_path / "more.mcap").write_bytes(json_mcap(pings[:2]))
+    done = run_command(tmp_path, "info more.mcap pings.mcap")
+    assert done.stdout.count("Missing for a replay: positions\n") == 1

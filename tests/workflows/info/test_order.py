@@ -10,7 +10,7 @@ import pytest
 from replay_kit.core.message import Message
 from replay_kit.logs import merge
 from replay_kit.logs.shared.blocks import block_of, blocks_of
-from replay_kit.workflows.info.listing import asks_for_replay, late_and_gaps
+from replay_kit.workflows.info.listing import asks_for_replay, gap_lines
 from replay_kit.workflows.info.reading import Order, TopicInfo
 
 SECOND = 10**9
@@ -117,18 +117,14 @@ def test_a_gap_stands_out_from_a_minute_and_ten_times_the_mean_on(
     assert info.has_gap is stands_out
 
 
-def test_what_is_late_and_the_longest_gaps_are_said():
+def test_the_longest_gaps_are_said():
     gappy = {
         f"/t{k}": TopicInfo("S", 101, 0, 600 * SECOND, 0, (60 + k) * SECOND, 5 * SECOND)
         for k in range(7)
     }
-    lines = list(late_and_gaps({"/a": TopicInfo(late=3), **gappy}))
-    assert (
-        lines[0]
-        == "Late, by more than the reorder window, so that a replay leaves them out: 3 x /a"
-    )
-    assert lines[1] == "Gap: /t6 has no message for 66 s from 1970-01-01T00:00:05Z"
-    assert lines[5:] == [
+    lines = list(gap_lines(gappy))
+    assert lines[0] == "Gap: /t6 has no message for 66 s from 1970-01-01T00:00:05Z"
+    assert lines[4:] == [
         "Gap: /t2 has no message for 62 s from 1970-01-01T00:00:05Z",
         "Gaps on 2 more topics; --json has them",
     ]
@@ -159,7 +155,7 @@ def test_blocks_hold_all_messages_in_order():
 def test_a_replay_comes_next_where_one_mission_measures_a_current(missions, kind, asked):
     counts = dict.fromkeys(("bins", "mean_currents", "surface", "positions"), 0) | {kind: 3}
     logs = [
-        SimpleNamespace(report=SimpleNamespace(mission=one), content=SimpleNamespace(**counts))
+        SimpleNamespace(report=SimpleNamespace(mission=one), judged=SimpleNamespace(**counts))
         for one in missions
     ]
     assert asks_for_replay(logs) == asked

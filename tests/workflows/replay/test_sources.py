@@ -20,7 +20,10 @@ from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.report import report
 from replay_kit.workflows.sound import open_result
 from tests import synthetic
+from tests.command import run_command
 from tests.logs.surface import made
+from tests.measurements.carriers import json_mcap
+from tests.measurements.samples import fix, ping
 from tests.measurements.section.test_lines import mission
 from tests.workflows.replay.interrupted import Killed, run_until
 
@@ -129,3 +132,17 @@ def test_after_a_pause_the_surface_is_that_of_one_run(ocean, tmp_path, stop_afte
     assert job.checkpoint.exists()
     run_until(job, config, None)
     assert job.out.read_bytes() == whole.out.read_bytes()
+
+
+def test_recordings_that_overlap_hold_duplicates_that_contradict_nothing(tmp_path):
+    forecast = synthetic.dataset(3, 8, (6, 10), LEVELS, west=151.7, south=-40.2)
+    forecast.to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
+    for name, seconds in (("first", range(0, 600, 30)), ("second", range(300, 900, 30))):
+        rows = []
+        for k in seconds:
+            for message in (fix(k), ping(k)):
+                rows.append((k, message.topic, message.schema, message.payload))
+        (tmp_path / f"{name}.mcap").write_bytes(json_mcap(rows))
+    done = run_command(tmp_path, "replay first.mcap second.mcap --ensemble ensemble.nc -o out.mcap")
+    assert "10 profiles are duplicates" in done.stdout
+    assert "contradicted the estimate and were rejected" not in done.stdout

@@ -134,7 +134,7 @@ def _placed(
     """Yield the time of each message [ns, UTC] with the positions and placed measurements it completes, in the time span alone."""
     settings = config.logs
     # the paths of mean currents would take most of the time
-    state = replace(initial_state(settings.system), dives=None)
+    state = replace(initial_state(settings.system, settings.component), dives=None)
     messages = iter(
         merge(
             open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns

@@ -14,6 +14,7 @@ from replay_kit.core.observation import (
     Measurement,
     Observation,
     PathMean,
+    Reason,
     VehicleState,
     reasons_of,
 )
@@ -130,6 +131,7 @@ class ProfileCounts:
         corrections: Length of what was taken from each mean current for the flight model's error [m/s].
         sources: Of measurements that are not the vehicle's own, by kind.
         evidence: Log evidence of the measurements, rejected ones too: a forecast must not gain by what it rejects.
+        repeated: Number not used because they repeat another, or are older than those before them.
     """
 
     rejected: int = 0
@@ -147,6 +149,7 @@ class ProfileCounts:
     corrections: tuple[float, ...] = ()
     evidence: Mapping[int, BlockEvidence] = field(default_factory=dict)
     sources: Mapping[str, SourceCounts] = field(default_factory=dict)
+    repeated: int = 0
 
     def after(self, steps: Sequence[Step]) -> "ProfileCounts":
         """Return the counts after some steps."""
@@ -173,7 +176,8 @@ class ProfileCounts:
                 self.bins_rejected,
                 (named for innovation in innovations for named in _reasons(innovation)),
             ),
-            self.gated + sum(innovation.decision == "rejected" for innovation in innovations),
+            self.gated
+            + sum(one.decision == "rejected" and not _is_repeat(one) for one in innovations),
             self.softened + sum(_softened(innovation) for innovation in innovations),
             self.inflations
             + tuple(
@@ -198,6 +202,7 @@ class ProfileCounts:
             ),
             _with_evidence(self.evidence, innovations),
             _with_sources(self.sources, done),
+            self.repeated + sum(_is_repeat(one) for one in innovations),
         )
 
     def notes(self) -> list[str]:
@@ -213,6 +218,10 @@ class ProfileCounts:
             notes.append(
                 f"{self.interpolated} profiles in dives were placed between positions far apart in time, with a standard error of up to "
                 f"{self.position_std:.0f} m (measurements.position_max_gap)"
+            )
+        if self.repeated:
+            notes.append(
+                f"{self.repeated} profiles are duplicates, or older than those before them, as where recordings overlap: not used"
             )
         if self.gated:
             notes.append(
@@ -270,6 +279,12 @@ def _added(counts: Mapping[Key, int], more: Iterable[tuple[Key, int]]) -> dict[K
     for key, count in more:
         out[key] = out.get(key, 0) + count
     return out
+
+
+def _is_repeat(innovation: Innovation) -> bool:
+    """Return whether a measurement was not used because it repeats another, or is too old: it contradicts nothing."""
+    repeats = np.int32(Reason.DUPLICATE | Reason.OUT_OF_ORDER)
+    return innovation.decision == "rejected" and bool((innovation.reasons & repeats).any())
 
 
 def _softened(innovation: Innovation) -> int:

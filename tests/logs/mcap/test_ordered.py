@@ -1,0 +1,132 @@
+"""An MCAP with an index is read in the order of its log times, however its chunks are written; without one the window is named."""
+
+import tracemalloc
+from io import BytesIO
+
+import orjson
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from replay_kit.logs import merge, open_log
+from tests.command import run_command
+from tests.logs.log_samples import json_mcap as numbers
+from tests.measurements.carriers import json_mcap as of_rows
+from tests.measurements.samples import fix, ping
+
+START = 1_700_000_000 * 10**9
+SECOND = 10**9
+
+
+def _by_topic(k, n):
+    return k
+
+
+def _in_chunks_that_overlap(k, n):
+    # blocks of forty, of which every second begins two hundred earlier
+    block, within = divmod(k, 40)
+    return (block - 5 * (block % 2)) * 40 + within
+
+
+def _shuffled(k, n):
+    return (k * 7919) % n
+
+
+def write(path, order, n=1200, size=20, **options):
+    """Write messages of three topics, a second apart, in another order than that of their times."""
+    rows = [(k, topic) for topic in range(3) for k in range(n)]
+    if order is not _by_topic:
+        rows.sort(key=lambda row: order(row[0], n))
+    out = BytesIO()
+    writer = Writer(out, **({"chunk_size": 2000, "compression": CompressionType.ZSTD} | options))
+    writer.start()
+    schema = writer.register_schema("test.Number", "jsonschema", b"{}")
+    channels = [writer.register_channel(topic, "json", schema) for topic in ("/a", "/b", "/c")]
+    writer.add_metadata("about", {"made": "by hand"})
+    for place, (k, topic) in enumerate(rows):
+        data = orjson.dumps({"n": k, "text": "x" * size})
+        time_ns = START + k * SECOND + topic
+        writer.add_message(channels[topic], time_ns, data, time_ns, place)
+    writer.add_attachment(START, START, "note.txt", "text/plain", b"hello")
+    writer.finish()
+    path.write_bytes(out.getvalue())
+    return path
+
+
+@pytest.mark.parametrize("order", [_by_topic, _in_chunks_that_overlap, _shuffled])
+@pytest.mark.parametrize("chunk_size", [2000, 10**7])
+def test_messages_come_in_order_of_log_time(tmp_path, order, chunk_size):
+    path = write(tmp_path / "log.mcap", order, chunk_size=chunk_size)
+    log = open_log(path)
+    found = list(log.messages())
+    with path.open("rb") as file:
+        expected = [
+            (message.log_time, channel.topic, orjson.loads(message.data))
+            for _, channel, message in make_reader(file).iter_messages(log_time_order=True)
+        ]
+    assert [(m.time_ns, m.topic, m.payload) for m in found] == expected
+    assert log.report().losses == ()
+    merged = merge([open_log(path)], 1.0)
+    assert len(list(merged)) == 3600
+    assert not merged.late
+    # blocks, and what a copy takes, are the same
+    blocks = [m for b in open_log(path).blocks(lambda *_: True) for m in b.messages]
+    assert [(m.time_ns, m.topic) for m in blocks] == [(m.time_ns, m.topic) for m in found]
+    extras = []
+    raw = list(open_log(path).raw_messages(extras.append))
+    assert [(m.log_ns, m.position) for m in raw] == [(m.time_ns, m.position) for m in found]
+    assert sorted(type(extra).__name__ for extra in extras) == ["Attachment", "Metadata"]
+    assert sorted(m.position for m in raw) == list(range(3600))
+
+
+def test_a_copy_has_the_order_of_time(tmp_path):
+    write(tmp_path / "log.mcap", _by_topic)
+    assert run_command(tmp_path, "convert log.mcap -o out.mcap").returncode == 0
+    with (tmp_path / "out.mcap").open("rb") as file:
+        times = [m.log_time for _, _, m in make_reader(file).iter_messages(log_time_order=False)]
+    assert len(times) == 3600
+    assert times == sorted(times)
+
+
+def test_a_damaged_chunk_is_lost_alone(tmp_path):
+    path = write(tmp_path / "log.mcap", _by_topic, compression=CompressionType.NONE)
+    path.write_bytes(path.read_bytes().replace(b'{"n":700,', b'{"n":701,', 1))
+    log = open_log(path)
+    found = list(log.messages())
+    (loss,) = log.report().losses
+    assert loss.messages == 3600 - len(found)
+    assert [m.time_ns for m in found] == sorted(m.time_ns for m in found)
+
+
+def test_a_clock_that_was_set_back_keeps_the_order_of_the_file(tmp_path):
+    times = [START + k * SECOND - 3 * 86_400 * SECOND * (k >= 300) for k in range(600)]
+    (tmp_path / "log.mcap").write_bytes(numbers(times))
+    assert [m.time_ns for m in open_log(tmp_path / "log.mcap").messages()] == times
+    assert len(list(merge([open_log(tmp_path / "log.mcap")], 1.0))) == 600
+
+
+def test_memory_is_bounded_whatever_the_chunks(tmp_path):
+    # five hundred megabytes of messages
+    path = write(tmp_path / "log.mcap", _by_topic, n=800, size=200_000, chunk_size=2_000_000)
+    tracemalloc.start()
+    times = [message.time_ns for message in open_log(path).messages()]
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert times == sorted(times)
+    assert len(times) == 2400
+    assert peak < 240_000_000
+
+
+def test_without_an_index_the_loss_is_named_first_with_the_window_that_keeps_it(tmp_path):
+    rows = [(k, "/adcp", "replay_kit.AdcpPing", ping(k).payload) for k in range(5, 1805, 60)]
+    place = fix(0)
+    rows += [(k, place.topic, place.schema, place.payload) for k in range(0, 1800, 60)]
+    path = tmp_path / "log.mcap"
+    path.write_bytes(of_rows(rows)[:-40])
+    done = run_command(tmp_path, "info log.mcap")
+    late = next(line for line in done.stdout.splitlines() if line.startswith("Late"))
+    assert done.stdout.index(late) < done.stdout.index("Use: ")
+    assert late.endswith("x /vehicle/fix; logs.reorder_window = 1745 keeps them")
+    (tmp_path / "run.toml").write_text("[logs]\nreorder_window = 1745\n")
+    done = run_command(tmp_path, "info log.mcap --config run.toml")
+    assert "Late" not in done.stdout

@@ -1,0 +1,119 @@
+"""Positions in a local frame, of one component of one system: with an origin they are dead-reckoned, without one the message says so."""
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Observation, VehicleState
+from tests.command import run_command
+from tests.measurements.carriers import json_mcap
+from tests.measurements.samples import (
+    SECOND,
+    in_order,
+    logged,
+    mavlink_frames,
+    only,
+    position_int,
+    reasons,
+    run,
+)
+
+ORIGIN = (152.0, -40.0)
+STATED = MeasurementConfig(origin=ORIGIN)
+
+
+def _mavlink(name, payload, time_s, component=1):
+    topic = f"mavlink/1/{component}/{name}"
+    return Message(int(time_s * SECOND), topic, name, payload, 0, int(time_s))
+
+
+def _local(time_s, component=1):
+    payload = {"x": 0.3 * time_s, "y": 0.8 * time_s, "z": 5.0}
+    return _mavlink("LOCAL_POSITION_NED", payload, time_s, component)
+
+
+def _origin(longitude, latitude):
+    stated = {"longitude": round(longitude * 1e7), "latitude": round(latitude * 1e7)}
+    return _mavlink("GPS_GLOBAL_ORIGIN", stated, 0)
+
+
+def _track(events):
+    return np.array([(p.longitude, p.latitude) for p in only(VehicleState, events)])
+
+
+@pytest.mark.parametrize("stated", ["log", "setting", "both"])
+def test_local_positions_are_dead_reckoned_from_an_origin(stated):
+    logs = {"log": [_origin(*ORIGIN)], "setting": [], "both": [_origin(10.0, 50.0)]}
+    no_fix = [position_int(k, lon=0, lat=0) for k in range(0, 20, 2)]
+    messages = [*logs[stated], *in_order(*map(_local, range(1, 20)), *no_fix, *mavlink_frames(5.0))]
+    events = run(messages, MeasurementConfig() if stated == "log" else STATED)
+    seconds = np.arange(1.0, 20.0)
+    expected = np.column_stack(to_geographic(Projection(*ORIGIN), 0.8 * seconds, 0.3 * seconds))
+    np.testing.assert_allclose(_track(events), expected, atol=1e-9)
+    assert all(p.dead_reckoned and p.depth == 5.0 for p in only(VehicleState, events))
+    (ping,) = only(Observation, events)
+    assert (ping.longitude, ping.latitude) == pytest.approx(tuple(expected[4]), abs=1e-9)
+
+
+def test_without_an_origin_and_beside_a_position_on_the_earth_they_are_named():
+    alone = run([*map(_local, range(1, 20))])
+    assert not only(VehicleState, alone)
+    assert (
+        reasons(alone) == ["local position without an origin: state it with --origin LON,LAT"] * 19
+    )
+    both = run(in_order(_origin(*ORIGIN), position_int(0), *map(_local, range(1, 20))), STATED)
+    assert len(only(VehicleState, both)) == 1
+    assert set(reasons(both)) == {
+        "local position beside the system's position on the Earth, which is used"
+    }
+
+
+def test_odometry_without_a_fix_begins_at_a_stated_origin():
+    def pose(k):
+        position = {"position": {"x": 10.0 * k, "y": -5.0 * k, "z": -2.0}}
+        return logged("nav_msgs/msg/Odometry", {"pose": {"pose": position}}, k, "/odom")
+
+    events = run([pose(k) for k in range(1, 5)], STATED)
+    k = np.arange(1.0, 5.0)
+    expected = np.column_stack(to_geographic(Projection(*ORIGIN), 10.0 * k, -5.0 * k))
+    np.testing.assert_allclose(_track(events), expected, atol=1e-9)
+    assert not only(VehicleState, run([pose(k) for k in range(1, 5)]))
+
+
+@pytest.mark.parametrize("asked", [None, 1, 191])
+def test_one_component_of_a_system_counts(asked):
+    other = [
+        message._replace(topic=message.topic.replace("mavlink/1/1/", "mavlink/1/191/"))
+        for message in (position_int(k + 0.5, lon=1_530_000_000) for k in range(6))
+    ]
+    messages = in_order(*(position_int(k) for k in range(6)), *other)
+    events = run(messages, component=asked)
+    longitude = {round(p.longitude) for p in only(VehicleState, events)}
+    assert longitude == ({153} if asked == 191 else {152})
+    used, left = (191, 1) if asked == 191 else (1, 191)
+    words = (
+        f"MAVLink component {left}, but component {used} is used; choose with component in [logs]"
+    )
+    assert reasons(events) == [words] * 6
+
+
+def test_info_says_what_is_missing_and_what_the_option_gives(tmp_path):
+    rows = [
+        (m.time_ns / SECOND, m.topic, m.schema, m.payload)
+        for m in in_order(*map(_local, range(1, 20)))
+    ]
+    ping = {
+        **{"coordinate_system": "earth", "reference": "earth", "orientation": "down"},
+        **{"n_cells": 1, "cell_size": 4.0, "bin0_distance": 8.0, "velocity": [[0.1, 0.2, 0.0]]},
+    }
+    rows += [(5.0, "/adcp", "replay_kit.AdcpPing", ping)]
+    (tmp_path / "log.mcap").write_bytes(json_mcap(rows))
+    done = run_command(tmp_path, "info log.mcap")
+    assert "19 x mavlink/1/1/LOCAL_POSITION_NED: local position without an origin" in done.stdout
+    assert "Missing for a replay: positions\n" in done.stdout
+    done = run_command(tmp_path, "info log.mcap --origin 152,-40")
+    assert "1 profiles with 1 usable bins, 19 positions" in done.stdout
+    assert "Missing" not in done.stdout
