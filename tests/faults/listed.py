@@ -61,7 +61,7 @@ def failing(root: Path, tests: str) -> str | None:
     )
     if done.returncode in (0, 5):  # none was left of those marked full
         return None
-    found = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
+    found = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", done.stdout, re.MULTILINE)
     if done.returncode not in (1, 2) or found is None:
         raise RuntimeError(f"pytest {tests}:\n{done.stdout[-3000:]}{done.stderr[-3000:]}")
     return found.group(1)
