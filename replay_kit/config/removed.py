@@ -7,7 +7,7 @@ from replay_kit.core.errors import ConfigError
 _SAMPLING = "adaptive sampling is gone: choose the places yourself, and plan to them with --goal"
 _BLIND = "it steered a vehicle that nobody corrects: the odds with headings held (reached_held of --json) say how one fares"
 
-#: Keys of the settings, by table.
+#: Keys of the settings, by table; of a table with a command's name they are its options too.
 SETTINGS: dict[str, dict[str, str]] = {
     "measurements": {
         "use_dac": 'without = ["dac"] leaves depth-averaged currents out',
@@ -29,8 +29,6 @@ SETTINGS: dict[str, dict[str, str]] = {
         "policy": _BLIND,
     },
 }
-#: Options, by command; those of the settings of a table of the same name are there.
-OPTIONS: dict[str, dict[str, str]] = {}
 #: Values of an option.
 VALUES: dict[str, dict[str, str]] = {
     "--without": {"drift": "leave it out; no drift between fixes is used"},
@@ -56,8 +54,7 @@ def refuse_command(words: Sequence[str]) -> None:
 def refuse_option(command: str, option: str) -> None:
     """Raise ConfigError for an option that a command had."""
     named = option.removeprefix("--").replace("-", "_")
-    instead = OPTIONS.get(command, {}).get(option) or SETTINGS.get(command, {}).get(named)
-    if instead is not None:
+    if (instead := SETTINGS.get(command, {}).get(named)) is not None:
         raise ConfigError(f"{command} has no {option} any more: {instead}")
 
 

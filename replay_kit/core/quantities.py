@@ -14,9 +14,10 @@ if TYPE_CHECKING:
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _LAST_NS = 2**63 - 1
 _OUTSIDE = "is outside 1970..2262; write a time of the mission such as 2018-11-16T00:00:00Z"
-# 1990 and 2100 [ns], and units of clocks that may be taken for nanoseconds
-_FROM_NS, _TO_NS = 631_152_000 * 10**9, 4_102_444_800 * 10**9
-_CLOCKS = {"seconds": 10**9, "milliseconds": 10**6, "microseconds": 10**3}
+#: 1990 [ns]: no recorder of these formats is older; and 2100.
+EARLIEST_NS, _TO_NS = 631_152_000 * 10**9, 4_102_444_800 * 10**9
+#: Units of clocks that may be taken for nanoseconds, and how many of these they have.
+CLOCKS = {"seconds": 10**9, "milliseconds": 10**6, "microseconds": 10**3}
 # Symbols as UDUNITS has them: there "M" and "K" begin other units. A foot is the international one.
 _SYMBOLS = {"m": 1.0, "km": 1e3, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048}
 _METRES = {"metre": 1.0, "kilometre": 1e3, "centimetre": 1e-2, "foot": 0.3048, "feet": 0.3048}
@@ -114,8 +115,8 @@ def unit_of_clock(time_ns: "NDArray[np.int64]") -> str:
     return next(
         (
             unit
-            for unit, factor in _CLOCKS.items()
-            if ((time_ns >= _FROM_NS // factor) & (time_ns < _TO_NS // factor)).any()
+            for unit, factor in CLOCKS.items()
+            if ((time_ns >= EARLIEST_NS // factor) & (time_ns < _TO_NS // factor)).any()
         ),
         "",
     )

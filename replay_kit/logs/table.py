@@ -241,10 +241,8 @@ def table_in(path: Path) -> Table:
     Raises:
         LogError: It cannot be read.
     """
-    with open(path, "rb") as file:
-        if not is_csv(file.read(_LINE)):
-            found = open_netcdf(path, _flat)
-            return Table(str(path), found.variables, in_file=True)
+    if not in_text(path):
+        return Table(str(path), open_netcdf(path, _flat).variables, in_file=True)
     columns = dict(read_csv(path))
     for name, column in columns.items():
         # a time in numbers; without a unit it is in seconds since 1970, which is noted
@@ -260,6 +258,12 @@ def holds_pings(path: Path, asked: Asked) -> bool:
 
 def _flat(held: Any, attributes: Mapping[str, Any]) -> list[str]:
     return [name for name, item in held.items() if len(item.shape) < 3]
+
+
+def in_text(path: Path) -> bool:
+    """Return whether a file is a table in text."""
+    with open(path, "rb") as file:
+        return is_csv(file.read(_LINE))
 
 
 def is_csv(head: bytes) -> bool:

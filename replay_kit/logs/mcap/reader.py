@@ -60,12 +60,12 @@ class McapReader(LogFile):
         survey = Survey(self.statistics, self._decoded, f"{self._clock}_ns", wanted)
         with self._opened() as file:
             self._check_magic(file)
-            if (parts := self._ordered(file)) is None:
+            if (ordered := self._ordered(file)) is None:
                 yield from McapScanner(
                     file, self.statistics, survey.single, self._topic, bulk=survey
                 ).messages()
                 return
-            channels, first = self._channels(file), 0
+            (channels, parts), first = ordered, 0
             for part in parts:
                 if part.ordinals.size:
                     yield survey.block(channels, part.contents, part.found, first)
@@ -121,31 +121,30 @@ class McapReader(LogFile):
         with self._opened() as file:
             self._check_magic(file)
             on_record = None if on_extra is None else lambda record: on_extra(_extra(file, record))
-            parts = self._ordered(file)
+            ordered = self._ordered(file)
             scanner = McapScanner(file, self.statistics, make, self._topic, on_record)
-            if parts is None:
+            if ordered is None:
                 yield from scanner.messages()
                 return
             for record in file_records(file, len(MAGIC), os.fstat(file.fileno()).st_size):
                 if record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
                     scanner.pass_on(record)
-            channels = self._channels(file)
+            channels, parts = ordered
             for part in parts:
                 starts, stops = (part.found.offset + HEAD_SIZE).tolist(), part.found.stop.tolist()
                 for row in zip(starts, stops, part.ordinals.tolist(), strict=True):
                     if (made := make(channels, part.contents, *row)) is not None:
                         yield made
 
-    def _ordered(self, file: BinaryIO) -> Iterator[Slice] | None:
-        """Return the messages in order of time, part by part; None where the order of the file will do, or is all there is."""
+    def _ordered(self, file: BinaryIO) -> tuple[Channels, Iterator[Slice]] | None:
+        """Return the channels, and the messages in order of time, in parts; None where the order of the file will do or is all there is."""
         summary = read_summary(file, os.fstat(file.fileno()).st_size)
         window_ns = round(self._config.reorder_window * 1e9)
         held = None if problem_of(summary) else disordered(file, summary, window_ns)
         file.seek(len(MAGIC))
-        return None if held is None else slices(file, held, self.statistics)
-
-    def _channels(self, file: BinaryIO) -> Channels:
-        return Channels(read_summary(file, os.fstat(file.fileno()).st_size), self._topic)
+        if held is None:
+            return None
+        return Channels(summary, self._topic), slices(file, held, self.statistics)
 
     def _check_magic(self, file: BinaryIO) -> None:
         if (head := file.read(len(MAGIC))) != MAGIC:

@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from replay_kit.core.quantities import CLOCKS, EARLIEST_NS
 from replay_kit.core.text import time_text
 
-#: 1990: no recorder of these formats is older. And what the times of one message may differ by: a year [ns].
-EARLIEST_NS, _APART_NS = 631_152_000 * 10**9, 366 * 86_400 * 10**9
+# What the times of one message may differ by: a year [ns].
+_APART_NS = 366 * 86_400 * 10**9
 _MAX_NS = 2**63 - 1
-#: Units of a clock that were taken for nanoseconds, and how many of these they have.
-_UNITS = (("microseconds", 10**3), ("milliseconds", 10**6), ("seconds", 10**9))
 
 
 def header_stamp(payload: Mapping[str, Any]) -> int | None:
@@ -63,7 +62,7 @@ def doubtful_times(
     stamp = stated[0][1] if stated else 0
     if abs(apart) > _APART_NS and EARLIEST_NS <= stamp <= latest:
         return f"{odd}; by the stamps in the messages it is {time_text(stamp)}: --clock header reads these"
-    for unit, factor in _UNITS:
+    for unit, factor in CLOCKS.items():
         if EARLIEST_NS <= first_ns * factor <= min(latest, EARLIEST_NS * 4):
             return f"{odd}; as if {unit} were taken for nanoseconds: that would be {time_text(first_ns * factor)}; correct the recorder"
     return f"{odd}; check the clock of the recorder"

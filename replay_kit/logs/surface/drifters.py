@@ -18,7 +18,7 @@ from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import VALUES, Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import number, stamp
-from replay_kit.logs.table import is_csv, read_csv
+from replay_kit.logs.table import in_text, read_csv
 
 SCHEMA, TOPIC = "replay_kit.DrifterFix", "/drifters"
 #: By quantity the names of its variable, the preferred first.
@@ -35,8 +35,6 @@ _NAMES = {
 }
 # m: depth of the middle of the programme's drogue; and of a degree of latitude
 _DROGUE, _DEGREE = 15.0, 111_200.0
-# Letters of a line.
-_LINE = 1 << 14
 
 
 def is_table(head: bytes) -> bool:
@@ -142,9 +140,8 @@ def _opened(path: Path) -> NetcdfFile:
     Raises:
         LogError: It cannot be read, or a table's rows are of unlike lengths.
     """
-    with open(path, "rb") as file:
-        if not is_csv(file.readline(_LINE)):
-            return open_netcdf(path, lambda names, attributes: list(_chosen(names).values()))
+    if not in_text(path):
+        return open_netcdf(path, lambda names, attributes: list(_chosen(names).values()))
     columns = read_csv(path)
     return NetcdfFile(path, {}, columns, tuple(columns))
 
