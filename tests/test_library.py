@@ -57,7 +57,7 @@ def test_what_is_opened_is_what_was_made(result, tmp_path):
     assert opened.outcome == made.outcome
     np.testing.assert_array_equal(opened.estimate.latent, result.estimate.latent)
     np.testing.assert_array_equal(
-        opened.estimate.at(2 * 10**18).weight_cov, result.estimate.at(2 * 10**18).weight_cov
+        opened.estimate.at(2 * 10**18).unknowns.p, result.estimate.at(2 * 10**18).unknowns.p
     )
     with pytest.raises(ConfigError, match="exists"):
         rk.replay(LOG, ENSEMBLE, out=made.path, settings=SETTINGS)

@@ -387,6 +387,12 @@ class EstimatorConfig(Section):
         "measurements, with the preset default and a static estimate alone; or a number. Default: fit, where it can be, for members made "
         "of lags, times or models, else as_given.",
     )
+    dropped_std: float = Field(
+        default=9e-3,
+        ge=0.0,
+        description="Largest standard deviation of all directions of the prior that are dropped together [m/s]; it is added to the "
+        "errors. Preset default only.",
+    )
     paper_error_std: float = Field(
         default=0.12, gt=0.0, description="Standard error of every bin with the preset paper [m/s]."
     )

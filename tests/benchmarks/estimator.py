@@ -12,7 +12,7 @@ import numpy as np
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.observation import Observation
-from replay_kit.estimator import ReducedBasisEstimator, build_estimator
+from replay_kit.estimator import ReducedBasisEstimator, build
 from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.estimator.basis.slices import ensemble_slices
 from tests.benchmarks import scene, slow
@@ -34,7 +34,7 @@ class Work:
     @cached_property
     def estimator(self) -> ReducedBasisEstimator:
         settings = EstimatorConfig(modes=None, length_horizontal=10_000.0, mean_variance=0.1)
-        return build_estimator(self.world[0], settings)
+        return build([self.world[0]], settings)
 
     @cached_property
     def track(self) -> list[Observation]:
@@ -182,7 +182,7 @@ def grid_row(work: Work) -> Row:
     estimator, grid = work.estimator, work.world[0].grid
     state, _, _ = online(estimator, work.track, mean=False)
     flow = estimator.flow(state)
-    covariance_s, _ = seconds(lambda: flow.weight_cov)
+    covariance_s, _ = seconds(lambda: flow.unknowns.p)
     east, north = grid.nodes.T
     levels = grid.levels[:, None]
 

@@ -17,7 +17,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from replay_kit.logs import merge, open_log
 from replay_kit.results import ResultWriter
 from tests.benchmarks import scene
@@ -148,7 +148,7 @@ def writing_row(folder: Path, tiny: bool) -> Row:
     """An hour of pings at 1 Hz: fixes, innovations, estimates of 300 modes a level, and six times slices with arrows."""
     pings = 20 if tiny else 3600
     size, modes = (scene.TINY, 4) if tiny else (scene.Size(), 300)
-    estimator = build_estimator(scene.ensemble(size)[0], EstimatorConfig(modes=modes))
+    estimator = build([scene.ensemble(size)[0]], EstimatorConfig(modes=modes))
     state = estimator.initial()
     observation = scene.scattered(scene.ensemble(size)[1], 1, size)[0]
     state, innovation = estimator.step(state, observation)

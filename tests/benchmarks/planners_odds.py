@@ -22,7 +22,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import NodeKernel
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.estimator import build_estimator, embed_member
+from replay_kit.estimator import build, embed_member
 from replay_kit.forecast import read_ensemble
 from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import Field, build_field
@@ -81,7 +81,7 @@ def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH, legs: 
 
 def _estimate(ensemble: Ensemble, field: Field, pings: int) -> FlowEstimate:
     """Return the estimate after profiles at random places."""
-    estimator = build_estimator(ensemble, EstimatorConfig(), GatingConfig())
+    estimator = build([ensemble], EstimatorConfig(), GatingConfig())
     state = estimator.initial()
     for after, _ in estimator.steps(state, random_observations(field, pings, 0.09, 0)):
         state = after

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
-from replay_kit.core.flow.netcdf import to_dataset
+from replay_kit.core.flow.dataset import to_dataset
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.estimator import ReducedBasisEstimator, build_estimator
+from replay_kit.estimator import ReducedBasisEstimator, build
 from replay_kit.forecast import read_ensemble
 from replay_kit.forecast.grid import local_grid
 from tests import synthetic
@@ -109,9 +109,7 @@ def setup(make: Callable[[], Ensemble], modes: int) -> tuple[float, float, Reduc
     """Return the processor time [s] and what memory grew to at most, the ensemble included [MB]."""
     before = peak_mb(anew=True)
     world = make()
-    took, estimator = cpu(
-        lambda: build_estimator(world, EstimatorConfig(modes=modes), GatingConfig())
-    )
+    took, estimator = cpu(lambda: build([world], EstimatorConfig(modes=modes), GatingConfig()))
     return took, peak_mb() - before, estimator
 
 
@@ -140,7 +138,7 @@ def from_zarr_row(
         start = time.process_time()
         world = read_ensemble(path, ForecastConfig())
         read_s = time.process_time() - start
-        build_estimator(world, EstimatorConfig(modes=modes), GatingConfig())
+        build([world], EstimatorConfig(modes=modes), GatingConfig())
         took, grown = time.process_time() - start, peak_mb() - before
     name = f"set-up from Zarr, {rows} x {columns} nodes, {levels} levels, {members} members"
     return row(name, took, asked=asked, peak_mb=grown, asked_mb=asked_mb, read_s=read_s)
@@ -150,8 +148,8 @@ def use_row(rows: int, columns: int, levels: int, members: int, pings: int, mode
     """Pings along a glider's track through the last member, the mean after each; then the standard error at every node and level."""
     world = ensemble(rows, columns, levels, members + 1)
     truth = world.velocity[-1]
-    estimator = build_estimator(
-        replace(world, velocity=world.velocity[:-1]), EstimatorConfig(modes=modes), GatingConfig()
+    estimator = build(
+        [replace(world, velocity=world.velocity[:-1])], EstimatorConfig(modes=modes), GatingConfig()
     )
     rng, depth = np.random.default_rng(1), 16.0 + 32.0 * np.arange(22)
     place, observations = np.zeros(2), []

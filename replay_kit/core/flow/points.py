@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.cf import described, encoded
-from replay_kit.core.flow.evolution import Evolution, constant
-from replay_kit.core.flow.field import FlowField
-from replay_kit.core.flow.netcdf import ATTRIBUTES, wet_at
+from replay_kit.core.flow.dataset import ATTRIBUTES, wet_at
+from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.quantities import to_time_ns
 from replay_kit.core.text import place_text, span_text, time_text
@@ -121,7 +120,7 @@ class Velocities:
         Raises:
             EstimatorError: There is no point, or the time of one is not known.
         """
-        from replay_kit.core.flow.netcdf import trajectory
+        from replay_kit.core.flow.dataset import trajectory
 
         return trajectory(self._columns(), platform, stated, self.about)
 
@@ -131,22 +130,26 @@ class Velocities:
 
 
 def velocity_at(
-    flow: FlowField, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None
+    flow: FlowEstimate,
+    longitude: ArrayLike,
+    latitude: ArrayLike,
+    depth: ArrayLike,
+    time: Any = None,
 ) -> Velocities:
     """Return the velocities at points; see ``FlowEstimate.velocity_at``."""
     if time is None:
         return _velocities(flow, (longitude, latitude, depth), None)
-    time_ns, first = to_time_ns(time), _last_observation(flow)
+    time_ns, first = to_time_ns(time), flow.last_observation_ns
     flow.require_model_of_time()
     if first is not None and time_ns.size and time_ns.min() < first:
         raise EstimatorError(
             f"time: {time_text(int(time_ns.min()))} is before the last observation of the estimate, {time_text(first)}; expected that time "
-            "or a later one: leave time out for the estimate's own, or look back with replay_kit.estimator.evolving.smoother"
+            "or a later one: leave time out for the estimate's own, or look back with the command smooth"
         )
     return _velocities(flow, (longitude, latitude, depth), time_ns)
 
 
-def velocity_along(flow: FlowField, track: Any) -> Velocities:
+def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
     """Return the velocities along a track; see ``FlowEstimate.along``."""
     if not isinstance(track, Mapping) and not hasattr(track, "keys"):
         kind = type(track).__name__
@@ -167,13 +170,8 @@ def velocity_along(flow: FlowField, track: Any) -> Velocities:
     return _velocities(flow, tuple(columns.values()), None if time is None else to_time_ns(time))
 
 
-def _last_observation(flow: FlowField) -> int | None:
-    """Return the time before which an estimate does not change [ns, UTC]; None without one."""
-    return flow.later.time_ns if isinstance(flow.later, Evolution) else None
-
-
 def _velocities(
-    flow: FlowField, points: tuple[Any, ...], time_ns: NDArray[np.int64] | None
+    flow: FlowEstimate, points: tuple[Any, ...], time_ns: NDArray[np.int64] | None
 ) -> Velocities:
     """Return the velocities at points.
 
@@ -189,15 +187,15 @@ def _velocities(
             f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth"
         )
     at = np.column_stack([axis.ravel() for axis in (longitude, latitude, depth)])
-    first = _last_observation(flow)
+    first = flow.last_observation_ns
     held = (
         np.full(len(at), own)
-        if flow.later is None
+        if flow.unknowns is None
         else asked.ravel()
         if first is None
         else np.maximum(asked.ravel(), first)
     )
-    if time_ns is None or flow.later is None or flow.later is constant:
+    if time_ns is None or flow.process is None:
         values = _evaluate(flow, *at.T)
     else:
         values = np.empty((len(at), 4))
@@ -209,7 +207,7 @@ def _velocities(
     return Velocities(longitude[()], latitude[()], depth[()], *dates, *kept, about=flow.about)
 
 
-def _evaluate(flow: FlowField, longitude: Array, latitude: Array, depth: Array) -> Array:
+def _evaluate(flow: FlowEstimate, longitude: Array, latitude: Array, depth: Array) -> Array:
     """Return velocity and standard error, shape (n, 4), at points, each shape (n,); NaN where nothing is known."""
     out = np.full((depth.size, 4), np.nan)
     known = np.isfinite(longitude + latitude + depth)
@@ -225,7 +223,7 @@ def _evaluate(flow: FlowField, longitude: Array, latitude: Array, depth: Array) 
 
 
 def best_velocity_at(
-    flows: Sequence[FlowField], longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike
+    flows: Sequence[FlowEstimate], longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike
 ) -> Velocities:
     """Return velocities at points, each from the estimate with the least standard error there; NaN where none holds it.
 

@@ -8,7 +8,7 @@ unknowns, solved for all members at once by the eigenvectors of K_h. For hat fun
 l_z = 100 m the Gaussian factor is nearly singular where levels are closer, and sags where they are farther.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,30 +95,6 @@ class Basis:
         """Number of modes r for each level."""
         return int(self.modes.shape[1])
 
-    def flow(
-        self,
-        mean: Array,
-        covariance: Array | Callable[[tuple[int, ...] | None], Array],
-        time_ns: int | None,
-    ) -> FlowEstimate:
-        """Return the flow of weights.
-
-        Args:
-            mean: shape (Z r,), level after level.
-            covariance: shape (Z r, Z r), or a function that computes that of some levels' weights, None for all.
-            time_ns: Time it holds for [ns, UTC].
-        """
-        latent = self.offset + self.modes @ mean.reshape(self.grid.levels.size, -1).T
-        return FlowEstimate(
-            self.grid,
-            self.horizontal,
-            self.depth_functions,
-            latent,
-            self.modes,
-            covariance,
-            time_ns,
-        )
-
     def depth_weights(self, depth: Array) -> Array:
         """Return the weights of the levels at depths [m], shape (n, Z)."""
         return depth_weights(self.depth_functions, depth, self.grid.levels)
@@ -195,13 +171,12 @@ def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> Fl
     alone = replace(ensemble, velocity=ensemble.velocity[member : member + 1])
     functions = default_functions(ensemble.grid, config, config.speed or surface_speed(alone))
     latent = embed(functions, ensemble.grid.nodes, ensemble_slices(alone)[0].T, config.nugget)
-    nothing = np.empty((latent.shape[0], 0)), np.empty((0, 0))
     return FlowEstimate(
         ensemble.grid,
         functions,
         DepthFunctions("hat", config.length_vertical),
         latent,
-        *nothing,
+        np.empty((latent.shape[0], 0)),
         ensemble.time_ns,
     )
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution
 from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
@@ -61,8 +60,8 @@ class EstimateHistory:
         """Latent velocities of the flow whose weights are 0."""
         estimate = self.estimate
         assert estimate is not None
-        if isinstance(estimate.later, Evolution):
-            return estimate.later.offset
+        if estimate.unknowns is not None:
+            return estimate.unknowns.offset
         _, last = next(newest_messages(self._path, "/flow/estimate"))
         return estimate.latent - self._change(_weights(last))
 

@@ -20,6 +20,7 @@ from replay_kit.studies.paper.methods import (
     build_method,
     each_counted,
     miss_figures,
+    size_of,
 )
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.twins.truths import Case, Pair
@@ -179,13 +180,14 @@ def _run(
             errors = [least] * len(survey.counts)
         else:
             estimator = build_method(rung.method, case.ensemble, _config(rung, config, survey))
-            modes, elements = estimator.basis_size
+            modes, elements = size_of(estimator)
             least = bound(estimator, at)
             state = estimator.initial()
-            for done, (after, _) in enumerate(estimator.steps(state, survey.observations), start=1):
-                state = after
-                advance(1)
-                if done in survey.counts:
+            for count in sorted({*survey.counts, len(survey.observations)}):
+                state, steps = estimator.assimilate(state, survey.observations[done:count])
+                done += len(steps)
+                advance(len(steps))
+                if count in survey.counts:
                     errors.append(_rmse(estimator.flow(state), at))
             # without its uncertainty: at full rank the covariance takes 300 MB
             flow = estimator.flow(state).mean_flow()

@@ -13,7 +13,7 @@ import pytest
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import Finding
 from replay_kit.core.message import Message
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
@@ -46,9 +46,7 @@ CONFIG = load_config(
 
 @pytest.fixture(scope="module")
 def estimator():
-    return build_estimator(
-        read_ensemble(SAMPLES / "ensemble.nc", CONFIG.forecast), CONFIG.estimator
-    )
+    return build([read_ensemble(SAMPLES / "ensemble.nc", CONFIG.forecast)], CONFIG.estimator)
 
 
 @pytest.fixture(scope="module")

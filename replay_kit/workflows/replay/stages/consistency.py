@@ -1,7 +1,7 @@
 """The consistency stage: each event is checked before it is used, and what is found changes what the estimate is made of."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from replay_kit.config.run import RunConfig
@@ -204,17 +204,9 @@ def is_distrusted(found: Iterable[Finding]) -> bool:
 
 def trusting(estimator: Any, state: MonitoringState) -> Any:
     """Return the estimator as it is, or, while two sources contradict each other, one whose gate rejects neither."""
-    gating = getattr(estimator, "gating", None)
-    if (
-        not state.checks.sources_contradict
-        or gating is None
-        or gating.gate != "reject"
-        or not is_dataclass(estimator)
-    ):
+    if not state.checks.sources_contradict or getattr(estimator, "probability", None) is None:
         return estimator
-    # Any: which estimators have a gate is known to them alone
-    gated: Any = estimator
-    return replace(gated, gating=gating.model_copy(update={"gate": "soften"}))
+    return replace(estimator, probability=None)
 
 
 def rebuilt(counts: ProfileCounts, steps: Sequence[Step]) -> ProfileCounts:

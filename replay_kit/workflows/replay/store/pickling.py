@@ -10,9 +10,6 @@ from typing import Any, BinaryIO
 from pydantic import BaseModel
 from scipy.sparse import sparray, spmatrix
 
-from replay_kit.estimator.update.growing_cholesky import GrowingCholesky
-from replay_kit.estimator.update.reduced_subspace import Buffer
-
 # The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
 _FUNCTIONS = {
     ("numpy._core.multiarray", "_reconstruct"),
@@ -76,7 +73,6 @@ def _is_value(kind: type[Any]) -> bool:
     return (
         is_dataclass(kind)
         or issubclass(kind, (Enum, tuple, BaseModel))
-        or kind in (GrowingCholesky, Buffer)
         or issubclass(kind, (sparray, spmatrix))
     )
 

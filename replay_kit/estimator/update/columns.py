@@ -1,0 +1,306 @@
+"""Measured values as rows of unit noise on the unknowns: one form for all kinds of measurement.
+
+Values at one place see the column of water there: q = 2 K unknowns, the amplitudes of the K vertical functions towards east and north,
+which are a sum D x of the estimate's unknowns. The values of a component are v = J a + noise of covariance N, with J the functions at the
+values' depths. Whitened by W, W N W' = 1, and compressed by W J = Q R, Q orthonormal, they are the rows R a of unit noise; what is
+orthogonal to Q is noise alone and measures how large the noise is. Values relative to a platform of unknown velocity are known up to a
+constant: W loses its direction.
+
+Values that are sums over several places, as a mean along a path, are their own column: q is their number, and J is one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import gradient, nearest_node
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
+from replay_kit.core.flow.process import Process
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.observation import LinearMeasurement
+from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator.prior.extras import Extras
+from replay_kit.estimator.update.grouping import mean_time
+from replay_kit.estimator.update.screening import (
+    ScreenedGroup,
+    local_values,
+    relative_velocities,
+)
+
+# Between levels the representation error is linear; above and below them that of the nearest holds.
+_LINEAR = DepthFunctions("hat", 0.0)
+# Share of the largest singular value of W J below which one is rounding.
+_ROUNDING = 1e-10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """How the used values of a measurement see their column; alike for measurements of equal depths and errors.
+
+    Attributes:
+        functions: shape (m, K), J, of one component.
+        whiten: shape (w, m), W.
+        q: shape (w, p), Q.
+        r: shape (p, K), R.
+        std: shape (m,) [m/s], error of each value with the representation's.
+        half_log_det: Of N.
+        unwhiten: shape (m, w), of values that are known up to a constant; None of others.
+    """
+
+    functions: Array
+    whiten: Array
+    q: Array
+    r: Array
+    std: Array
+    half_log_det: float
+    unwhiten: Array | None = None
+
+    def known(self, values: Array) -> Array:
+        """Return what is known of values, shape (m, n): of relative ones all but a constant."""
+        return values if self.unwhiten is None else self.unwhiten @ (self.whiten @ values)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """Measurements that see one column, n of them.
+
+    Attributes:
+        screened: The measurements after screening.
+        time_ns: For which they count [ns, UTC].
+        design: shape (q, k), D at that time.
+        axes: shape (c, a), of each measured component along the column's components.
+        layouts: Of each measurement, one object where they are alike.
+        about: Of each measurement, shape (m, c) [m/s]: its values less what is known.
+    """
+
+    screened: ScreenedGroup
+    time_ns: int
+    design: Array
+    axes: Array
+    layouts: tuple[Layout, ...]
+    about: tuple[Array, ...]
+
+    def rows(self, i: int) -> Array:
+        """Return the rows of a measurement on the column's unknowns, shape (c p, q), component after component."""
+        return np.asarray(np.kron(self.axes, self.layouts[i].r), np.float64)
+
+    def compressed(self, i: int) -> tuple[Array, float, int]:
+        """Return a measurement's rows of unit noise, shape (c p,), the square that the compression leaves, and its degrees of freedom."""
+        layout = self.layouts[i]
+        whitened = layout.whiten @ self.about[i]
+        y = layout.q.T @ whitened
+        left = float(np.sum(whitened**2) - np.sum(y**2))
+        return y.T.ravel(), max(left, 0.0), whitened.size - y.size
+
+    def misfit(self, i: int, column: Array) -> Array:
+        """Return measured minus predicted values of a measurement along the column's components, shape (m, a) [m/s].
+
+        Args:
+            i: Its position.
+            column: shape (q,), the column's unknowns.
+        """
+        by_component = column.reshape(self.axes.shape[1], -1)
+        layout = self.layouts[i]
+        off = self.about[i] - layout.functions @ by_component.T @ self.axes.T
+        return layout.known(off) @ self.axes
+
+    def predicted_variance(self, i: int, covariance: Array) -> Array:
+        """Return the variance of a measurement's values, shape (m, a) [m^2/s^2], for the covariance of the column, shape (q, q)."""
+        functions, n = self.layouts[i].known(self.layouts[i].functions), self.axes.shape[1]
+        blocks = covariance.reshape(n, -1, n, covariance.shape[0] // n)
+        along = np.einsum("ca,akbl,cb->ckl", self.axes, blocks, self.axes)
+        variance = np.einsum("mk,ckl,ml->mc", functions, along, functions)
+        return np.asarray(np.maximum(variance, 0.0) @ self.axes**2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observer:
+    """What makes rows of measurements.
+
+    Attributes:
+        basis: Basis flows.
+        process: The unknowns.
+        representation: shape (Z, N) [m/s], error of what the modes do not hold, at the nodes.
+        dropped: shape (Z, N) [m/s], prior standard deviation of what was dropped of what they do.
+        potential: shape (M, Z), latent values of the part of the mean with divergence; None without one.
+        stated_std: Error of all values [m/s] instead of their own; None for these.
+        extras: Unknowns beside those of the process; None without any.
+    """
+
+    basis: Basis
+    process: Process
+    representation: Array
+    dropped: Array
+    potential: Array | None = None
+    stated_std: float | None = None
+    extras: Extras | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of all unknowns k."""
+        return self.process.size + (0 if self.extras is None else self.extras.size)
+
+    @property
+    def tau(self) -> Array:
+        """Decorrelation time of each unknown, shape (k,) [s]; inf for constants."""
+        return (
+            self.process.tau
+            if self.extras is None
+            else np.append(self.process.tau, self.extras.tau)
+        )
+
+    def error(self, scale: float) -> Array:
+        """Return the error of what the unknowns do not hold, shape (Z, N) [m/s], under a factor on the prior variance."""
+        return np.asarray(np.hypot(self.representation, np.sqrt(scale) * self.dropped))
+
+    def columns(self, groups: Sequence[ScreenedGroup], scale: float = 1.0) -> list[Column]:
+        """Return the columns that groups of measurements see, under a factor on the prior variance; each has a usable value."""
+        error = self.error(scale)
+        at_place = [each for each in groups if each.usable_linear[0].at_one_place]
+        found = iter(self._at_places(at_place, error) if at_place else ())
+        return [
+            next(found) if each.usable_linear[0].at_one_place else self._along_path(each, error)
+            for each in groups
+        ]
+
+    def _at_places(self, groups: Sequence[ScreenedGroup], error: Array) -> list[Column]:
+        basis, grid = self.basis, self.basis.grid
+        middles = np.array([each.middle for each in groups])
+        places = np.column_stack(to_local(grid.projection, *middles.T))
+        times = np.array([mean_time(each.usable_linear) for each in groups], np.int64)
+        offset, modes = (basis.horizontal.velocity(places, v) for v in (basis.offset, basis.modes))
+        if self.potential is not None:
+            offset = offset + gradient(basis.horizontal.velocity(places, self.potential))
+        mean, designs = self.process.project(modes.swapaxes(0, 1), times)
+        known = offset.swapaxes(0, 1) + mean  # (n, 2, Z)
+        errors, out = error[:, nearest_node(grid, places)].T, []
+        for g, group in enumerate(groups):
+            layouts: dict[bytes, Layout] = {}
+            of_each, about, axes = [], [], np.eye(2)
+            for linear, used in zip(group.usable_linear, group.is_used, strict=True):
+                at = np.flatnonzero(used)
+                key = _key(linear, used)
+                if key not in layouts:
+                    layouts[key] = self._layout(linear, at, errors[g])
+                value, axes = local_values(linear, at, grid.projection)
+                levels = linear.at_values(basis.depth_weights(linear.depth))[at]
+                of_each.append(layouts[key])
+                about.append(value - levels @ known[g].T @ axes.T)
+            design = self._with_extras(designs[g], group, int(times[g]))
+            out.append(Column(group, int(times[g]), design, axes, tuple(of_each), tuple(about)))
+        return out
+
+    def _with_extras(self, design: Array, group: ScreenedGroup, time_ns: int) -> Array:
+        """Return the design of a column, shape (q, k), of that of the process, shape (2, K, k')."""
+        if self.extras is not None:
+            relative = relative_velocities(group.usable_linear, group.is_used, self.basis.grid)
+            mean = None if relative is None else relative.mean(axis=0)
+            more, (_, n, size) = self.extras.column(time_ns, mean), design.shape
+            both = np.zeros((2, n + more.shape[1], size + more.shape[2]))
+            both[:, :n, :size], both[:, n:, size:] = design, more
+            design = both
+        return design.reshape(-1, design.shape[2])
+
+    def _layout(self, linear: LinearMeasurement, at: NDArray[np.intp], error: Array) -> Layout:
+        extra = depth_weights(_LINEAR, linear.depth, self.basis.grid.levels) @ error
+        covariance = self._covariance(linear, at, linear.at_values(extra)[at])
+        functions = self.basis.depth_weights(linear.depth) @ self.process.functions.T
+        if self.extras is not None:
+            functions = np.hstack([functions, self.extras.functions(linear.depth)])
+        of_values = linear.at_values(functions)[at]
+        return layout_of(of_values, covariance, linear.reference == "relative")
+
+    def _along_path(self, group: ScreenedGroup, error: Array) -> Column:
+        (linear,), (used,) = group.usable_linear, group.is_used
+        basis, at, grid = self.basis, np.flatnonzero(used), self.basis.grid
+        places = np.column_stack(to_local(grid.projection, linear.longitude, linear.latitude))
+        levels = basis.depth_weights(linear.depth)
+        shares = self.process.shares(_times(linear))
+        weights = np.eye(len(places))[at] if linear.weights is None else linear.weights[at]
+        # (T m, P Z) sums over the points of each value, by share of each forecast time
+        by_time = (shares.T[:, None] * weights).reshape(-1, len(places))
+        by_level = (by_time[:, :, None] * levels).swapaxes(1, 2)  # (T m, Z, P)
+        flat = by_level.reshape(-1, len(places))
+        offset, modes = basis.horizontal.sums(places, flat, basis.offset, basis.modes)
+        n, n_levels = len(at), levels.shape[1]
+        sums = modes.reshape(2, shares.shape[1], n, n_levels, -1)
+        values, axes = local_values(linear, at, grid.projection)
+        if self.potential is not None:
+            (turned,) = basis.horizontal.sums(places, flat, self.potential)
+            offset = offset + gradient(turned)
+        own = np.einsum("ctnzz->cn", offset.reshape(2, shares.shape[1], n, n_levels, n_levels))
+        known, design = zip(
+            *(
+                self.process.project_sums(
+                    np.tensordot(axis, sums, 1), np.any(shares, axis=0).astype(np.float64)
+                )
+                for axis in axes
+            ),
+            strict=True,
+        )
+        extra = (
+            depth_weights(_LINEAR, linear.depth, grid.levels)
+            * error[:, nearest_node(grid, places)].T
+        )
+        covariance = self._covariance(linear, at, weights @ extra.sum(axis=1))
+        about = values - (axes @ own).T - np.array(known).T
+        layout = layout_of(np.eye(n), covariance, linear.reference == "relative")
+        rows = np.concatenate(design)
+        if self.extras is not None:
+            more = axes @ self.extras.sums(weights, linear.depth, _times(linear)).reshape(2, -1)
+            rows = np.hstack([rows, more.reshape(len(rows), -1)])
+        return Column(group, linear.time_ns, rows, np.eye(len(axes)), (layout,), (about,))
+
+    def _covariance(self, linear: LinearMeasurement, at: NDArray[np.intp], extra: Array) -> Array:
+        """Return the error covariance of some values, shape (m, m) [m^2/s^2], with what the unknowns do not hold, shape (m,) [m/s]."""
+        if self.stated_std is not None and linear.at_one_place:
+            return self.stated_std**2 * np.eye(len(at))
+        covariance = linear.covariance(at)
+        covariance[np.diag_indices_from(covariance)] += extra**2
+        return covariance
+
+
+def layout_of(functions: Array, covariance: Array, relative: bool) -> Layout:
+    """Return how values see their column.
+
+    Args:
+        functions: shape (m, K), J.
+        covariance: shape (m, m) [m^2/s^2], N, without the shared error where that is infinite.
+        relative: Whether it is infinite.
+
+    Raises:
+        numpy.linalg.LinAlgError: The covariance is not positive definite.
+    """
+    lower = np.asarray(np.linalg.cholesky(covariance))
+    whiten = np.asarray(scipy.linalg.solve_triangular(lower, np.eye(len(lower)), lower=True))
+    half_log_det, std = float(np.log(np.diag(lower)).sum()), np.sqrt(np.diag(covariance))
+    unwhiten = None
+    if relative:
+        ones = whiten.sum(axis=1)
+        half_log_det += 0.5 * float(np.log(ones @ ones))
+        complement = np.linalg.qr(ones[:, None], mode="complete")[0][:, 1:]
+        whiten, unwhiten = complement.T @ whiten, lower @ complement
+        std = np.sqrt(np.sum(unwhiten**2, axis=1))
+    # functions may depend on each other, as levels' do on the constant: no row may be made of rounding
+    q, size, along = np.linalg.svd(whiten @ functions, full_matrices=False)
+    kept = size > _ROUNDING * size.max(initial=0.0)
+    r = size[kept, None] * along[kept]
+    return Layout(functions, whiten, q[:, kept], r, std, half_log_det, unwhiten)
+
+
+def _key(linear: LinearMeasurement, used: NDArray[np.bool_]) -> bytes:
+    """Return what alike measurements share."""
+    correlation = b"" if linear.correlation is None else linear.correlation.tobytes()
+    numbers = np.array([linear.common_std, linear.correlation_depth])
+    arrays = (linear.depth, linear.error_std, numbers, used)
+    return b"".join([*(each.tobytes() for each in arrays), correlation])
+
+
+def _times(linear: LinearMeasurement) -> NDArray[np.int64]:
+    if linear.point_time_ns is not None:
+        return linear.point_time_ns
+    return np.full(linear.longitude.size, linear.time_ns, np.int64)

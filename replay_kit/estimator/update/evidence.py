@@ -1,0 +1,150 @@
+"""Another prior of some unknowns after the rows, and the evidence for it; no row is needed again.
+
+With x and P the posterior under the prior N(0, 1), the posterior under another prior of some unknowns, part i, is
+
+    of variance 1 / (1 + q):    K = P_.i (diag(1 / q) + P_ii)^-1,    x - K x_i,    P - K P_i.
+    of mean m:                  x + P_.i m,    P
+    of one unknown a whose marginal becomes N(mu, v):    K = P_.a / P_aa,    x + K (mu - x_a),    P + K K' (v - P_aa)
+
+and the evidence of N(m, h) against N(0, 1), in the eigenvectors of P_ii, of eigenvalues p, with q = 1 / h - 1, is the logarithm
+
+    sum [(-q x^2 + 2 x m / h + p m^2 / h^2) / (2 (1 + q p)) - m^2 / (2 h)] - sum log(1 + q p) / 2 - n / 2 log h.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from replay_kit.core.arrays import Array
+
+# Variances of the ensemble mean's amplitude, and their probabilities; before the log its variance is the prior's own.
+AMPLITUDE_VARIANCES = np.array([0.0, 0.03, 0.1, 0.3])
+_AMPLITUDE_WEIGHTS = np.array([0.5, 0.5 / 3, 0.5 / 3, 0.5 / 3])
+# Shares of the sample covariance that kernels about the members keep, each as probable; 1 is the prior itself.
+_KERNELS = np.array([1.0, 0.4, 0.15])
+# Profiles whose likelihood of the kernels counts in full, and number from which on the centre stays.
+_FULL, CENTRED = 6.0, 28
+#: Numbers of profiles after which the scale of the prior is looked at.
+SCALED = (8, 16, 32, 64, 128)
+# Standard deviation of the logarithm of the scale before the log, and the scales that are tried.
+_DOUBT, _SCALES = np.log(2.0), np.geomspace(0.05, 20.0, 61)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marginal:
+    """The posterior of some unknowns in the eigenvectors of its covariance.
+
+    Attributes:
+        values: shape (n,), eigenvalues p.
+        vectors: shape (n, n).
+        x: shape (n,), mean.
+    """
+
+    values: Array
+    vectors: Array
+    x: Array
+
+    @staticmethod
+    def of(x: Array, p: Array) -> "Marginal":
+        """Return it of a mean, shape (n,), and a covariance, shape (n, n)."""
+        values, vectors = np.linalg.eigh(p)
+        return Marginal(np.maximum(values, 1e-12), vectors, vectors.T @ x)
+
+    def evidence(self, variance: Array, means: Array) -> Array:
+        """Return the evidence of other priors, shape (v, m); see the module.
+
+        Args:
+            variance: shape (v,), h.
+            means: shape (m, n).
+        """
+        q, m = (1.0 / variance - 1.0)[:, None, None], means @ self.vectors
+        h, x, p = variance[:, None, None], self.x, self.values
+        top = (-q * x**2 + 2.0 * x * m / h + p * m**2 / h**2) / (2.0 * (1.0 + q * p)) - m**2 / (
+            2 * h
+        )
+        fixed = 0.5 * np.log1p(q * p).sum(axis=2) + 0.5 * len(x) * np.log(variance)[:, None]
+        return np.asarray(top.sum(axis=2) - fixed)
+
+
+def fitted_scale(marginal: Marginal, expected: float) -> float:
+    """Return the most probable scale of the prior's covariance, under a log-normal prior about an expected one."""
+    nothing = np.zeros((1, len(marginal.x)))
+    found = marginal.evidence(_SCALES, nothing)[:, 0]
+    found = found - 0.5 * (np.log(_SCALES / expected) / _DOUBT) ** 2
+    best = int(np.argmax(found))
+    if not 0 < best < _SCALES.size - 1:
+        return float(_SCALES[best])
+    near = slice(best - 1, best + 2)
+    curve = np.polyfit(np.log(_SCALES[near]), found[near], 2)
+    return float(np.exp(-curve[1] / (2.0 * curve[0])))
+
+
+def member_centre(marginal: Marginal, anomaly: float, members: int, profiles: int) -> Array:
+    """Return the prior mean of the sample's unknowns as the members' kernels move it, shape (n,).
+
+    The current is near one of the members more than the Gaussian of all says: with x_i the unknowns of member i's anomaly, a component of
+    share h has the mean sqrt(1 - h) x_i and the variance h. Each has the weight of its evidence to the power min(1, 6 / n) after n
+    profiles, as members are few and profiles many.
+
+    Args:
+        marginal: Of the sample's unknowns.
+        anomaly: Value of a member's own unknown in its anomaly; those of the others are 0.
+        members: Their number E; the first unknowns are theirs.
+        profiles: Number assimilated n.
+    """
+    unit = np.zeros((members, len(marginal.x)))
+    unit[np.arange(members), np.arange(members)] = anomaly
+    toward, power = np.sqrt(1.0 - _KERNELS), min(1.0, _FULL / profiles)
+    logs = np.concatenate(
+        [
+            marginal.evidence(np.array([h]), near * unit)
+            for h, near in zip(_KERNELS, toward, strict=True)
+        ]
+    )
+    weights = np.exp(power * logs - logsumexp(power * logs))
+    return np.asarray(toward @ weights @ unit)
+
+
+def amplitude_mixture(mean: float, variance: float, prior_variance: float) -> tuple[float, float]:
+    """Return mean and variance of the deviation of the ensemble mean's amplitude, averaged over its prior variances.
+
+    Args:
+        mean: Posterior mean of the deviation under ``prior_variance``.
+        variance: Its posterior variance.
+        prior_variance: Of the deviation, under which both were found.
+    """
+    information = max(1.0 / variance - 1.0 / prior_variance, 1e-9)
+    score = mean / variance
+    left = AMPLITUDE_VARIANCES / (1.0 + AMPLITUDE_VARIANCES * information)
+    logs = -0.5 * np.log1p(AMPLITUDE_VARIANCES * information) + 0.5 * left * score**2
+    logs = logs + np.log(_AMPLITUDE_WEIGHTS)
+    weights = np.exp(logs - logsumexp(logs))
+    middle = float(weights @ (left * score))
+    spread = float(weights @ (left + (left * score - middle) ** 2))
+    return middle, min(spread, float(left[-1]))
+
+
+def with_variance(
+    x: Array, p: Array, part: slice, before: float, after: float
+) -> tuple[Array, Array]:
+    """Return mean and covariance had some unknowns had another prior variance ``after``, instead of ``before``."""
+    if before == after:
+        return x, p
+    cross = p[part]
+    solved = np.linalg.solve(
+        np.eye(len(cross)) / (1.0 / after - 1.0 / before) + cross[:, part], cross
+    ).T
+    changed = p - solved @ cross
+    return x - solved @ x[part], 0.5 * (changed + changed.T)
+
+
+def with_mean(x: Array, p: Array, part: slice, mean: Array) -> Array:
+    """Return the mean had some unknowns had another prior mean."""
+    return np.asarray(x + p[:, part] @ mean)
+
+
+def with_marginal(x: Array, p: Array, at: int, mean: float, variance: float) -> tuple[Array, Array]:
+    """Return mean and covariance with another marginal of one unknown: what a mixture over its prior leaves."""
+    gain = p[:, at] / p[at, at]
+    return x + gain * (mean - x[at]), p + np.outer(gain, gain) * (variance - p[at, at])
