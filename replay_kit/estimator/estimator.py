@@ -23,7 +23,7 @@ from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.interface import Estimator, Stepped
 from replay_kit.estimator.prior.biases import bias_remarks
-from replay_kit.estimator.prior.calibration import calibration
+from replay_kit.estimator.prior.calibration import calibration, fitted_kernels
 from replay_kit.estimator.prior.factor import Parts
 from replay_kit.estimator.prior.fit import Members
 from replay_kit.estimator.prior.hybrid import PriorSettings
@@ -83,6 +83,11 @@ class Evidence:
     def expected(self) -> float:
         """The factor on variances that members left out show."""
         return calibration(self.members, self.settings, self.bound)
+
+    @cached_property
+    def kernels(self) -> Array:
+        """The probabilities of the kernels about members that members left out show, shape (H,)."""
+        return fitted_kernels(self.members, self.settings, self.bound)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,7 +214,9 @@ class ReducedBasisEstimator(Estimator[State]):
             late = state.time_ns is not None and first < state.time_ns - _LATE_NS
             groups.append(screen_group(events, state.last, self.grid, late))
             if groups[-1].used.size:
-                state = replace(state, last=groups[-1].usable_linear[-1])
+                last, seen = groups[-1].usable_linear[-1], groups[-1].measured(self.grid.levels)
+                before = False if state.measured is None else state.measured
+                state = replace(state, last=last, measured=seen | before)
         return state, groups
 
     def _together(
@@ -347,6 +354,7 @@ class ReducedBasisEstimator(Estimator[State]):
             observer.error(state.scale),
             scale,
             self._oscillation(state),
+            None if self.observer.stated_std is not None else state.measured,
         )
         at = self._time(state)
         return FlowEstimate(
@@ -418,7 +426,9 @@ class ReducedBasisEstimator(Estimator[State]):
             return np.zeros(parts.sample.stop - parts.sample.start)
         x, p = self._averaged(state.x, state.covariance)
         marginal = Marginal.of(x[parts.sample], p[parts.sample, parts.sample])
-        return member_centre(marginal, parts.anomaly, parts.members, state.profiles)
+        return member_centre(
+            marginal, parts.anomaly, parts.members, state.profiles, self.evidence.kernels
+        )
 
 
 def _moved(column: Column, time_ns: int, tau: Array) -> Column:

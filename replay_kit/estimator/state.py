@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dsymm, dsyrk
 
@@ -44,6 +45,7 @@ class State:
         profiles: Number of profiles and means assimilated.
         centre: shape (F,), prior mean of the members' unknowns once it no longer changes; None until then.
         last: The last measurement with a usable value; an equal one that follows is a duplicate.
+        measured: shape (Z,), levels among those whose depths were measured; None before any.
         doubt: What speaks against the prior's variance; None where nothing is kept of that.
         scale: Factor on the prior variance of members and local directions, as the first measurements showed it.
     """
@@ -55,6 +57,7 @@ class State:
     profiles: int = 0
     centre: Array | None = None
     last: LinearMeasurement | None = None
+    measured: NDArray[np.bool_] | None = None
     doubt: "Doubt | None" = None
     scale: float = 1.0
 

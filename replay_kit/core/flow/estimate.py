@@ -10,6 +10,11 @@ w = m + x L of modes (``process.py``), and the error of what these do not hold: 
 
     std^2 = s (D P D' + error^2).
 
+At levels where nothing was measured it is at least the error of a regression on those where something was, with the prior's covariance of
+levels C: the members' patterns fix the vertical structure more surely than a few tens of members can know it.
+
+    least^2 = s (C_zz - C_zm (C_mm + std_m^2)^-1 C_mz).
+
 Estimates, truths and ensemble members are all this one value.
 """
 
@@ -61,6 +66,7 @@ class Unknowns:
         error: shape (Z, N) [m/s], of what they do not hold, at the nodes.
         scaled: Factor on all variances, or what returns it once it is asked for.
         oscillation: Known beside the flow; None where nothing oscillates.
+        measured: shape (Z,), levels among those whose depths were measured; None where that counts for nothing.
     """
 
     process: Process
@@ -71,6 +77,7 @@ class Unknowns:
     error: Array
     scaled: float | Callable[[], float] = 1.0
     oscillation: Oscillation | None = None
+    measured: NDArray[np.bool_] | None = None
 
     @cached_property
     def scale(self) -> float:
@@ -97,7 +104,17 @@ class Unknowns:
 
     def __reduce__(self) -> tuple[type[Unknowns], tuple[object, ...]]:
         """Pickle the factor, not what returns it."""
-        names = ("process", "offset", "x", "p", "time_ns", "error", "scale", "oscillation")
+        names = (
+            "process",
+            "offset",
+            "x",
+            "p",
+            "time_ns",
+            "error",
+            "scale",
+            "oscillation",
+            "measured",
+        )
         return type(self), tuple(getattr(self, name) for name in names)
 
     def latent(self, modes: Array, time_ns: int) -> Array:
@@ -270,7 +287,7 @@ class FlowEstimate:
         Raises:
             EstimatorError: The flow carries no uncertainty.
         """
-        unknowns = self._uncertain("standard_error")
+        self._uncertain("standard_error")
         points, depths, shape = _flatten(east, north, depth)
         variance = np.empty((depths.size, 2))
         for places, part, at in _by_place(points):
@@ -278,8 +295,8 @@ class FlowEstimate:
             own = self._in_functions(depths[part])
             of_flow = np.einsum("pk,cpkl,pl->pc", own, covariance[:, at], own, optimize=True)
             levels = depth_weights(_LINEAR, depths[part], self.levels)
-            error = np.einsum("pz,pz->p", levels, self._error(places)[at])
-            variance[part] = of_flow + unknowns.scale * error[:, None] ** 2
+            beside = self._beside(places, covariance)[:, at]
+            variance[part] = of_flow + np.einsum("pz,cpz->pc", levels, beside) ** 2
         variance[~self._known(points, depths)] = np.nan
         return np.sqrt(np.maximum(variance, 0.0)).reshape(*shape, 2)
 
@@ -302,11 +319,10 @@ class FlowEstimate:
             here = self._true(places[part], self.by_level(places[part]), true_axes)
             velocity[..., part] = by_depth @ here.swapaxes(1, 2)
             if variance is not None:
-                assert self.unknowns is not None
                 covariance = self._of_functions(places[part], true_axes)
                 of_flow = np.einsum("dk,cpkl,dl->cdp", own, covariance, own, optimize=True)
-                error = levels @ self._error(places[part]).T
-                variance[..., part] = of_flow + self.unknowns.scale * error**2
+                beside = self._beside(places[part], covariance)
+                variance[..., part] = of_flow + (levels @ beside.swapaxes(1, 2)) ** 2
         return velocity, variance
 
     def velocity_covariance(
@@ -403,10 +419,38 @@ class FlowEstimate:
             return weights[:, :0]
         return np.asarray(weights @ self.unknowns.process.functions.T)
 
-    def _error(self, places: Array) -> Array:
-        """Return the error of what the unknowns do not hold at places, that of the nearest node, shape (P, Z) [m/s]."""
-        assert self.unknowns is not None
-        return self.unknowns.error[:, nearest_node(self.grid, places)].T
+    def _beside(self, places: Array, covariance: Array) -> Array:
+        """Return the error beside that of the unknowns at the levels over places, shape (2, P, Z) [m/s].
+
+        Args:
+            places: shape (P, 2) [m].
+            covariance: Of the vertical functions there, as of ``_of_functions``.
+        """
+        unknowns = self._uncertain("standard_error")
+        # of what the unknowns do not hold, that of the nearest node
+        nearest = nearest_node(self.grid, places)
+        error = np.sqrt(unknowns.scale) * unknowns.error[:, nearest].T
+        beside = np.repeat(error[None] ** 2, 2, axis=0)
+        seen = unknowns.measured
+        if seen is not None and not seen.all():
+            own = unknowns.process.functions
+            variance = np.einsum("kz,cpkl,lz->cpz", own, covariance, own, optimize=True) + beside
+            between = unknowns.scale * self._between_levels
+            stated = between[np.ix_(seen, seen)] + variance[..., seen, None] * np.eye(seen.sum())
+            rows = between[np.ix_(seen, ~seen)]
+            explained = np.sum(rows * np.linalg.solve(stated, rows), axis=-2)
+            least = np.diag(between)[~seen] - explained
+            beside[..., ~seen] += np.maximum(least - variance[..., ~seen], 0.0)
+        return np.sqrt(beside)
+
+    @cached_property
+    def _between_levels(self) -> Array:
+        """Covariance of a component between the levels under the prior at the flow's time, mean over the nodes, shape (Z, Z)."""
+        process = self._uncertain("standard_error").process
+        modes = self.horizontal.velocity(self.nodes, self.modes).reshape(-1, self.n_modes)
+        gram, loading = modes.T @ modes / len(modes), process.loading(self.time_ns or 0)
+        of_functions = np.einsum("kar,rs,kbs->ab", loading, gram, loading, optimize=True)
+        return np.asarray(process.functions.T @ of_functions @ process.functions)
 
     def _true(self, places: Array, rows: Array, true_axes: bool) -> Array:
         """Return components, shape (2, P, n), at places, shape (P, 2), towards true east and north where that is asked for."""

@@ -132,6 +132,12 @@ FIELDS = (
         "m/s, what the unknowns do not hold",
         _part("unknowns", "error"),
     ),
+    Field(
+        "measured",
+        ("level",),
+        "1 for levels among those whose depths were measured",
+        lambda flow: _measured(flow),
+    ),
     Field("mean", ("forecast", "level", "mode"), "mean of the weights", _part(_PROCESS, "mean")),
     Field(
         "moving",
@@ -439,6 +445,7 @@ def _unknowns(
         values["error"],
         float(attrs["scale"]),
         oscillation,
+        values["measured"].astype(bool) if "measured" in values else None,
     )
 
 
@@ -465,6 +472,11 @@ def _horizontal(attrs: Mapping[str, Any], values: Mapping[str, Array]) -> Horizo
 def _node(flow: FlowEstimate, axis: int) -> Array | None:
     """Return a coordinate of the nodes of a kernel, all east then all north; None of a lattice."""
     return flow.horizontal.nodes[:, axis] if isinstance(flow.horizontal, NodeKernel) else None
+
+
+def _measured(flow: FlowEstimate) -> Array | None:
+    known = None if flow.unknowns is None else flow.unknowns.measured
+    return None if known is None else known.astype(np.int8)
 
 
 def _half(flow: FlowEstimate) -> Array | None:

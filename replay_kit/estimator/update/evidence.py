@@ -21,8 +21,8 @@ from replay_kit.core.arrays import Array
 # Variances of the ensemble mean's amplitude, and their probabilities; before the log its variance is the prior's own.
 AMPLITUDE_VARIANCES = np.array([0.0, 0.03, 0.1, 0.3])
 _AMPLITUDE_WEIGHTS = np.array([0.5, 0.5 / 3, 0.5 / 3, 0.5 / 3])
-# Shares of the sample covariance that kernels about the members keep, each as probable; 1 is the prior itself.
-_KERNELS = np.array([1.0, 0.4, 0.15])
+#: Shares of the sample covariance that kernels about the members keep; 1 is the prior itself.
+KERNELS = np.array([1.0, 0.4, 0.15])
 # Profiles whose likelihood of the kernels counts in full, and number from which on the centre stays.
 _FULL, CENTRED = 6.0, 28
 #: Numbers of profiles after which the scale of the prior is looked at.
@@ -80,7 +80,9 @@ def fitted_scale(marginal: Marginal, expected: float) -> float:
     return float(np.exp(-curve[1] / (2.0 * curve[0])))
 
 
-def member_centre(marginal: Marginal, anomaly: float, members: int, profiles: int) -> Array:
+def member_centre(
+    marginal: Marginal, anomaly: float, members: int, profiles: int, probability: Array
+) -> Array:
     """Return the prior mean of the sample's unknowns as the members' kernels move it, shape (n,).
 
     The current is near one of the members more than the Gaussian of all says: with x_i the unknowns of member i's anomaly, a component of
@@ -92,17 +94,19 @@ def member_centre(marginal: Marginal, anomaly: float, members: int, profiles: in
         anomaly: Value of a member's own unknown in its anomaly; those of the others are 0.
         members: Their number E; the first unknowns are theirs.
         profiles: Number assimilated n.
+        probability: shape (H,), of the kernels.
     """
     unit = np.zeros((members, len(marginal.x)))
     unit[np.arange(members), np.arange(members)] = anomaly
-    toward, power = np.sqrt(1.0 - _KERNELS), min(1.0, _FULL / profiles)
+    toward, power = np.sqrt(1.0 - KERNELS), min(1.0, _FULL / profiles)
     logs = np.concatenate(
         [
             marginal.evidence(np.array([h]), near * unit)
-            for h, near in zip(_KERNELS, toward, strict=True)
+            for h, near in zip(KERNELS, toward, strict=True)
         ]
     )
-    weights = np.exp(power * logs - logsumexp(power * logs))
+    logs = power * logs + np.log(probability)[:, None]
+    weights = np.exp(logs - logsumexp(logs))
     return np.asarray(toward @ weights @ unit)
 
 

@@ -111,6 +111,13 @@ class ScreenedGroup:
         longitude, latitude = _places(self.usable_linear)
         return mean_longitude(longitude), float(latitude.mean())
 
+    def measured(self, levels: Array) -> NDArray[np.bool_]:
+        """Return the levels nearest to the values that are used, and those between them, shape (Z,); ``levels`` alike [m]."""
+        depth = np.array([each.value_depth for each in self.usable_linear])[self.is_used]
+        first, last = (np.abs(levels - end).argmin() for end in (depth.min(), depth.max()))
+        at = np.arange(levels.size)
+        return np.asarray((at >= first) & (at <= last))
+
     def following(self, last: LinearMeasurement | None) -> "ScreenedGroup":
         """Return the same of one measurement after another, which it may repeat."""
         if not is_duplicate(last, self.linear[0]):

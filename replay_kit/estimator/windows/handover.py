@@ -90,7 +90,9 @@ def hand_over(
 
 def _begun(state: State, before: ReducedBasisEstimator, after: ReducedBasisEstimator) -> State:
     """Return the next window's state before the information of another: under the prior of the same members, as the log showed it."""
-    begun = replace(after.initial(), time_ns=state.time_ns, last=state.last)
+    begun = replace(
+        after.initial(), time_ns=state.time_ns, last=state.last, measured=state.measured
+    )
     if before.evidence is None or after.evidence is None:
         return begun
     if state.doubt is None:
