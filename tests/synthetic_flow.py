@@ -60,7 +60,9 @@ def with_weights(flow: FlowEstimate, modes: Array, covariance: Array) -> FlowEst
         np.full(size, np.inf),
     )
     nothing, covariance = np.zeros((levels, len(flow.nodes))), 0.5 * (covariance + covariance.T)
-    unknowns = Unknowns(process, flow.latent, np.zeros(size), covariance, flow.time_ns, nothing)
+    x = np.linspace(-1.0, 1.0, size)
+    offset = flow.latent - modes @ x.reshape(levels, r).T
+    unknowns = Unknowns(process, offset, x, covariance, flow.time_ns, nothing)
     return replace(flow, modes=modes, unknowns=unknowns)
 
 
@@ -68,6 +70,24 @@ def constant(flow: FlowEstimate, time_ns: int) -> FlowEstimate:
     """Return a flow without uncertainty that holds at any time, given for one [ns, UTC]."""
     at = replace(flow, time_ns=time_ns)
     return with_weights(at, flow.modes[:, :0], np.empty((0, 0)))
+
+
+def growing(flow: FlowEstimate, factors: Array, step: float) -> FlowEstimate:
+    """Return a flow without uncertainty that is multiplied by a factor a step [s] from its time on, and between them by their line."""
+    start, levels = flow.time_ns or 0, flow.levels.size
+    process = Process(
+        start + (np.arange(factors.size) * step * 1e9).astype(np.int64),
+        factors[:, None, None] * np.eye(levels),
+        np.empty((factors.size, 0, levels, levels)),
+        np.empty((0, levels, levels)),
+        np.ones(factors.size),
+        np.eye(levels),
+        np.empty(0),
+    )
+    nothing = np.zeros((levels, len(flow.nodes)))
+    empty, offset = np.empty((0, 0)), np.zeros_like(flow.latent)
+    unknowns = Unknowns(process, offset, np.empty(0), empty, start, nothing)
+    return replace(flow, modes=flow.latent, unknowns=unknowns).moved(start)
 
 
 def regular(flow: FlowEstimate) -> FlowEstimate:

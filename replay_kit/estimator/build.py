@@ -97,7 +97,7 @@ def build(
         None if gating is None or gating.gate == "off" else gating.gate_probability,
         forecasts[0].time_ns,
         grouping,
-        (str(settings), *([] if time is None else [f"through time: {process}"])),
+        (f"prior: {settings}", *([] if time is None else [f"through time: {process}"])),
     )
 
 

@@ -441,7 +441,7 @@ class FlowEstimate:
             explained = np.sum(rows * np.linalg.solve(stated, rows), axis=-2)
             least = np.diag(between)[~seen] - explained
             beside[..., ~seen] += np.maximum(least - variance[..., ~seen], 0.0)
-        return np.sqrt(beside)
+        return np.asarray(np.sqrt(beside))
 
     @cached_property
     def _between_levels(self) -> Array:

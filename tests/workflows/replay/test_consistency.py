@@ -313,7 +313,7 @@ def test_a_contradiction_ends_with_six_and_is_in_the_answer(ocean, tmp_path):
     )
     lines = done.stdout.splitlines()
     assert lines[0] == "Verdict: do not use: two sources of the current contradict each other"
-    assert lines[1].startswith("Basis: 60 of 66 observations used; 1 contradiction: two sources")
+    assert lines[1].startswith("Basis: 57 of 66 observations used; 1 contradiction: two sources")
     assert any(
         line.startswith("CONTRADICTION: two sources of the current contradict each other (since ")
         for line in lines
@@ -363,9 +363,14 @@ def test_a_warning_alone_ends_with_zero(ocean):
 
 
 def in_other_water(messages, seed):
-    """Yield messages with pings in water that no forecast has: at each the whole profile is pushed by some 0.3 m/s of its own."""
+    """Yield messages with pings in water that no forecast has: at each the whole profile is pushed by some 0.3 m/s of its own.
+
+    Mean currents, which would contradict these, are left out.
+    """
     rng = np.random.default_rng(seed)
     for message in messages:
+        if message.topic == "/dac":
+            continue
         if message.schema == "replay_kit.AdcpPing":
             push = rng.normal(0.0, 0.3, 2)
             pairs = (zip(cell, (*push, 0.0), strict=True) for cell in message.payload["velocity"])
@@ -393,7 +398,7 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
         code,
     )
     beyond, total = (int(word) for word in finding.evidence.split() if word.isdigit())
-    assert (total, beyond > 40) == (60, True)
+    assert (total, beyond > 40) == (54, True)
     assert (
         outcome_of(summary).verdict[1]
         == f"the log does not contradict itself, but {name}: {finding.evidence}"

@@ -70,6 +70,6 @@ def test_the_density_is_that_of_the_filter_one_by_one():
     estimator, means = build([SKILLED], CONFIG), dives()
     state, log = estimator.initial(), 0.0
     for mean in means:
-        state, innovation = estimator.step(state, mean)
-        log += innovation.log_likelihood
+        state, (done,) = estimator.assimilate(state, [mean])
+        log += done.innovation.log_likelihood
     assert _density(*_under_prior(estimator, means))[0] == pytest.approx(log, rel=1e-6)

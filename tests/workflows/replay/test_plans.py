@@ -14,7 +14,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place
-from replay_kit.estimator import Estimator
+from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import unused_innovation
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stages.planner import MadePlans, PlanQuery, PlanResult
@@ -34,9 +34,9 @@ class Still(Estimator):
     def initial(self):
         return ()
 
-    def steps(self, state, measurements):
-        for _ in measurements:
-            yield state, unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons)
+    def assimilate(self, state, block):
+        unused = unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons)
+        return state, [Stepped(each, state, state, unused) for each in block]
 
     def innovation(self, state, measurement):
         return np.zeros((1, 2))
