@@ -23,6 +23,12 @@ class GatingConfig(Section):
         description="Probability that a profile with sound errors exceeds the gate.",
     )
 
+    @field_validator("gate", mode="before")
+    @classmethod
+    def _no_earlier_gate(cls, gate: object) -> object:
+        refuse_value("gating.gate", gate)
+        return gate
+
 
 class ConsistencyConfig(Section):
     """``[consistency]``: the checks of sensors and labels during a replay."""

@@ -108,7 +108,6 @@ def _accepted(group: ScreenedGroup, update: Update, accepted: NDArray[np.intp]) 
         estimated_std=_estimated_std(group, update, update.covariance_after),
         profiles=len(at),
         totals=GroupTotals(
-            0,
             dof // 2,
             float(np.nansum(before**2)),
             float(np.nansum(after**2)),

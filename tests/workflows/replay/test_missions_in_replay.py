@@ -40,9 +40,9 @@ from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.verify import verify
 from tests import synthetic
-from tests.synthetic_flow import constant, growing
 from tests.command import invoke, succeed
 from tests.results import result_samples
+from tests.synthetic_flow import constant, growing
 from tests.workflows.replay.interrupted import Killed, job_in, make_ocean, run_until
 
 PLANNER = PlannerConfig(

@@ -295,12 +295,8 @@ def _undetermined(state: MonitoringState) -> str:
 
 def _of_forecast(counts: ProfileCounts, moved: bool) -> tuple[Finding, ...]:
     """Return how the measurements contradict the forecast, if they do: it does not fit where two thirds of them exceed the gate."""
-    beyond, total = counts.gated + counts.softened, counts.total.profiles + counts.gated
+    beyond, total = counts.gated, counts.total.profiles + counts.gated
     evidence = f"{beyond} of {total} observations exceeded the gate"
     if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
         return (findings.forecast_misfit(evidence, moved),)
-    if 2 * beyond <= total:
-        if not counts.inflations:
-            return ()
-        evidence = f"most profiles exceeded the expected innovation {len(counts.inflations)} times"
-    return (findings.ensemble_contradicts(evidence),)
+    return (findings.ensemble_contradicts(evidence),) if 2 * beyond > total else ()
