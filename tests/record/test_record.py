@@ -92,8 +92,13 @@ def test_the_table_says_how_many_answers_differ():
 
 
 @pytest.mark.parametrize("name", [*opened.ESTIMATES, *opened.RESULTS])
-def test_files_of_0_3_are_read(name):
-    assert record.difference("files", opened.answers([name])) == []
+def test_files_of_0_3_are_read_but_for_estimates_with_a_covariance_which_are_refused(name):
+    found, refused = opened.answers([name]), "missions_flow.nc" != name
+    differences = record.difference("files", found)
+    assert [each.today for each in differences] == (
+        [found[name] if name in opened.ESTIMATES else found[name]["estimates"]] if refused else []
+    )
+    assert all("export it with 0.3" in each.today for each in differences)
 
 
 def test_settings_of_0_3_are_read_without_what_is_gone_which_is_refused_by_name(tmp_path):
@@ -109,7 +114,7 @@ def test_settings_of_0_3_are_read_without_what_is_gone_which_is_refused_by_name(
             lines = [line for line in lines if not re.search(rf'^{gone[-1]} =|"{gone[-1]}"', line)]
     assert settings.gating.gate == "reject"
     assert {"drift", "join_within", "steady", "then", "policy", "soften", "inflate"} <= set(gone)
-    assert len(gone) == 16
+    assert len(gone) == 14
 
 
 def test_samples_are_measured_as_before():
@@ -118,15 +123,15 @@ def test_samples_are_measured_as_before():
     assert record.difference("measured", measured.answers(names)) == []
 
 
-def test_the_sample_is_estimated_as_well():
-    sea = pings.SEAS["sample"]
-    assert record.difference("accuracy", {"sample": pings.scores(sea, (5, 25), (0,))}) == []
-
-
-@needs(DATA)
-def test_a_sea_is_estimated_as_well():
-    sea = pings.SEAS["natl_nemo"]
-    assert record.difference("accuracy", {"natl_nemo": pings.scores(sea, (5, 25), (0,))}) == []
+@pytest.mark.parametrize("name", ["sample", pytest.param("natl_nemo", marks=needs(DATA))])
+def test_a_sea_is_estimated_as_well(name):
+    today = {name: pings.scores(pings.SEAS[name], (5, 25), (0,))}
+    for one in record.difference("accuracy", today):
+        # errors where nothing was measured are stated larger than in 0.3, whose intervals held too little there
+        if "coverage_90" in one.at or "coverage_by_level" in one.at:
+            assert one.kept < one.today < 0.96
+        else:
+            assert one.today < one.kept
 
 
 @pytest.mark.parametrize(("name", "number"), _QUICK.items())

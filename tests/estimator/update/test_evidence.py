@@ -68,15 +68,16 @@ def test_the_scale_is_the_likeliest_under_a_log_normal_prior(expected):
 
 @pytest.mark.parametrize("profiles_so_far", [3, 20])
 def test_the_centre_is_the_mean_of_kernels_about_the_members(profiles_so_far):
-    logs, shifts = [], []
-    for h in (1.0, 0.4, 0.15):
+    logs, shifts, probability = [], [], np.array([0.5, 0.2, 0.3])
+    for h, share in zip((1.0, 0.4, 0.15), probability, strict=True):
         for member in range(3):
             shift = np.sqrt(1.0 - h) * 1.7 * np.eye(5)[member]
-            logs.append(min(1.0, 6.0 / profiles_so_far) * conditioned(h, shift)[2])
+            power = min(1.0, 6.0 / profiles_so_far)
+            logs.append(np.log(share) + power * conditioned(h, shift)[2])
             shifts.append(shift)
     weights = np.exp(logs - np.max(logs))
     expected = weights @ np.array(shifts) / weights.sum()
-    found = member_centre(MARGINAL, 1.7, 3, profiles_so_far)
+    found = member_centre(MARGINAL, 1.7, 3, profiles_so_far, probability)
     np.testing.assert_allclose(found, expected, atol=1e-10)
 
 
