@@ -93,7 +93,7 @@ def test_the_table_says_how_many_answers_differ():
 
 @pytest.mark.parametrize("name", [*opened.ESTIMATES, *opened.RESULTS])
 def test_files_of_0_3_are_read_but_for_estimates_with_a_covariance_which_are_refused(name):
-    found, refused = opened.answers([name]), "missions_flow.nc" != name
+    found, refused = opened.answers([name]), name != "missions_flow.nc"
     differences = record.difference("files", found)
     assert [each.today for each in differences] == (
         [found[name] if name in opened.ESTIMATES else found[name]["estimates"]] if refused else []

@@ -10,7 +10,7 @@ from replay_kit.core.errors import EstimatorError
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from tests.core.flow.made import HOUR, changing
 from tests.reference.dense import Twin
-from tests.synthetic_flow import TIME_NS
+from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 PLACES = np.array([[1e3, 2e3], [-4e3, 0.0], [1e3, 2e3], [9e3, 7e3]])
 DEPTHS = np.array([5.0, 60.0, 180.0, 25.0])
@@ -157,3 +157,31 @@ def test_outside_and_below_nothing_is_known_and_a_flow_alone_has_no_error(flow):
             ask(0.0, 0.0, 5.0)
     with pytest.raises(EstimatorError, match="has no model of time"):
         without.at(TIME_NS)
+
+
+def test_where_nothing_was_measured_the_error_is_that_of_a_regression_at_least():
+    flow = synthetic_flow(n_modes=2)
+    known = flow.unknowns
+    assert known is not None
+    # levels that vary together in the prior, known alike after it
+    mixing = np.linalg.cholesky(np.array([[1.0, 0.9, 0.5], [0.9, 1.0, 0.7], [0.5, 0.7, 1.0]]))
+    unit = np.kron(mixing.T, np.eye(2)).reshape(1, 6, 3, 2)
+    process = replace(known.process, moving=unit)
+    small = replace(known, process=process, p=1e-3 * np.eye(6), scaled=1.5)
+    place = flow.nodes[4]
+
+    def errors(measured):
+        seen = None if measured is None else np.array(measured)
+        held = replace(flow, unknowns=replace(small, measured=seen))
+        return held.standard_error(*place, flow.levels)
+
+    plain = errors(None)
+    np.testing.assert_array_equal(errors([True, True, True]), plain)
+    found = errors([False, True, True])
+    np.testing.assert_allclose(found[1:], plain[1:])
+    modes = flow.horizontal.velocity(flow.nodes, flow.modes).reshape(-1, 2)
+    c = 1.5 * (mixing @ mixing.T) * np.mean(np.sum(modes**2, axis=1))
+    for k in range(2):
+        gain = c[0, 1:] @ np.linalg.inv(c[1:, 1:] + np.diag(plain[1:, k] ** 2))
+        assert found[0, k] == pytest.approx(np.sqrt(c[0, 0] - gain @ c[1:, 0]))
+        assert found[0, k] > 2.0 * plain[0, k]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from replay_kit.estimator.prior.calibration import alike, calibration
+from replay_kit.estimator.prior.calibration import alike, calibration, fitted_kernels
 from replay_kit.estimator.prior.fit import Members
 from replay_kit.estimator.prior.hybrid import PriorSettings
 
@@ -40,6 +40,17 @@ def test_it_is_one_or_more_and_larger_for_members_in_families():
     alone, families = (calibration(members_of(*of), SETTINGS, 1e-3) for of in ((20, 1), (4, 5)))
     assert 1.0 <= alone < 1.5
     assert families > 1.5 * alone
+
+
+def test_members_in_families_put_more_on_narrow_kernels_than_members_alone():
+    alone, families = (fitted_kernels(members_of(*of), SETTINGS, 1e-3) for of in ((20, 1), (4, 5)))
+    for probability in (alone, families):
+        assert probability.sum() == pytest.approx(1.0)
+        assert (probability > 0.0).all()
+    assert alone[0] > 0.5 > families[0]
+    np.testing.assert_array_equal(
+        fitted_kernels(members_of(3, 1), SETTINGS, 1e-3), [0.5, 0.25, 0.25]
+    )
 
 
 @pytest.mark.parametrize("count", [2, 3])
