@@ -246,7 +246,8 @@ def _write(
                 _write_weights(writer, estimator, state, event.time_ns, prior.levels)
         if forward.as_flown is not None:
             writer.write_metadata(AS_FLOWN, forward.as_flown.to_record())
-        writer.finish(flow_at(estimator, states[-1], published[-1]))
+        flow = flow_at(estimator, states[-1], published[-1])
+        writer.finish(replace(flow, span_ns=(min(times), max(times))))
     except BaseException:
         writer.abandon()
         raise

@@ -57,6 +57,7 @@ def to_dataset(
     longitude: ArrayLike | None = None,
     latitude: ArrayLike | None = None,
     depth: ArrayLike | None = None,
+    asked_ns: int | None = None,
 ) -> xr.Dataset:
     """Return velocity and standard error towards true east and north as a CF dataset, NaN where dry and below the last level.
 
@@ -67,6 +68,7 @@ def to_dataset(
         longitude: shape (I,) [degrees east] of a product grid; None, with the other two, for the flow's own grid and levels.
         latitude: shape (J,) [degrees north].
         depth: shape (D,) [m], positive down.
+        asked_ns: What ``time`` says [ns, UTC], beside ``estimate_time``, the flow's own; None for that alone.
 
     Returns:
         Dataset with ``u``, ``v`` and, when the flow has an uncertainty, ``u_standard_error``, ``v_standard_error``, on dimensions
@@ -83,7 +85,7 @@ def to_dataset(
         if longitude is None
         else wet_at(flow.grid, east, north, levels[:, None, None])
     )
-    dims, coords = _coordinates(flow, lon, lat, levels)
+    dims, coords = _coordinates(flow, lon, lat, levels, asked_ns)
     dataset = xr.Dataset(coords=coords)
     for component, name in enumerate(_COMPONENTS):
         ancillary = {}
@@ -166,14 +168,17 @@ def _target(
 
 
 def _coordinates(
-    flow: FlowEstimate, lon: Array, lat: Array, depth: Array
+    flow: FlowEstimate, lon: Array, lat: Array, depth: Array, asked_ns: int | None
 ) -> tuple[tuple[str, ...], dict[str, xr.Variable]]:
     lon_attrs, lat_attrs = ATTRIBUTES["longitude"], ATTRIBUTES["latitude"]
     coords = {"depth": xr.Variable("depth", depth, ATTRIBUTES["depth"] | {"axis": "Z"})}
-    if flow.time_ns is not None:
-        coords["time"] = xr.Variable(
-            (), np.datetime64(flow.time_ns, "ns"), ATTRIBUTES["time"] | {"axis": "T"}
-        )
+    own = {"time": flow.time_ns}
+    times = own if asked_ns is None else {"time": asked_ns, "estimate_time": flow.time_ns}
+    for name, time_ns in times.items():
+        if time_ns is not None:
+            axis = {"axis": "T"} if name == "time" else {}
+            value = np.datetime64(time_ns, "ns")
+            coords[name] = xr.Variable((), value, ATTRIBUTES[name] | axis)
     if np.all(lon == lon[0]) and np.all(lat == lat[:, :1]):
         coords["latitude"] = xr.Variable("latitude", lat[:, 0], lat_attrs | {"axis": "Y"})
         coords["longitude"] = xr.Variable("longitude", lon[0], lon_attrs | {"axis": "X"})

@@ -21,6 +21,7 @@ Estimates, truths and ensemble members are all this one value.
 # keeps the signatures in help() short: the names of types, not what they stand for
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
 # Points evaluated at once: bounds the matrices to some tens of MB.
 _CHUNK = 512
 _NS = 1e9
+# Depths so far above the surface are rounded, as those of a planned track [m].
+_ROUNDED = 1e-3
 _LINEAR = DepthFunctions("hat", 0.0)
 
 
@@ -161,6 +164,7 @@ class FlowEstimate:
         potential: shape (M, Z), of the part with divergence; None without one.
         local: Current about the vehicle beside the flow, which no velocity here includes; None where none is known.
         about: Global attributes that datasets of it have beside their own: what its inputs are cited by, who made it.
+        span_ns: First and last time of the positions and measurements it was made from [ns, UTC]; None when unknown.
     """
 
     grid: Grid
@@ -173,11 +177,17 @@ class FlowEstimate:
     potential: Array | None = None
     local: LocalCurrent | None = None
     about: Mapping[str, str] = field(default_factory=dict)
+    span_ns: tuple[int, int] | None = None
 
     def __repr__(self) -> str:
         """Return its time, region and size."""
+        data = "" if self.span_ns is None else f", data {_span_text(self.span_ns)}"
         holds = (
-            "no model of time" if self.unknowns is None else "at(time) gives it for another time"
+            "no model of time"
+            if self.unknowns is None
+            else f"constant in time{data}"
+            if self.process is None
+            else f"at(time) gives it for another time{data}"
         )
         uncertainty = f"{self.n_modes} modes a level" if self.n_modes else "no uncertainty"
         return f"FlowEstimate for {time_text(self.time_ns)} ({holds}), {uncertainty}\n  {self.grid}"
@@ -187,16 +197,17 @@ class FlowEstimate:
     def at(self, time_ns: int) -> FlowEstimate:
         """Return the estimate for a time [ns, UTC]; where the current changes, its uncertainty grows with time.
 
-        For a time before the last observation it is at the time of that.
+        For a time before the last observation it is at the time of that. A constant estimate is returned as it is, for its own time, with
+        a warning (UserWarning) where the time is outside the span of its data: its error does not grow.
 
         Raises:
             EstimatorError: The flow carries no model of time, as one of a truth or of a member.
         """
         self.require_model_of_time()
-        assert self.unknowns is not None
+        warn_outside([self], np.array(time_ns))
         if self.process is None:
-            return replace(self, time_ns=time_ns)
-        last = self.unknowns.time_ns
+            return self
+        last = self.last_observation_ns
         return self.moved(time_ns if last is None else max(time_ns, last))
 
     def moved(self, time_ns: int) -> FlowEstimate:
@@ -310,7 +321,7 @@ class FlowEstimate:
             depth: shape (D,) [m].
             true_axes: As of ``velocity``.
         """
-        by_depth = depth_weights(self.depth_functions, depth, self.levels)
+        by_depth = depth_weights(self.depth_functions, checked_depth(depth), self.levels)
         velocity = np.empty((2, depth.size, len(places)))
         variance = np.empty_like(velocity) if self.n_modes else None
         own, levels = self._in_functions(depth), depth_weights(_LINEAR, depth, self.levels)
@@ -482,15 +493,19 @@ class FlowEstimate:
             longitude: [degrees east], any shape; the four broadcast together.
             latitude: [degrees north].
             depth: [m], positive down.
-            time: ISO 8601 text, datetime64 or integer nanoseconds (UTC), as in ``at``; None for the estimate's own time.
+            time: ISO 8601 text, datetime64 or integer nanoseconds (UTC), as in ``at``; None for the estimate's own time. A constant
+                estimate answers for its own time, ``Velocities.estimate_time``, and warns of times outside the span of its data.
 
         Raises:
-            EstimatorError: The flow has no model of time, or a time is before its last observation, or a latitude is none.
+            EstimatorError: The flow has no model of time, or a time is before its last observation, a latitude is none, or a depth is
+                negative or not finite.
             ConfigError: A time is none.
         """
         from replay_kit.core.flow.points import velocity_at
 
-        return velocity_at(self, longitude, latitude, depth, time)
+        found = velocity_at(self, longitude, latitude, depth, time)
+        warn_outside([self], found.time)
+        return found
 
     def along(self, track: Any) -> Velocities:
         """Return velocity and standard error along a track, such as ``result.fixes``.
@@ -498,15 +513,18 @@ class FlowEstimate:
         Args:
             track: pandas table, xarray dataset or mapping with ``longitude``, ``latitude``, ``depth`` and, if it has, ``time``, of one
                 shape. Where the track is older than the last observation, an estimate that changes with time is that of the latter;
-                a flow without a model of time is as it is: see ``Velocities.estimate_time``.
+                a constant one, with a warning as in ``velocity_at``, and a flow without a model of time are as they are: see
+                ``Velocities.estimate_time``. Depths down to 1 m above the surface are at the surface.
 
         Raises:
-            EstimatorError: A column is missing, or a latitude is none.
+            EstimatorError: A column is missing, a latitude is none, or a depth is above the surface or not finite.
             ConfigError: A time is none.
         """
         from replay_kit.core.flow.points import velocity_along
 
-        return velocity_along(self, track)
+        found = velocity_along(self, track)
+        warn_outside([self], found.time)
+        return found
 
     def to_xarray(
         self,
@@ -524,18 +542,24 @@ class FlowEstimate:
             longitude: shape (I,) [degrees east]; None, with the next two, for the flow's own grid and levels.
             latitude: shape (J,) [degrees north].
             depth: shape (D,) [m], positive down.
-            time: As in ``at``, one or a list, which makes ``time`` a dimension; None for the estimate's own.
+            time: As in ``velocity_at``, one or a list, which makes ``time`` a dimension; ``estimate_time`` is then that for which the
+                velocity holds. None for the estimate's own.
 
         Raises:
-            EstimatorError: Only some of the three axes are given, or one is not one-dimensional, or the flow has no model of time.
+            EstimatorError: Only some of the three axes are given, one is not one-dimensional, a depth is negative or not finite, or the
+                flow has no model of time.
         """
         from replay_kit.core.flow.dataset import to_dataset
 
         if time is None:
             return to_dataset(self, longitude, latitude, depth)
         time_ns = to_time_ns(time)
+        self.require_model_of_time()
+        warn_outside([self], time_ns)
         datasets = [
-            to_dataset(self.at(each), longitude, latitude, depth)
+            to_dataset(
+                self if self.process is None else self.at(each), longitude, latitude, depth, each
+            )
             for each in time_ns.ravel().tolist()
         ]
         if time_ns.ndim == 0:
@@ -544,7 +568,8 @@ class FlowEstimate:
 
         from replay_kit.core.flow.cf import described, encoded, history
 
-        many = xr.concat(datasets, "time", combine_attrs="drop_conflicts")
+        held = [name for name in ("estimate_time",) if name in datasets[0].coords]
+        many = xr.concat(datasets, "time", coords=held, combine_attrs="drop_conflicts")
         made_by = history("to_dataset", self.time_ns)
         return encoded(described(many, many.attrs["title"], made_by, self.about))
 
@@ -564,6 +589,53 @@ def gradient(turned: Array) -> Array:
     return np.stack([-turned[1], turned[0]])
 
 
+def warn_outside(flows: Sequence[FlowEstimate], times: NDArray[Any]) -> None:
+    """Warn the caller's caller where constant estimates, which are one's windows, are asked for times outside the span of their data.
+
+    Args:
+        flows: Those that change do not warn, nor do those whose span is not known.
+        times: Any shape [ns, UTC]; NaT is none.
+    """
+    constant = [one for one in flows if one.unknowns is not None and one.process is None]
+    spans = [one.span_ns for one in constant if one.span_ns is not None]
+    if not spans:
+        return
+    span = min(first for first, _ in spans), max(last for _, last in spans)
+    asked = np.asarray(times).astype(np.int64).ravel()
+    no_time = np.iinfo(np.int64).min
+    outside = asked[((asked < span[0]) | (asked > span[1])) & (asked != no_time)]
+    if outside.size:
+        warnings.warn(
+            f"time: {time_text(int(outside[0]))} is outside the estimate's data, {_span_text(span)}; its model is constant in time: the "
+            "current is that of estimate_time, and its standard error does not grow",
+            stacklevel=3,
+        )
+
+
+def _span_text(span_ns: tuple[int, int]) -> str:
+    return " to ".join(map(time_text, span_ns))
+
+
+def checked_depth(depth: ArrayLike, above: float = _ROUNDED) -> Array:
+    """Return depths [m] if each is a number, positive down.
+
+    Args:
+        depth: [m], any shape.
+        above: How far above the surface one may be [m].
+
+    Raises:
+        EstimatorError: One is not finite, or above the surface.
+    """
+    values = np.asarray(depth, dtype=np.float64)
+    wrong = values[~(np.isfinite(values) & (values >= -above))]
+    if wrong.size:
+        raise EstimatorError(
+            f"depth: depths are positive down, expected finite numbers from 0 m on, got {wrong[0]:g} ({wrong.size} of {values.size}); "
+            "change the sign of heights, leave out points of unknown depth"
+        )
+    return values
+
+
 def nearest_node(grid: Grid, places: Array) -> NDArray[np.intp]:
     """Return the position of the node nearest to each place, shape (P,); ``places`` of shape (P, 2) [m]."""
     out = np.empty(len(places), np.intp)
@@ -576,7 +648,8 @@ def nearest_node(grid: Grid, places: Array) -> NDArray[np.intp]:
 def _flatten(
     east: ArrayLike, north: ArrayLike, depth: ArrayLike
 ) -> tuple[Array, Array, tuple[int, ...]]:
-    e, n, d = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (east, north, depth)))
+    each = (np.asarray(a, dtype=np.float64) for a in (east, north, checked_depth(depth)))
+    e, n, d = np.broadcast_arrays(*each)
     return np.column_stack([e.ravel(), n.ravel()]), d.ravel(), d.shape
 
 

@@ -242,6 +242,8 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
         attrs["oscillation_time"] = str(flow.oscillation.time_ns)
     if flow.local is not None:
         attrs["local_time"] = str(flow.local.time_ns)
+    if flow.span_ns is not None:
+        attrs["data_span"] = "{} {}".format(*flow.span_ns)
     if flow.about:
         attrs["replay_kit_about"] = json.dumps(dict(flow.about))
     dataset, made_by = xr.Dataset(variables, attrs=attrs), history("save", flow.time_ns)
@@ -409,7 +411,15 @@ def _flow(
         potential=values.get("potential"),
         local=local,
         about=json.loads(str(attrs.get("replay_kit_about", "{}"))),
+        span_ns=_span(attrs),
     )
+
+
+def _span(attrs: Mapping[str, Any]) -> tuple[int, int] | None:
+    if "data_span" not in attrs:
+        return None
+    first, last = map(int, attrs["data_span"].split())
+    return first, last
 
 
 def _unknowns(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import (
     DepthFunctions,
@@ -51,6 +52,9 @@ LENGTH_IN_CELLS = 1.16
 DEFAULT_LENGTH_IN_CELLS = 2.0
 # Variance of the amplitude of the ensemble mean, whose mean is 1.
 _MEAN_VARIANCE = 0.1
+# Latent values are the currents times the inverse of the levels' kernel, and their covariance has its condition twice: beyond this number
+# float64 keeps no digit of what the levels' independent errors sum up to, and the factors of that covariance do not exist.
+_WORST_CONDITION = float(1.0 / np.sqrt(np.finfo(np.float64).eps))
 # Points of a lattice, in all and for each node, beyond which the kernel's columns are cheaper.
 _MOST_FUNCTIONS, _MOST_FUNCTIONS_A_NODE = 4096, 16
 
@@ -153,7 +157,11 @@ def mean_variance(config: EstimatorConfig) -> float:
 
 
 def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
-    """Return the basis of the configuration's preset."""
+    """Return the basis of the configuration's preset.
+
+    Raises:
+        EstimatorError: The paper's vertical functions cannot be told apart at the levels.
+    """
     if config.preset == "paper":
         return _paper_basis(ensemble, config)
     spanned = (ensemble.n_members - 1) * ensemble.grid.levels.size
@@ -221,6 +229,13 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     depth_functions = DepthFunctions("gaussian", config.length_vertical)
     n_members, n_levels, size = slices.shape
     kernel_of_depth = depth_weights(depth_functions, grid.levels, grid.levels)
+    condition = float(np.linalg.cond(kernel_of_depth))
+    if not condition < _WORST_CONDITION:
+        raise EstimatorError(
+            f"preset paper: with l_z = {config.length_vertical:g} m (estimator.length_vertical) the covariance of the levels "
+            f"{', '.join(f'{level:g}' for level in grid.levels)} m has the condition {condition:.1e}, expected less than "
+            f"{_WORST_CONDITION:.1e}: choose levels farther apart (forecast.levels) or a shorter length"
+        )
     by_level = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1))
     by_member = np.asarray(by_level, dtype=np.float64).reshape(n_levels, n_members, size)
     latent = embed(

@@ -117,15 +117,12 @@ class KnownCurrent:
             return self.estimates
         if not self.changes:
             return self.first
-        now = self.first.time_ns or begin_ns
         times = _times(self.process, self._step, begin_ns, seconds)
         # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
         slow = [
             replace(self.first, time_ns=time)
             if self.first.unknowns is None
             else self.first.moved(time)
-            if time < now
-            else self.first.at(time)
             for time in times
         ]
         return [

@@ -246,7 +246,7 @@ def _score(
     if forecasts.evolves:
         # the estimate is of the log's end, and so is what it is compared with
         truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
-        prior_flow = prior_flow.at(session.last_ns)
+        prior_flow = prior_flow.moved(session.last_ns)
     if forecasts.read is not None:
         forecasts, box = forecasts.in_last_window(flow.grid)
         truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
