@@ -1,6 +1,7 @@
 """What is read of the files of 0.3: an estimate's currents, a result's tables, what the commands report and export of it."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -38,11 +39,15 @@ _DAY_NS = 86_400_000_000_000
 def answers(names: Sequence[str] = (*ESTIMATES, *RESULTS)) -> dict[str, Any]:
     """Return what is read of some files, by name."""
     return {
-        name: _opened(lambda path=checked(FILES / name): _estimate(rk.open_estimate(path)))
+        name: _opened(partial(_saved, name))
         if name in ESTIMATES
         else _result(checked(FILES / name))
         for name in names
     }
+
+
+def _saved(name: str) -> Any:
+    return _estimate(rk.open_estimate(checked(FILES / name)))
 
 
 def _opened(read: Callable[[], Any]) -> Any:

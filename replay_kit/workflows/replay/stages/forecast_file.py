@@ -41,8 +41,10 @@ def check_file(estimator: Any, means: Iterable[PathMean]) -> FileCheck:
         estimator: Has the prior; nothing is said with one whose prior is not one Gaussian of weights.
         means: Of dives, and others, which say nothing.
     """
-    dives = [mean for mean in means if mean.kind == "dac"]
-    if not isinstance(estimator, ReducedBasisEstimator) or len(dives) < _LEAST_DIVES:
+    if not isinstance(estimator, ReducedBasisEstimator):
+        return FileCheck()
+    dives = [mean for mean in means if mean.kind == "dac" and estimator.usable(mean)]
+    if len(dives) < _LEAST_DIVES:
         return FileCheck()
     measured, predicted, covariance, variance = _under_prior(
         estimator, dives[:: math.ceil(len(dives) / _MOST_DIVES)]
