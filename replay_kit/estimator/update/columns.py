@@ -86,7 +86,8 @@ class Column:
 
     def rows(self, i: int) -> Array:
         """Return the rows of a measurement on the column's unknowns, shape (c p, q), component after component."""
-        return np.asarray(np.kron(self.axes, self.layouts[i].r), np.float64)
+        blocks = self.axes[:, None, :, None] * self.layouts[i].r[:, None]
+        return blocks.reshape(-1, self.axes.shape[1] * blocks.shape[3])
 
     def compressed(self, i: int) -> tuple[Array, float, int]:
         """Return a measurement's rows of unit noise, shape (c p,), the square that the compression leaves, and its degrees of freedom."""
@@ -153,6 +154,12 @@ class Observer:
             else np.append(self.process.tau, self.extras.tau)
         )
 
+    @property
+    def _without_unknowns(self) -> Array:
+        """Latent values of the flow whose weights are zero, and of the potential beside it."""
+        offset = self.basis.offset
+        return offset if self.potential is None else np.hstack([offset, self.potential])
+
     def error(self, scale: float) -> Array:
         """Return the error of what the unknowns do not hold, shape (Z, N) [m/s], under a factor on the prior variance."""
         return np.asarray(np.hypot(self.representation, np.sqrt(scale) * self.dropped))
@@ -172,9 +179,11 @@ class Observer:
         middles = np.array([each.middle for each in groups])
         places = np.column_stack(to_local(grid.projection, *middles.T))
         times = np.array([mean_time(each.usable_linear) for each in groups], np.int64)
-        offset, modes = (basis.horizontal.velocity(places, v) for v in (basis.offset, basis.modes))
+        modes = basis.horizontal.velocity(places, basis.modes)
+        offset = basis.horizontal.velocity(places, self._without_unknowns)
         if self.potential is not None:
-            offset = offset + gradient(basis.horizontal.velocity(places, self.potential))
+            flow, turned = np.split(offset, 2, axis=2)
+            offset = flow + gradient(turned)
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
         known = offset.swapaxes(0, 1) + mean  # (n, 2, Z)
         errors, out = error[:, nearest_node(grid, places)].T, []
