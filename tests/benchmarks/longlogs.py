@@ -23,7 +23,7 @@ from tests.benchmarks.scene import NOISE, withheld
 _DAY = 86_400
 _SPEED = 1.5  # m/s
 _LEG, _APART = 20e3, 3e3  # m
-_SIZES = {False: ((17, 31, 8, 50), _DAY // 10, _DAY), True: ((9, 11, 4, 20), 240, 40)}
+_SIZES = {False: ((17, 31, 8, 50), _DAY // 10, _DAY), True: ((9, 11, 8, 20), 240, 40)}
 
 
 def survey(field: Field, n: int, first: int = 0) -> Mission:

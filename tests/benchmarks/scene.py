@@ -1,6 +1,6 @@
 """Seas of random eddies of any size, and pings in them.
 
-Members are random eddies on cells of 1/12 degree, some three cells in size, in six vertical modes with a little noise, so that the prior's
+Members are random eddies on cells of 1/12 degree, some three cells in size, in up to six vertical modes with a little noise, so that the prior's
 correlation length is the same in every region.
 """
 
@@ -35,7 +35,8 @@ def region(rows: int, columns: int, levels: int) -> Grid:
 def member(grid: Grid, number: int) -> np.ndarray:
     """Return the velocities of a member, shape (2, Z, J, I), along the local axes; all share those of member -1."""
     n_levels, rows, columns = grid.wet.shape
-    n_functions = min(n_levels, 6)
+    # few on few levels: between these a current is smooth
+    n_functions = min(1 + n_levels // 4, 6)
     wave = 2.0 * np.pi * np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns))
     functions = (
         np.cos(np.pi * np.outer(np.arange(n_functions), np.linspace(0.0, 1.0, n_levels)))
