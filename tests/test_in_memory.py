@@ -226,7 +226,8 @@ def test_an_estimator_of_ones_own_is_an_object_or_what_makes_it():
         usual.estimate.velocity_at(152.3, -39.8, 60.0).u,
     )
     with pytest.raises(
-        ConfigError, match="estimator: expected an Estimator, got int without initial, predict, assimilate, flow"
+        ConfigError,
+        match="estimator: expected an Estimator, got int without initial, predict, assimilate, flow",
     ):
         rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, estimator=3)
 
@@ -238,7 +239,9 @@ def test_a_prior_of_ones_own_changes_the_estimate():
 
     result = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, prior=tight)
     assert result.outcome.observations["used"] == 4
-    with pytest.raises(ConfigError, match=r"prior: expected a Process of means of shape .*, got int"):
+    with pytest.raises(
+        ConfigError, match=r"prior: expected a Process of means of shape .*, got int"
+    ):
         rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, prior=lambda basis, usual: 3)
 
 
