@@ -1,6 +1,6 @@
 """Seas of random eddies of any size, and pings in them.
 
-Members are random eddies on cells of 1/12 degree, some three cells in size, in up to six vertical modes with a little noise, so that the prior's
+Members are random eddies on cells of 1/12 degree, some three cells in size, in some vertical modes, with a little noise: the prior's
 correlation length is the same in every region.
 """
 
