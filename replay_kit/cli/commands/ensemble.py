@@ -247,9 +247,8 @@ def twin(
             else read_truth(files.truth, part)
         )
         made = make_twin(sea, simulated, files.out, files.overwrite)
-    console_beside(None).print(
-        f"{files.out}: {made.pings} pings over {made.duration / 3600.0:.1f} h"
-    )
+    hours = float(made.pings.time_ns[-1] - made.pings.time_ns[0]) / 3.6e12
+    console_beside(None).print(f"{files.out}: {survey.pings} pings over {hours:.1f} h")
     return 0
 
 
