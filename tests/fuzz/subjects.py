@@ -273,9 +273,9 @@ def _dataflash(data: bytes) -> Check:
         ]
         said, report = damage.read_dataflash(path) if whole else ([], None)
         wrong = [] if said[: len(whole)] == whole else [f"{len(whole)} are whole before it"]
-        is_cut = len(harm.kept) == 1 and len(harm.data) not in {end for _, end, _ in sound}
-        if report is not None and is_cut and not report.losses:
-            wrong.append("the part of a record at its end went without a word")
+        cut = len(harm.kept) == 1 and len(harm.data) not in {end for _, end, _ in sound}
+        if report and cut and not report.losses:
+            wrong.append("cut without a word")
         return wrong + _uncovered(harm, path)
 
     return check

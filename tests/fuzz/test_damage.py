@@ -20,7 +20,7 @@ def test_a_damaged_sample_gives_what_is_whole(file, tmp_path):
     assert wrong(file, 8, tmp_path) == []
 
 
-@pytest.mark.skipif(len(FILES) < 100, reason="the shared logs are not on this machine")
+@pytest.mark.skipif(len(FILES) < 100, reason="no shared logs here")
 def test_damaged_shared_logs_give_what_is_whole(tmp_path):
     some = [file for file in FILES if file.suffix == ".BIN"] + FILES[:: len(FILES) // 24]
     assert [words for file in some for words in wrong(file, 4, tmp_path)] == []

@@ -247,8 +247,7 @@ def twin(
             else read_truth(files.truth, part)
         )
         made = make_twin(sea, simulated, files.out, files.overwrite)
-    hours = float(made.pings.time_ns[-1] - made.pings.time_ns[0]) / 3.6e12
-    console_beside(None).print(f"{files.out}: {survey.pings} pings over {hours:.1f} h")
+    console_beside(None).print(f"{files.out}: {survey.pings} pings over {made.hours:.1f} h")
     return 0
 
 
