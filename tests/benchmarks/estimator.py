@@ -60,7 +60,6 @@ def update_row(
 ) -> Row:
     """All pings, the mean after each; the textbook over the first of them, multiplied."""
     few = observations[:_FEW]
-    # what members left out show is computed once, with the first pings
     early, said = online(estimator, few)
     assert {one.error_inflation for one in said} == {1.0}
     before = peak_mb(anew=True)
