@@ -65,7 +65,6 @@ def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH, legs: 
     for case in (leave_out(ensemble, member) for member in members):
         field, truth = build_field(case.truth), embed_member(case.truth, 0, config.estimator)
         flow, depth = _estimate(case.ensemble, field, pings), 500.0
-        flow = replace(flow, covariance=flow.weight_cov)
         grids, rng = (flow.grid, case.ensemble.grid), np.random.default_rng((0, case.member or 0))
         for pair in draw_missions(field, flow.mean_flow(), grids, (missions, legs, depth), rng):
             request = MissionRequest(
@@ -82,9 +81,8 @@ def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH, legs: 
 def _estimate(ensemble: Ensemble, field: Field, pings: int) -> FlowEstimate:
     """Return the estimate after profiles at random places."""
     estimator = build([ensemble], EstimatorConfig(), GatingConfig())
-    state = estimator.initial()
-    for after, _ in estimator.steps(state, random_observations(field, pings, 0.09, 0)):
-        state = after
+    profiles = random_observations(field, pings, 0.09, 0)
+    state, _ = estimator.assimilate(estimator.initial(), profiles)
     return estimator.flow(state)
 
 
