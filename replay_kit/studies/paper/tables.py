@@ -9,6 +9,7 @@ import numpy as np
 
 import planners
 from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Observation
@@ -193,7 +194,7 @@ def _run(
             flow = estimator.flow(state).mean_flow()
         rmse = _rmse(flow, at)
         note = "" if np.isfinite(rmse) else "the estimate is not a number"
-    except ValueError as error:
+    except (EstimatorError, ValueError) as error:
         # NumPy's LinAlgError is one, and so is SciPy's refusal of numbers that are not finite
         rmse, note = (
             np.nan,

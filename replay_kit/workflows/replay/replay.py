@@ -292,7 +292,7 @@ def _checkpoints(session: AnySession, inputs: Prepared) -> StateStore | None:
     job, settings = inputs.job, run_settings_toml(session.config)
     if job.following is not None:
         return FollowedStates(
-            job.following.states, run_identity(lasting(inputs.metadata), settings), None
+            job.following.states, run_identity(lasting(inputs.metadata), settings)
         )
     if job.checkpoint is None:
         return None
@@ -301,7 +301,6 @@ def _checkpoints(session: AnySession, inputs: Prepared) -> StateStore | None:
         job.checkpoint,
         run_identity(inputs.metadata, settings),
         interval,
-        None,
         inputs.forecasts.region,
     )
 

@@ -109,7 +109,8 @@ def test_a_truth_in_the_span_is_found():
 
     The default allows for what shifted members show that its basis leaves out, and so trusts the measurements a little less.
     """
-    by_key = {(row.method, row.rung): row for row in table_of(combination())}
+    config = CONFIG.model_copy(update={"dropped_std": 1e-3})
+    by_key = {(row.method, row.rung): row for row in table_of(combination(), config)}
     assert by_key["default", "full"].rel_error < 0.015
     assert by_key["default", "full"].bound < 1e-3
     assert by_key["default", "members"].rel_error > by_key["default", "full"].rel_error
@@ -167,13 +168,13 @@ def test_the_paper_is_shown_in_cells_where_the_grid_is_coarser():
 
 
 def test_numerics_that_fail_are_a_row_with_the_reason():
-    """Two levels at one depth make the paper's matrix of Gaussians singular."""
+    """Two levels at one depth cannot be told apart by the paper's Gaussians."""
     grid = replace(MEMBERS.grid, levels=np.array([5.0, 5.0, 150.0, 300.0]))
     twice = Ensemble(grid, MEMBERS.velocity, None, "twice")
     case = leave_out(twice, 0)
     row = next(row for row in table_of(case, most_modes=4) if row.method == "paper")
     assert "cannot be built" in row.note
-    assert "ingular" in row.note
+    assert "the levels 5, 5, 150, 300 m" in row.note
     assert math.isnan(row.rel_error)
 
 
