@@ -73,7 +73,7 @@ class ReplayOptions(TypedDict, total=False):
     Attributes:
         overwrite: Whether an existing result is replaced.
         estimator: An ``Estimator``, or a function of the ``Ensemble`` and ``EstimatorConfig`` that returns one.
-        prior: Function of the basis and the usual prior that returns the prior of a static estimator.
+        prior: Function of the basis and the usual ``Process`` that returns the one to use, which the log then does not change.
         planner: A ``Planner``, or a function of the ``PlannerConfig`` and the ``Grid`` that returns one.
     """
 

@@ -152,7 +152,7 @@ class Basis:
 
 
 def mean_variance(config: EstimatorConfig) -> float:
-    """Return the variance of the amplitude of the ensemble mean: the configured one, else 0.1, which a static estimate averages over."""
+    """Return the variance of the amplitude of the ensemble mean: the configured one, else 0.1, which a constant estimate averages over."""
     return _MEAN_VARIANCE if config.mean_variance is None else config.mean_variance
 
 

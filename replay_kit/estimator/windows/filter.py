@@ -23,7 +23,7 @@ _STRAYS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowedEstimator(Estimator[WindowedState]):
-    """Static estimators of windows; each begins with the information of the one that its vehicle was in before, where they overlap.
+    """Constant estimates of windows; each begins with the information of the one that its vehicle was in before, where they overlap.
 
     Vehicles near each other are in one window, and each measurement is given to all windows that hold it, as if each were alone. So
     nothing counts twice in any. What is asked of a state is answered from the vehicle's window. All windows have one local frame, and the
