@@ -122,9 +122,9 @@ def forbidden(
 
 
 def random_points(flow: FlowEstimate, n: int, seed: int) -> Array:
-    """Return points in and somewhat outside the grid's box, shape (n, 3) [m]."""
+    """Return points in the grid's box and somewhat below, shape (n, 3) [m]."""
     rng = np.random.default_rng(seed)
-    low = [flow.grid.east.min(), flow.grid.north.min(), -20.0]
+    low = [flow.grid.east.min(), flow.grid.north.min(), 0.1]
     high = [flow.grid.east.max(), flow.grid.north.max(), flow.levels[-1] + 60.0]
     return rng.uniform(low, high, (n, 3))
 
