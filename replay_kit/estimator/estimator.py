@@ -303,7 +303,8 @@ class ReducedBasisEstimator(Estimator[State]):
         part, root = self.evidence.parts.scaled, np.sqrt(state.scale)
         marginal = Marginal.of(state.x[part] / root, state.covariance[part, part] / state.scale)
         plain = self.evidence.is_made or state.scale != 1.0
-        return fitted_scale(marginal, 1.0 if plain else self.evidence.expected)
+        expected = 1.0 if plain else self.evidence.expected
+        return fitted_scale(marginal, expected, state.rows, state.square)
 
     @property
     def _scale_error(self) -> tuple[int, float] | None:

@@ -45,6 +45,8 @@ class State:
         profiles: Number of profiles and means assimilated.
         centre: shape (F,), prior mean of the members' unknowns once it no longer changes; None until then.
         last: The last measurement with a usable value; an equal one that follows is a duplicate.
+        rows: Number of rows of unit noise assimilated.
+        square: Sum of the squares of their values.
         measured: shape (Z,), levels among those whose depths were measured; None before any.
         doubt: What speaks against the prior's variance; None where nothing is kept of that.
         scale: Factor on the prior variance of members and local directions, as the first measurements showed it.
@@ -57,6 +59,8 @@ class State:
     profiles: int = 0
     centre: Array | None = None
     last: LinearMeasurement | None = None
+    rows: int = 0
+    square: float = 0.0
     measured: NDArray[np.bool_] | None = None
     doubt: "Doubt | None" = None
     scale: float = 1.0
@@ -92,7 +96,14 @@ def conditioned(state: State, rows: Array, values: Array) -> State:
     both = np.column_stack([cross, values - rows @ state.x])
     solved = solve_triangular(lower, both, lower=True, check_finite=False)
     gains = np.concatenate([state.gains, solved[:, :-1]])
-    return replace(state, x=state.x + solved[:, :-1].T @ solved[:, -1], gains=gains).folded(FOLDED)
+    after = replace(
+        state,
+        x=state.x + solved[:, :-1].T @ solved[:, -1],
+        gains=gains,
+        rows=state.rows + len(rows),
+        square=state.square + float(values @ values),
+    )
+    return after.folded(FOLDED)
 
 
 def predict(state: State, tau: Array, time_ns: int) -> State:

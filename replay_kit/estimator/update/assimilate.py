@@ -45,8 +45,7 @@ class Update:
         lower: shape (m, m), A.
         gain: shape (m, k), what they add to G.
         whitened: shape (m,), A^-1 (y - R D x).
-        x: shape (k,), mean of the estimate after them.
-        profiles: Number of measurements accepted so far.
+        square: Of the values y of these rows.
         after: The state after them.
     """
 
@@ -62,8 +61,7 @@ class Update:
     lower: Array = field(default_factory=lambda: np.empty((0, 0)))
     gain: Array = field(default_factory=lambda: np.empty((0, 0)))
     whitened: Array = field(default_factory=lambda: np.empty(0))
-    x: Array = field(default_factory=lambda: np.empty(0))
-    profiles: int = 0
+    square: float = 0.0
     after: State | None = None
 
 
@@ -82,23 +80,28 @@ def assimilate(
     designs = [column.design for column in columns]
     ends = np.cumsum([len(design) for design in designs])
     crosses = np.split(state.products(np.concatenate(designs)), ends[:-1])
-    x, gains, profiles, updates = state.x, [state.gains[:0]], state.profiles, list[Update]()
+    gains, steps, now = [state.gains[:0]], list[tuple[Update, State]](), state
     for column, cross in zip(columns, crosses, strict=True):
         so_far = np.concatenate(gains)
         cross = cross - (column.design @ so_far.T) @ so_far
-        update, gain, step = _updated(column, (column.design @ x, cross), probability)
-        x, profiles = x + step, profiles + sum(each.accepted for each in update.judgements)
+        update, gain, step = _updated(column, (column.design @ now.x, cross), probability)
+        now = replace(
+            now,
+            x=now.x + step,
+            profiles=now.profiles + sum(each.accepted for each in update.judgements),
+            rows=now.rows + len(update.rows),
+            square=now.square + update.square,
+        )
         gains.append(gain)
-        updates.append(replace(update, x=x, profiles=profiles))
+        steps.append((update, now))
     whole = np.concatenate([state.gains, *gains])
-    rows = len(state.gains) + np.cumsum([len(gain) for gain in gains])[1:]
+    ends = len(state.gains) + np.cumsum([len(gain) for gain in gains])[1:]
     # the states in between share P and G
-    after = [
-        replace(state, x=update.x, gains=whole[:n], profiles=update.profiles)
-        for update, n in zip(updates, rows, strict=True)
+    updates = [
+        replace(update, after=replace(after, gains=whole[:end]))
+        for (update, after), end in zip(steps, ends, strict=True)
     ]
-    updates = [replace(each, after=state) for each, state in zip(updates, after, strict=True)]
-    return after[-1].folded(FOLDED), updates
+    return replace(now, gains=whole).folded(FOLDED), updates
 
 
 def _updated(
@@ -139,6 +142,7 @@ def _updated(
         lower=lower,
         gain=gain,
         whitened=whitened[:, 0],
+        square=float(y @ y),
     )
     return update, gain, step
 

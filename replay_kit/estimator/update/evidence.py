@@ -27,8 +27,9 @@ KERNELS = np.array([1.0, 0.4, 0.15])
 _FULL, CENTRED = 6.0, 28
 #: Numbers of profiles after which the scale of the prior is looked at.
 SCALED = (8, 16, 32, 64, 128)
-# Standard deviation of the logarithm of the scale before the log, and the scales that are tried.
+# Standard deviation of the logarithms of the scale and of the errors' factor before the log, and what is tried of both.
 _DOUBT, _SCALES = np.log(2.0), np.geomspace(0.05, 20.0, 61)
+_NOISES = np.geomspace(1.0, 16.0, 9)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,11 +68,26 @@ class Marginal:
         return np.asarray(top.sum(axis=2) - fixed)
 
 
-def fitted_scale(marginal: Marginal, expected: float) -> float:
-    """Return the most probable scale of the prior's covariance, under a log-normal prior about an expected one."""
-    nothing = np.zeros((1, len(marginal.x)))
-    found = marginal.evidence(_SCALES, nothing)[:, 0]
-    found = found - 0.5 * (np.log(_SCALES / expected) / _DOUBT) ** 2
+def fitted_scale(marginal: Marginal, expected: float, rows: int, square: float) -> float:
+    """Return the most probable scale of the prior's covariance, under a log-normal prior about an expected one.
+
+    It is found with a factor f on the variance of errors, which is 1 before the log: errors that are larger than stated, as those that
+    are correlated along a profile, would pass for a prior that is too narrow. Of m rows with the values y of unit errors,
+
+        sum [(x / (f p))^2 / (1 / a + q / f) - log(1 + a q / f)] - m log f - y'y / f,    q = 1 / p - 1.
+
+    Args:
+        marginal: Of the unknowns.
+        expected: Before the log.
+        rows: m.
+        square: y'y.
+    """
+    information, score = 1.0 / marginal.values - 1.0, marginal.x / marginal.values
+    a, f = _SCALES[:, None, None], _NOISES[:, None]
+    of_unknowns = (score / f) ** 2 / (1.0 / a + information / f) - np.log1p(a * information / f)
+    both = of_unknowns.sum(axis=2) - rows * np.log(_NOISES) - square / _NOISES
+    found = 0.5 * both - 0.5 * (np.log(_SCALES / expected) / _DOUBT)[:, None] ** 2
+    found = np.max(found - 0.5 * (np.log(_NOISES) / _DOUBT) ** 2, axis=1)
     best = int(np.argmax(found))
     if not 0 < best < _SCALES.size - 1:
         return float(_SCALES[best])
