@@ -290,12 +290,11 @@ class ReducedBasisEstimator(Estimator[State]):
             far = max(factor / self.evidence.expected, 1.0 / factor) > _FAR
             if self.evidence.is_made or state.scale != 1.0 or far:
                 scales = state.scale, state.scale * factor
-                x, p = with_variance(state.x, state.covariance, parts.scaled, *scales)
-                p = np.asfortranarray(p)
-                state = replace(state, x=x, p=p, gains=state.gains[:0], scale=scales[1])
+                moments = with_variance(state.x, state.covariance, parts.scaled, *scales)
+                state = replace(state.with_moments(*moments), scale=scales[1])
         if state.centre is None and state.profiles >= CENTRED:
             state = replace(state, centre=self._centre(state))
-        return state
+        return state.with_toward(parts.sample)
 
     def _fitted_scale(self, state: State) -> float:
         """Return the most probable factor on the prior variance of members and local directions as the state has it."""
@@ -332,11 +331,7 @@ class ReducedBasisEstimator(Estimator[State]):
 
     def weights(self, state: State) -> Array:
         """Return the mean weights of a state, shape (Z r,), level after level; before the centre stays without the members' kernels."""
-        x = state.x
-        if self.evidence is not None and state.centre is not None:
-            row = np.zeros((1, len(x)))
-            row[0, self.evidence.parts.sample] = state.centre
-            x = x + state.products(row)[0]
+        x = state.x if self.evidence is None else state.centred(self.evidence.parts.sample)
         process = self.observer.process
         return process.weights(x[: process.size], self._time(state)).ravel()
 

@@ -55,15 +55,8 @@ def rescaled(state: State, part: slice) -> State:
     )
     found = []
     for scale, evidence in zip(_SCALES.tolist(), before[:, 0].tolist(), strict=True):
-        x_new, p_new = with_variance(x, p, part, state.scale, state.scale * scale)
-        begun = replace(
-            state,
-            x=x_new,
-            p=np.asfortranarray(p_new),
-            gains=state.gains[:0],
-            doubt=None,
-            scale=state.scale * scale,
-        )
+        begun = state.with_moments(*with_variance(x, p, part, state.scale, state.scale * scale))
+        begun = replace(begun, doubt=None, scale=state.scale * scale)
         after, updates = assimilate(begun, columns, None)
         found.append((evidence + sum(update.log_likelihood for update in updates), after))
     times = [
