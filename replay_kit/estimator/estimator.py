@@ -300,9 +300,10 @@ class ReducedBasisEstimator(Estimator[State]):
         """Return the most probable factor on the prior variance of members and local directions as the state has it."""
         assert self.evidence is not None
         part, root = self.evidence.parts.scaled, np.sqrt(state.scale)
-        marginal = Marginal.of(state.x[part] / root, state.covariance[part, part] / state.scale)
         plain = self.evidence.is_made or state.scale != 1.0
-        return fitted_scale(marginal, 1.0 if plain else self.evidence.expected)
+        expected = 1.0 if plain else self.evidence.expected
+        lower = state.folded().p[part, part] / state.scale
+        return fitted_scale(state.x[part] / root, lower, expected)
 
     @property
     def _scale_error(self) -> tuple[int, float] | None:

@@ -13,7 +13,7 @@ import numpy as np
 from replay_kit.estimator.state import Doubt, State
 from replay_kit.estimator.update.assimilate import assimilate
 from replay_kit.estimator.update.columns import Column
-from replay_kit.estimator.update.evidence import Marginal, with_variance
+from replay_kit.estimator.update.evidence import of_scales, with_variance
 
 #: Columns after which the prior's variance is no longer doubted.
 MOST = 16
@@ -50,11 +50,9 @@ def rescaled(state: State, part: slice) -> State:
     assert state.doubt is not None
     columns: Sequence[Column] = state.doubt.columns
     x, p, root = state.x, state.covariance, np.sqrt(state.scale)
-    before = Marginal.of(x[part] / root, p[part, part] / state.scale).evidence(
-        _SCALES, np.zeros((1, len(x[part])))
-    )
+    before = of_scales(x[part] / root, p[part, part] / state.scale, _SCALES)
     found = []
-    for scale, evidence in zip(_SCALES.tolist(), before[:, 0].tolist(), strict=True):
+    for scale, evidence in zip(_SCALES.tolist(), before.tolist(), strict=True):
         begun = state.with_moments(*with_variance(x, p, part, state.scale, state.scale * scale))
         begun = replace(begun, doubt=None, scale=state.scale * scale)
         after, updates = assimilate(begun, columns, None)

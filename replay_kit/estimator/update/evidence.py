@@ -14,6 +14,7 @@ and the evidence of N(m, h) against N(0, 1), in the eigenvectors of P_ii, of eig
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dormqr, dptsv, dsytrd
 from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
@@ -29,6 +30,8 @@ _FULL, CENTRED = 6.0, 28
 SCALED = (8, 16, 32, 64, 128)
 # Standard deviation of the logarithm of the scale before the log, and the scales that are tried.
 _DOUBT, _SCALES = np.log(2.0), np.geomspace(0.05, 20.0, 61)
+# Columns that the reduction to a tridiagonal matrix takes together.
+_BLOCK = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,11 +70,39 @@ class Marginal:
         return np.asarray(top.sum(axis=2) - fixed)
 
 
-def fitted_scale(marginal: Marginal, expected: float) -> float:
-    """Return the most probable scale of the prior's covariance, under a log-normal prior about an expected one."""
-    nothing = np.zeros((1, len(marginal.x)))
-    found = marginal.evidence(_SCALES, nothing)[:, 0]
-    found = found - 0.5 * (np.log(_SCALES / expected) / _DOUBT) ** 2
+def of_scales(x: Array, p: Array, scales: Array) -> Array:
+    """Return the evidence of the variances of ``scales`` of some unknowns, shape (v,).
+
+    The sums over the eigenvectors are x' (1 + q P)^-1 x and the determinant of 1 + q P, which a tridiagonal matrix has too.
+
+    Args:
+        x: shape (n,), mean under the variance 1.
+        p: shape (n, n), lower half of the covariance.
+        scales: shape (v,).
+    """
+    reflections, diagonal, beside, factors, _ = dsytrd(p, lower=1, lwork=_BLOCK * len(x))
+    turned = x.copy()
+    if len(x) > 1:
+        below = reflections[1:, :-1]
+        turned[1:] = dormqr("L", "T", below, factors, x[1:, None], lwork=_BLOCK)[0][:, 0]
+    found = []
+    for scale in scales.tolist():
+        q = 1.0 / scale - 1.0
+        pivots, _, solved, _ = dptsv(1.0 + q * diagonal, q * beside, turned)
+        fit = q * float(turned @ solved) + float(np.log(pivots).sum())
+        found.append(-0.5 * (fit + len(x) * np.log(scale)))
+    return np.array(found)
+
+
+def fitted_scale(x: Array, p: Array, expected: float) -> float:
+    """Return the most probable scale of the prior's covariance, under a log-normal prior about an expected one.
+
+    Args:
+        x: As of ``of_scales``.
+        p: Alike.
+        expected: Of the scale.
+    """
+    found = of_scales(x, p, _SCALES) - 0.5 * (np.log(_SCALES / expected) / _DOUBT) ** 2
     best = int(np.argmax(found))
     if not 0 < best < _SCALES.size - 1:
         return float(_SCALES[best])

@@ -10,6 +10,7 @@ from replay_kit.estimator.update.evidence import (
     amplitude_mixture,
     fitted_scale,
     member_centre,
+    of_scales,
     with_marginal,
     with_mean,
     with_variance,
@@ -57,13 +58,17 @@ def test_the_evidence_is_the_ratio_of_densities():
     variances, means = np.array([0.15, 0.4, 3.0]), RNG.standard_normal((4, 5))
     expected = [[conditioned(h, m)[2] - DENSITY for m in means] for h in variances]
     np.testing.assert_allclose(MARGINAL.evidence(variances, means), expected, atol=1e-10)
+    of_variances = [conditioned(h)[2] - DENSITY for h in variances]
+    found = of_scales(X[PART], np.tril(P[PART, PART]), variances)
+    np.testing.assert_allclose(found, of_variances, atol=1e-10)
 
 
 @pytest.mark.parametrize("expected", [1.0, 2.5])
 def test_the_scale_is_the_likeliest_under_a_log_normal_prior(expected):
     scales = np.geomspace(0.05, 20.0, 4001)
     logs = [conditioned(a)[2] - 0.5 * (np.log(a / expected) / np.log(2.0)) ** 2 for a in scales]
-    assert fitted_scale(MARGINAL, expected) == pytest.approx(scales[np.argmax(logs)], rel=5e-3)
+    found = fitted_scale(X[PART], np.tril(P[PART, PART]), expected)
+    assert found == pytest.approx(scales[np.argmax(logs)], rel=5e-3)
 
 
 @pytest.mark.parametrize("profiles_so_far", [3, 20])
