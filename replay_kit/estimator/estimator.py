@@ -10,13 +10,13 @@ all, is applied to what is published of it, after the rows (``update/evidence.py
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
 from replay_kit.core.flow.local import Oscillation
 from replay_kit.core.grid import Grid
@@ -44,7 +44,7 @@ from replay_kit.estimator.update.evidence import (
 )
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.innovations import misfits, outcomes
-from replay_kit.estimator.update.screening import ScreenedGroup, screen_group
+from replay_kit.estimator.update.screening import ScreenedGroup, screen_group, screen_groups
 
 # Columns whose products with the covariance are computed together.
 _TOGETHER = 16
@@ -207,16 +207,18 @@ class ReducedBasisEstimator(Estimator[State]):
         self, state: State, block: Sequence[Measurement | ProfileGroup]
     ) -> tuple[State, list[ScreenedGroup]]:
         """Return measurements after screening, and the state with the last one."""
-        groups = list[ScreenedGroup]()
-        for item in block:
-            events = item.profiles if isinstance(item, ProfileGroup) else (item,)
-            first = min(event.time_ns for event in events)
-            late = state.time_ns is not None and first < state.time_ns - _LATE_NS
-            groups.append(screen_group(events, state.last, self.grid, late))
-            if groups[-1].used.size:
-                last, seen = groups[-1].usable_linear[-1], groups[-1].measured(self.grid.levels)
-                before = False if state.measured is None else state.measured
-                state = replace(state, last=last, measured=seen | before)
+        events = [item.profiles if isinstance(item, ProfileGroup) else (item,) for item in block]
+        # a state without a time is before all
+        earliest = -np.inf if state.time_ns is None else state.time_ns - _LATE_NS
+        late = [min(event.time_ns for event in each) < earliest for each in events]
+        groups = list(screen_groups(events, state.last, self.grid, late))
+        levels, measured, last = self.grid.levels, state.measured, state.last
+        for group in groups:
+            if group.used.size:
+                last = group.usable_linear[-1]
+                measured = group.measured(levels) | (False if measured is None else measured)
+        if last is not state.last:
+            state = replace(state, last=last, measured=measured)
         return state, groups
 
     def _together(

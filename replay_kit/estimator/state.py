@@ -4,7 +4,7 @@ The covariance is kept as P - G'G. Measurements add rows to G, and P is written 
 the products with P, and not a copy of it. Of P only the lower half has a meaning.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dsymm, dsymv, dsyrk
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.observation import LinearMeasurement
 
 #: Rows of G from which on P is written again.

@@ -15,12 +15,12 @@ loss before they meet the unknowns, with w_i one over each one's error factor:
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg.blas import dtrsm
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.state import FOLDED, State
 from replay_kit.estimator.update.columns import Column
@@ -133,7 +133,11 @@ class _Block:
         lower = np.asarray(np.linalg.cholesky(innovation), np.float64)
         both = np.column_stack([rows @ self.covariance[at], y - rows @ before, np.eye(len(rows))])
         solved = lower_solved(lower, both)
-        gain, whitened, inverse = solved[:, : len(self.mean)], solved[:, len(self.mean)], solved[:, len(self.mean) + 1 :]
+        gain, whitened, inverse = (
+            solved[:, : len(self.mean)],
+            solved[:, len(self.mean)],
+            solved[:, len(self.mean) + 1 :],
+        )
         self.mean = self.mean + whitened @ gain
         self.covariance = self.covariance - gain.T @ gain
         self.whitened.append(whitened)

@@ -9,12 +9,15 @@ constant: W loses its direction.
 Values that are sums over several places, as a mean along a path, are their own column: q is their number, and J is one.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dtrtri
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import gradient, nearest_node
@@ -35,6 +38,10 @@ from replay_kit.estimator.update.screening import (
 _LINEAR = DepthFunctions("hat", 0.0)
 # Share of the largest singular value of W J below which one is rounding.
 _ROUNDING = 1e-10
+# Layouts that are remembered.
+_REMEMBERED = 64
+# A measurement, which of its values are used, and the node nearest to it.
+_Used = tuple[LinearMeasurement, NDArray[np.bool_], int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +49,7 @@ class Layout:
     """How the used values of a measurement see their column; alike for measurements of equal depths and errors.
 
     Attributes:
+        levels: shape (m, Z), functions of the levels at the values' depths; (m, 0) of sums over several places.
         functions: shape (m, K), J, of one component.
         whiten: shape (w, m), W.
         q: shape (w, p), Q.
@@ -51,6 +59,7 @@ class Layout:
         unwhiten: shape (m, w), of values that are known up to a constant; None of others.
     """
 
+    levels: Array
     functions: Array
     whiten: Array
     q: Array
@@ -60,7 +69,7 @@ class Layout:
     unwhiten: Array | None = None
 
     def known(self, values: Array) -> Array:
-        """Return what is known of values, shape (m, n): of relative ones all but a constant."""
+        """Return what is known of values, shape (..., m, n): of relative ones all but a constant."""
         return values if self.unwhiten is None else self.unwhiten @ (self.whiten @ values)
 
 
@@ -98,16 +107,16 @@ class Column:
         return y.T.ravel(), max(left, 0.0), whitened.size - y.size
 
     def misfit(self, i: int, column: Array) -> Array:
-        """Return measured minus predicted values of a measurement along the column's components, shape (m, a) [m/s].
+        """Return measured minus predicted values of a measurement along the column's components, shape (..., m, a) [m/s].
 
         Args:
             i: Its position.
-            column: shape (q,), the column's unknowns.
+            column: shape (..., q), the column's unknowns.
         """
-        by_component = column.reshape(self.axes.shape[1], -1)
+        by_component = column.reshape(*column.shape[:-1], self.axes.shape[1], -1)
         layout = self.layouts[i]
-        off = self.about[i] - layout.functions @ by_component.T @ self.axes.T
-        return layout.known(off) @ self.axes
+        off = self.about[i] - layout.functions @ (self.axes @ by_component).swapaxes(-1, -2)
+        return np.asarray(layout.known(off) @ self.axes)
 
     def predicted_variance(self, i: int, covariance: Array) -> Array:
         """Return the variance of a measurement's values, shape (m, a) [m^2/s^2], for the covariance of the column, shape (q, q)."""
@@ -130,6 +139,7 @@ class Observer:
         potential: shape (M, Z), latent values of the part of the mean with divergence; None without one.
         stated_std: Error of all values [m/s] instead of their own; None for these.
         extras: Unknowns beside those of the process; None without any.
+        _layouts: The last ones made: along a track they repeat.
     """
 
     basis: Basis
@@ -139,6 +149,7 @@ class Observer:
     potential: Array | None = None
     stated_std: float | None = None
     extras: Extras | None = None
+    _layouts: dict[Hashable, Layout] = field(default_factory=dict, init=False)
 
     @property
     def size(self) -> int:
@@ -160,21 +171,21 @@ class Observer:
         offset = self.basis.offset
         return offset if self.potential is None else np.hstack([offset, self.potential])
 
-    def error(self, scale: float) -> Array:
-        """Return the error of what the unknowns do not hold, shape (Z, N) [m/s], under a factor on the prior variance."""
-        return np.asarray(np.hypot(self.representation, np.sqrt(scale) * self.dropped))
+    def error(self, scale: float, nodes: Any = slice(None)) -> Array:
+        """Return the error of what the unknowns do not hold at some nodes, shape (Z, n) [m/s], under a factor on the prior variance."""
+        dropped = np.sqrt(scale) * self.dropped[:, nodes]
+        return np.asarray(np.hypot(self.representation[:, nodes], dropped))
 
     def columns(self, groups: Sequence[ScreenedGroup], scale: float = 1.0) -> list[Column]:
         """Return the columns that groups of measurements see, under a factor on the prior variance; each has a usable value."""
-        error = self.error(scale)
         at_place = [each for each in groups if each.usable_linear[0].at_one_place]
-        found = iter(self._at_places(at_place, error) if at_place else ())
+        found = iter(self._at_places(at_place, scale) if at_place else ())
         return [
-            next(found) if each.usable_linear[0].at_one_place else self._along_path(each, error)
+            next(found) if each.usable_linear[0].at_one_place else self._along_path(each, scale)
             for each in groups
         ]
 
-    def _at_places(self, groups: Sequence[ScreenedGroup], error: Array) -> list[Column]:
+    def _at_places(self, groups: Sequence[ScreenedGroup], scale: float) -> list[Column]:
         basis, grid = self.basis, self.basis.grid
         middles = np.array([each.middle for each in groups])
         places = np.column_stack(to_local(grid.projection, *middles.T))
@@ -186,21 +197,22 @@ class Observer:
             offset = flow + gradient(turned)
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
         known = offset.swapaxes(0, 1) + mean  # (n, 2, Z)
-        errors, out = error[:, nearest_node(grid, places)].T, []
+        nodes, out = nearest_node(grid, places), []
+        each = [
+            (linear, used)
+            for group in groups
+            for linear, used in zip(group.usable_linear, group.is_used, strict=True)
+        ]
+        of_group = np.repeat(np.arange(len(groups)), [len(group.usable_linear) for group in groups])
+        layouts = iter(self._layouts_of(each, nodes[of_group].tolist(), scale))
+        values = local_values(*zip(*each, strict=True), grid.projection)
         for g, group in enumerate(groups):
-            layouts: dict[bytes, Layout] = {}
-            of_each, about, axes = [], [], np.eye(2)
-            for linear, used in zip(group.usable_linear, group.is_used, strict=True):
-                at = np.flatnonzero(used)
-                key = _key(linear, used)
-                if key not in layouts:
-                    layouts[key] = self._layout(linear, at, errors[g])
-                value, axes = local_values(linear, at, grid.projection)
-                levels = linear.at_values(basis.depth_weights(linear.depth))[at]
-                of_each.append(layouts[key])
-                about.append(value - levels @ known[g].T @ axes.T)
+            own = tuple(islice(layouts, len(group.usable_linear)))
+            about, axes = list[Array](), np.eye(2)
+            for layout, (value, axes) in zip(own, values, strict=False):
+                about.append(value - layout.levels @ known[g].T @ axes.T)
             design = self._with_extras(designs[g], group, int(times[g]))
-            out.append(Column(group, int(times[g]), design, axes, tuple(of_each), tuple(about)))
+            out.append(Column(group, int(times[g]), design, axes, own, tuple(about)))
         return out
 
     def _with_extras(self, design: Array, group: ScreenedGroup, time_ns: int) -> Array:
@@ -214,16 +226,55 @@ class Observer:
             design = both
         return design.reshape(-1, design.shape[2])
 
-    def _layout(self, linear: LinearMeasurement, at: NDArray[np.intp], error: Array) -> Layout:
-        extra = depth_weights(_LINEAR, linear.depth, self.basis.grid.levels) @ error
-        covariance = self._covariance(linear, at, linear.at_values(extra)[at])
-        functions = self.basis.depth_weights(linear.depth) @ self.process.functions.T
-        if self.extras is not None:
-            functions = np.hstack([functions, self.extras.functions(linear.depth)])
-        of_values = linear.at_values(functions)[at]
-        return layout_of(of_values, covariance, linear.reference == "relative")
+    def _layouts_of(
+        self,
+        each: Sequence[tuple[LinearMeasurement, NDArray[np.bool_]]],
+        nodes: Sequence[int],
+        scale: float,
+    ) -> list[Layout]:
+        """Return the layouts of measurements and which of their values are used, near nodes, under a factor on the prior variance."""
+        keys = [(_key(*one), node, scale) for one, node in zip(each, nodes, strict=True)]
+        new = {
+            key: (*one, node)
+            for key, one, node in zip(keys, each, nodes, strict=True)
+            if key not in self._layouts
+        }
+        made = zip(new, self._made(list(new.values()), scale), strict=True) if new else ()
+        known = {key: self._layouts[key] for key in keys if key in self._layouts} | dict(made)
+        self._layouts.update(known)
+        for key in list(self._layouts)[:-_REMEMBERED]:
+            del self._layouts[key]
+        return [known[key] for key in keys]
 
-    def _along_path(self, group: ScreenedGroup, error: Array) -> Column:
+    def _made(self, some: Sequence[_Used], scale: float) -> list[Layout]:
+        """Return the layouts of measurements near nodes, those with as many used values together."""
+        depth = np.concatenate([linear.depth for linear, _, _ in some])
+        ends = np.cumsum([linear.depth.size for linear, _, _ in some])[:-1]
+        errors = self.error(scale, [node for _, _, node in some]).T
+        weights = (
+            self.basis.depth_weights(depth),
+            depth_weights(_LINEAR, depth, self.basis.grid.levels),
+        )
+        parts, alike = [], defaultdict[Hashable, list[int]](list)
+        for i, ((linear, used, _), *hats) in enumerate(
+            zip(some, *(np.split(each, ends) for each in weights), strict=True)
+        ):
+            at = np.flatnonzero(used)
+            levels = linear.at_values(hats[0])[at]
+            functions = levels @ self.process.functions.T
+            if self.extras is not None:
+                more = linear.at_values(self.extras.functions(linear.depth))[at]
+                functions = np.hstack([functions, more])
+            extra = linear.at_values(hats[1] @ errors[i])[at]
+            parts.append((levels, functions, self._covariance(linear, at, extra)))
+            alike[at.size, linear.reference].append(i)
+        out = dict[int, Layout]()
+        for (_, reference), numbers in alike.items():
+            stacked = (np.stack(each) for each in zip(*(parts[i] for i in numbers), strict=True))
+            out |= zip(numbers, layouts_of(*stacked, reference == "relative"), strict=True)
+        return [out[i] for i in range(len(some))]
+
+    def _along_path(self, group: ScreenedGroup, scale: float) -> Column:
         (linear,), (used,) = group.usable_linear, group.is_used
         basis, at, grid = self.basis, np.flatnonzero(used), self.basis.grid
         places = np.column_stack(to_local(grid.projection, linear.longitude, linear.latitude))
@@ -237,7 +288,7 @@ class Observer:
         offset, modes = basis.horizontal.sums(places, flat, basis.offset, basis.modes)
         n, n_levels = len(at), levels.shape[1]
         sums = modes.reshape(2, shares.shape[1], n, n_levels, -1)
-        values, axes = local_values(linear, at, grid.projection)
+        ((values, axes),) = local_values([linear], [used], grid.projection)
         if self.potential is not None:
             (turned,) = basis.horizontal.sums(places, flat, self.potential)
             offset = offset + gradient(turned)
@@ -253,11 +304,12 @@ class Observer:
         )
         extra = (
             depth_weights(_LINEAR, linear.depth, grid.levels)
-            * error[:, nearest_node(grid, places)].T
+            * self.error(scale, nearest_node(grid, places)).T
         )
         covariance = self._covariance(linear, at, weights @ extra.sum(axis=1))
         about = values - (axes @ own).T - np.array(known).T
-        layout = layout_of(np.eye(n), covariance, linear.reference == "relative")
+        nothing, relative = np.empty((1, n, 0)), linear.reference == "relative"
+        (layout,) = layouts_of(nothing, np.eye(n)[None], covariance[None], relative)
         rows = np.concatenate(design)
         if self.extras is not None:
             more = axes @ self.extras.sums(weights, linear.depth, _times(linear)).reshape(2, -1)
@@ -273,40 +325,52 @@ class Observer:
         return covariance
 
 
-def layout_of(functions: Array, covariance: Array, relative: bool) -> Layout:
-    """Return how values see their column.
+def layouts_of(levels: Array, functions: Array, covariance: Array, relative: bool) -> list[Layout]:
+    """Return how the values of n measurements see their columns.
 
     Args:
-        functions: shape (m, K), J.
-        covariance: shape (m, m) [m^2/s^2], N, without the shared error where that is infinite.
+        levels: shape (n, m, Z), as of ``Layout``.
+        functions: shape (n, m, K), J.
+        covariance: shape (n, m, m) [m^2/s^2], N, without the shared error where that is infinite.
         relative: Whether it is infinite.
 
     Raises:
-        numpy.linalg.LinAlgError: The covariance is not positive definite.
+        numpy.linalg.LinAlgError: A covariance is not positive definite.
     """
     lower = np.asarray(np.linalg.cholesky(covariance))
-    whiten = np.asarray(scipy.linalg.solve_triangular(lower, np.eye(len(lower)), lower=True))
-    half_log_det, std = float(np.log(np.diag(lower)).sum()), np.sqrt(np.diag(covariance))
-    unwhiten = None
+    whiten = np.array([dtrtri(each, lower=1)[0] for each in lower])
+    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    half_log_det = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
+    unwhiten: Sequence[Array | None] = [None] * len(lower)
     if relative:
-        ones = whiten.sum(axis=1)
-        half_log_det += 0.5 * float(np.log(ones @ ones))
-        complement = np.linalg.qr(ones[:, None], mode="complete")[0][:, 1:]
-        whiten, unwhiten = complement.T @ whiten, lower @ complement
-        std = np.sqrt(np.sum(unwhiten**2, axis=1))
+        ones = whiten.sum(axis=2)
+        half_log_det = half_log_det + 0.5 * np.log(np.sum(ones**2, axis=1))
+        complement = np.linalg.qr(ones[..., None], mode="complete")[0][..., 1:]
+        whiten, unwhiten = complement.swapaxes(1, 2) @ whiten, list(lower @ complement)
+        std = np.sqrt(np.sum(np.square(unwhiten), axis=2))
     # functions may depend on each other, as levels' do on the constant: no row may be made of rounding
     q, size, along = np.linalg.svd(whiten @ functions, full_matrices=False)
-    kept = size > _ROUNDING * size.max(initial=0.0)
-    r = size[kept, None] * along[kept]
-    return Layout(functions, whiten, q[:, kept], r, std, half_log_det, unwhiten)
+    kept = size > _ROUNDING * size.max(axis=1, keepdims=True, initial=0.0)
+    return [
+        Layout(
+            levels[i],
+            functions[i],
+            whiten[i],
+            q[i][:, own],
+            size[i, own, None] * along[i, own],
+            std[i],
+            float(half_log_det[i]),
+            unwhiten[i],
+        )
+        for i, own in enumerate(kept)
+    ]
 
 
-def _key(linear: LinearMeasurement, used: NDArray[np.bool_]) -> bytes:
+def _key(linear: LinearMeasurement, used: NDArray[np.bool_]) -> Hashable:
     """Return what alike measurements share."""
-    correlation = b"" if linear.correlation is None else linear.correlation.tobytes()
-    numbers = np.array([linear.common_std, linear.correlation_depth])
-    arrays = (linear.depth, linear.error_std, numbers, used)
-    return b"".join([*(each.tobytes() for each in arrays), correlation])
+    arrays = linear.depth, linear.weights, linear.error_std, linear.correlation, used
+    parts = (None if each is None else each.tobytes() for each in arrays)
+    return linear.common_std, linear.correlation_depth, *parts
 
 
 def _times(linear: LinearMeasurement) -> NDArray[np.int64]:

@@ -6,10 +6,10 @@ is then multiplied by the likeliest factor, and what was rejected is assimilated
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
+from replay_kit.core.arrays import replace
 from replay_kit.estimator.state import Doubt, State
 from replay_kit.estimator.update.assimilate import assimilate
 from replay_kit.estimator.update.columns import Column
