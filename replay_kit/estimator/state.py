@@ -103,6 +103,7 @@ class State:
         if self.centre is None:
             return self.x
         toward = self.with_toward(part).toward
+        assert toward is not None
         return np.asarray(self.x + toward - (self.gains[:, part] @ self.centre) @ self.gains)
 
 
@@ -132,5 +133,5 @@ def predict(state: State, tau: Array, time_ns: int) -> State:
     kept = np.exp(-(time_ns - state.time_ns) / _NS / tau)
     p = np.asfortranarray((state.p * kept[:, None]) * kept)
     p[np.diag_indices_from(p)] += 1.0 - kept**2
-    later = state.with_moments(kept * state.x, p)
-    return replace(later, gains=state.gains * kept, time_ns=time_ns)
+    after = state.with_moments(kept * state.x, p)
+    return replace(after, gains=state.gains * kept, time_ns=time_ns)

@@ -9,15 +9,13 @@ constant: W loses its direction.
 Values that are sums over several places, as a mean along a path, are their own column: q is their number, and J is one.
 """
 
-from collections import defaultdict
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dtrtri
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import gradient, nearest_node
@@ -28,6 +26,7 @@ from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.extras import Extras
 from replay_kit.estimator.update.grouping import mean_time
+from replay_kit.estimator.update.layouts import Layout, Sight, layout_key, layouts_of
 from replay_kit.estimator.update.screening import (
     ScreenedGroup,
     local_values,
@@ -36,41 +35,10 @@ from replay_kit.estimator.update.screening import (
 
 # Between levels the representation error is linear; above and below them that of the nearest holds.
 _LINEAR = DepthFunctions("hat", 0.0)
-# Share of the largest singular value of W J below which one is rounding.
-_ROUNDING = 1e-10
 # Layouts that are remembered.
 _REMEMBERED = 64
 # A measurement, which of its values are used, and the node nearest to it.
 _Used = tuple[LinearMeasurement, NDArray[np.bool_], int]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Layout:
-    """How the used values of a measurement see their column; alike for measurements of equal depths and errors.
-
-    Attributes:
-        levels: shape (m, Z), functions of the levels at the values' depths; (m, 0) of sums over several places.
-        functions: shape (m, K), J, of one component.
-        whiten: shape (w, m), W.
-        q: shape (w, p), Q.
-        r: shape (p, K), R.
-        std: shape (m,) [m/s], error of each value with the representation's.
-        half_log_det: Of N.
-        unwhiten: shape (m, w), of values that are known up to a constant; None of others.
-    """
-
-    levels: Array
-    functions: Array
-    whiten: Array
-    q: Array
-    r: Array
-    std: Array
-    half_log_det: float
-    unwhiten: Array | None = None
-
-    def known(self, values: Array) -> Array:
-        """Return what is known of values, shape (..., m, n): of relative ones all but a constant."""
-        return values if self.unwhiten is None else self.unwhiten @ (self.whiten @ values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +117,7 @@ class Observer:
     potential: Array | None = None
     stated_std: float | None = None
     extras: Extras | None = None
-    _layouts: dict[Hashable, Layout] = field(default_factory=dict, init=False)
+    _layouts: dict[Any, Layout] = field(default_factory=dict, init=False)
 
     @property
     def size(self) -> int:
@@ -199,13 +167,15 @@ class Observer:
         known = offset.swapaxes(0, 1) + mean  # (n, 2, Z)
         nodes, out = nearest_node(grid, places), []
         each = [
-            (linear, used)
-            for group in groups
+            (linear, used, node)
+            for group, node in zip(groups, nodes.tolist(), strict=True)
             for linear, used in zip(group.usable_linear, group.is_used, strict=True)
         ]
-        of_group = np.repeat(np.arange(len(groups)), [len(group.usable_linear) for group in groups])
-        layouts = iter(self._layouts_of(each, nodes[of_group].tolist(), scale))
-        values = local_values(*zip(*each, strict=True), grid.projection)
+        layouts, (measurements, flags, _) = (
+            iter(self._layouts_of(each, scale)),
+            zip(*each, strict=True),
+        )
+        values = local_values(measurements, flags, grid.projection)
         for g, group in enumerate(groups):
             own = tuple(islice(layouts, len(group.usable_linear)))
             about, axes = list[Array](), np.eye(2)
@@ -226,53 +196,34 @@ class Observer:
             design = both
         return design.reshape(-1, design.shape[2])
 
-    def _layouts_of(
-        self,
-        each: Sequence[tuple[LinearMeasurement, NDArray[np.bool_]]],
-        nodes: Sequence[int],
-        scale: float,
-    ) -> list[Layout]:
-        """Return the layouts of measurements and which of their values are used, near nodes, under a factor on the prior variance."""
-        keys = [(_key(*one), node, scale) for one, node in zip(each, nodes, strict=True)]
-        new = {
-            key: (*one, node)
-            for key, one, node in zip(keys, each, nodes, strict=True)
-            if key not in self._layouts
-        }
-        made = zip(new, self._made(list(new.values()), scale), strict=True) if new else ()
-        known = {key: self._layouts[key] for key in keys if key in self._layouts} | dict(made)
+    def _layouts_of(self, some: Sequence[_Used], scale: float) -> list[Layout]:
+        """Return the layouts of measurements, under a factor on the prior variance."""
+        keys = [(layout_key(linear, used), node, scale) for linear, used, node in some]
+        new = {key: one for key, one in zip(keys, some, strict=True) if key not in self._layouts}
+        known = {key: self._layouts[key] for key in keys if key not in new}
+        if new:
+            known |= zip(new, self._made(list(new.values()), scale), strict=True)
         self._layouts.update(known)
         for key in list(self._layouts)[:-_REMEMBERED]:
             del self._layouts[key]
         return [known[key] for key in keys]
 
     def _made(self, some: Sequence[_Used], scale: float) -> list[Layout]:
-        """Return the layouts of measurements near nodes, those with as many used values together."""
         depth = np.concatenate([linear.depth for linear, _, _ in some])
         ends = np.cumsum([linear.depth.size for linear, _, _ in some])[:-1]
-        errors = self.error(scale, [node for _, _, node in some]).T
-        weights = (
-            self.basis.depth_weights(depth),
-            depth_weights(_LINEAR, depth, self.basis.grid.levels),
-        )
-        parts, alike = [], defaultdict[Hashable, list[int]](list)
-        for i, ((linear, used, _), *hats) in enumerate(
-            zip(some, *(np.split(each, ends) for each in weights), strict=True)
-        ):
+        hats = np.split(self.basis.depth_weights(depth), ends)
+        between = np.split(depth_weights(_LINEAR, depth, self.basis.grid.levels), ends)
+        errors, parts = self.error(scale, [node for _, _, node in some]).T, list[Sight]()
+        for i, (linear, used, _) in enumerate(some):
             at = np.flatnonzero(used)
-            levels = linear.at_values(hats[0])[at]
+            levels = linear.at_values(hats[i])[at]
             functions = levels @ self.process.functions.T
             if self.extras is not None:
                 more = linear.at_values(self.extras.functions(linear.depth))[at]
                 functions = np.hstack([functions, more])
-            extra = linear.at_values(hats[1] @ errors[i])[at]
-            parts.append((levels, functions, self._covariance(linear, at, extra)))
-            alike[at.size, linear.reference].append(i)
-        out = dict[int, Layout]()
-        for (_, reference), numbers in alike.items():
-            stacked = (np.stack(each) for each in zip(*(parts[i] for i in numbers), strict=True))
-            out |= zip(numbers, layouts_of(*stacked, reference == "relative"), strict=True)
-        return [out[i] for i in range(len(some))]
+            covariance = self._covariance(linear, at, linear.at_values(between[i] @ errors[i])[at])
+            parts.append(Sight(levels, functions, covariance, linear.reference == "relative"))
+        return layouts_of(parts)
 
     def _along_path(self, group: ScreenedGroup, scale: float) -> Column:
         (linear,), (used,) = group.usable_linear, group.is_used
@@ -308,8 +259,8 @@ class Observer:
         )
         covariance = self._covariance(linear, at, weights @ extra.sum(axis=1))
         about = values - (axes @ own).T - np.array(known).T
-        nothing, relative = np.empty((1, n, 0)), linear.reference == "relative"
-        (layout,) = layouts_of(nothing, np.eye(n)[None], covariance[None], relative)
+        relative = linear.reference == "relative"
+        (layout,) = layouts_of([Sight(np.empty((n, 0)), np.eye(n), covariance, relative)])
         rows = np.concatenate(design)
         if self.extras is not None:
             more = axes @ self.extras.sums(weights, linear.depth, _times(linear)).reshape(2, -1)
@@ -323,54 +274,6 @@ class Observer:
         covariance = linear.covariance(at)
         covariance[np.diag_indices_from(covariance)] += extra**2
         return covariance
-
-
-def layouts_of(levels: Array, functions: Array, covariance: Array, relative: bool) -> list[Layout]:
-    """Return how the values of n measurements see their columns.
-
-    Args:
-        levels: shape (n, m, Z), as of ``Layout``.
-        functions: shape (n, m, K), J.
-        covariance: shape (n, m, m) [m^2/s^2], N, without the shared error where that is infinite.
-        relative: Whether it is infinite.
-
-    Raises:
-        numpy.linalg.LinAlgError: A covariance is not positive definite.
-    """
-    lower = np.asarray(np.linalg.cholesky(covariance))
-    whiten = np.array([dtrtri(each, lower=1)[0] for each in lower])
-    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    half_log_det = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
-    unwhiten: Sequence[Array | None] = [None] * len(lower)
-    if relative:
-        ones = whiten.sum(axis=2)
-        half_log_det = half_log_det + 0.5 * np.log(np.sum(ones**2, axis=1))
-        complement = np.linalg.qr(ones[..., None], mode="complete")[0][..., 1:]
-        whiten, unwhiten = complement.swapaxes(1, 2) @ whiten, list(lower @ complement)
-        std = np.sqrt(np.sum(np.square(unwhiten), axis=2))
-    # functions may depend on each other, as levels' do on the constant: no row may be made of rounding
-    q, size, along = np.linalg.svd(whiten @ functions, full_matrices=False)
-    kept = size > _ROUNDING * size.max(axis=1, keepdims=True, initial=0.0)
-    return [
-        Layout(
-            levels[i],
-            functions[i],
-            whiten[i],
-            q[i][:, own],
-            size[i, own, None] * along[i, own],
-            std[i],
-            float(half_log_det[i]),
-            unwhiten[i],
-        )
-        for i, own in enumerate(kept)
-    ]
-
-
-def _key(linear: LinearMeasurement, used: NDArray[np.bool_]) -> Hashable:
-    """Return what alike measurements share."""
-    arrays = linear.depth, linear.weights, linear.error_std, linear.correlation, used
-    parts = (None if each is None else each.tobytes() for each in arrays)
-    return linear.common_std, linear.correlation_depth, *parts
 
 
 def _times(linear: LinearMeasurement) -> NDArray[np.int64]:
