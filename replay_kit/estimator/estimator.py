@@ -10,13 +10,13 @@ all, is applied to what is published of it, after the rows (``update/evidence.py
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
 from replay_kit.core.flow.local import Oscillation
 from replay_kit.core.grid import Grid
@@ -44,7 +44,7 @@ from replay_kit.estimator.update.evidence import (
 )
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.innovations import misfits, outcomes
-from replay_kit.estimator.update.screening import ScreenedGroup, screen_group
+from replay_kit.estimator.update.screening import ScreenedGroup, screen_group, screen_groups
 
 # Columns whose products with the covariance are computed together.
 _TOGETHER = 16
@@ -207,16 +207,20 @@ class ReducedBasisEstimator(Estimator[State]):
         self, state: State, block: Sequence[Measurement | ProfileGroup]
     ) -> tuple[State, list[ScreenedGroup]]:
         """Return measurements after screening, and the state with the last one."""
-        groups = list[ScreenedGroup]()
-        for item in block:
-            events = item.profiles if isinstance(item, ProfileGroup) else (item,)
-            first = min(event.time_ns for event in events)
-            late = state.time_ns is not None and first < state.time_ns - _LATE_NS
-            groups.append(screen_group(events, state.last, self.grid, late))
-            if groups[-1].used.size:
-                last, seen = groups[-1].usable_linear[-1], groups[-1].measured(self.grid.levels)
-                before = False if state.measured is None else state.measured
-                state = replace(state, last=last, measured=seen | before)
+        events = [item.profiles if isinstance(item, ProfileGroup) else (item,) for item in block]
+        # a state without a time is before all, and of a constant current none is late
+        earliest = -np.inf
+        if state.time_ns is not None and np.isfinite(self.observer.tau).any():
+            earliest = state.time_ns - _LATE_NS
+        late = [min(event.time_ns for event in each) < earliest for each in events]
+        groups = list(screen_groups(events, state.last, self.grid, late))
+        levels, measured, last = self.grid.levels, state.measured, state.last
+        for group in groups:
+            if group.used.size:
+                last = group.usable_linear[-1]
+                measured = group.measured(levels) | (False if measured is None else measured)
+        if last is not state.last:
+            state = replace(state, last=last, measured=measured)
         return state, groups
 
     def _together(
@@ -290,21 +294,20 @@ class ReducedBasisEstimator(Estimator[State]):
             far = max(factor / self.evidence.expected, 1.0 / factor) > _FAR
             if self.evidence.is_made or state.scale != 1.0 or far:
                 scales = state.scale, state.scale * factor
-                x, p = with_variance(state.x, state.covariance, parts.scaled, *scales)
-                p = np.asfortranarray(p)
-                state = replace(state, x=x, p=p, gains=state.gains[:0], scale=scales[1])
+                moments = with_variance(state.x, state.covariance, parts.scaled, *scales)
+                state = replace(state.with_moments(*moments), scale=scales[1])
         if state.centre is None and state.profiles >= CENTRED:
             state = replace(state, centre=self._centre(state))
-        return state
+        return state.with_toward(parts.sample)
 
     def _fitted_scale(self, state: State) -> float:
         """Return the most probable factor on the prior variance of members and local directions as the state has it."""
         assert self.evidence is not None
         part, root = self.evidence.parts.scaled, np.sqrt(state.scale)
-        marginal = Marginal.of(state.x[part] / root, state.covariance[part, part] / state.scale)
         plain = self.evidence.is_made or state.scale != 1.0
         expected = 1.0 if plain else self.evidence.expected
-        return fitted_scale(marginal, expected, state.rows, state.square)
+        lower = state.folded().p[part, part] / state.scale
+        return fitted_scale(state.x[part] / root, lower, expected, state.rows, state.square)
 
     @property
     def _scale_error(self) -> tuple[int, float] | None:
@@ -333,11 +336,7 @@ class ReducedBasisEstimator(Estimator[State]):
 
     def weights(self, state: State) -> Array:
         """Return the mean weights of a state, shape (Z r,), level after level; before the centre stays without the members' kernels."""
-        x = state.x
-        if self.evidence is not None and state.centre is not None:
-            row = np.zeros((1, len(x)))
-            row[0, self.evidence.parts.sample] = state.centre
-            x = x + state.products(row)[0]
+        x = state.x if self.evidence is None else state.centred(self.evidence.parts.sample)
         process = self.observer.process
         return process.weights(x[: process.size], self._time(state)).ravel()
 

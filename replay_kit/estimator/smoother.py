@@ -12,7 +12,7 @@ the state, the filter moves the mean after an observation by -P g more, g that o
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -83,8 +83,7 @@ class Adjoint:
         """Return a state, which contains observations up to its time, after the later ones."""
         p = state.covariance
         after = p - p @ self.cov @ p
-        x, lower = state.x - p @ self.mean, np.asfortranarray(0.5 * (after + after.T))
-        return replace(state, x=x, p=lower, gains=state.gains[:0])
+        return state.with_moments(state.x - p @ self.mean, 0.5 * (after + after.T))
 
 
 def smooth(

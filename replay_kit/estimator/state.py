@@ -4,15 +4,15 @@ The covariance is kept as P - G'G. Measurements add rows to G, and P is written 
 the products with P, and not a copy of it. Of P only the lower half has a meaning.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.linalg.blas import dsymm, dsyrk
+from scipy.linalg.blas import dsymm, dsymv, dsyrk
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.observation import LinearMeasurement
 
 #: Rows of G from which on P is written again.
@@ -50,6 +50,7 @@ class State:
         measured: shape (Z,), levels among those whose depths were measured; None before any.
         doubt: What speaks against the prior's variance; None where nothing is kept of that.
         scale: Factor on the prior variance of members and local directions, as the first measurements showed it.
+        toward: shape (k,), P times the centre; None where it is not at hand.
     """
 
     x: Array
@@ -64,6 +65,7 @@ class State:
     measured: NDArray[np.bool_] | None = None
     doubt: "Doubt | None" = None
     scale: float = 1.0
+    toward: Array | None = None
 
     @staticmethod
     def initial(size: int) -> "State":
@@ -86,7 +88,27 @@ class State:
         if len(self.gains) < least:
             return self
         p = dsyrk(-1.0, self.gains.T, beta=1.0, c=self.p, trans=0, lower=1)
-        return replace(self, p=p, gains=self.gains[:0])
+        return self.with_moments(self.x, p)
+
+    def with_moments(self, x: Array, p: Array) -> "State":
+        """Return the state with another mean, shape (k,), and covariance, shape (k, k), of which the lower half counts."""
+        return replace(self, x=x, p=np.asfortranarray(p), gains=self.gains[:0], toward=None)
+
+    def with_toward(self, part: slice) -> "State":
+        """Return the state with P times the centre, of the unknowns of a part, at hand: a mean needs it after each measurement."""
+        if self.centre is None or self.toward is not None:
+            return self
+        centre = np.zeros(len(self.x))
+        centre[part] = self.centre
+        return replace(self, toward=dsymv(1.0, self.p, centre, lower=1))
+
+    def centred(self, part: slice) -> Array:
+        """Return the mean, shape (k,), had the unknowns of a part the centre as their prior mean."""
+        if self.centre is None:
+            return self.x
+        toward = self.with_toward(part).toward
+        assert toward is not None
+        return np.asarray(self.x + toward - (self.gains[:, part] @ self.centre) @ self.gains)
 
 
 def conditioned(state: State, rows: Array, values: Array) -> State:
@@ -122,4 +144,5 @@ def predict(state: State, tau: Array, time_ns: int) -> State:
     kept = np.exp(-(time_ns - state.time_ns) / _NS / tau)
     p = np.asfortranarray((state.p * kept[:, None]) * kept)
     p[np.diag_indices_from(p)] += 1.0 - kept**2
-    return replace(state, x=kept * state.x, p=p, gains=state.gains * kept, time_ns=time_ns)
+    after = state.with_moments(kept * state.x, p)
+    return replace(after, gains=state.gains * kept, time_ns=time_ns)

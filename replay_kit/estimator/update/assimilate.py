@@ -5,6 +5,8 @@ each against the estimate after those before it, and change the mean; the covari
 
     C = D P,    S = R C D' R' + 1 = A A',    G = A^-1 R C,    x <- x + G' A^-1 (y - R D x),    P <- P - G'G.
 
+In between, only mean and covariance of the unknowns of the block's columns, D x and D P D', are kept up to date.
+
 A block of one is the same. Measurements of a column are judged each against the estimate before them; those accepted are combined without
 loss before they meet the unknowns, with w_i one over each one's error factor:
 
@@ -13,12 +15,12 @@ loss before they meet the unknowns, with w_i one over each one's error factor:
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dtrsm
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.state import FOLDED, State
 from replay_kit.estimator.update.columns import Column
@@ -77,74 +79,111 @@ def assimilate(
     """
     if not columns:
         return state, []
-    designs = [column.design for column in columns]
-    ends = np.cumsum([len(design) for design in designs])
-    crosses = np.split(state.products(np.concatenate(designs)), ends[:-1])
-    gains, steps, now = [state.gains[:0]], list[tuple[Update, State]](), state
-    for column, cross in zip(columns, crosses, strict=True):
-        so_far = np.concatenate(gains)
-        cross = cross - (column.design @ so_far.T) @ so_far
-        update, gain, step = _updated(column, (column.design @ now.x, cross), probability)
+    designs = np.concatenate([column.design for column in columns])
+    crosses = state.products(designs)
+    block = _Block(designs @ state.x, crosses @ designs.T)
+    starts = np.cumsum([0, *(len(column.design) for column in columns)])
+    updates = [
+        block.updated(column, slice(start, start + len(column.design)), probability)
+        for column, start in zip(columns, starts[:-1].tolist(), strict=True)
+    ]
+    gains, whitened = block.gains(crosses), np.concatenate(block.whitened)
+    ends = np.cumsum([len(each) for each in block.whitened])
+    # the states in between share P and G
+    whole, before = np.concatenate([state.gains, gains]), len(state.gains)
+    now, start, done = state, 0, list[Update]()
+    for update, end in zip(updates, ends.tolist(), strict=True):
         now = replace(
             now,
-            x=now.x + step,
+            x=now.x + whitened[start:end] @ gains[start:end],
+            gains=whole[: before + end],
             profiles=now.profiles + sum(each.accepted for each in update.judgements),
             rows=now.rows + len(update.rows),
             square=now.square + update.square,
         )
-        gains.append(gain)
-        steps.append((update, now))
-    whole = np.concatenate([state.gains, *gains])
-    ends = len(state.gains) + np.cumsum([len(gain) for gain in gains])[1:]
-    # the states in between share P and G
-    updates = [
-        replace(update, after=replace(after, gains=whole[:end]))
-        for (update, after), end in zip(steps, ends, strict=True)
-    ]
-    return replace(now, gains=whole).folded(FOLDED), updates
+        done.append(replace(update, gain=gains[start:end], after=now))
+        start = end
+    return now.folded(FOLDED), done
 
 
-def _updated(
-    column: Column, estimate: tuple[Array, Array], probability: float | None
-) -> tuple[Update, Array, Array]:
-    """Return what measurements of a column do, the rows that they add to G, and their change of the mean.
+class _Block:
+    """The unknowns of all columns of a block together, while these are judged one after another.
 
-    Args:
-        column: The column.
-        estimate: Before them: shape (q,), mean of the column's unknowns; shape (q, k), their covariance with all unknowns.
-        probability: As of ``judged``.
+    Attributes:
+        mean: shape (Q,), after those judged so far.
+        covariance: shape (Q, Q).
+        whitened: Of each column judged.
     """
-    before, cross = estimate
-    covariance = cross @ column.design.T
-    covariance = 0.5 * (covariance + covariance.T)
-    evaluated = list(_evaluated(column, before, covariance, probability))
-    judgements = tuple(judgement for judgement, _, _ in evaluated)
-    accepted = [each for each in evaluated if each[0].accepted]
-    nothing = Update(column, before, covariance, judgements, before, covariance)
-    if not accepted:
-        return nothing, cross[:0], np.zeros(cross.shape[1])
-    rows, y, residual = combined(accepted)
-    innovation = rows @ covariance @ rows.T + np.eye(len(rows))
-    lower = np.asarray(np.linalg.cholesky(innovation), np.float64)
-    both = np.column_stack([rows @ cross, y - rows @ before, np.eye(len(rows))])
-    solved = solve_triangular(lower, both, lower=True, check_finite=False)
-    gain, whitened, inverse = np.split(solved, [cross.shape[1], cross.shape[1] + 1], axis=1)
-    step = (gain.T @ whitened)[:, 0]
-    of_column = gain @ column.design.T
-    fit = -0.5 * (float(np.sum(whitened**2)) + residual) - float(np.log(np.diag(lower)).sum())
-    update = replace(
-        nothing,
-        mean_after=before + column.design @ step,
-        covariance_after=covariance - of_column.T @ of_column,
-        signal=float(len(lower) - np.sum(inverse**2)),
-        log_likelihood=fit - _log_noise(column, judgements),
-        rows=rows,
-        lower=lower,
-        gain=gain,
-        whitened=whitened[:, 0],
-        square=float(y @ y),
-    )
-    return update, gain, step
+
+    def __init__(self, mean: Array, covariance: Array) -> None:
+        self.mean, self.covariance = mean, 0.5 * (covariance + covariance.T)
+        self.whitened = list[Array]()
+        self._parts = list[tuple[slice, Array, Array, Array]]()
+
+    def updated(self, column: Column, at: slice, probability: float | None) -> Update:
+        """Return what measurements of a column do, without their gain, and note it.
+
+        Args:
+            column: The column.
+            at: Where its unknowns are.
+            probability: As of ``judged``.
+        """
+        before, covariance = self.mean[at], self.covariance[at, at]
+        evaluated = list(_evaluated(column, before, covariance, probability))
+        judgements = tuple(judgement for judgement, _, _ in evaluated)
+        accepted = [each for each in evaluated if each[0].accepted]
+        if not accepted:
+            self.whitened.append(np.empty(0))
+            return Update(column, before, covariance, judgements, before, covariance)
+        rows, y, residual = combined(accepted)
+        innovation = rows @ covariance @ rows.T + np.eye(len(rows))
+        lower = np.asarray(np.linalg.cholesky(innovation), np.float64)
+        both = np.column_stack([rows @ self.covariance[at], y - rows @ before, np.eye(len(rows))])
+        solved = lower_solved(lower, both)
+        gain, whitened, inverse = (
+            solved[:, : len(self.mean)],
+            solved[:, len(self.mean)],
+            solved[:, len(self.mean) + 1 :],
+        )
+        self.mean = self.mean + whitened @ gain
+        self.covariance = self.covariance - gain.T @ gain
+        self.whitened.append(whitened)
+        self._parts.append((at, rows, lower, gain))
+        fit = -0.5 * (float(whitened @ whitened) + residual) - float(np.log(np.diag(lower)).sum())
+        return Update(
+            column,
+            before,
+            covariance,
+            judgements,
+            self.mean[at],
+            self.covariance[at, at],
+            signal=float(len(lower) - np.sum(inverse**2)),
+            log_likelihood=fit - _log_noise(column, judgements),
+            rows=rows,
+            lower=lower,
+            whitened=whitened,
+            square=float(y @ y),
+        )
+
+    def gains(self, crosses: Array) -> Array:
+        """Return what all columns judged add to G, shape (m, k), for the covariance of their unknowns with all, shape (Q, k).
+
+        With g_j the gain of column j on the block's unknowns, R_j C_j = sum over earlier i of R_j g_i' G_i, and A_j G_j: triangular.
+        """
+        ends = np.cumsum([0, *(len(lower) for _, _, lower, _ in self._parts)]).tolist()
+        system, right = np.zeros((ends[-1], ends[-1])), np.zeros((ends[-1], crosses.shape[1]))
+        earlier = np.zeros((ends[-1], len(self.mean)))
+        for (at, rows, lower, gain), start, end in zip(self._parts, ends, ends[1:], strict=False):
+            system[start:end, :start] = rows @ earlier[:start, at].T
+            system[start:end, start:end] = lower
+            right[start:end], earlier[start:end] = rows @ crosses[at], gain
+        return lower_solved(system, right)
+
+
+def lower_solved(lower: Array, right: Array) -> Array:
+    """Return the solution X, shape (m, n), of L X = B, with L lower triangular, shape (m, m)."""
+    # transposed, arrays in C order are in the order of the Fortran routine: nothing is copied but the result
+    return np.asarray(dtrsm(1.0, lower.T, right.T, side=1).T) if len(lower) else right
 
 
 def _evaluated(

@@ -10,10 +10,11 @@ Values that are sums over several places, as a mean along a path, are their own 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
@@ -25,6 +26,7 @@ from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.extras import Extras
 from replay_kit.estimator.update.grouping import mean_time
+from replay_kit.estimator.update.layouts import Layout, Sight, layout_key, layouts_of
 from replay_kit.estimator.update.screening import (
     ScreenedGroup,
     local_values,
@@ -33,35 +35,10 @@ from replay_kit.estimator.update.screening import (
 
 # Between levels the representation error is linear; above and below them that of the nearest holds.
 _LINEAR = DepthFunctions("hat", 0.0)
-# Share of the largest singular value of W J below which one is rounding.
-_ROUNDING = 1e-10
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Layout:
-    """How the used values of a measurement see their column; alike for measurements of equal depths and errors.
-
-    Attributes:
-        functions: shape (m, K), J, of one component.
-        whiten: shape (w, m), W.
-        q: shape (w, p), Q.
-        r: shape (p, K), R.
-        std: shape (m,) [m/s], error of each value with the representation's.
-        half_log_det: Of N.
-        unwhiten: shape (m, w), of values that are known up to a constant; None of others.
-    """
-
-    functions: Array
-    whiten: Array
-    q: Array
-    r: Array
-    std: Array
-    half_log_det: float
-    unwhiten: Array | None = None
-
-    def known(self, values: Array) -> Array:
-        """Return what is known of values, shape (m, n): of relative ones all but a constant."""
-        return values if self.unwhiten is None else self.unwhiten @ (self.whiten @ values)
+# Layouts that are remembered.
+_REMEMBERED = 64
+# A measurement, which of its values are used, and the node nearest to it.
+_Used = tuple[LinearMeasurement, NDArray[np.bool_], int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,16 +75,16 @@ class Column:
         return y.T.ravel(), max(left, 0.0), whitened.size - y.size
 
     def misfit(self, i: int, column: Array) -> Array:
-        """Return measured minus predicted values of a measurement along the column's components, shape (m, a) [m/s].
+        """Return measured minus predicted values of a measurement along the column's components, shape (..., m, a) [m/s].
 
         Args:
             i: Its position.
-            column: shape (q,), the column's unknowns.
+            column: shape (..., q), the column's unknowns.
         """
-        by_component = column.reshape(self.axes.shape[1], -1)
+        by_component = column.reshape(*column.shape[:-1], self.axes.shape[1], -1)
         layout = self.layouts[i]
-        off = self.about[i] - layout.functions @ by_component.T @ self.axes.T
-        return layout.known(off) @ self.axes
+        off = self.about[i] - layout.functions @ (self.axes @ by_component).swapaxes(-1, -2)
+        return np.asarray(layout.known(off) @ self.axes)
 
     def predicted_variance(self, i: int, covariance: Array) -> Array:
         """Return the variance of a measurement's values, shape (m, a) [m^2/s^2], for the covariance of the column, shape (q, q)."""
@@ -130,6 +107,7 @@ class Observer:
         potential: shape (M, Z), latent values of the part of the mean with divergence; None without one.
         stated_std: Error of all values [m/s] instead of their own; None for these.
         extras: Unknowns beside those of the process; None without any.
+        _layouts: The last ones made: along a track they repeat.
     """
 
     basis: Basis
@@ -139,6 +117,7 @@ class Observer:
     potential: Array | None = None
     stated_std: float | None = None
     extras: Extras | None = None
+    _layouts: dict[Any, Layout] = field(default_factory=dict, init=False)
 
     @property
     def size(self) -> int:
@@ -160,21 +139,21 @@ class Observer:
         offset = self.basis.offset
         return offset if self.potential is None else np.hstack([offset, self.potential])
 
-    def error(self, scale: float) -> Array:
-        """Return the error of what the unknowns do not hold, shape (Z, N) [m/s], under a factor on the prior variance."""
-        return np.asarray(np.hypot(self.representation, np.sqrt(scale) * self.dropped))
+    def error(self, scale: float, nodes: Any = slice(None)) -> Array:
+        """Return the error of what the unknowns do not hold at some nodes, shape (Z, n) [m/s], under a factor on the prior variance."""
+        dropped = np.sqrt(scale) * self.dropped[:, nodes]
+        return np.asarray(np.hypot(self.representation[:, nodes], dropped))
 
     def columns(self, groups: Sequence[ScreenedGroup], scale: float = 1.0) -> list[Column]:
         """Return the columns that groups of measurements see, under a factor on the prior variance; each has a usable value."""
-        error = self.error(scale)
         at_place = [each for each in groups if each.usable_linear[0].at_one_place]
-        found = iter(self._at_places(at_place, error) if at_place else ())
+        found = iter(self._at_places(at_place, scale) if at_place else ())
         return [
-            next(found) if each.usable_linear[0].at_one_place else self._along_path(each, error)
+            next(found) if each.usable_linear[0].at_one_place else self._along_path(each, scale)
             for each in groups
         ]
 
-    def _at_places(self, groups: Sequence[ScreenedGroup], error: Array) -> list[Column]:
+    def _at_places(self, groups: Sequence[ScreenedGroup], scale: float) -> list[Column]:
         basis, grid = self.basis, self.basis.grid
         middles = np.array([each.middle for each in groups])
         places = np.column_stack(to_local(grid.projection, *middles.T))
@@ -186,21 +165,24 @@ class Observer:
             offset = flow + gradient(turned)
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
         known = offset.swapaxes(0, 1) + mean  # (n, 2, Z)
-        errors, out = error[:, nearest_node(grid, places)].T, []
+        nodes, out = nearest_node(grid, places), []
+        each = [
+            (linear, used, node)
+            for group, node in zip(groups, nodes.tolist(), strict=True)
+            for linear, used in zip(group.usable_linear, group.is_used, strict=True)
+        ]
+        layouts, (measurements, flags, _) = (
+            iter(self._layouts_of(each, scale)),
+            zip(*each, strict=True),
+        )
+        values = local_values(measurements, flags, grid.projection)
         for g, group in enumerate(groups):
-            layouts: dict[bytes, Layout] = {}
-            of_each, about, axes = [], [], np.eye(2)
-            for linear, used in zip(group.usable_linear, group.is_used, strict=True):
-                at = np.flatnonzero(used)
-                key = _key(linear, used)
-                if key not in layouts:
-                    layouts[key] = self._layout(linear, at, errors[g])
-                value, axes = local_values(linear, at, grid.projection)
-                levels = linear.at_values(basis.depth_weights(linear.depth))[at]
-                of_each.append(layouts[key])
-                about.append(value - levels @ known[g].T @ axes.T)
+            own = tuple(islice(layouts, len(group.usable_linear)))
+            about, axes = list[Array](), np.eye(2)
+            for layout, (value, axes) in zip(own, values, strict=False):
+                about.append(value - layout.levels @ known[g].T @ axes.T)
             design = self._with_extras(designs[g], group, int(times[g]))
-            out.append(Column(group, int(times[g]), design, axes, tuple(of_each), tuple(about)))
+            out.append(Column(group, int(times[g]), design, axes, own, tuple(about)))
         return out
 
     def _with_extras(self, design: Array, group: ScreenedGroup, time_ns: int) -> Array:
@@ -214,16 +196,36 @@ class Observer:
             design = both
         return design.reshape(-1, design.shape[2])
 
-    def _layout(self, linear: LinearMeasurement, at: NDArray[np.intp], error: Array) -> Layout:
-        extra = depth_weights(_LINEAR, linear.depth, self.basis.grid.levels) @ error
-        covariance = self._covariance(linear, at, linear.at_values(extra)[at])
-        functions = self.basis.depth_weights(linear.depth) @ self.process.functions.T
-        if self.extras is not None:
-            functions = np.hstack([functions, self.extras.functions(linear.depth)])
-        of_values = linear.at_values(functions)[at]
-        return layout_of(of_values, covariance, linear.reference == "relative")
+    def _layouts_of(self, some: Sequence[_Used], scale: float) -> list[Layout]:
+        """Return the layouts of measurements, under a factor on the prior variance."""
+        keys = [(layout_key(linear, used), node, scale) for linear, used, node in some]
+        new = {key: one for key, one in zip(keys, some, strict=True) if key not in self._layouts}
+        known = {key: self._layouts[key] for key in keys if key not in new}
+        if new:
+            known |= zip(new, self._made(list(new.values()), scale), strict=True)
+        self._layouts.update(known)
+        for key in list(self._layouts)[:-_REMEMBERED]:
+            del self._layouts[key]
+        return [known[key] for key in keys]
 
-    def _along_path(self, group: ScreenedGroup, error: Array) -> Column:
+    def _made(self, some: Sequence[_Used], scale: float) -> list[Layout]:
+        depth = np.concatenate([linear.depth for linear, _, _ in some])
+        ends = np.cumsum([linear.depth.size for linear, _, _ in some])[:-1]
+        hats = np.split(self.basis.depth_weights(depth), ends)
+        between = np.split(depth_weights(_LINEAR, depth, self.basis.grid.levels), ends)
+        errors, parts = self.error(scale, [node for _, _, node in some]).T, list[Sight]()
+        for i, (linear, used, _) in enumerate(some):
+            at = np.flatnonzero(used)
+            levels = linear.at_values(hats[i])[at]
+            functions = levels @ self.process.functions.T
+            if self.extras is not None:
+                more = linear.at_values(self.extras.functions(linear.depth))[at]
+                functions = np.hstack([functions, more])
+            covariance = self._covariance(linear, at, linear.at_values(between[i] @ errors[i])[at])
+            parts.append(Sight(levels, functions, covariance, linear.reference == "relative"))
+        return layouts_of(parts)
+
+    def _along_path(self, group: ScreenedGroup, scale: float) -> Column:
         (linear,), (used,) = group.usable_linear, group.is_used
         basis, at, grid = self.basis, np.flatnonzero(used), self.basis.grid
         places = np.column_stack(to_local(grid.projection, linear.longitude, linear.latitude))
@@ -237,7 +239,7 @@ class Observer:
         offset, modes = basis.horizontal.sums(places, flat, basis.offset, basis.modes)
         n, n_levels = len(at), levels.shape[1]
         sums = modes.reshape(2, shares.shape[1], n, n_levels, -1)
-        values, axes = local_values(linear, at, grid.projection)
+        ((values, axes),) = local_values([linear], [used], grid.projection)
         if self.potential is not None:
             (turned,) = basis.horizontal.sums(places, flat, self.potential)
             offset = offset + gradient(turned)
@@ -253,11 +255,12 @@ class Observer:
         )
         extra = (
             depth_weights(_LINEAR, linear.depth, grid.levels)
-            * error[:, nearest_node(grid, places)].T
+            * self.error(scale, nearest_node(grid, places)).T
         )
         covariance = self._covariance(linear, at, weights @ extra.sum(axis=1))
         about = values - (axes @ own).T - np.array(known).T
-        layout = layout_of(np.eye(n), covariance, linear.reference == "relative")
+        relative = linear.reference == "relative"
+        (layout,) = layouts_of([Sight(np.empty((n, 0)), np.eye(n), covariance, relative)])
         rows = np.concatenate(design)
         if self.extras is not None:
             more = axes @ self.extras.sums(weights, linear.depth, _times(linear)).reshape(2, -1)
@@ -271,42 +274,6 @@ class Observer:
         covariance = linear.covariance(at)
         covariance[np.diag_indices_from(covariance)] += extra**2
         return covariance
-
-
-def layout_of(functions: Array, covariance: Array, relative: bool) -> Layout:
-    """Return how values see their column.
-
-    Args:
-        functions: shape (m, K), J.
-        covariance: shape (m, m) [m^2/s^2], N, without the shared error where that is infinite.
-        relative: Whether it is infinite.
-
-    Raises:
-        numpy.linalg.LinAlgError: The covariance is not positive definite.
-    """
-    lower = np.asarray(np.linalg.cholesky(covariance))
-    whiten = np.asarray(scipy.linalg.solve_triangular(lower, np.eye(len(lower)), lower=True))
-    half_log_det, std = float(np.log(np.diag(lower)).sum()), np.sqrt(np.diag(covariance))
-    unwhiten = None
-    if relative:
-        ones = whiten.sum(axis=1)
-        half_log_det += 0.5 * float(np.log(ones @ ones))
-        complement = np.linalg.qr(ones[:, None], mode="complete")[0][:, 1:]
-        whiten, unwhiten = complement.T @ whiten, lower @ complement
-        std = np.sqrt(np.sum(unwhiten**2, axis=1))
-    # functions may depend on each other, as levels' do on the constant: no row may be made of rounding
-    q, size, along = np.linalg.svd(whiten @ functions, full_matrices=False)
-    kept = size > _ROUNDING * size.max(initial=0.0)
-    r = size[kept, None] * along[kept]
-    return Layout(functions, whiten, q[:, kept], r, std, half_log_det, unwhiten)
-
-
-def _key(linear: LinearMeasurement, used: NDArray[np.bool_]) -> bytes:
-    """Return what alike measurements share."""
-    correlation = b"" if linear.correlation is None else linear.correlation.tobytes()
-    numbers = np.array([linear.common_std, linear.correlation_depth])
-    arrays = (linear.depth, linear.error_std, numbers, used)
-    return b"".join([*(each.tobytes() for each in arrays), correlation])
 
 
 def _times(linear: LinearMeasurement) -> NDArray[np.int64]:

@@ -6,14 +6,14 @@ is then multiplied by the likeliest factor, and what was rejected is assimilated
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
+from replay_kit.core.arrays import replace
 from replay_kit.estimator.state import Doubt, State
 from replay_kit.estimator.update.assimilate import assimilate
 from replay_kit.estimator.update.columns import Column
-from replay_kit.estimator.update.evidence import Marginal, with_variance
+from replay_kit.estimator.update.evidence import of_scales, with_variance
 
 #: Columns after which the prior's variance is no longer doubted.
 MOST = 16
@@ -50,20 +50,12 @@ def rescaled(state: State, part: slice) -> State:
     assert state.doubt is not None
     columns: Sequence[Column] = state.doubt.columns
     x, p, root = state.x, state.covariance, np.sqrt(state.scale)
-    before = Marginal.of(x[part] / root, p[part, part] / state.scale).evidence(
-        _SCALES, np.zeros((1, len(x[part])))
-    )
+    misfit, determinant, _ = of_scales(x[part] / root, p[part, part] / state.scale, _SCALES)
+    before = -0.5 * (misfit + determinant)
     found = []
-    for scale, evidence in zip(_SCALES.tolist(), before[:, 0].tolist(), strict=True):
-        x_new, p_new = with_variance(x, p, part, state.scale, state.scale * scale)
-        begun = replace(
-            state,
-            x=x_new,
-            p=np.asfortranarray(p_new),
-            gains=state.gains[:0],
-            doubt=None,
-            scale=state.scale * scale,
-        )
+    for scale, evidence in zip(_SCALES.tolist(), before.tolist(), strict=True):
+        begun = state.with_moments(*with_variance(x, p, part, state.scale, state.scale * scale))
+        begun = replace(begun, doubt=None, scale=state.scale * scale)
         after, updates = assimilate(begun, columns, None)
         found.append((evidence + sum(update.log_likelihood for update in updates), after))
     times = [

@@ -14,6 +14,7 @@ and the evidence of N(m, h) against N(0, 1), in the eigenvectors of P_ii, of eig
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dormqr, dptsv, dsytrd
 from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
@@ -29,7 +30,10 @@ _FULL, CENTRED = 6.0, 28
 SCALED = (8, 16, 32, 64, 128)
 # Standard deviation of the logarithms of the scale and of the errors' factor before the log, and what is tried of both.
 _DOUBT, _SCALES = np.log(2.0), np.geomspace(0.05, 20.0, 61)
-_NOISES = np.geomspace(1.0, 16.0, 9)
+_RATIO, _STEP = float(_SCALES[1] / _SCALES[0]), 4
+_NOISES = _RATIO ** (_STEP * np.arange(8))
+# Columns that the reduction to a tridiagonal matrix takes together.
+_BLOCK = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,26 +72,55 @@ class Marginal:
         return np.asarray(top.sum(axis=2) - fixed)
 
 
-def fitted_scale(marginal: Marginal, expected: float, rows: int, square: float) -> float:
+def of_scales(x: Array, p: Array, scales: Array) -> tuple[Array, Array, float]:
+    """Return what other variances of some unknowns add to the misfit y'S^-1 y and to log |S|, and what the unknowns explain.
+
+    With q = 1 / variance - 1 that is q x' (1 + q P)^-1 x and log |1 + q P| - n log (1 + q), which a tridiagonal matrix has too, of shape
+    (v,) both; and x' P^-1 x, by which the misfit under the variance 1 is less than y'y.
+
+    Args:
+        x: shape (n,), mean under the variance 1.
+        p: shape (n, n), lower half of the covariance.
+        scales: shape (v,), the variances.
+    """
+    reflections, diagonal, beside, factors, _ = dsytrd(p, lower=1, lwork=_BLOCK * len(x))
+    turned = x.copy()
+    if len(x) > 1:
+        below = reflections[1:, :-1]
+        turned[1:] = dormqr("L", "T", below, factors, x[1:, None], lwork=_BLOCK)[0][:, 0]
+    misfit, determinant = [], []
+    for scale in scales.tolist():
+        q = 1.0 / scale - 1.0
+        pivots, _, solved, _ = dptsv(1.0 + q * diagonal, q * beside, turned)
+        misfit.append(q * float(turned @ solved))
+        determinant.append(float(np.log(pivots).sum()) + len(x) * np.log(scale))
+    explained = float(turned @ dptsv(diagonal, beside, turned)[2])
+    return np.array(misfit), np.array(determinant), explained
+
+
+def fitted_scale(x: Array, p: Array, expected: float, rows: int, square: float) -> float:
     """Return the most probable scale of the prior's covariance, under a log-normal prior about an expected one.
 
     It is found with a factor f on the variance of errors, which is 1 before the log: errors that are larger than stated, as those that
-    are correlated along a profile, would pass for a prior that is too narrow. Of m rows with the values y of unit errors,
+    are correlated along a profile, would pass for a prior that is too narrow. Of m rows, S(a, f) = f S(a / f, 1), and the evidence is
 
-        sum [(x / (f p))^2 / (1 / a + q / f) - log(1 + a q / f)] - m log f - y'y / f,    q = 1 / p - 1.
+        -(y'S(a / f, 1)^-1 y / f + log |S(a / f, 1)| + m log f) / 2.
 
     Args:
-        marginal: Of the unknowns.
-        expected: Before the log.
-        rows: m.
-        square: y'y.
+        x: As of ``of_scales``.
+        p: Alike.
+        expected: Of the scale.
+        rows: Number of rows of unit errors m.
+        square: Of their values, y'y.
     """
-    information, score = 1.0 / marginal.values - 1.0, marginal.x / marginal.values
-    a, f = _SCALES[:, None, None], _NOISES[:, None]
-    of_unknowns = (score / f) ** 2 / (1.0 / a + information / f) - np.log1p(a * information / f)
-    both = of_unknowns.sum(axis=2) - rows * np.log(_NOISES) - square / _NOISES
-    found = 0.5 * both - 0.5 * (np.log(_SCALES / expected) / _DOUBT)[:, None] ** 2
-    found = np.max(found - 0.5 * (np.log(_NOISES) / _DOUBT) ** 2, axis=1)
+    more = _STEP * np.arange(_NOISES.size)
+    ratios = _SCALES[0] * _RATIO ** np.arange(-more[-1], _SCALES.size)
+    misfit, determinant, explained = of_scales(x, p, ratios)
+    at = np.arange(_SCALES.size)[:, None] + more[-1] - more
+    of_values = (square - explained + misfit[at]) / _NOISES
+    doubt = (np.log(_SCALES / expected) / _DOUBT)[:, None] ** 2 + (np.log(_NOISES) / _DOUBT) ** 2
+    both = -0.5 * (of_values + determinant[at] + rows * np.log(_NOISES) + doubt)
+    found = both.max(axis=1)
     best = int(np.argmax(found))
     if not 0 < best < _SCALES.size - 1:
         return float(_SCALES[best])

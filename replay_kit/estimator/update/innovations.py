@@ -57,13 +57,14 @@ def outcomes(
 def _rejected(group: ScreenedGroup, update: Update, i: int) -> Innovation:
     """Return the innovation of one of the usable measurements, which the gate rejected."""
     judgement, at = update.judgements[i], int(group.used[i])
-    before = _shown(group, update, i, update.before)
+    means = np.stack([update.before, np.zeros_like(update.before)])
+    before, prior = _spread(group, i, update.column.misfit(i, means))
     return replace(
         group.unused(at),
         innovation=before,
-        innovation_std=np.sqrt(_variance(group, update, i, update.covariance)),
+        innovation_std=np.sqrt(_variances(group, update, i).sum(axis=0)),
         residual=before,
-        prior_innovation=_shown(group, update, i, np.zeros_like(update.before)),
+        prior_innovation=prior,
         nis=judgement.nis,
         dof=judgement.rows + judgement.left,
         decision="rejected",
@@ -77,10 +78,9 @@ def _rejected(group: ScreenedGroup, update: Update, i: int) -> Innovation:
 def _accepted(group: ScreenedGroup, update: Update, accepted: NDArray[np.intp]) -> Innovation:
     """Return the innovation of the accepted measurements together: means over them, and sums."""
     judgements, at = [update.judgements[i] for i in accepted], group.used[accepted]
-    means = update.before, update.mean_after, np.zeros_like(update.before)
-    before, after, prior = (
-        np.array([_shown(group, update, i, mean) for i in accepted.tolist()]) for mean in means
-    )
+    means = np.stack([update.before, update.mean_after, np.zeros_like(update.before)])
+    shown = [_spread(group, i, update.column.misfit(i, means)) for i in accepted.tolist()]
+    before, after, prior = np.stack(shown, axis=1)
     several, dof = len(at) > 1, sum(each.rows + each.left for each in judgements)
     flags = group.flags[at[0]]
     if several:
@@ -129,38 +129,29 @@ def misfits(group: ScreenedGroup, column: Column, mean: Array) -> Array:
     return out.reshape(-1, 2)
 
 
-def _shown(group: ScreenedGroup, update: Update, i: int, mean: Array) -> Array:
-    """Return measured minus predicted values of a measurement, shape (n, 2) [m/s], local axes; NaN where not used."""
-    return _spread(group, i, update.column.misfit(i, mean))
-
-
 def _spread(group: ScreenedGroup, i: int, values: Array) -> Array:
-    """Return values of the used bins, shape (m, 2), among all bins, shape (n, 2)."""
+    """Return values of the used bins, shape (..., m, 2), among all bins, shape (..., n, 2)."""
     used = group.is_used[i]
-    out = np.full((used.size, 2), np.nan)
-    out[used] = values
+    out = np.full((*values.shape[:-2], used.size, 2), np.nan)
+    out[..., used, :] = values
     return out
 
 
-def _variance(group: ScreenedGroup, update: Update, i: int, covariance: Array) -> Array:
-    """Return the variance of a measurement's innovation, shape (n, 2) [m^2/s^2]."""
+def _variances(group: ScreenedGroup, update: Update, i: int) -> Array:
+    """Return the estimate's and the noise's part of the variance of a measurement's innovation, shape (2, n, 2) [m^2/s^2]."""
     column = update.column
-    own = column.predicted_variance(i, covariance)
+    own = column.predicted_variance(i, update.covariance)
     noise = np.outer(column.layouts[i].std ** 2, np.sum(column.axes**2, axis=0))
-    return _spread(group, i, own + noise)
+    return _spread(group, i, np.stack([own, noise]))
 
 
 def _mean_std(
     group: ScreenedGroup, update: Update, accepted: Sequence[int] | NDArray[np.intp]
 ) -> Array:
     """Return the standard deviation of the mean innovation, shape (n, 2): the estimate's error is shared, the noise is not."""
-    column = update.column
-    own = np.array(
-        [_spread(group, i, column.predicted_variance(i, update.covariance)) for i in accepted]
-    )
-    whole = np.array([_variance(group, update, i, update.covariance) for i in accepted])
+    own, noise = np.stack([_variances(group, update, i) for i in accepted], axis=1)
     counts = np.maximum(np.isfinite(own[..., 0]).sum(axis=0), 1)[:, None]
-    return np.asarray(np.sqrt(_mean(own) + _mean(whole - own) / counts))
+    return np.asarray(np.sqrt(_mean(own) + _mean(noise) / counts))
 
 
 def _mean(values: Array) -> Array:

@@ -10,6 +10,7 @@ from replay_kit.estimator.update.evidence import (
     amplitude_mixture,
     fitted_scale,
     member_centre,
+    of_scales,
     with_marginal,
     with_mean,
     with_variance,
@@ -57,13 +58,29 @@ def test_the_evidence_is_the_ratio_of_densities():
     variances, means = np.array([0.15, 0.4, 3.0]), RNG.standard_normal((4, 5))
     expected = [[conditioned(h, m)[2] - DENSITY for m in means] for h in variances]
     np.testing.assert_allclose(MARGINAL.evidence(variances, means), expected, atol=1e-10)
+    of_variances = [conditioned(h)[2] - DENSITY for h in variances]
+    misfit, determinant, explained = of_scales(X[PART], np.tril(P[PART, PART]), variances)
+    np.testing.assert_allclose(-0.5 * (misfit + determinant), of_variances, atol=1e-10)
+    assert explained == pytest.approx(X[PART] @ np.linalg.solve(P[PART, PART], X[PART]))
 
 
 @pytest.mark.parametrize("expected", [1.0, 2.5])
-def test_the_scale_is_the_likeliest_under_a_log_normal_prior(expected):
-    scales = np.geomspace(0.05, 20.0, 4001)
-    logs = [conditioned(a)[2] - 0.5 * (np.log(a / expected) / np.log(2.0)) ** 2 for a in scales]
-    assert fitted_scale(MARGINAL, expected) == pytest.approx(scales[np.argmax(logs)], rel=5e-3)
+@pytest.mark.parametrize("noisier", [1.0, 4.0])
+def test_the_scale_is_the_likeliest_with_a_factor_on_the_errors(expected, noisier):
+    rng = np.random.default_rng(3)
+    rows = rng.standard_normal((40, SIZE))
+    values = rows @ rng.standard_normal(SIZE) + noisier * rng.standard_normal(40)
+    x, p, *_ = kalman_update(np.zeros(SIZE), np.eye(SIZE), rows, values, np.eye(40))
+
+    def log(a, f):
+        doubt = (np.log(a / expected) ** 2 + np.log(f) ** 2) / np.log(2.0) ** 2
+        return log_density(values, 0.0, a * rows @ rows.T + f * np.eye(40)) - 0.5 * doubt
+
+    scales = np.geomspace(0.05, 20.0, 301)
+    noises = np.geomspace(1.0, (scales[5] / scales[0]) ** 28, 8)
+    logs = [max(log(a, f) for f in noises) for a in scales]
+    found = fitted_scale(x, np.tril(p), expected, 40, float(values @ values))
+    assert found == pytest.approx(scales[np.argmax(logs)], rel=0.03)
 
 
 @pytest.mark.parametrize("profiles_so_far", [3, 20])
