@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import gradient
 from replay_kit.core.flow.process import Process
 from replay_kit.core.grid import Ensemble
-from replay_kit.estimator.basis.embedding import embed
-from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
-from replay_kit.estimator.basis.slices import correlation_length, ensemble_slices
+from replay_kit.estimator.basis.modes import build_basis, mean_variance
+from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.estimator import Evidence, ReducedBasisEstimator
 from replay_kit.estimator.prior.biases import biases
 from replay_kit.estimator.prior.extras import Extras
@@ -90,7 +88,7 @@ def build(
             process,
             np.broadcast_to(representation, dropped.shape),
             dropped,
-            _potential(pooled, basis, config),
+            basis.potential,
             extras=extras,
         ),
         evidence,
@@ -120,17 +118,6 @@ def _paper(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator
     error = np.zeros((n_levels, len(basis.grid.nodes)))
     observer = Observer(basis, process, error, error, stated_std=config.paper_error_std)
     return ReducedBasisEstimator(observer, None, None, ensemble.time_ns)
-
-
-def _potential(ensemble: Ensemble, basis: Basis, config: EstimatorConfig) -> Array:
-    """Return the potential, shape (M, Z), whose gradient is what the basis loses of the ensemble mean: no flow of it diverges."""
-    mean = ensemble_slices(ensemble).mean(axis=0)
-    nodes, n = basis.grid.nodes, len(basis.grid.nodes)
-    of_basis = basis.horizontal.velocity(nodes, basis.offset)
-    lost = mean.reshape(-1, 2, n).transpose(1, 2, 0) - of_basis
-    # a stream function whose flow, turned by 90 degrees, is the field
-    turned = gradient(gradient(gradient(lost)))
-    return embed(basis.horizontal, nodes, turned.reshape(2 * n, -1), config.nugget)
 
 
 def scales_of(weights: Array, times_ns: NDArray[np.int64], time: TimeConfig) -> tuple[float, float]:

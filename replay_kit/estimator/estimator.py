@@ -23,7 +23,7 @@ from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.interface import Estimator, Stepped
 from replay_kit.estimator.prior.biases import bias_remarks
-from replay_kit.estimator.prior.calibration import calibration, fitted_kernels
+from replay_kit.estimator.prior.calibration import MembersPrior, calibration, fitted_kernels
 from replay_kit.estimator.prior.factor import Parts
 from replay_kit.estimator.prior.fit import Members
 from replay_kit.estimator.prior.hybrid import PriorSettings
@@ -82,12 +82,16 @@ class Evidence:
     @cached_property
     def expected(self) -> float:
         """The factor on variances that members left out show."""
-        return calibration(self.members, self.settings, self.bound)
+        return calibration(self._prior)
 
     @cached_property
     def kernels(self) -> Array:
         """The probabilities of the kernels about members that members left out show, shape (H,)."""
-        return fitted_kernels(self.members, self.settings, self.bound)
+        return fitted_kernels(self._prior)
+
+    @cached_property
+    def _prior(self) -> MembersPrior:
+        return MembersPrior.of(self.members, self.settings, self.bound)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

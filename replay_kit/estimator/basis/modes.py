@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.estimate import FlowEstimate, gradient
 from replay_kit.core.flow.functions import (
     DepthFunctions,
     HorizontalFunctions,
@@ -28,7 +28,7 @@ from replay_kit.core.flow.functions import (
 )
 from replay_kit.core.flow.lattice import lattice_over
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed
+from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed, embedding
 from replay_kit.estimator.basis.shifts import (
     SHIFT_WEIGHTS,
     ErrorField,
@@ -74,6 +74,8 @@ class Basis:
         mean_weights: shape (Z, r), of the ensemble mean, as far as the modes span it; None where its amplitude is certain.
         truncation_std: shape (Z,) [m/s], RMS over the nodes of what the basis leaves of currents like the members.
         error_field: How that varies over the nodes; None where it is the same everywhere, or stated.
+        potential: shape (M, Z), latent values whose gradient is what the basis loses of the ensemble mean: no flow of it diverges; None
+            where that counts for nothing.
     """
 
     grid: Grid
@@ -86,6 +88,7 @@ class Basis:
     truncation_std: Array
     mean_weights: Array | None = None
     error_field: ErrorField | None = None
+    potential: Array | None = None
 
     @property
     def member_anomalies(self) -> Array:
@@ -313,7 +316,13 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
     given = np.hstack([mean.reshape(n_levels, -1).T, found.vectors])
     # a view, so that no second copy of the vectors takes memory beside the band of a large region
     found = replace(found, vectors=given[:, n_levels:])
-    latents = embed(functions, nodes, given, config.nugget)
+    latent_of = embedding(functions, nodes, config.nugget)
+    latents = latent_of(given)
+    # a stream function whose flow, turned by 90 degrees, is what the embedding loses of the mean
+    lost = mean.transpose(1, 2, 0) - functions.velocity(nodes, latents[:, :n_levels])
+    potential = latent_of(gradient(gradient(gradient(lost))).reshape(2 * len(nodes), -1))
+    # the factor of a large region takes most of the memory
+    del latent_of
     velocity_modes = functions.velocity(nodes, latents[:, n_levels:]).reshape(2 * len(nodes), -1)
     apart = correlation_length(ensemble) if config.shift_distance is None else config.shift_distance
     missed = shifted_residual(ensemble, mean.reshape(n_levels, -1), velocity_modes, apart)
@@ -329,4 +338,5 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
         np.sqrt(np.mean(error**2, axis=1)),
         found.products[-n_levels:] / mean_scale if mean_scale else None,
         error_field(error, nodes) if config.representation_error_std is None else None,
+        potential,
     )

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dtrsm
 from scipy.special import logsumexp
 
 from replay_kit.core.arrays import Array
@@ -34,71 +35,92 @@ _STEPS, _SEED = 50, 7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MembersPrior:
+    """The prior of an ensemble in few modes.
+
+    Attributes:
+        members: All of the ensemble.
+        loading: shape (k, K, r), patterns of the unknowns.
+        functions: shape (K, Z).
+        parts: Which unknowns are what.
+        error: shape (Z, N) [m/s], of what is dropped.
+    """
+
+    members: Members
+    loading: Array
+    functions: Array
+    parts: Parts
+    error: Array
+
+    @staticmethod
+    def of(members: Members, settings: PriorSettings, bound: float) -> "MembersPrior":
+        """Return it of members in few modes; settings and bound as of ``process_of``."""
+        process, parts, error = process_of(
+            members.weights[None], members.shifted(settings), settings, None, 0.0, bound
+        )
+        return MembersPrior(members, process.loading(0), process.functions, parts, error)
+
+    def without(self, gone: NDArray[np.intp], member: int) -> "_Others":
+        """Return the prior without some members, of whom one is measured.
+
+        Without the unknowns of those left out, and with the others' in proportion, the prior is that of the others: their mean differs by
+        a combination of the same patterns.
+        """
+        weights, sample, shape = self.members.weights, self.parts.sample, self.loading.shape[1:]
+        n, kept = len(weights), np.setdiff1d(np.arange(len(weights)), gone)
+        anomaly = weights[member] - weights[kept].mean(axis=0)
+        # the patterns of the members kept about their own mean, and of all copies of them
+        whole = self.loading[sample].reshape(-1, n, *shape)[:, kept]
+        more = np.sqrt((n - 1.0) / (len(kept) - 1.0))
+        of_kept = more * (whole - whole.mean(axis=1, keepdims=True)).reshape(-1, *shape)
+        return _Others(
+            self,
+            member,
+            np.concatenate([of_kept, self.loading[sample.stop :]]),
+            len(of_kept),
+            self.functions @ anomaly,
+            self.parts.anomaly / more,
+            len(kept),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Others:
     """The prior of an ensemble without some of its members, and one of these.
 
     Attributes:
-        members: All of the ensemble, in few modes.
+        whole: Of all members.
         member: Position of the one that is measured.
         loading: shape (k, K, r), patterns of the others' unknowns.
         sample: Number of unknowns of their sample, the first.
         anomaly: shape (K, r), of the member about the others' mean.
         own: Value of one of the others' unknown in its own anomaly.
         kept: Number of the others.
-        functions: shape (K, Z).
-        error: shape (Z, N) [m/s], of what is dropped.
     """
 
-    members: Members
+    whole: MembersPrior
     member: int
     loading: Array
     sample: int
     anomaly: Array
     own: float
     kept: int
-    functions: Array
-    error: Array
 
     def measured(self, count: int) -> tuple[Array, Array]:
         """Return the design, shape (m, k), and the values without noise, shape (m,), of columns of the member, over their error."""
         # one error for all: that of what the unknowns do not hold is much smaller
-        of_dropped = np.sqrt(np.mean(self.functions**2 @ self.error**2, axis=1))
+        of_dropped = np.sqrt(np.mean(self.whole.functions**2 @ self.whole.error**2, axis=1))
         noise = np.hypot(LEVEL_ERROR_STD, of_dropped)
-        rows = LEVEL_ERROR_STD * self.members.columns(count, self.member)  # (2 n, r)
-        design = np.einsum("kfr,mr->mfk", self.loading, rows) / noise[:, None]
-        return design.reshape(-1, len(self.loading)), (rows @ self.anomaly.T / noise).ravel()
+        rows = LEVEL_ERROR_STD * self.whole.members.columns(count, self.member)  # (2 n, r)
+        values = (rows @ self.anomaly.T / noise).ravel()
+        return self.unit(rows).swapaxes(0, 1).reshape(-1, len(self.loading)) / np.tile(
+            noise, len(rows)
+        )[:, None], values
 
-
-def _others(
-    members: Members, prior: tuple[Array, Array, Parts, Array], member: int, gone: NDArray[np.intp]
-) -> _Others:
-    """Return the prior without some members, ``gone``, of whom one is measured.
-
-    Without the unknowns of those left out, and with the others' in proportion, the prior is that of the others: their mean differs by a
-    combination of the same patterns.
-    """
-    loading, functions, parts, error = prior
-    n, kept = len(members.weights), np.setdiff1d(np.arange(len(members.weights)), gone)
-    anomaly = members.weights[member] - members.weights[kept].mean(axis=0)
-    # the patterns of the members kept about their own mean, and of all copies of them
-    whole = loading[parts.sample].reshape(-1, n, *loading.shape[1:])[:, kept]
-    more = np.sqrt((n - 1.0) / (len(kept) - 1.0))
-    sample = more * (whole - whole.mean(axis=1, keepdims=True)).reshape(-1, *loading.shape[1:])
-    both = np.concatenate([sample, loading[parts.sample.stop :]])
-    own = parts.anomaly / more
-    return _Others(
-        members, member, both, len(sample), functions @ anomaly, own, len(kept), functions, error
-    )
-
-
-def _prior(
-    members: Members, settings: PriorSettings, bound: float
-) -> tuple[Array, Array, Parts, Array]:
-    """Return the loading of all members' unknowns, the vertical functions, the parts, and the error of what is dropped."""
-    process, parts, error = process_of(
-        members.weights[None], members.shifted(settings), settings, None, 0.0, bound
-    )
-    return process.loading(0), process.functions, parts, error
+    def unit(self, modes: Array) -> Array:
+        """Return the effect of one unit of each unknown on the functions' currents, shape (K, m, k), for modes of shape (m, r)."""
+        flat = self.loading.swapaxes(0, 1).reshape(-1, self.loading.shape[2])
+        return (modes @ flat.T).reshape(len(modes), -1, len(self.loading)).swapaxes(0, 1)
 
 
 def alike(weights: Array, velocity_modes: Array) -> list[NDArray[np.intp]]:
@@ -121,20 +143,15 @@ def alike(weights: Array, velocity_modes: Array) -> list[NDArray[np.intp]]:
     return out
 
 
-def calibration(members: Members, settings: PriorSettings, bound: float) -> float:
-    """Return the factor on stated variances, at least 1; 1 with too few members to leave out any.
-
-    Args:
-        members: All of the ensemble, in few modes.
-        settings: Of the prior.
-        bound: As of ``process_of`` [m/s].
-    """
+def calibration(prior: MembersPrior) -> float:
+    """Return the factor on stated variances, at least 1; 1 with too few members to leave out any."""
+    members = prior.members
     n_members = len(members.weights)
     if n_members < 4:
         return 1.0
-    prior, groups = _prior(members, settings, bound), alike(members.weights, members.velocity_modes)
+    groups = alike(members.weights, members.velocity_modes)
     quantiles = [
-        np.quantile(_normalised(_others(members, prior, i, groups[i])), 0.9, axis=1)
+        np.quantile(_normalised(prior.without(groups[i], i)), 0.9, axis=1)
         for i in withheld(members, _LEFT_OUT)
         if n_members - len(groups[i]) >= 3
     ]
@@ -143,44 +160,56 @@ def calibration(members: Members, settings: PriorSettings, bound: float) -> floa
 
 def _normalised(others: _Others) -> Array:
     """Return the expected squares of a member's errors over stated variances, shape (counts, values); the noise is averaged over."""
-    nodes = np.arange(len(others.members.nodes))
+    whole, nodes = others.whole, np.arange(len(others.whole.members.nodes))
     some = nodes[evenly(min(_SCORED, len(nodes)), len(nodes))]
-    v = others.members.velocity_modes.reshape(2, len(nodes), -1)[:, some]
-    unit = np.einsum("kfr,cnr->ncfk", others.loading, v, optimize=True)
-    stated = (others.functions**2 @ others.error[:, some] ** 2).T[:, None]
-    actual, scores = np.einsum("fr,cnr->ncf", others.anomaly, v), []
+    modes = whole.members.velocity_modes[np.concatenate([some, some + len(nodes)])]
+    unit = others.unit(modes).reshape(-1, len(others.loading))  # (K 2n, k)
+    actual = (others.anomaly @ modes.T).ravel()
+    stated = np.tile(whole.functions**2 @ whole.error[:, some] ** 2, 2).ravel()
+    scores = []
     for count in _COLUMNS:
-        design, values = others.measured(count)
-        eye = np.eye(design.shape[1])
-        lower = np.linalg.cholesky(design.T @ design + eye)
-        # P = A'A with A the inverse of the factor, and x = P H' y has the variance P - P P of the noise
-        root = solve_triangular(lower, eye, lower=True)
-        x = root.T @ (root @ (design.T @ values))
-        of_flow = np.square(unit @ root.T).sum(axis=3)
-        of_noise = of_flow - np.square((unit @ root.T) @ root).sum(axis=3)
-        scores.append((((unit @ x - actual) ** 2 + of_noise) / (of_flow + stated)).ravel())
+        mean, variance, of_noise = _after(unit, *others.measured(count))
+        scores.append(((mean - actual) ** 2 + of_noise) / (variance + stated))
     return np.array(scores)
 
 
-def fitted_kernels(members: Members, settings: PriorSettings, bound: float) -> Array:
+def _after(unit: Array, design: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Return mean and variance of sums of the unknowns after rows of unit noise, and the variance that the noise gives the mean.
+
+    Of rows D, S = D D' + 1 = L L', and sums U the covariance U U' - W'W with W = L^-1 D U', and the noise's part of the mean W' L^-1; where
+    rows are more than unknowns, the information D'D + 1 is the smaller matrix.
+
+    Args:
+        unit: shape (n, k), U.
+        design: shape (m, k), D.
+        values: shape (m,).
+    """
+    by_rows = len(design) < design.shape[1]
+    small, right = (design, design @ unit.T) if by_rows else (design.T, unit.T)
+    lower = np.asarray(np.linalg.cholesky(small @ small.T + np.eye(len(small))))
+    both = np.column_stack([right, values if by_rows else design.T @ values])
+    white = dtrsm(1.0, lower.T, both.T, side=1).T  # L^-1
+    gain = dtrsm(1.0, lower.T, white[:, :-1].T, side=1, trans_a=1).T  # L'^-1 of it
+    mean, held, solved = (
+        white[:, :-1].T @ white[:, -1],
+        *(np.square(each).sum(axis=0) for each in (white[:, :-1], gain)),
+    )
+    if by_rows:
+        return mean, np.square(unit).sum(axis=1) - held, solved
+    return mean, held, held - solved
+
+
+def fitted_kernels(prior: MembersPrior) -> Array:
     """Return the probabilities of the kernels about members, shape (H,), under which members left out are most likely.
 
     Forecasts that are alike put them on narrow kernels, fields of a climatology on the prior itself. By expectation and maximisation.
-
-    Args:
-        members: All of the ensemble, in few modes.
-        settings: Of the prior.
-        bound: As of ``process_of`` [m/s].
     """
     probability = np.asarray(_BEFORE / _BEFORE.sum())
+    members = prior.members
     if len(members.weights) < 4:
         return probability
-    prior = _prior(members, settings, bound)
     likelihoods = np.array(
-        [
-            _of_kernels(_others(members, prior, i, np.array([i])))
-            for i in withheld(members, _OF_KERNELS)
-        ]
+        [_of_kernels(prior.without(np.array([i]), i)) for i in withheld(members, _OF_KERNELS)]
     )
     for _ in range(_STEPS):
         logs = np.log(probability) + likelihoods

@@ -16,8 +16,8 @@ from replay_kit.estimator.basis.shifts import SHIFT_WEIGHTS, ShiftedModes
 from replay_kit.estimator.prior.hybrid import PriorSettings
 from replay_kit.estimator.prior.localised import localised_part
 
-# Directions that are considered for dropping together.
-_TOGETHER = 1
+# Directions that are considered for dropping together, at first.
+_STEP = 256
 # Bound for vertical functions over that for directions.
 _VERTICAL_SHARE = 1.0 / 3.0
 # Share of the largest spread below which the members are equal to rounding.
@@ -153,17 +153,25 @@ def _dropped(
         velocity_modes: shape (2P, r), at some nodes.
         bound: [m/s].
     """
-    at_nodes = np.square(velocity_modes @ directions)  # (g, 2P, r)
-    size = at_nodes.max(axis=1)[group] * height.max(axis=1)[:, None]
-    order = np.argsort(size, axis=None)
-    q, b = np.unravel_index(order, size.shape)
-    total, out = np.zeros((height.shape[1], at_nodes.shape[1])), np.zeros(size.shape, np.bool_)
-    for start in range(0, q.size, _TOGETHER):
-        some = slice(start, start + _TOGETHER)
-        total += height[q[some]].T @ at_nodes[group[q[some]], :, b[some]]
-        if total.max() > bound**2:
-            break
-        out[q[some], b[some]] = True
+    at_nodes = np.square(velocity_modes @ directions).swapaxes(1, 2).copy()  # (g, r, 2P)
+    size = at_nodes.max(axis=2)[group] * height.max(axis=1)[:, None]
+    q, b = np.unravel_index(np.argsort(size, axis=None), size.shape)
+    total, n = np.zeros((height.shape[1], at_nodes.shape[2])), 0
+
+    def more(count: int) -> Array:
+        some = slice(n, n + count)
+        return np.asarray(height[q[some]].T @ at_nodes[group[q[some]], b[some]])
+
+    # a step that is too long is halved
+    step = _STEP
+    while step and n < q.size:
+        with_more = total + more(step)
+        if with_more.max() > bound**2:
+            step //= 2
+        else:
+            total, n = with_more, n + step
+    out = np.zeros(size.shape, np.bool_)
+    out[q[:n], b[:n]] = True
     return out
 
 
@@ -192,16 +200,19 @@ def vertical_functions(
 
     def at_nodes(patterns: Array, function: Array) -> Array:
         in_function = np.tensordot(function, patterns, ([0], [1]))
-        return np.asarray(np.square(in_function @ velocity_modes.T).sum(axis=0))
+        products = velocity_modes @ (in_function.T @ in_function)
+        return np.asarray(np.sum(products * velocity_modes, axis=1))
 
-    variance = np.array(
-        [
-            (np.max([at_nodes(each, f) for each in moving], axis=0) + at_nodes(fixed, f)).max()
-            for f in functions
-        ]
-    )
-    n = max(int((np.cumsum(variance[::-1])[::-1] > bound**2).sum()), 1)
-    return functions[:n], np.sqrt(functions[n:].T ** 2 @ variance[n:])
+    left, total = np.zeros(functions.shape[1]), 0.0
+    for n in range(len(functions), 1, -1):
+        of_times = np.max([at_nodes(each, functions[n - 1]) for each in moving], axis=0)
+        # of a function that holds nothing rounding may leave less than nothing
+        variance = max((of_times + at_nodes(fixed, functions[n - 1])).max(), 0.0)
+        total += variance
+        if total > bound**2:
+            return functions[:n], np.sqrt(left)
+        left += functions[n - 1] ** 2 * variance
+    return functions[:1], np.sqrt(left)
 
 
 def times_with_spread(spread: Array) -> NDArray[np.intp]:

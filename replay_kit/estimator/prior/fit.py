@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg.blas import dtrsm
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
@@ -323,10 +324,9 @@ def score_withheld(
     )
     innovation[np.diag_indices_from(innovation)] += 1.0
     factor = scipy.linalg.cholesky(innovation, lower=True, overwrite_a=True, check_finite=False)
-    whitened = scipy.linalg.solve_triangular(factor, cross, lower=True, check_finite=False)
-    of_noise = scipy.linalg.solve_triangular(
-        factor, whitened, lower=True, trans="T", check_finite=False
-    )
+    # transposed, arrays are in the order of the Fortran routine
+    whitened = dtrsm(1.0, factor, cross.T, side=1, lower=1, trans_a=1).T
+    of_noise = dtrsm(1.0, factor, whitened.T, side=1, lower=1).T
     error = ((truth @ rows.T).ravel() @ of_noise).reshape(truth.shape) - truth
 
     def variance(covariance: Callable[[int], Array]) -> Array:

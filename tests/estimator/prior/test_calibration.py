@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from replay_kit.estimator.prior.calibration import alike, calibration, fitted_kernels
+from replay_kit.estimator.prior.calibration import (
+    MembersPrior,
+    alike,
+    calibration,
+    fitted_kernels,
+)
 from replay_kit.estimator.prior.fit import Members
 from replay_kit.estimator.prior.hybrid import PriorSettings
 
@@ -28,6 +33,10 @@ def members_of(families, each):
     return Members(weights, np.eye(2 * x.size), np.column_stack([x, y]))
 
 
+def prior_of(families, each):
+    return MembersPrior.of(members_of(families, each), SETTINGS, 1e-3)
+
+
 def test_members_alike_are_those_of_one_family():
     members = members_of(4, 5)
     groups = alike(members.weights, members.velocity_modes)
@@ -37,22 +46,20 @@ def test_members_alike_are_those_of_one_family():
 
 
 def test_it_is_one_or_more_and_larger_for_members_in_families():
-    alone, families = (calibration(members_of(*of), SETTINGS, 1e-3) for of in ((20, 1), (4, 5)))
+    alone, families = (calibration(prior_of(*of)) for of in ((20, 1), (4, 5)))
     assert 1.0 <= alone < 1.5
     assert families > 1.5 * alone
 
 
 def test_members_in_families_put_more_on_narrow_kernels_than_members_alone():
-    alone, families = (fitted_kernels(members_of(*of), SETTINGS, 1e-3) for of in ((20, 1), (4, 5)))
+    alone, families = (fitted_kernels(prior_of(*of)) for of in ((20, 1), (4, 5)))
     for probability in (alone, families):
         assert probability.sum() == pytest.approx(1.0)
         assert (probability > 0.0).all()
     assert alone[0] > 0.5 > families[0]
-    np.testing.assert_array_equal(
-        fitted_kernels(members_of(3, 1), SETTINGS, 1e-3), [0.5, 0.25, 0.25]
-    )
+    np.testing.assert_array_equal(fitted_kernels(prior_of(3, 1)), [0.5, 0.25, 0.25])
 
 
 @pytest.mark.parametrize("count", [2, 3])
 def test_with_too_few_members_to_leave_out_any_it_is_one(count):
-    assert calibration(members_of(count, 1), SETTINGS, 1e-3) == 1.0
+    assert calibration(prior_of(count, 1)) == 1.0
