@@ -36,6 +36,7 @@ def made(tmp_path_factory):
             "sample_share": 0.5,
             "shift_distance": 1e4,
             "dropped_std": 0.0,
+            "spread": 1.0,
             "mean_variance": 0.0,
         }
         config = EstimatorConfig(**stated, representation_error_std=0.0)

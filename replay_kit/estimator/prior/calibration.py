@@ -31,7 +31,7 @@ _NORMAL = 1.645**2
 # For kernels: members left out, columns of each, and the word before them of some members, half of them like no other.
 _OF_KERNELS, _FEW_COLUMNS = 24, 10
 _BEFORE = 7.0 * np.array([0.5, *[0.5 / (KERNELS.size - 1)] * (KERNELS.size - 1)])
-_STEPS, _SEED = 50, 7
+_STEPS = 50
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,7 +221,6 @@ def fitted_kernels(prior: MembersPrior) -> Array:
 def _of_kernels(others: _Others) -> Array:
     """Return the logarithm of the likelihood of each kernel about the others for what is measured of a member, shape (H,)."""
     design, values = others.measured(_FEW_COLUMNS)
-    values = values + np.random.default_rng([_SEED, others.member]).standard_normal(len(values))
     sample, found = design[:, : others.sample], []
     total = design @ design.T + np.eye(len(design))
     toward = others.own * sample[:, : others.kept]
@@ -229,6 +228,8 @@ def _of_kernels(others: _Others) -> Array:
         lower = np.linalg.cholesky(total - (1.0 - kernel) * (sample @ sample.T))
         off = values[:, None] - np.sqrt(1.0 - kernel) * toward
         white = solve_triangular(lower, off, lower=True, check_finite=False)
-        logs = -0.5 * np.square(white).sum(axis=0) - np.log(np.diag(lower)).sum()
+        # the mean over the noise of the values, which the density has and they have not
+        noise = np.square(solve_triangular(lower, np.eye(len(lower)), lower=True)).sum()
+        logs = -0.5 * (np.square(white).sum(axis=0) + noise) - np.log(np.diag(lower)).sum()
         found.append(logsumexp(logs) - np.log(others.kept))
     return np.array(found)
