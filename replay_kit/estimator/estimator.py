@@ -222,7 +222,8 @@ class ReducedBasisEstimator(Estimator[State]):
         for group in groups:
             if group.used.size:
                 last = group.usable_linear[-1]
-                measured = group.measured(levels) | (False if measured is None else measured)
+                if measured is None or not measured.all():
+                    measured = group.measured(levels) | (False if measured is None else measured)
         if last is not state.last:
             state = replace(state, last=last, measured=measured)
         return state, groups

@@ -128,7 +128,7 @@ class _Block:
             at: Where its unknowns are.
             probability: As of ``judged``.
         """
-        before, covariance = self.mean[at], self.covariance[at, at]
+        before, covariance = self.mean[at].copy(), self.covariance[at, at].copy()
         evaluated = list(_evaluated(column, before, covariance, probability))
         judgements = tuple(judgement for judgement, _, _ in evaluated)
         accepted = [each for each in evaluated if each[0].accepted]
@@ -136,17 +136,17 @@ class _Block:
             self.whitened.append(np.empty(0))
             return Update(column, before, covariance, judgements, before, covariance)
         rows, y, residual = combined(accepted)
-        innovation = rows @ covariance @ rows.T + np.eye(len(rows))
-        lower = np.asarray(np.linalg.cholesky(innovation), np.float64)
-        both = np.column_stack([rows @ self.covariance[at], y - rows @ before, np.eye(len(rows))])
+        m, left = len(rows), slice(at.start, None)
+        lower = np.asarray(np.linalg.cholesky(rows @ covariance @ rows.T + np.eye(m)), np.float64)
+        # of the unknowns of columns judged before nothing is asked any more
+        both = np.zeros((m, len(self.mean) + 1 + m))
+        both[:, left.start : -1 - m] = rows @ self.covariance[at, left]
+        both[:, -1 - m] = y - rows @ before
+        both[:, -m:] = np.eye(m)
         solved = lower_solved(lower, both)
-        gain, whitened, inverse = (
-            solved[:, : len(self.mean)],
-            solved[:, len(self.mean)],
-            solved[:, len(self.mean) + 1 :],
-        )
-        self.mean = self.mean + whitened @ gain
-        self.covariance = self.covariance - gain.T @ gain
+        gain, whitened, inverse = solved[:, : -1 - m], solved[:, -1 - m], solved[:, -m:]
+        self.mean[left] += whitened @ gain[:, left]
+        self.covariance[left, left] -= gain[:, left].T @ gain[:, left]
         self.whitened.append(whitened)
         self._parts.append((at, rows, lower, gain))
         fit = -0.5 * (float(whitened @ whitened) + residual) - float(np.log(np.diag(lower)).sum())
@@ -155,9 +155,9 @@ class _Block:
             before,
             covariance,
             judgements,
-            self.mean[at],
-            self.covariance[at, at],
-            signal=float(len(lower) - np.sum(inverse**2)),
+            self.mean[at].copy(),
+            self.covariance[at, at].copy(),
+            signal=float(m - np.sum(inverse**2)),
             log_likelihood=fit - _log_noise(column, judgements),
             rows=rows,
             lower=lower,

@@ -10,7 +10,8 @@ Values that are sums over several places, as a mean along a path, are their own 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from typing import Any
 
@@ -95,7 +96,8 @@ class Column:
         return np.asarray(np.maximum(variance, 0.0) @ self.axes**2)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+# Not slotted: what all measurements need is made once.
+@dataclass(frozen=True, eq=False)
 class Observer:
     """What makes rows of measurements.
 
@@ -107,7 +109,6 @@ class Observer:
         potential: shape (M, Z), latent values of the part of the mean with divergence; None without one.
         stated_std: Error of all values [m/s] instead of their own; None for these.
         extras: Unknowns beside those of the process; None without any.
-        _layouts: The last ones made: along a track they repeat.
     """
 
     basis: Basis
@@ -117,7 +118,6 @@ class Observer:
     potential: Array | None = None
     stated_std: float | None = None
     extras: Extras | None = None
-    _layouts: dict[Any, Layout] = field(default_factory=dict, init=False)
 
     @property
     def size(self) -> int:
@@ -133,11 +133,16 @@ class Observer:
             else np.append(self.process.tau, self.extras.tau)
         )
 
-    @property
-    def _without_unknowns(self) -> Array:
-        """Latent values of the flow whose weights are zero, and of the potential beside it."""
-        offset = self.basis.offset
-        return offset if self.potential is None else np.hstack([offset, self.potential])
+    @cached_property
+    def _latents(self) -> Array:
+        """Latent values of the flow whose weights are zero, of the potential beside it, and of the modes: a place is looked up once."""
+        potential = [] if self.potential is None else [self.potential]
+        return np.hstack([self.basis.offset, *potential, self.basis.modes])
+
+    @cached_property
+    def _layouts(self) -> dict[Any, Layout]:
+        """The last layouts made: along a track they repeat."""
+        return {}
 
     def error(self, scale: float, nodes: Any = slice(None)) -> Array:
         """Return the error of what the unknowns do not hold at some nodes, shape (Z, n) [m/s], under a factor on the prior variance."""
@@ -158,11 +163,10 @@ class Observer:
         middles = np.array([each.middle for each in groups])
         places = np.column_stack(to_local(grid.projection, *middles.T))
         times = np.array([mean_time(each.usable_linear) for each in groups], np.int64)
-        modes = basis.horizontal.velocity(places, basis.modes)
-        offset = basis.horizontal.velocity(places, self._without_unknowns)
+        both, n = basis.horizontal.velocity(places, self._latents), grid.levels.size
+        offset, modes = both[..., :n], both[..., both.shape[2] - basis.n_modes :]
         if self.potential is not None:
-            flow, turned = np.split(offset, 2, axis=2)
-            offset = flow + gradient(turned)
+            offset = offset + gradient(both[..., n : 2 * n])
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
         known = offset.swapaxes(0, 1) + mean  # (n, 2, Z)
         nodes, out = nearest_node(grid, places), []

@@ -91,7 +91,7 @@ def _accepted(group: ScreenedGroup, update: Update, accepted: NDArray[np.intp]) 
         group.unused(int(at[0])),
         time_ns=mean_time(events),
         flags=flags,
-        depth=np.mean([each.linear.value_depth for each in events], axis=0),
+        depth=_mean(np.stack([each.linear.value_depth for each in events])),
         innovation=_mean(before),
         innovation_std=_mean_std(group, update, accepted),
         residual=_mean(after),
@@ -150,8 +150,9 @@ def _mean_std(
 ) -> Array:
     """Return the standard deviation of the mean innovation, shape (n, 2): the estimate's error is shared, the noise is not."""
     own, noise = np.stack([_variances(group, update, i) for i in accepted], axis=1)
-    counts = np.maximum(np.isfinite(own[..., 0]).sum(axis=0), 1)[:, None]
-    return np.asarray(np.sqrt(_mean(own) + _mean(noise) / counts))
+    if len(own) > 1:
+        noise = noise / np.maximum(np.isfinite(own[..., 0]).sum(axis=0), 1)[:, None]
+    return np.asarray(np.sqrt(_mean(own) + _mean(noise)))
 
 
 def _mean(values: Array) -> Array:

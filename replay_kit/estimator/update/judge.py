@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.special import chdtri
 
 from replay_kit.core.arrays import Array
@@ -54,17 +55,21 @@ def judged(
         probability: That sound measurements exceed the gate; None accepts all with their stated errors.
     """
     square, left = residual
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    values, along = np.maximum(values, 0.0), vectors.T @ innovation
     scale, threshold, rows = 1.0, np.inf, len(innovation)
     if probability is not None:
         threshold = quantile(probability, rows)
         if left and square > quantile(probability, left):
             scale = square / left
-    statistic = float(np.sum(along**2 / (values + scale)))
-    nis = float(np.sum(along**2 / (values + 1.0))) + square
-    log_det = float(np.log1p(values).sum())
-    return Judgement(scale, statistic, threshold, nis, log_det, rows, left)
+    of_rows, log_det = _normalised(innovation, covariance, 1.0)
+    statistic = of_rows if scale == 1.0 else _normalised(innovation, covariance, scale)[0]
+    return Judgement(scale, statistic, threshold, of_rows + square, log_det, rows, left)
+
+
+def _normalised(innovation: Array, covariance: Array, noise: float) -> tuple[float, float]:
+    """Return the normalised square of an innovation, and the logarithm of its covariance's determinant, with a variance of noise."""
+    lower, _ = dpotrf(covariance + noise * np.eye(len(innovation)), lower=1)
+    white, _ = dtrtrs(lower, innovation, lower=1)
+    return float(white @ white), 2.0 * float(np.log(lower.diagonal()).sum())
 
 
 @lru_cache(maxsize=1024)
