@@ -128,10 +128,8 @@ def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscilla
     inertial: list[bool] = []
     component: list[int] = []
     for name in config.oscillators:
-        if name in ("inertial", "steady"):
-            omega.append(
-                2.0 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)) if name == "inertial" else 0.0
-            )
+        if name == "inertial":
+            omega.append(2.0 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)))
             inertial.append(True)
             component.append(0)
         else:
