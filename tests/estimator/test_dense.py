@@ -93,10 +93,11 @@ def test_it_is_the_joint_gaussian_of_all_measurements(members, config, time, log
     for given in log:
         state, (step,) = estimator.assimilate(state, [given])
         rows, said = twin.rows(given), step.innovation
-        nis, density = twin.predicted(seen, rows, given.time_ns)
+        nis, density, signal = twin.predicted(seen, rows, given.time_ns)
         assert (said.dof, said.accepted, said.error_inflation) == (len(rows[1]), True, 1.0)
         assert said.nis == pytest.approx(nis, rel=1e-8)
         assert said.log_likelihood == pytest.approx(density, rel=1e-8, abs=1e-8)
+        assert said.signal_dof == pytest.approx(signal, rel=1e-6)
         seen.append((rows, given.time_ns))
         assert state.time_ns == given.time_ns
     assert_equal(estimator, state, twin, seen)
@@ -243,7 +244,7 @@ def test_the_joint_likelihood_is_the_density_of_all_values(unreferenced):
     seen, density, total = [], 0.0, 0.0
     for each in log:
         rows = twin.rows(each)
-        nis, log_density = twin.predicted(seen, rows, 0)
+        nis, log_density, _ = twin.predicted(seen, rows, 0)
         seen.append((rows, 0))
         density, total = density + log_density, total + nis
     assert (found.log, found.nis) == pytest.approx((density, total), rel=1e-9)

@@ -187,12 +187,13 @@ class Twin:
         return gain @ np.concatenate([y for _, y, _ in rows]), np.eye(len(cross)) - gain @ cross.T
 
     def predicted(self, seen, rows, at_ns):
-        """Normalised square and log-density of values after others."""
+        """Normalised square, log-density and degrees of freedom for signal of values after others."""
         x, p = self.joint(seen, at_ns)
         design, value, noise = rows
         cov = design @ p @ design.T + noise
         off = value - design @ x
-        return off @ np.linalg.inv(cov) @ off, log_density(off, 0.0, cov)
+        signal = np.trace((cov - noise) @ np.linalg.inv(cov))
+        return off @ np.linalg.inv(cov) @ off, log_density(off, 0.0, cov), signal
 
     def velocity(self, x, p, place, depth, time_ns):
         """Mean of the current at a point, and the variance of each component with the error beside the unknowns."""
