@@ -316,13 +316,7 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
     given = np.hstack([mean.reshape(n_levels, -1).T, found.vectors])
     # a view, so that no second copy of the vectors takes memory beside the band of a large region
     found = replace(found, vectors=given[:, n_levels:])
-    latent_of = embedding(functions, nodes, config.nugget)
-    latents = latent_of(given)
-    # a stream function whose flow, turned by 90 degrees, is what the embedding loses of the mean
-    lost = mean.transpose(1, 2, 0) - functions.velocity(nodes, latents[:, :n_levels])
-    potential = latent_of(gradient(gradient(gradient(lost))).reshape(2 * len(nodes), -1))
-    # the factor of a large region takes most of the memory
-    del latent_of
+    latents, potential = _embedded(functions, nodes, given, mean, config.nugget)
     velocity_modes = functions.velocity(nodes, latents[:, n_levels:]).reshape(2 * len(nodes), -1)
     apart = correlation_length(ensemble) if config.shift_distance is None else config.shift_distance
     missed = shifted_residual(ensemble, mean.reshape(n_levels, -1), velocity_modes, apart)
@@ -340,3 +334,25 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
         error_field(error, nodes) if config.representation_error_std is None else None,
         potential,
     )
+
+
+def _embedded(
+    functions: HorizontalFunctions, nodes: Array, given: Array, mean: Array, nugget: float
+) -> tuple[Array, Array]:
+    """Return the latent values of the ensemble mean and the modes, shape (M, Z + r), and the potential, shape (M, Z), as of ``Basis``.
+
+    The factor of a large region takes most of the memory: it is made once, and let go.
+
+    Args:
+        functions: The horizontal functions.
+        nodes: shape (N, 2) [m].
+        given: shape (2N, Z + r) [m/s], mean and modes.
+        mean: shape (Z, 2, N) [m/s].
+        nugget: As of ``embedding``.
+    """
+    latent_of = embedding(functions, nodes, nugget)
+    latents = latent_of(given)
+    lost = mean.transpose(1, 2, 0) - functions.velocity(nodes, latents[:, : len(mean)])
+    # of a stream function whose flow, turned by 90 degrees, is what the embedding loses of the mean
+    turned = gradient(gradient(gradient(lost)))
+    return latents, latent_of(turned.reshape(2 * len(nodes), -1))
