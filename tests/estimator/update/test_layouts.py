@@ -13,7 +13,7 @@ ESTIMATOR = build([SEA], CONFIG)
 PLAIN = profiles(1)[0].linear
 N = len(PLAIN.value)
 CORRELATION = 0.5 * (np.eye(N) + 1.0)
-MEANS = np.eye(N) + np.eye(N, k=1)
+EXCHANGED = np.eye(N)[[1, 0, *range(2, N)]]
 
 VARIANTS = {
     "noise": {"error_std": 2.0 * PLAIN.error_std},
@@ -22,7 +22,7 @@ VARIANTS = {
     "relative": {"common_std": np.inf},
     "correlated in depth": {"correlation_depth": 40.0},
     "correlated": {"correlation": CORRELATION},
-    "sums": {"weights": MEANS / MEANS.sum(axis=1, keepdims=True)},
+    "exchanged": {"weights": EXCHANGED},
     "fewer": {"flags": np.where(np.arange(N) % 2, PLAIN.flags, 4).astype(np.int8)},
     "elsewhere": {"longitude": PLAIN.longitude + 0.2},
     "one component": {"value": PLAIN.value[:, :1], "components": np.array([[0.6, 0.8]])},
