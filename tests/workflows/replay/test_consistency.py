@@ -313,7 +313,7 @@ def test_a_contradiction_ends_with_six_and_is_in_the_answer(ocean, tmp_path):
     )
     lines = done.stdout.splitlines()
     assert lines[0] == "Verdict: do not use: two sources of the current contradict each other"
-    assert lines[1].startswith("Basis: 57 of 66 observations used; 1 contradiction: two sources")
+    assert lines[1].startswith("Basis: 60 of 66 observations used; 1 contradiction: two sources")
     assert any(
         line.startswith("CONTRADICTION: two sources of the current contradict each other (since ")
         for line in lines
