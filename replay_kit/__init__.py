@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from replay_kit.config.run import RunConfig
     from replay_kit.core.errors import ReplayKitError
     from replay_kit.core.flow.estimate import FlowEstimate
-    from replay_kit.core.flow.load import load as open_estimate
+    from replay_kit.core.flow.file import load as open_estimate
     from replay_kit.core.grid import Ensemble
     from replay_kit.core.observation import Observation
     from replay_kit.core.plan import Place, Plan

@@ -14,8 +14,7 @@ from hypothesis import HealthCheck, settings
 
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.estimator.prior import fit
-from replay_kit.estimator.static import filter as static_filter
-from tests.remembered import assemble_argument_collection, fitted_kernels, score_member
+from tests.remembered import assemble_argument_collection, score_member
 from tests.synthetic_flow import synthetic_flow
 
 # how long an example takes is the machine's affair
@@ -45,5 +44,4 @@ def _what_tests_share_is_made_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(App, "assemble_argument_collection", assemble_argument_collection)
         patch.setattr(fit, "_score_member", score_member)
-        patch.setattr(static_filter, "fitted_kernels", fitted_kernels)
         yield

@@ -18,9 +18,8 @@ from replay_kit.studies.twins.make import Twin
 from replay_kit.studies.twins.messages import Flight, measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Pings
 
-OUTLIER = 1.0  # m/s
-# each kind of error has draws of its own, so that one fault does not change what another draws
-_PLATFORM_DRAWS, _OUTLIER_DRAWS = 1, 2
+# draws of their own, so that a fault does not change what the instrument's noise draws
+_PLATFORM_DRAWS = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +30,11 @@ class Faults:
         reference: What the logged velocities are relative to.
         platform_std: Error of each component of the platform's velocity, which the pings then state [m/s]; None: they do not.
         heading_bias_deg: Added to the heading, clockwise: what is measured relative to the platform is turned by it.
-        scale_error: Share by which what is measured relative to the platform is too large.
-        outliers: Share of pings whose bins are all off by 1 m/s in one random direction.
     """
 
     reference: Reference = "earth"
     platform_std: float | None = None
     heading_bias_deg: float = 0.0
-    scale_error: float = 0.0
-    outliers: float = 0.0
 
 
 #: An instrument without faults.
@@ -56,7 +51,7 @@ def as_logged(
         pings: Where, and how the platform moved.
         projection: The local frame of the pings.
         faults: What is wrong.
-        seed: Of the outliers and of the error of the platform's velocity.
+        seed: Of the error of the platform's velocity.
     """
     if faults == SOUND:
         return velocity, None
@@ -69,23 +64,13 @@ def as_logged(
     )
     bias = np.deg2rad(faults.heading_bias_deg)
     clockwise = np.array([[np.cos(bias), -np.sin(bias)], [np.sin(bias), np.cos(bias)]])
-    logged = (1.0 + faults.scale_error) * (velocity - platform[:, None]) @ clockwise
-    logged = logged + _outliers(len(velocity), faults.outliers, seed)[:, None]
+    logged = (velocity - platform[:, None]) @ clockwise
     if faults.reference == "earth":
         return logged + platform[:, None], None
     if faults.platform_std is None:
         return logged, None
     error = np.random.default_rng([seed, _PLATFORM_DRAWS]).standard_normal(platform.shape)
     return logged, platform + faults.platform_std * error
-
-
-def _outliers(n: int, share: float, seed: int) -> Array:
-    """Return what is added to each of n pings, shape (n, 2) [m/s]; the share is that of the pings, rounded."""
-    rng = np.random.default_rng([seed, _OUTLIER_DRAWS])
-    chosen, direction = rng.permutation(n)[: round(share * n)], rng.uniform(0.0, 2.0 * np.pi, n)
-    offset = np.zeros((n, 2))
-    offset[chosen] = OUTLIER * np.column_stack([np.cos(direction), np.sin(direction)])[chosen]
-    return offset
 
 
 def messages_of(
@@ -96,7 +81,7 @@ def messages_of(
     Args:
         flight: The mission.
         faults: What is wrong.
-        seed: Of the outliers and of the error of the platform's velocity.
+        seed: Of the error of the platform's velocity.
         pings: Whether its pings are logged.
     """
     track = flight.mission.pings

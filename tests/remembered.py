@@ -9,7 +9,7 @@ from cyclopts import App
 from cyclopts.argument import Argument, ArgumentCollection
 
 from replay_kit.estimator.basis.shifts import ShiftedModes
-from replay_kit.estimator.prior import centre, fit
+from replay_kit.estimator.prior import fit
 from replay_kit.estimator.prior.fit import Members
 
 
@@ -37,7 +37,6 @@ def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 score_member = remembered(fit._score_member)
-fitted_kernels = remembered(centre.fitted_kernels)
 
 _assemble = App.assemble_argument_collection
 _options: dict[tuple[object, ...], ArgumentCollection] = {}

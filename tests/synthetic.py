@@ -110,13 +110,6 @@ def profile(grid, east, north, depth, velocity, std=0.05, time_ns=0, dive=0) -> 
     )
 
 
-def wiggle(grid) -> Observation:
-    """A profile of many bins that a smooth field does not explain: its bins depend on each other."""
-    depth = np.arange(5.0, 220.0, 2.0)
-    velocity = 0.3 * np.column_stack([np.sin(depth / 12.0), np.cos(depth / 12.0)])
-    return profile(grid, 1e3, 2e3, depth, velocity)
-
-
 def random_profiles(grid, n, seed=0, std=0.05, speed=0.2) -> list[Observation]:
     """Profiles of pure noise at random points: what the update makes of them is linear algebra all the same."""
     rng = np.random.default_rng(seed)

@@ -5,8 +5,10 @@ from typing import Literal
 
 import numpy as np
 
-from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
 from replay_kit.core.flow.functions import DepthFunctions, HorizontalKernel, NodeKernel
+from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Grid, Projection
 
@@ -31,15 +33,61 @@ def synthetic_flow(
     nodes, levels = int(wet[0].sum()), 3
     factor = rng.normal(size=(n_modes * levels, n_modes * levels))
     grid = Grid(projection, longitude, latitudes, east, north, np.array([0.5, 50.0, 200.0]), wet)
-    return FlowEstimate(
+    latent = rng.normal(size=(2 * nodes, levels))
+    flow = FlowEstimate(
         grid=grid,
         horizontal=NodeKernel(HorizontalKernel(1.2 * spacing, 1.1 * spacing, 0.5), grid.nodes),
         depth_functions=DepthFunctions(kind, 90.0),
-        latent=rng.normal(size=(2 * nodes, levels)),
+        latent=latent,
         modes=rng.normal(size=(2 * nodes, n_modes)),
-        covariance=0.01 * factor @ factor.T if n_modes else np.empty((0, 0)),
         time_ns=TIME_NS,
     )
+    return with_weights(flow, flow.modes, 0.01 * factor @ factor.T) if n_modes else flow
+
+
+def with_weights(flow: FlowEstimate, modes: Array, covariance: Array) -> FlowEstimate:
+    """Return a flow whose modes' weights, level by level, have an error of some covariance and are constant in time."""
+    levels, r = flow.levels.size, modes.shape[1]
+    size = levels * r
+    # one unknown for each weight
+    process = Process(
+        np.array([flow.time_ns or 0]),
+        np.zeros((1, levels, r)),
+        np.eye(size).reshape(1, size, levels, r),
+        np.empty((0, levels, r)),
+        np.ones(1),
+        np.eye(levels),
+        np.full(size, np.inf),
+    )
+    nothing, covariance = np.zeros((levels, len(flow.nodes))), 0.5 * (covariance + covariance.T)
+    x = np.linspace(-1.0, 1.0, size)
+    offset = flow.latent - modes @ x.reshape(levels, r).T
+    unknowns = Unknowns(process, offset, x, covariance, flow.time_ns, nothing)
+    return replace(flow, modes=modes, unknowns=unknowns)
+
+
+def constant(flow: FlowEstimate, time_ns: int) -> FlowEstimate:
+    """Return a flow without uncertainty that holds at any time, given for one [ns, UTC]."""
+    at = replace(flow, time_ns=time_ns)
+    return with_weights(at, flow.modes[:, :0], np.empty((0, 0)))
+
+
+def growing(flow: FlowEstimate, factors: Array, step: float) -> FlowEstimate:
+    """Return a flow without uncertainty that is multiplied by a factor a step [s] from its time on, and between them by their line."""
+    start, levels = flow.time_ns or 0, flow.levels.size
+    process = Process(
+        start + (np.arange(factors.size) * step * 1e9).astype(np.int64),
+        factors[:, None, None] * np.eye(levels),
+        np.empty((factors.size, 0, levels, levels)),
+        np.empty((0, levels, levels)),
+        np.ones(factors.size),
+        np.eye(levels),
+        np.empty(0),
+    )
+    nothing = np.zeros((levels, len(flow.nodes)))
+    empty, offset = np.empty((0, 0)), np.zeros_like(flow.latent)
+    unknowns = Unknowns(process, offset, np.empty(0), empty, start, nothing)
+    return replace(flow, modes=flow.latent, unknowns=unknowns).moved(start)
 
 
 def regular(flow: FlowEstimate) -> FlowEstimate:

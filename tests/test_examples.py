@@ -17,7 +17,7 @@ from replay_kit.core import extensions
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
-from replay_kit.estimator.baselines.builders import build_named
+from replay_kit.estimator.baselines import build_named
 from replay_kit.logs.glider.dialects import dialect_of
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import initial_state, interpret_block
@@ -208,7 +208,7 @@ def test_an_estimator_that_lacks_what_one_has_is_named(monkeypatch):
     monkeypatch.setattr(extensions, "_points", lambda asked: (point,))
     with pytest.raises(
         ConfigError,
-        match="estimator mine: expected an Estimator, got int without state_size, initial, step",
+        match="estimator mine: expected an Estimator, got int without initial, predict, assimilate, flow",
     ):
         build_named(ensemble(), NAMED)
 

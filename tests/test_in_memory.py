@@ -10,7 +10,7 @@ import xarray as xr
 import replay_kit as rk
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError
 from replay_kit.core.observation import PathMean
-from replay_kit.estimator.baselines.whole_flows import build_nearest
+from replay_kit.estimator.baselines import nearest_member
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.verify import verify
 from tests import synthetic
@@ -122,7 +122,7 @@ def test_a_mean_current_is_a_straight_dive_between_its_fixes():
 
 
 def test_a_single_component_informs_along_its_direction_alone():
-    one = rk.Observation.component((TIME, 152.3, -39.8), 5.0, 90.0, 0.4, 0.02)
+    one = rk.Observation.component((TIME, 152.3, -39.8), 5.0, 90.0, 0.1, 0.02)
     settings = SETTINGS | {"measurements": {"surface_tide_std": 0.0}}
     ensemble = _dataset()
     found = rk.replay([one], ensemble, settings=settings)
@@ -136,7 +136,7 @@ def test_a_single_component_informs_along_its_direction_alone():
             rk.replay([replace(one, error_std=np.array([9.0]))], ensemble, settings=settings),
         )
     )
-    assert abs(at.u - 0.4) < 0.3 * abs(before.u - 0.4)
+    assert abs(at.u - 0.1) < 0.3 * abs(before.u - 0.1)
     assert at.u_standard_error < 0.5 * before.u_standard_error
     assert at.v_standard_error > 0.8 * before.v_standard_error
     north = rk.Observation.component((TIME, 152.3, -39.8), 5.0, 0.0, 0.4, 0.02)
@@ -218,7 +218,7 @@ def test_a_dataset_with_two_time_axes_is_refused_by_their_names():
 
 
 def test_an_estimator_of_ones_own_is_an_object_or_what_makes_it():
-    result = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, estimator=build_nearest)
+    result = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, estimator=nearest_member)
     usual = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS)
     assert result.outcome.observations["used"] == 4
     assert not np.allclose(
@@ -226,7 +226,8 @@ def test_an_estimator_of_ones_own_is_an_object_or_what_makes_it():
         usual.estimate.velocity_at(152.3, -39.8, 60.0).u,
     )
     with pytest.raises(
-        ConfigError, match="estimator: expected an Estimator, got int without state_size"
+        ConfigError,
+        match="estimator: expected an Estimator, got int without initial, predict, assimilate, flow",
     ):
         rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, estimator=3)
 
@@ -234,15 +235,13 @@ def test_an_estimator_of_ones_own_is_an_object_or_what_makes_it():
 def test_a_prior_of_ones_own_changes_the_estimate():
     def tight(basis, usual):
         del basis
-        return (
-            replace(usual, sample_root=usual.sample_root * 0.1)
-            if hasattr(usual, "sample_root")
-            else usual
-        )
+        return replace(usual, moving=0.1 * usual.moving)
 
     result = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, prior=tight)
     assert result.outcome.observations["used"] == 4
-    with pytest.raises(ConfigError, match=r"prior: expected a Prior of \d+ weights"):
+    with pytest.raises(
+        ConfigError, match=r"prior: expected a Process of means of shape .*, got int"
+    ):
         rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, prior=lambda basis, usual: 3)
 
 

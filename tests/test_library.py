@@ -56,9 +56,8 @@ def test_what_is_opened_is_what_was_made(result, tmp_path):
     assert opened.summary is None
     assert opened.outcome == made.outcome
     np.testing.assert_array_equal(opened.estimate.latent, result.estimate.latent)
-    np.testing.assert_array_equal(
-        opened.estimate.at(2 * 10**18).weight_cov, result.estimate.at(2 * 10**18).weight_cov
-    )
+    np.testing.assert_array_equal(opened.estimate.unknowns.p, result.estimate.unknowns.p)
+    assert opened.estimate.span_ns == result.estimate.span_ns
     with pytest.raises(ConfigError, match="exists"):
         rk.replay(LOG, ENSEMBLE, out=made.path, settings=SETTINGS)
     opened.estimate.save(tmp_path / "flow.nc")

@@ -111,7 +111,7 @@ _LONG_SCRIPTS = (
     "estimate.png",
     "first.mcap",
     "rk.plan(result.estimate",
-    "build_evolving(forecasts",
+    "smooth(estimator, log",
 )
 CHAINS = [
     pytest.param(

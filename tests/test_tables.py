@@ -118,6 +118,11 @@ def test_datasets_in_a_list_are_members_and_errors_name_the_one(expected):
     variables = {name: (v.dims, v.values, v.attrs) for name, v in _dataset().variables.items()}
     found = rk.replay(PROFILES, variables, settings=SETTINGS)
     np.testing.assert_array_equal(_latent(found), expected)
+    opened = [rk.open_ensemble(form) for form in (members, _dataset())]
+    np.testing.assert_array_equal(*(each.velocity for each in opened))
+    assert repr(opened[1]).startswith("Ensemble of 10 members from ensemble, ")
+    with pytest.raises(ForecastError, match=r"^ensemble: no longitude found"):
+        rk.open_ensemble(_dataset().drop_vars("lon"))
     with pytest.raises(ForecastError, match=r"^ensemble: no longitude found"):
         rk.replay(PROFILES, _dataset().drop_vars("lon"), settings=SETTINGS)
     with pytest.raises(ForecastError, match=r"^ensemble\[0\]: no longitude found"):

@@ -10,29 +10,24 @@ from replay_kit.config.removed import refuse_value
 
 
 class GatingConfig(Section):
-    """``[gating]``: gate, softening and covariance inflation; the paper preset uses none of them."""
+    """``[gating]``: the gate; the paper preset uses none."""
 
-    gate: Literal["reject", "soften", "off"] = Field(
+    gate: Literal["reject", "off"] = Field(
         default="reject",
-        description="treatment of a profile that exceeds the gate; soften bounds how far any profile may move the estimate",
+        description="Treatment of a profile that exceeds the gate; off also takes all errors as stated.",
     )
     gate_probability: float = Field(
         default=1e-5,
         gt=0.0,
         lt=0.5,
-        description="probability that a profile with sound errors exceeds the gate",
+        description="Probability that a profile with sound errors exceeds the gate.",
     )
-    adapt_errors: bool = Field(
-        default=True,
-        description="increase a profile's errors to those that the scatter of its own bins shows",
-    )
-    inflate: bool = Field(
-        default=True,
-        description="inflate the estimate's covariance when most profiles lie outside its prediction",
-    )
-    inflation_profiles: int = Field(
-        default=20, ge=4, description="number of latest profiles on which the inflation is decided"
-    )
+
+    @field_validator("gate", mode="before")
+    @classmethod
+    def _no_earlier_gate(cls, gate: object) -> object:
+        refuse_value("gating.gate", gate)
+        return gate
 
 
 class ConsistencyConfig(Section):
@@ -64,11 +59,6 @@ class TimeConfig(Section):
         default=None,
         gt=0.0,
         description="Decorrelation time of the mixture of the members' own evolutions [s]. Default: five times scale.",
-    )
-    dropped_std: float = Field(
-        default=1e-3,
-        ge=0.0,
-        description="Largest total standard deviation of the directions excluded from the localised prior [m/s].",
     )
     window: Literal["auto"] | Annotated[float, Field(ge=0.0)] = Field(
         default="auto",

@@ -141,10 +141,6 @@ def _is_kind(model: type[BaseModel], location: tuple[int | str, ...]) -> bool:
     return len(kinds) != 1 or kinds[0] in location
 
 
-# Keys of the table [trust], which is [gating] since version 0.2.0.
-_RENAMED = {"watch": "inflate", "watch_profiles": "inflation_profiles"}
-
-
 def refuse_earlier(tables: Mapping[str, Any], path: Path | None) -> None:
     """Refuse a configuration that has tables or keys of an earlier version.
 
@@ -156,9 +152,8 @@ def refuse_earlier(tables: Mapping[str, Any], path: Path | None) -> None:
         ConfigError: It has one; the message says what to write instead.
     """
     if "trust" in tables:
-        keys = ", ".join(f"{old} is {new}" for old, new in _RENAMED.items())
         raise ConfigError(
-            f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them"
+            f"{path}: the table [trust] is now called [gating]; rename it, and leave out its keys watch and watch_profiles"
         )
     for name, removed in SETTINGS.items():
         table: Any = tables

@@ -6,6 +6,7 @@ from replay_kit.core.errors import ConfigError
 
 _SAMPLING = "adaptive sampling is gone: choose the places yourself, and plan to them with --goal"
 _BLIND = "it steered a vehicle that nobody corrects: the odds with headings held (reached_held of --json) say how one fares"
+_GATE = "what exceeds the gate is rejected, and where most is, the ensemble is taken to be too narrow: softening let faults in"
 
 #: Keys of the settings, by table; of a table with a command's name they are its options too.
 SETTINGS: dict[str, dict[str, str]] = {
@@ -19,8 +20,14 @@ SETTINGS: dict[str, dict[str, str]] = {
     "measurements.map": {"join_within": "record both components of a velocity in one message"},
     "forecast": {"level_step": "name the levels, as in levels = [0, 100, 300]"},
     "gating": {
-        "soften_factor": "a softened profile moves the estimate by two prior standard deviations"
+        "soften_factor": _GATE,
+        "adapt_errors": 'errors are always adapted to the scatter of a profile; gate = "off" takes them as stated',
+        **dict.fromkeys(
+            ("inflate", "inflation_profiles"),
+            "an ensemble that differs too little is found by its first profiles, and its variance multiplied",
+        ),
     },
+    "time": {"dropped_std": "it is [estimator] dropped_std, of an estimate that is constant too"},
     "planner": {"flight_model": "a script plans with Glider(flight=fit_flight(...))"},
     "plan": {
         **dict.fromkeys(
@@ -31,6 +38,7 @@ SETTINGS: dict[str, dict[str, str]] = {
 }
 #: Values of an option.
 VALUES: dict[str, dict[str, str]] = {
+    "gating.gate": {"soften": _GATE},
     "--without": {"drift": "leave it out; no drift between fixes is used"},
     "--oscillators": {"steady": "levels that are closer resolve depth more finely"},
     "--objective": dict.fromkeys(("learn", "map"), _SAMPLING),

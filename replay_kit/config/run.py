@@ -363,7 +363,7 @@ class EstimatorConfig(Section):
         default=None,
         ge=0.0,
         description="Variance of the amplitude of the ensemble mean, whose mean is 1; 0 takes the mean's amplitude as certain; preset "
-        "default only. Default: averaged over 0 to 0.3 by the likelihood of the first profiles; 0.1 through time.",
+        "default only. Default: averaged over 0 to 0.3 by the first profiles; 0.1 through time or with a stated spread.",
     )
     shift_distance: float | None = Field(
         default=None,
@@ -383,9 +383,14 @@ class EstimatorConfig(Section):
     )
     spread: Literal["as_given", "fit"] | Annotated[float, Field(gt=0.0)] | None = Field(
         default=None,
-        description="Factor on the variance of the prior. as_given: 1; fit: fitted by leaving members out, then to the log's first "
-        "measurements, with the preset default and a static estimate alone; or a number. Default: fit, where it can be, for members made "
-        "of lags, times or models, else as_given.",
+        description="Factor on the prior's variance. fit: by the first profiles, in a constant estimate; as_given (1) or a number: they "
+        "change nothing of the prior. Default: fit for members made of lags, times or models; else profiles scale the stated errors.",
+    )
+    dropped_std: float = Field(
+        default=9e-3,
+        ge=0.0,
+        description="Largest standard deviation of all directions of the prior dropped together [m/s], which is part of the errors; "
+        "preset default only.",
     )
     paper_error_std: float = Field(
         default=0.12, gt=0.0, description="Standard error of every bin with the preset paper [m/s]."

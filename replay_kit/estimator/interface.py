@@ -1,10 +1,6 @@
-"""The interface of every estimator: the static one, the one through time, and the baselines.
+"""The interface of an estimator: four functions of an immutable state, and what may be known of it beside them."""
 
-A state is an immutable value that only its own estimator reads. Everything that a replay, a dry run or a study asks of an estimator is a
-member here; none of them needs to know which estimator it has.
-"""
-
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, ClassVar, Generic, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
@@ -12,11 +8,14 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import Innovation, Measurement
+from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.observation import Innovation, Measurement, usable
 from replay_kit.core.region import Region
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
+from replay_kit.estimator.update.screening import screen
 
 State = TypeVar("State")
+_FUNCTIONS = ("initial", "predict", "assimilate", "flow")
 
 
 class Stepped(NamedTuple, Generic[State]):
@@ -27,7 +26,7 @@ class Stepped(NamedTuple, Generic[State]):
         before: The estimator's state before it.
         after: The estimator's state after it.
         innovation: To publish.
-        against: Returns ``group_innovation`` of a state, where what it needs is there already; None where it is not.
+        against: Returns measured minus predicted of an earlier state, as ``Estimator.innovation``; None where nothing is used.
     """
 
     event: Measurement | ProfileGroup
@@ -35,21 +34,6 @@ class Stepped(NamedTuple, Generic[State]):
     after: State
     innovation: Innovation
     against: Callable[[State], Array] | None = None
-
-
-def each_stepped(
-    state: State, measurements: Iterable[Measurement], steps: Iterable[tuple[State, Innovation]]
-) -> Iterator[Stepped[State]]:
-    """Yield the outcome of measurements, each alone.
-
-    Args:
-        state: Before them.
-        measurements: In order.
-        steps: The state after each, and its innovation.
-    """
-    for measurement, (after, innovation) in zip(measurements, steps, strict=True):
-        yield Stepped(measurement, state, after, innovation)
-        state = after
 
 
 def require_estimator(value: object, what: str) -> "Estimator[Any]":
@@ -60,10 +44,9 @@ def require_estimator(value: object, what: str) -> "Estimator[Any]":
         what: Where it comes from, for the error.
 
     Raises:
-        ConfigError: It lacks what an estimator has.
+        ConfigError: It lacks one of the four functions.
     """
-    needed = ("state_size", "initial", "step", "usable", "innovation", "flow", "predict", "steps")
-    lacking = [name for name in needed if not hasattr(value, name)]
+    lacking = [name for name in _FUNCTIONS if not hasattr(value, name)]
     if lacking:
         raise ConfigError(
             f"{what}: expected an Estimator, got {type(value).__name__} without {', '.join(lacking)}; derive it from "
@@ -74,15 +57,40 @@ def require_estimator(value: object, what: str) -> "Estimator[Any]":
 
 
 class Estimator(Protocol[State]):
-    """An estimator whose state is an immutable value.
+    """An estimator whose state is an immutable value that it alone reads.
+
+    ``initial``, ``assimilate`` and ``flow`` are all that one of your own needs, and ``predict`` where its current changes.
 
     Attributes:
-        supports_path_means: Whether it assimilates means along a path; if not, it must be given profiles alone.
-        block_size: Number of observations after which ``steps`` is most efficient; callers that buffer observations use it.
+        supports_path_means: Whether it assimilates all kinds of measurements; if not, it is given profiles alone.
+        block_size: Number of measurements that it takes together at little more cost than one.
     """
 
     supports_path_means: ClassVar[bool] = False
     block_size: ClassVar[int] = 1
+
+    def initial(self) -> State:
+        """Return the state before any observation."""
+        ...
+
+    def predict(self, state: State, time_ns: int) -> State:
+        """Return the state at a time [ns, UTC] without observations in between; unchanged for a constant current or an earlier time."""
+        return state
+
+    def assimilate(
+        self, state: State, block: Sequence[Measurement | ProfileGroup]
+    ) -> tuple[State, list[Stepped[State]]]:
+        """Return the state after measurements, and the outcome of each: several of a group where some of it is not used.
+
+        A measurement without a usable value leaves the state unchanged. Without ``grouping`` there are no groups.
+        """
+        ...
+
+    def flow(self, state: State) -> FlowEstimate:
+        """Return the current estimate of a state, at the state's time."""
+        ...
+
+    # ---- what may be known beside these
 
     @property
     def grouping(self) -> Grouping | None:
@@ -90,68 +98,35 @@ class Estimator(Protocol[State]):
         return None
 
     @property
-    def state_size(self) -> int:
-        """Number of unknowns in a state."""
-        ...
-
-    @property
-    def common_part(self) -> object | None:
-        """The part that all states share, which ensemble and configuration give again: a checkpoint leaves it out. None without one."""
-        return None
-
-    def initial(self) -> State:
-        """Return the state before any observation."""
-        ...
-
-    def predict(self, state: State, time_ns: int) -> State:
-        """Return the state at a time [ns, UTC] without observations in between; unchanged for a static estimator or an earlier time."""
-        return state
-
-    def step(self, state: State, observation: Measurement) -> tuple[State, Innovation]:
-        """Return the state after an observation, and its innovation with the observation's log-likelihood.
-
-        An observation without a usable bin leaves the state unchanged.
-        """
-        ...
-
-    def steps(
-        self, state: State, observations: Iterable[Measurement]
-    ) -> Iterator[tuple[State, Innovation]]:
-        """Yield the state after each observation, and its innovation; an estimator may read ahead to be faster."""
-        for observation in observations:
-            state, innovation = self.step(state, observation)
-            yield state, innovation
-
-    def group_steps(
-        self, state: State, items: Iterable[Measurement | ProfileGroup]
-    ) -> Iterator[Stepped[State]]:
-        """Yield the outcome of measurements and groups of profiles: several outcomes of a group where some of it is not used.
-
-        An estimator without ``grouping`` is given none.
-        """
-        measurements = [item for item in items if not isinstance(item, ProfileGroup)]
-        yield from each_stepped(state, measurements, self.steps(state, measurements))
+    def unknowns(self) -> int:
+        """Number of unknowns in a state; 0 where it is not known."""
+        return 0
 
     def usable(self, observation: Measurement) -> bool:
-        """Return whether an observation has a bin that ``step`` would use."""
-        ...
+        """Return whether a measurement has a value that would be used."""
+        return bool(usable(observation.linear.flags).any())
 
-    def innovation(self, state: State, observation: Measurement) -> Array:
-        """Return measured minus predicted, shape (n, 2) [m/s], local axes, without assimilation; NaN for bins that are not usable."""
-        ...
+    def innovation(self, state: State, event: Measurement | ProfileGroup) -> Array:
+        """Return measured minus predicted, shape (n, 2) [m/s], local axes; NaN, or 0 of a group, for values that are not usable."""
+        flow = self.flow(state)
+        if isinstance(event, ProfileGroup):
+            each = [_misfit(flow, profile) for profile in event.profiles]
+            return np.nan_to_num(np.concatenate(each))
+        return _misfit(flow, event)
 
-    def group_innovation(self, state: State, group: ProfileGroup) -> Array:
-        """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable.
+    def weights(self, state: State) -> Array | None:
+        """Return the mean weights of a state, shape (Z r,), level after level; None where the basis is not the run's own."""
+        return None
 
-        An estimator without ``grouping`` takes each alone.
-        """
-        return np.concatenate(
-            [np.nan_to_num(self.innovation(state, profile)) for profile in group.profiles]
-        )
+    def notes(self) -> list[str]:
+        """Return notes on how the prior was made, for the user."""
+        return []
 
-    def flow(self, state: State) -> FlowEstimate:
-        """Return the current estimate of a state, at the state's time."""
-        ...
+    def remarks(self, state: State) -> list[str]:
+        """Return notes on what was estimated beside the current, for the user."""
+        return []
+
+    # ---- windows that follow vehicles
 
     def of_vehicle(self, number: int, first: Region) -> Self:
         """Return the estimator of one of several vehicles with one state, with the window in which it begins [degrees]."""
@@ -177,40 +152,15 @@ class Estimator(Protocol[State]):
         """Return a state without the windows that vehicles have left, once their estimates were published."""
         return state
 
-    def window_notes(self, state: State) -> list[str]:
-        """Return notes on the windows, for the user; none where one holds all."""
-        return []
 
-    def weights(self, states: Sequence[State]) -> Sequence[Array | None]:
-        """Return the mean weights of states, each of shape (Z r,), level after level; None where the basis is not the run's own."""
-        return [None] * len(states)
-
-    @property
-    def basis_size(self) -> tuple[int | None, int | None]:
-        """Number of modes (for each level, where levels have weights of their own) and of elements of the basis; None without a basis."""
-        return None, None
-
-    def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
-        """Return a velocity minus the nearest flow that the estimator can represent; None when its flows have no fixed span.
-
-        Args:
-            points: shape (P, 2) [m], local east and north.
-            depth: shape (P,) [m].
-            velocity: shape (P, 2) [m/s], local axes.
-
-        Returns:
-            shape (P, 2) [m/s].
-        """
-        return None
-
-    def notes(self) -> list[str]:
-        """Return notes on how the prior was made, for the user."""
-        return []
-
-    def bias_notes(self, state: State) -> list[str]:
-        """Return notes on what was estimated from the log, for the user: the prior's amplitude, systematic errors of the instrument."""
-        return []
-
-    def spread_record(self, state: State) -> dict[str, str]:
-        """Return the amplitude of the prior's covariance in a state and the number of profiles it was fitted to; empty if not fitted."""
-        return {}
+def _misfit(flow: FlowEstimate, event: Measurement) -> Array:
+    """Return measured minus predicted values of a measurement of both components, shape (n, 2) [m/s], local axes; NaN where not usable."""
+    linear, projection = event.linear, flow.grid.projection
+    east, north = to_local(projection, linear.longitude, linear.latitude)
+    predicted = linear.at_values(flow.velocity(east, north, linear.depth))
+    place = float(linear.longitude[-1]), float(linear.latitude[-1])
+    values = np.column_stack(
+        rotate_to_local(projection, *place, *(linear.value @ linear.components).T)
+    )
+    flags, _ = screen([event], flow.grid)
+    return np.where(usable(flags[0])[:, None], values - predicted, np.nan)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, some_text
@@ -53,11 +54,10 @@ def without_repeats(part: Part) -> tuple[Part, tuple[str, ...]]:
         ForecastError: A repeated coordinate has other values the second time, or coordinates are not monotonic.
     """
     notes, where = [], str(part.paths[0])
-    for name, axis in part.ds.variables.items():
-        known = str(name).lower() in _AXES or axis.attrs.get("standard_name") in _AXES
-        if not known or axis.ndim != 1 or axis.size < 2 or axis.dtype.kind not in "fiu":
+    for axis in _axes(part):
+        if axis.ndim != 1 or axis.size < 2:
             continue
-        (dim,), values = axis.dims, axis.values.astype(np.float64)
+        name, (dim,), values = axis.name, axis.dims, axis.values.astype(np.float64)
         steps = (np.diff(values) + 180.0) % 360.0 - 180.0
         turns = np.flatnonzero(steps * np.sign(np.median(steps)) < 0.0) + 1
         again = np.flatnonzero(steps == 0.0) + 1
@@ -65,19 +65,46 @@ def without_repeats(part: Part) -> tuple[Part, tuple[str, ...]]:
             raise ForecastError(
                 f"{where}: {name} is not monotonic: it turns at its value {turns[0] + 1}, {values[turns[0]]:g}; put {dim} in order"
             )
-        if again.size in (0, steps.size):
-            continue
-        for held in (part.ds[U], part.ds[V]):
-            if dim not in held.dims or not np.array_equal(
-                held.isel({dim: again}), held.isel({dim: again - 1}), equal_nan=True
-            ):
-                raise ForecastError(
-                    f"{where}: {name} repeats {values[again[0]]:g} with other values of {held.attrs['replay_kit_name']}; leave one out"
-                )
-        part = replace(part, ds=part.ds.isel({dim: np.delete(np.arange(values.size), again)}))
-        listed = some_text([f"{value:g}" for value in values[again]])
-        notes.append(f"{name} repeats {count_text(again.size, 'value')} ({listed}): read once")
+        if again.size not in (0, steps.size):
+            part = _once(part, dim, again, f"{name} repeats {values[again[0]]:g}")
+            listed = some_text([f"{value:g}" for value in values[again]])
+            notes.append(f"{name} repeats {count_text(again.size, 'value')} ({listed}): read once")
+    curved = [axis for axis in _axes(part) if axis.ndim == 2]
+    for dim in curved[0].dims if len(curved) == 2 else ():
+        same = [
+            (axis.diff(dim) == 0.0).values.all(axis=1 - axis.dims.index(dim))
+            for axis in curved
+            if dim in axis.dims
+        ]
+        again = np.flatnonzero(np.all(same, axis=0)) + 1
+        if again.size not in (0, part.ds.sizes[dim] - 1):
+            part = _once(part, dim, again, f"{dim} repeats the places of its position {again[0]}")
+            listed = count_text(again.size, "position")
+            notes.append(f"{dim} repeats the places of {listed}: read once")
     return part, tuple(notes)
+
+
+def _axes(part: Part) -> list[xr.DataArray]:
+    """Return the longitudes and latitudes of a part."""
+    return [
+        part.ds[name]
+        for name, axis in part.ds.variables.items()
+        if (str(name).lower() in _AXES or axis.attrs.get("standard_name") in _AXES)
+        and axis.dtype.kind in "fiu"
+    ]
+
+
+def _once(part: Part, dim: Hashable, again: NDArray[np.intp], repeats: str) -> Part:
+    """Return a part without positions of a dimension that repeat those before them; ``repeats`` says what, for errors."""
+    for held in (part.ds[U], part.ds[V]):
+        if dim not in held.dims or not np.array_equal(
+            held.isel({dim: again}), held.isel({dim: again - 1}), equal_nan=True
+        ):
+            raise ForecastError(
+                f"{part.paths[0]}: {repeats} with other values of {held.attrs['replay_kit_name']}; leave one out"
+            )
+    kept = np.delete(np.arange(part.ds.sizes[dim]), again)
+    return replace(part, ds=part.ds.isel({dim: kept}))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

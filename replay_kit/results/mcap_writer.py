@@ -15,7 +15,7 @@ import foxglove
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.lossless import save_bytes
+from replay_kit.core.flow.file import save_bytes
 from replay_kit.core.grid import Projection, Seabed
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan

@@ -24,7 +24,7 @@ _RMS = ("innovation", "residual", "prior_innovation")
 #: What measurements are summed by, and how each of their values is.
 _KEYS = ["dive", "source_topic", "mean_current_kind", "decision", "accepted"]
 _SUMS = {
-    **dict.fromkeys(("measurements", "with_bins", "dof", "nis", "signal_dof", "inflated"), "sum"),
+    **dict.fromkeys(("measurements", "with_bins", "dof", "nis", "signal_dof"), "sum"),
     **dict.fromkeys((f"square_{name}" for name in _RMS), "sum"),
     **{"first": "min", "last": "max"},
 }
@@ -42,7 +42,7 @@ class Measured:
         innovations: Their bins, as ``Result.innovations``.
         sums: Over all measurements, a row for each dive, topic, kind of mean current (empty for profiles), decision and whether accepted:
             ``measurements``, those ``with_bins`` that were used, ``dof``, ``nis``, ``signal_dof``, those for which the prior was
-            ``inflated``, ``square_*`` of the innovations [m^2/s^2], and times of the ``first`` and the ``last``.
+            ``square_*`` of the innovations [m^2/s^2], and times of the ``first`` and the ``last``.
         reasons: Number of bins not used by their reasons, sums of ``Reason``.
     """
 
@@ -210,7 +210,6 @@ def _addends(observations: "pd.DataFrame") -> "pd.DataFrame":
         mean_current_kind=observations["mean_current_kind"].astype(object).fillna(""),
         measurements=1,
         with_bins=(dof > 0).astype(np.int64),
-        inflated=(observations["prior_inflation"] > 1.0).astype(np.int64),
         first=observations.index,
         last=observations.index,
         **squares,

@@ -40,9 +40,7 @@ _SECOND = 1_000_000_000
 # a finding's key in JSON, whose field has another name
 _FINDING = {"set": "advice"}
 # attributes that the messages have under the same names
-_OF_INNOVATION = (
-    "dive depth nis dof error_inflation decision gate_statistic signal_dof prior_inflation profiles"
-)
+_OF_INNOVATION = "dive depth nis dof error_inflation decision gate_statistic signal_dof profiles"
 _OF_PLAN = "status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach track_time energy battery"
 
 

@@ -192,7 +192,7 @@ def read_windows(path: str | Path) -> "tuple[FlowEstimate, ...]":
         ForecastError: As for ``read_estimate``.
     """
     # here, as in the next function, because a status needs none of what holds an estimate
-    from replay_kit.core.flow.load import load_bytes
+    from replay_kit.core.flow.file import load_bytes
 
     last, path = read_estimate(path), as_path(path, "result")
     with path.open("rb") as file:
@@ -225,7 +225,7 @@ def read_estimate(path: str | Path) -> "FlowEstimate":
     Raises:
         ForecastError: The file is no readable MCAP or carries no estimate.
     """
-    from replay_kit.core.flow.load import load_bytes
+    from replay_kit.core.flow.file import load_bytes
 
     path = as_path(path, "result")
     try:

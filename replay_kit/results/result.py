@@ -14,7 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from numpy.typing import ArrayLike
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.estimate import FlowEstimate, warn_outside
 from replay_kit.core.flow.points import Velocities, best_velocity_at
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
@@ -111,14 +111,16 @@ class ResultFile:
         return read_windows(self.path)
 
     def velocity_at(
-        self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike
+        self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None
     ) -> Velocities:
         """Return velocity and standard error at points, each from the window that knows it best; as ``FlowEstimate.velocity_at``.
 
         Raises:
             ForecastError: The result holds no estimate.
         """
-        return best_velocity_at(self.estimates, longitude, latitude, depth)
+        found = best_velocity_at(self.estimates, longitude, latitude, depth, time)
+        warn_outside(self.estimates, found.time)
+        return found
 
     @cached_property
     def fixes(self) -> "pd.DataFrame":

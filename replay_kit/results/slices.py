@@ -12,8 +12,8 @@ import foxglove.messages as fox
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.dataset import wet_at
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.netcdf import wet_at
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid, Projection, Seabed
 from replay_kit.results.messages import FRAME, orientation, pose, stamp

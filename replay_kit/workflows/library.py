@@ -11,7 +11,7 @@ import warnings
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic
 from typing import Any, TypedDict, Unpack
@@ -73,7 +73,7 @@ class ReplayOptions(TypedDict, total=False):
     Attributes:
         overwrite: Whether an existing result is replaced.
         estimator: An ``Estimator``, or a function of the ``Ensemble`` and ``EstimatorConfig`` that returns one.
-        prior: Function of the basis and the usual prior that returns the prior of a static estimator.
+        prior: Function of the basis and the usual ``Process`` that returns the one to use, which the log then does not change.
         planner: A ``Planner``, or a function of the ``PlannerConfig`` and the ``Grid`` that returns one.
     """
 
@@ -318,17 +318,28 @@ def plan(
     return planner.with_odds().plan(estimate, PlanQuery(begin, end, start_ns)).plan
 
 
-def open_ensemble(path: Paths, *, settings: Settings = None) -> Ensemble:
+def open_ensemble(ensemble: Forecast, *, settings: Settings = None) -> Ensemble:
     """Return the members of an ensemble forecast that a replay would use.
 
     Args:
-        path: As in ``replay``.
+        ensemble: As in ``replay``.
         settings: As in ``replay``; ``[forecast]`` counts.
 
     Raises:
         ForecastError: The file is missing or is no such ensemble.
     """
-    return read_ensemble(path, settings_of(settings).forecast)
+    config = _with_members(settings_of(settings), ensemble)
+    with tempfile.TemporaryDirectory(prefix="replay_kit_") as folder:
+        held = _Held(Path(folder) / "result.mcap", overwrite=False, config=config)
+        try:
+            paths = [path for group in held.forecast_paths(ensemble) for path in group]
+            # what is not in memory is a path, a list or a pattern, whose words errors repeat
+            asked: Any = paths if held.names else ensemble
+            found = read_ensemble(asked, config.forecast)
+            return replace(found, source=held.named(found.source))
+        except ReplayKitError as error:
+            error.args = tuple(held.named(str(words)) for words in error.args)
+            raise
 
 
 def settings_of(settings: Settings) -> RunConfig:

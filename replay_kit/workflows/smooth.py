@@ -9,7 +9,7 @@ the replay, which did not know later measurements.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -20,9 +20,8 @@ from replay_kit.core.as_flown import AS_FLOWN, AsFlown, FlownDive
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Innovation, Measurement, PathMean, VehicleState
 from replay_kit.core.progress import Progress, Stopwatch, silent
-from replay_kit.estimator import Estimator
-from replay_kit.estimator.evolving.filter import EvolvingEstimator
-from replay_kit.estimator.evolving.smoother import smoothed_states
+from replay_kit.estimator import Estimator, ReducedBasisEstimator
+from replay_kit.estimator import smooth as smoothed
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.reader import reading
@@ -152,8 +151,15 @@ def published_times(first_ns: int, last_ns: int, interval: float) -> list[int]:
     return [*range(first_ns, last_ns, round(interval * _NS)), last_ns]
 
 
+def changes(estimator: Estimator[Any]) -> TypeGuard[ReducedBasisEstimator]:
+    """Return whether an estimator is one through time, which can be smoothed."""
+    return isinstance(estimator, ReducedBasisEstimator) and bool(
+        np.isfinite(estimator.observer.tau).any()
+    )
+
+
 def _notes(estimator: Estimator[Any]) -> list[str]:
-    return [] if isinstance(estimator, EvolvingEstimator) else [STATIC]
+    return [] if changes(estimator) else [STATIC]
 
 
 def _events(
@@ -208,10 +214,9 @@ def _write(
     published = published_times(
         min(event.time_ns for event in measured), max(times), config.output.interval
     )
-    if isinstance(estimator, EvolvingEstimator):
-        states = smoothed_states(estimator, measured, published)
-    else:
-        states = [forward.state] * len(published)
+    states = [forward.state] * len(published)
+    if changes(estimator):
+        states = smoothed(estimator, measured, published)
     prior = estimator.flow(estimator.initial())
     assert job.out is not None
     options, arguments = (
@@ -241,7 +246,8 @@ def _write(
                 _write_weights(writer, estimator, state, event.time_ns, prior.levels)
         if forward.as_flown is not None:
             writer.write_metadata(AS_FLOWN, forward.as_flown.to_record())
-        writer.finish(flow_at(estimator, states[-1], published[-1]))
+        flow = flow_at(estimator, states[-1], published[-1])
+        writer.finish(replace(flow, span_ns=(min(times), max(times))))
     except BaseException:
         writer.abandon()
         raise
@@ -251,7 +257,7 @@ def _write_weights(
     writer: ResultWriter, estimator: Estimator[Any], state: Any, time_ns: int, levels: Array
 ) -> None:
     """Write the weights of a state, if it has any."""
-    (weights,) = estimator.weights([state])
+    weights = estimator.weights(state)
     if weights is not None:
         writer.estimate(time_ns, weights, levels)
 

@@ -1,4 +1,4 @@
-"""``python -m tests.benchmarks [NAME ...] --json FILE``: measure, print a table, write it as JSON and a figure of the growth."""
+"""``python -m tests.benchmarks [NAME ...] --json FILE``: measure, print a table, write it as JSON."""
 
 import argparse
 import json
@@ -59,9 +59,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         metavar="NAME",
         help=f"{', '.join(BENCHMARKS)}; default all",
     )
-    parser.add_argument(
-        "--json", type=Path, help="file of the results; the figure is written beside it"
-    )
+    parser.add_argument("--json", type=Path, help="file of the results")
     parser.add_argument(
         "--tiny", action="store_true", help="once, at a tiny size: do they still work?"
     )
@@ -81,8 +79,6 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     _print(result)
     if options.json is not None:
         options.json.write_text(json.dumps(result, indent=1))
-        if "size" in names and not options.tiny:
-            size.draw(result["rows"], options.json)
     return result
 
 

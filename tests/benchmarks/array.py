@@ -19,7 +19,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Ensemble
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.show.notebook import Result, read_result
@@ -128,7 +128,7 @@ def beside_singles(
 
 def _replays(ensemble: Ensemble, config: RunConfig) -> Any:
     """Return what replays logs, each of a vehicle of its own, with an estimator that is built once."""
-    estimator = build_estimator(ensemble, config.estimator, config.gating)
+    estimator = build([ensemble], config.estimator, config.gating)
     forecasts = Forecasts((ensemble,), ensemble, False)
 
     def run(paths: list[Path]) -> _Outcome:

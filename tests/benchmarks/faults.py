@@ -31,7 +31,7 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.observation import PathMean
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import finish, initial_state, interpret
@@ -253,8 +253,8 @@ def _seas(tiny: bool) -> Seas:
 
 def _estimators(ensemble: Ensemble) -> dict[str, Any]:
     return {
-        name: build_estimator(
-            replace(ensemble, velocity=np.ascontiguousarray(change(ensemble.velocity))),
+        name: build(
+            [replace(ensemble, velocity=np.ascontiguousarray(change(ensemble.velocity)))],
             EstimatorConfig(),
         )
         for name, (change, _) in _FILES.items()

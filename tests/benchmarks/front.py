@@ -6,15 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from planners import (
-    MissionRequest,
-    MissionSettings,
-    NoGo,
-    Weights,
-    best_departure,
-    plan_departures,
-    plan_mission,
-)
+from planners import MissionRequest, MissionSettings, NoGo, plan_mission
 from planners.front.current import CurrentLattice, current_lattice, shares_of_levels, spacing_over
 from planners.front.front import sea_of, spread
 from planners.front.obstacles import as_complex
@@ -44,7 +36,6 @@ def rows(tiny: bool) -> list[Row]:
     if not tiny:
         # as slow as the current: told, not held to the same
         made += [ray_row(flows, 0.29, 4.0, 20)]
-    made += [departures_row(flows, 1 if tiny else 12)]
     made += [bound_row("free", free_case, 1 if tiny else 40, tiny)]
     if not tiny:
         made += [
@@ -129,64 +120,6 @@ def ray_row(flows: tuple[FlowEstimate, ...], speed: float, days: float, count: i
         took, fastest = max(took, made + seconds), max(fastest, current.fastest)
     name = f"earliest arrival at {speed} m/s after {days:g} days in currents up to {fastest:.2f} m/s that change, {len(errors)} rays"
     return _error_row(name, np.array(errors), took, "Zermelo's rays")
-
-
-def departures_row(flows: tuple[FlowEstimate, ...], count: int, apart: float = 6.0) -> Row:
-    """Five departures in a current that changes, planned each from its neighbour, beside the same planned one by one."""
-    together, alone, worse, times, rng = (
-        list[float](),
-        list[float](),
-        list[float](),
-        list[float](),
-        np.random.default_rng(9),
-    )
-    for k in range(count):
-        pair = 2 * (k % (len(flows) // 2))
-        one, other = flows[pair : pair + 2]
-        sea = [
-            replace(
-                one,
-                latent=one.latent + s * (other.latent - one.latent),
-                time_ns=round(s * 10.0 * DAY * 1e9),
-            )
-            for s in (0.0, 0.5, 1.0)
-        ]
-        low, high = bounds(one)
-        begin, course, far = (
-            0.5 * (low + high),
-            rng.uniform(0.0, 2.0 * np.pi),
-            rng.uniform(0.15, 0.28) * float(np.min(high - low)),
-        )
-        end = begin + far * np.array([np.sin(course), np.cos(course)])
-        # the shortest of them, as the first to arrive is nearly always the first to leave, which is planned by itself in both
-        settings = MissionSettings(
-            depth=min(500.0, float(one.levels[-1])), surface_time=600.0, objective=Weights(time=1.0)
-        )
-        request = asked(one, begin, end, settings)
-        starts = [round(DAY * 1e9 + n * apart * 3.6e12) for n in range(5)]
-        plan_mission(
-            sea, replace(request, start_time_ns=starts[0])
-        )  # what is made once for all missions of these nodes is not counted
-        took, plans = cpu(lambda: plan_departures(sea, request, starts))  # noqa: B023
-        each, single = cpu(
-            lambda: [plan_mission(sea, replace(request, start_time_ns=at)) for at in starts]  # noqa: B023
-        )
-        together.append(took)
-        alone.append(each / 5.0)
-        best, known = plans[best_departure(plans)], single[best_departure(single)]
-        if best.status == known.status == "reached":
-            worse.append(best.duration / known.duration - 1.0)
-    times = list(np.array(together) / np.array(alone))
-    name = f"five departures of {count} missions: 2.5 plans asked, and the best of plans one by one"
-    error = {"best_later": float(max(worse, default=np.nan))}
-    more = {
-        "plans_median": float(np.median(times)),
-        "plans_most": float(max(times)),
-        "asked_plans": 2.5,
-    }
-    return row(
-        name, float(np.mean(together)), "one plan", float(np.mean(alone)), 1.0 / 2.5, error, **more
-    )
 
 
 def _error_row(name: str, errors: Array, took: float, peer: str) -> Row:

@@ -1,71 +1,25 @@
 """ArduPilot's logs against pymavlink's own readers: a telemetry log whole and in part, a DataFlash log.
 
-The files are the real ones repeated, each time with later stamps; where they are absent, and at the tiny size, small ones made here.
+The files are real ones; where they are absent, and at the tiny size, smaller ones made here.
 """
 
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from io import BytesIO
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pymavlink import DFReader, mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.logs import open_log
 from replay_kit.logs.dataflash.reader import DataflashReader
-from replay_kit.logs.dataflash.records import HEAD, read_records
-from replay_kit.logs.mavlink.frames import read_frames
-from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.measurements import MAVLINK_NAMES
 from tests.benchmarks.measure import Row, peak_mb, row, runner, seconds
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import SHARED, attitude, tlog_entry
 
 START_US = 1_700_000_000_000_000
-
-
-def repeated_tlog(data: bytes, copies: int) -> bytes:
-    """A telemetry log many times over, each copy stamped a second after the end of the one before."""
-    places, stamps = [], []
-    for frames in read_frames(BytesIO(data), ReadStatistics()):
-        places.append(frames.start + frames.offset)
-        stamps.append(frames.stamp_us)
-    return _repeated(data, copies, np.concatenate(places), np.concatenate(stamps), ">u8")
-
-
-def repeated_dataflash(data: bytes, copies: int) -> bytes:
-    """A DataFlash log many times over, each copy stamped a second after the end of the one before."""
-    stamps = []
-    for records in read_records(BytesIO(data), ReadStatistics()):
-        for form, which in records.decodable():
-            if "TimeUS" in form.columns:
-                values = records.structured(form, which)["TimeUS"]
-                stamps.append(
-                    (
-                        records.offset
-                        + records.start[which]
-                        + HEAD
-                        + form.dtype.fields["TimeUS"][1],
-                        values,
-                    )
-                )
-    place, stamp = (np.concatenate(column) for column in zip(*stamps, strict=True))
-    return _repeated(data, copies, place, stamp, "<u8")
-
-
-def _repeated(data: bytes, copies: int, place: Any, stamp: Any, form: str) -> bytes:
-    """Stamps lie at some places, as numbers of a form."""
-    stamp = stamp.astype(np.int64)
-    step = np.ptp(stamp) + 1_000_000
-    out = np.tile(np.frombuffer(data, dtype=np.uint8), (copies, 1))
-    for n, copy in enumerate(out):
-        copy[place[:, None] + np.arange(8)] = (
-            (stamp + n * step).astype(form).view(np.uint8).reshape(-1, 8)
-        )
-    return out.tobytes()
 
 
 def small_tlog() -> bytes:
@@ -205,25 +159,15 @@ def _records_only(path: Path) -> None:
 
 def rows(tiny: bool) -> list[Row]:
     """All rows, each in a process of its own; tiny ones in this one."""
-    real = SHARED / "ardusub"
-    use = real.is_dir() and not tiny
-    telemetry = (real / "small.tlog").read_bytes() if use else small_tlog()
-    binary = (real / "small.BIN").read_bytes() if use else b"".join(dataflash(20))
-    run = runner(tiny)
-    repeats = 1 if tiny else 2
-    # so many times a reader takes seconds; the synthetic logs are shorter
-    all_times, some_times, binary_times = (
-        (2, 2, 2) if tiny else (10, 30, 40) if use else (2000, 6000, 2000)
-    )
+    real, run, repeats = SHARED / "ardusub", runner(tiny), 1 if tiny else 5
     with tempfile.TemporaryDirectory() as folder:
-        whole, part, columns = (
-            Path(folder) / name for name in ("all.tlog", "some.tlog", "log.BIN")
-        )
-        whole.write_bytes(repeated_tlog(telemetry, all_times))
-        part.write_bytes(repeated_tlog(telemetry, some_times))
-        columns.write_bytes(repeated_dataflash(binary, binary_times))
+        telemetry, binary = real / "small.tlog", real / "small.BIN"
+        if tiny or not real.is_dir():
+            telemetry, binary = (Path(folder) / name for name in ("small.tlog", "small.BIN"))
+            telemetry.write_bytes(small_tlog())
+            binary.write_bytes(b"".join(dataflash(20)))
         return [
-            run(lambda: tlog_row(whole, None, 2.5, repeats)),
-            run(lambda: tlog_row(part, MAVLINK_NAMES, 5.0, repeats)),
-            run(lambda: dataflash_row(columns, repeats)),
+            run(lambda: tlog_row(telemetry, None, 2.5, repeats)),
+            run(lambda: tlog_row(telemetry, MAVLINK_NAMES, 5.0, repeats)),
+            run(lambda: dataflash_row(binary, repeats)),
         ]

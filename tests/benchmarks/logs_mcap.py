@@ -17,7 +17,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from replay_kit.logs import merge, open_log
 from replay_kit.results import ResultWriter
 from tests.benchmarks import scene
@@ -147,12 +147,12 @@ def reading_rows(folder: Path, tiny: bool) -> list[Row]:
 def writing_row(folder: Path, tiny: bool) -> Row:
     """An hour of pings at 1 Hz: fixes, innovations, estimates of 300 modes a level, and six times slices with arrows."""
     pings = 20 if tiny else 3600
-    size, modes = (scene.TINY, 4) if tiny else (scene.Size(), 300)
-    estimator = build_estimator(scene.ensemble(size)[0], EstimatorConfig(modes=modes))
-    state = estimator.initial()
-    observation = scene.scattered(scene.ensemble(size)[1], 1, size)[0]
-    state, innovation = estimator.step(state, observation)
-    flow, levels, mean = estimator.flow(state), estimator.basis.grid.levels, state.mean
+    size, modes = ((5, 6, 3, 6), 4) if tiny else ((17, 31, 8, 95), 300)
+    members, truth = scene.withheld(*size)
+    estimator = build([members], EstimatorConfig(modes=modes))
+    observed = scene.pings(truth, scene.track(1))
+    state, (step,) = estimator.assimilate(estimator.initial(), observed)
+    flow, levels, mean = estimator.flow(state), members.grid.levels, estimator.weights(state)
     fix = VehicleState(_START, 152.0, -40.0, 10.0, False, Source(0, "/fix", 1, _START))
     depths = tuple(float(levels[k]) for k in sorted({0, levels.size // 2, levels.size - 1}))
 
@@ -161,7 +161,7 @@ def writing_row(folder: Path, tiny: bool) -> Row:
         for n in range(pings):
             time_ns = _START + n * _SECOND
             writer.fix(replace(fix, time_ns=time_ns))
-            writer.innovation(replace(innovation, time_ns=time_ns))
+            writer.innovation(replace(step.innovation, time_ns=time_ns))
             # no two alike: a compressor would make light of it
             writer.estimate(time_ns, mean * (1.0 + 1e-3 * n), levels)
             if n % 600 == 0:

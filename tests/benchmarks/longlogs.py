@@ -18,12 +18,12 @@ from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
 from tests.benchmarks.measure import Row, alone, row, seconds
-from tests.benchmarks.scene import NOISE, Size, ensemble
+from tests.benchmarks.scene import NOISE, withheld
 
 _DAY = 86_400
 _SPEED = 1.5  # m/s
 _LEG, _APART = 20e3, 3e3  # m
-_SIZES = {False: (Size(members=50), _DAY // 10, _DAY), True: (Size(9, 11, 4, 20, 12), 240, 40)}
+_SIZES = {False: ((17, 31, 8, 50), _DAY // 10, _DAY), True: ((9, 11, 8, 20), 240, 40)}
 
 
 def survey(field: Field, n: int, first: int = 0) -> Mission:
@@ -90,7 +90,7 @@ def _replayed(folder: Path, log: Path, window: float | str) -> dict[str, Any]:
 def rows(tiny: bool) -> list[Row]:
     """Return the rows of all measurements."""
     size, part, day = _SIZES[tiny]
-    members, truth = ensemble(size)
+    members, truth = withheld(*size)
     field, found = build_field(truth), []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -106,7 +106,7 @@ def rows(tiny: bool) -> list[Row]:
                 error["rmse_changed"] = abs(ours["rmse"] / theirs["rmse"] - 1.0)
             found.append(
                 row(
-                    f"long: replay of {n} pings at 1 Hz, a survey, {size.columns} x {size.rows} x {size.levels}, {size.members} members",
+                    f"long: replay of {n} pings at 1 Hz, a survey, {size[1]} x {size[0]} x {size[2]}, {size[3]} members",
                     ours["seconds"],
                     "every profile alone" if peer else "none",
                     None if theirs is None else theirs["seconds"],

@@ -23,7 +23,7 @@ import replay_kit as rk
 from replay_kit import Ensemble, FlowEstimate, Observation
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from replay_kit.forecast import read_truth
 from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import build_field
@@ -86,10 +86,14 @@ def estimates(
 
     All that is particular to an estimator is here.
     """
-    estimator = build_estimator(ensemble, EstimatorConfig())
+    estimator = build([ensemble], EstimatorConfig())
     for profiles in surveys:
-        steps = estimator.steps(estimator.initial(), profiles)
-        yield [estimator.flow(state) for n, (state, _) in enumerate(steps, 1) if n in counts]
+        state, done, flows = estimator.initial(), 0, list[FlowEstimate]()
+        for n in counts:
+            state, _ = estimator.assimilate(state, profiles[done:n])
+            done = n
+            flows.append(estimator.flow(state))
+        yield flows
 
 
 def scores(

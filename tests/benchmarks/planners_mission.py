@@ -1,6 +1,6 @@
-"""A mission of ten dives here, in rockit and in do-mpc: the same legs, or each peer's own way from the same flow.
+"""A mission of ten dives here and in rockit, which goes its own way in the same flow.
 
-The peers are LGPL and only of use here, so they are not installed with the tests: ``pip install '.[peers]'``. Rows of absent peers say so.
+The peer is LGPL and of use here alone, so the tests do not install it: ``pip install '.[peers]'``. Where it is absent the row says so.
 """
 
 from collections.abc import Callable
@@ -77,71 +77,30 @@ class Solved:
 
 
 def rows(flow: FlowEstimate, count: int, tiny: bool) -> list[Row]:
-    """Return our times against each peer's, the same missions for all: medians of building and solving."""
+    """Return our times beside the peer's, the same missions for both: medians of building and solving."""
     cases = [draw_case(flow, np.random.default_rng(seed)) for seed in range(count)]
-    peers = {
-        ("rockit, its own RK4 over the flow", "rockit", 4.0): by_rockit,
-        ("do-mpc, the same map of a leg", "do_mpc", 1.2): by_do_mpc,
+    ours = [seconds(lambda: _anew(case), 1 if tiny else 3) for case in cases]  # noqa: B023
+    cold = np.array([took for took, _ in ours])
+    title, name = f"mission of {N} dives, {count} goals, {len(flow.nodes)} nodes", "rockit"
+    more = {
+        "cold_asked_s": 0.5,
+        "warm_median_s": float(np.median([seconds(one.again)[0] for _, one in ours])),
+        "warm_asked_s": 0.1,
     }
-    here = [
-        (find_spec(module) is not None, name, asked, solve)
-        for (name, module, asked), solve in peers.items()
-    ]
-    measured: dict[str, list[tuple[float, Solved]]] = {"ours": []} | {
-        name: [] for there, name, _, _ in here if there
-    }
-    again = []
-    for case in cases:
-        measured["ours"].append(seconds(lambda: _anew(case), 1 if tiny else 3))  # noqa: B023
-        again.append(seconds(measured["ours"][-1][1].again)[0])
-        for there, name, _, solve in here:
-            if there:
-                measured[name].append(seconds(lambda: solve(case), 1 if tiny else 2))  # noqa: B023
-    cold = [took for took, _ in measured["ours"]]
-    more = {"cold_asked_s": 0.5, "warm_median_s": float(np.median(again)), "warm_asked_s": 0.1}
-    return [
-        _row(
-            f"mission of {N} dives, {count} goals, {len(flow.nodes)} nodes, against {name}",
-            cold,
-            measured,
-            name,
-            asked,
-            more,
-        )
-        for _, name, asked, _ in here
-    ]
-
-
-def _row(
-    title: str,
-    cold: list[float],
-    measured: dict[str, list[tuple[float, Solved]]],
-    name: str,
-    asked: float,
-    more: dict[str, float],
-) -> Row:
-    if name not in measured:
-        return row(title, float(np.median(cold)), f"{name}: not installed", **more)
-    pairs = [
-        (ours, theirs)
-        for (_, ours), (_, theirs) in zip(measured["ours"], measured[name], strict=True)
-    ]
-    late = max(abs(ours.hours / theirs.hours - 1.0) for ours, theirs in pairs)
+    if find_spec(name) is None:
+        return [row(title, float(np.median(cold)), f"{name}: not installed", **more)]
+    theirs = [seconds(lambda: by_rockit(case), 1 if tiny else 2) for case in cases]  # noqa: B023
+    pairs = [(one, other) for (_, one), (_, other) in zip(ours, theirs, strict=True)]
+    late = max(abs(one.hours / other.hours - 1.0) for one, other in pairs)
     turned = max(
-        float(np.abs(np.rad2deg(np.angle(np.exp(1j * np.deg2rad(a.headings - b.headings))))).max())
-        for a, b in pairs
+        float(np.abs((a.headings - b.headings + 180.0) % 360.0 - 180.0).max()) for a, b in pairs
     )
-    ratios = [peer / ours for ours, (peer, _) in zip(cold, measured[name], strict=True)]
-    theirs = float(np.median(cold)) * float(np.median(ratios))
-    return row(
-        title,
-        float(np.median(cold)),
-        name,
-        theirs,
-        asked,
-        {"late_share": late, "turned_degrees": turned},
-        **more,
-    )
+    ratio = float(np.median(np.array([took for took, _ in theirs]) / cold))
+    took = float(np.median(cold))
+    error = {"late_share": late, "turned_degrees": turned}
+    return [
+        row(title, took, f"{name}, its own RK4 over the flow", took * ratio, 4.0, error, **more)
+    ]
 
 
 def draw_case(flow: FlowEstimate, rng: np.random.Generator) -> Case:
@@ -225,41 +184,6 @@ def by_rockit(case: Case) -> Solved:
     found = ocp.solve()
     headings = np.rad2deg(np.asarray(found.sample(heading, grid="control")[1])[:N])
     return Solved(float(found.sample(hours, grid="control")[1][-1]), headings, ocp.solve)
-
-
-def by_do_mpc(case: Case) -> Solved:
-    """Return what do-mpc finds, given the same map of a leg as its discrete model."""
-    import do_mpc
-
-    model = do_mpc.model.Model("discrete", "MX")
-    place, hours = model.set_variable("_x", "place", (2, 1)), model.set_variable("_x", "hours")
-    heading, angle = (model.set_variable("_u", name) for name in ("heading", "angle"))
-    places, duration = case.leg(place * KM, 0.0, heading, angle, case.depths, 0.0, case.latent)
-    model.set_rhs("place", places[:, -1] / KM)
-    model.set_rhs("hours", hours + duration / HOUR)
-    model.setup()
-    mpc = do_mpc.controller.MPC(model)
-    first = np.append(case.start / KM, 0.0)
-    mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.store_full_solution = N, 1.0, True
-    mpc.settings.nlpsol_opts = {"print_time": False, "ipopt": _IPOPT}
-    mpc.set_objective(mterm=mpc.model.x["hours"], lterm=ca.DM(0))
-    mpc.set_rterm(heading=0, angle=0)
-    for side, angle in zip(("lower", "upper"), _VEHICLE.angles, strict=True):
-        mpc.bounds[side, "_u", "angle"] = angle
-        mpc.terminal_bounds[side, "place"] = case.goal / KM
-    mpc.setup()
-
-    def solve() -> None:
-        mpc.x0, mpc.u0 = first, np.array([case.heading, _FIRST])
-        mpc.set_initial_guess()
-        way = np.vstack([case.start, case.places]) / KM
-        for k in range(N + 1):
-            mpc.opt_x_num["_x", k, 0, -1] = np.append(way[k], k * case.first_hours)
-        mpc.make_step(first)
-
-    solve()
-    headings = np.rad2deg([float(mpc.opt_x_num["_u", k, 0][0]) for k in range(N)])
-    return Solved(float(mpc.opt_x_num["_x", N, 0, -1][2]), headings, solve)
 
 
 def _rate(case: Case, place: Any, depth: Any, heading: Any, angle: Any) -> Any:

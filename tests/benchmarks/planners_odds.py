@@ -22,7 +22,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import NodeKernel
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.estimator import build_estimator, embed_member
+from replay_kit.estimator import build, embed_member
 from replay_kit.forecast import read_ensemble
 from replay_kit.studies.twins.adcp import random_observations
 from replay_kit.studies.twins.field import Field, build_field
@@ -65,7 +65,6 @@ def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH, legs: 
     for case in (leave_out(ensemble, member) for member in members):
         field, truth = build_field(case.truth), embed_member(case.truth, 0, config.estimator)
         flow, depth = _estimate(case.ensemble, field, pings), 500.0
-        flow = replace(flow, covariance=flow.weight_cov)
         grids, rng = (flow.grid, case.ensemble.grid), np.random.default_rng((0, case.member or 0))
         for pair in draw_missions(field, flow.mean_flow(), grids, (missions, legs, depth), rng):
             request = MissionRequest(
@@ -81,10 +80,9 @@ def odds_row(pings: int, truths: int, missions: int, fresh: int = _FRESH, legs: 
 
 def _estimate(ensemble: Ensemble, field: Field, pings: int) -> FlowEstimate:
     """Return the estimate after profiles at random places."""
-    estimator = build_estimator(ensemble, EstimatorConfig(), GatingConfig())
-    state = estimator.initial()
-    for after, _ in estimator.steps(state, random_observations(field, pings, 0.09, 0)):
-        state = after
+    estimator = build([ensemble], EstimatorConfig(), GatingConfig())
+    profiles = random_observations(field, pings, 0.09, 0)
+    state, _ = estimator.assimilate(estimator.initial(), profiles)
     return estimator.flow(state)
 
 

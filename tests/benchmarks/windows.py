@@ -23,7 +23,7 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.observation import Observation
 from replay_kit.core.region import Region, around
-from replay_kit.estimator import ReducedBasisEstimator, build_estimator
+from replay_kit.estimator import ReducedBasisEstimator, build
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast.grid import in_frame, local_grid, true_to_local
@@ -160,10 +160,11 @@ def windowed(
     frame = of.part(region, members).grid.projection
 
     @lru_cache(maxsize=2)
-    def build(region: Region) -> ReducedBasisEstimator:
-        return build_estimator(of.part(region, members, frame), config, GatingConfig())
+    def of_region(region: Region) -> ReducedBasisEstimator:
+        return build([of.part(region, members, frame)], config)
 
-    return WindowedEstimator(region, margin, around(corners, 1e4), build, GatingConfig())
+    gate = GatingConfig().gate_probability
+    return WindowedEstimator(region, margin, around(corners, 1e4), of_region, gate)
 
 
 def rows(tiny: bool) -> list[Row]:
@@ -183,15 +184,15 @@ def rows(tiny: bool) -> list[Row]:
         if state.left:
             jumps.append(_jump(estimator, before, state, ping))
             flows += estimator.left_flows(state)
-        state, _ = estimator.step(estimator.without_left(state), ping)
+        state, _ = estimator.assimilate(estimator.without_left(state), [ping])
     flows.append(estimator.flow(state))
     spent, memory = time.process_time() - began, peak_mb()
     west, east = np.quantile(of.longitude, [1.0 / 3.0, 2.0 / 3.0])
     third = (float(west), float(of.latitude[0]), float(east), float(of.latitude[-1]))
     inside = [ping for ping in pings if west <= ping.longitude <= east]
     began = time.process_time()
-    alone = build_estimator(of.part(third, slice(0, strip.members)), config, GatingConfig())
-    *_, (single, _) = alone.steps(alone.initial(), inside)
+    alone = build([of.part(third, slice(0, strip.members))], config, GatingConfig())
+    single, _ = alone.assimilate(alone.initial(), inside)
     peer_s = time.process_time() - began
     ours, theirs = _error(flows, inside, truth), _error([alone.flow(single)], inside, truth)
     return [

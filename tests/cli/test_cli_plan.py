@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from planners import MissionSettings
 from replay_kit import __version__
 from replay_kit.config.run import load_config
-from replay_kit.core.flow.load import load
+from replay_kit.core.flow.file import load
 from replay_kit.results import first_difference
 from replay_kit.workflows.planning.areas import read_areas
 from replay_kit.workflows.planning.bathymetry import read_bathymetry

@@ -53,6 +53,8 @@ def folder(tmp_path_factory):
         "export r.mcap -o r.nc",
         "plan r.mcap --start 152.4,-40.1,5 --goal 152.6,-40.0,5 -o plan.mcap",
         f"verify r.mcap --inputs {SAMPLES}",
+        "synthesize --ensemble made.nc --truth truth.nc --members 4",
+        f"twin --truth {ENSEMBLE}#0 -o twin.mcap --pings 20 --vehicle glider",
     ],
 )
 def test_a_command_ends_without_a_warning(folder, words):

@@ -12,7 +12,7 @@ def test_the_old_table_is_refused_with_the_names_of_the_new_one(tmp_path):
     path.write_text("[trust]\nwatch = false\n")
     with pytest.raises(
         ConfigError,
-        match=r"\[trust\] is now called \[gating\], .* watch is inflate, watch_profiles is inflation_profiles",
+        match=r"\[trust\] is now called \[gating\]; rename it, and leave out",
     ):
         load_config(path)
 
@@ -32,6 +32,9 @@ def test_the_old_table_is_refused_with_the_names_of_the_new_one(tmp_path):
             "[[measurements.map]]\njoin_within = 0.1\n",
             r"\[measurements\.map\] has no join_within any more: record both",
         ),
+        ("[gating]\ngate = 'soften'\n", "gating.gate has no soften any more: what exceeds"),
+        ("[gating]\ninflate = true\n", r"\[gating\] has no inflate any more: an ensemble"),
+        ("[time]\ndropped_std = 0.01\n", r"\[time\] has no dropped_std any more: it is \["),
         ("[time]\noscillators = ['steady']\n", "--oscillators has no steady any more: levels"),
         ("[plan]\nbox = '1,2,3,4'\n", r"\[plan\] has no box any more: adaptive sampling is gone"),
     ],

@@ -13,19 +13,15 @@ WAY = 0.3 * math.cos(math.radians(20.0))
 DOWN = 0.3 * math.sin(math.radians(20.0))
 
 
-def test_a_dive_down_and_up_has_the_vertical_speed_of_both():
+def test_a_dive_of_one_yo_or_several_has_the_vertical_speed_of_all():
     seconds = 2.0 * 500.0 / DOWN
     # the path's depths need not hold the deepest
     dive = flown_dive(seconds, (0.6 * WAY, 0.8 * WAY), [100.0, 300.0, 490.0, 300.0, 100.0], 500.0)
-    assert (dive.seconds, dive.depth) == (seconds, 500.0)
-    assert (dive.along, dive.vertical) == pytest.approx((WAY, DOWN))
-
-
-def test_several_yos_between_surfacings_are_climbed_one_by_one():
-    dive = flown_dive(
-        4.0 * 100.0 / DOWN, (WAY, 0.0), [50.0, 100.0, 50.0, 0.0, 50.0, 100.0, 50.0], 100.0
-    )
-    assert dive.vertical == pytest.approx(DOWN)
+    found = dive.seconds, dive.depth, dive.along, dive.vertical
+    assert found == pytest.approx((seconds, 500.0, WAY, DOWN))
+    depths = [50.0, 100.0, 50.0, 0.0, 50.0, 100.0, 50.0]
+    twice = flown_dive(4.0 * 100.0 / DOWN, (WAY, 0.0), depths, 100.0)
+    assert twice.vertical == pytest.approx(DOWN)
 
 
 @pytest.mark.parametrize(

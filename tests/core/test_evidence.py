@@ -1,12 +1,13 @@
 """The log evidence: sums over blocks, and which of two forecasts explained a log better."""
 
 import math
+import statistics
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from replay_kit.core.evidence import BlockEvidence, Evidence, block_of, compare
+from replay_kit.core.evidence import BlockEvidence, Evidence, block_of, bootstrap_interval, compare
 
 
 def evidence(densities, values=4):
@@ -63,3 +64,14 @@ def test_only_dives_with_the_same_values_are_compared():
     found = compare(one, other)
     assert (found.blocks, found.skipped, found.gain) == (1, 1, 1.0)
     assert math.isnan(compare(evidence([]), other).mean)
+
+
+def test_the_interval_of_a_resampled_median_is_that_of_cases_drawn_one_by_one():
+    values = np.random.default_rng(1).lognormal(size=7)
+    rng = np.random.default_rng(0)
+    drawn = [statistics.median(values[case] for case in rng.integers(7, size=7)) for _ in range(60)]
+    expected = np.quantile(drawn, [0.1, 0.9])
+    found = bootstrap_interval(
+        lambda cases: np.median(values[cases], axis=1), 7, resamples=60, share=0.8
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-12)

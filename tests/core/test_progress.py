@@ -12,19 +12,11 @@ def test_what_is_announced_goes_to_whoever_shows_it_and_to_nobody_else():
         announce("one")
         with shown_by(lambda *told: inner.append(told)):
             announce("two", 1, 3)
-        announce("three", 2)
+        advance = counted("three", 1)
+        advance()
     announce("nobody looks")
-    assert outer == [(0, 0, "one"), (2, 0, "three")]
+    assert outer == [(0, 0, "one"), (1, 1, "three")]
     assert inner == [(1, 3, "two")]
-
-
-def test_steps_are_counted():
-    told = []
-    with shown_by(lambda *step: told.append(step)):
-        advance = counted("fitting", 2)
-        advance()
-        advance()
-    assert told == [(1, 2, "fitting"), (2, 2, "fitting")]
 
 
 def test_calls_are_made_one_by_one_when_their_values_are_asked_for():

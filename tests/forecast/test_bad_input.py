@@ -238,9 +238,16 @@ def _with_twice(ds, dim, at=3):
     return ds.isel({dim: order})
 
 
-@pytest.mark.parametrize("dims", [("lon",), ("lat",), ("lon", "lat")])
+def _curved(ds):
+    """Return a forecast with longitudes and latitudes of two dimensions."""
+    lon, lat = np.meshgrid(ds.lon, ds.lat)
+    ds = ds.rename_dims(lon="x", lat="y").drop_vars(["lon", "lat"])
+    return ds.assign_coords(nav_lon=(("y", "x"), lon), nav_lat=(("y", "x"), lat))
+
+
+@pytest.mark.parametrize("dims", [("lon",), ("lat",), ("lon", "lat"), ("x",), ("x", "y")])
 def test_a_repeated_coordinate_is_read_once_and_noted(tmp_path, dims):
-    ds = synthetic.dataset()
+    ds = synthetic.dataset() if "x" not in dims else _curved(synthetic.dataset())
     whole = read_with(save(ds, tmp_path / "whole.nc"))
     for dim in dims:
         ds = _with_twice(ds, dim)
@@ -248,7 +255,8 @@ def test_a_repeated_coordinate_is_read_once_and_noted(tmp_path, dims):
     ds["vo"][:, :, 0, 0] = np.nan
     read = read_with(save(ds, tmp_path / "e.nc"))
     for dim in dims:
-        assert any(note.startswith(f"{dim} repeats 1 value") for note in read.notes)
+        what = "the places of 1 position" if dim in "xy" else "1 value"
+        assert any(note.startswith(f"{dim} repeats {what}") for note in read.notes)
     np.testing.assert_allclose(read.grid.longitude, whole.grid.longitude)
     wet = read.grid.wet
     assert not wet[:, 0, 0].any()
@@ -260,6 +268,7 @@ def test_a_repeated_coordinate_of_other_values_and_one_that_turns_are_refused(tm
     other = ds.copy(deep=True)
     other["vo"][2, 1, 2, 4] += 0.1
     refused("lon repeats .* with other values of vo", save(other, tmp_path / "e.nc"))
+    refused("x repeats the places .* of vo", save(_curved(other), tmp_path / "c.nc"))
     overlapping = synthetic.dataset().isel(lon=[0, 1, 2, 1, 2, 3, 4, 5])
     refused("lon is not monotonic: it turns at its value 4", save(overlapping, tmp_path / "o.nc"))
 

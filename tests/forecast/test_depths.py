@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.flow.netcdf import write_grid
-from replay_kit.estimator import build_estimator
+from replay_kit.core.flow.dataset import write_grid
+from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_series, read_truth
 from tests import synthetic
 from tests.forecast.forms import read_with, refused
@@ -128,7 +128,7 @@ def test_model_levels_are_refused_as_such(tmp_path, attrs):
 
 def test_the_grid_that_a_replay_writes_can_be_a_truth(tmp_path):
     ensemble = synthetic.ensemble()
-    estimator = build_estimator(ensemble, EstimatorConfig(modes=4, sample_share=0.6))
+    estimator = build([ensemble], EstimatorConfig(modes=4, sample_share=0.6))
     write_grid(estimator.flow(estimator.initial()), tmp_path / "flow.nc")
     truth = read_truth(str(tmp_path / "flow.nc"), PLAIN)
     assert_array_equal(truth.grid.levels, synthetic.LEVELS)

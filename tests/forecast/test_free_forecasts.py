@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.config.run import EstimatorConfig
-from replay_kit.estimator import build_estimator
+from replay_kit.config.run import EstimatorConfig, GatingConfig
+from replay_kit.estimator import build
 from tests import synthetic
 from tests.forecast.forms import noted, read_with, true_components
 
@@ -103,12 +103,8 @@ def test_products_and_an_earlier_start_of_one_are_members_on_the_grid_of_the_fir
 
 def test_their_spread_is_fitted_to_the_log(products):
     read = read_with(products, members="models", time="2024-01-05", levels=[0.5, 92.0, 318.0])
-    estimator = build_estimator(read, EstimatorConfig(modes=12))
+    estimator = build([read], EstimatorConfig(modes=12), GatingConfig())
     state = estimator.initial()
-    assert state.spread.fitted_to == 0
-    for profile in synthetic.random_profiles(read.grid, 40, seed=2):
-        state, _ = estimator.step(state, profile)
-        if state.spread.fitted_to:
-            break
-    assert state.spread.fitted_to == 8
-    assert state.spread.amplitude != state.spread.expected
+    profiles = [*synthetic.random_profiles(read.grid, 40, seed=2)]
+    state, _ = estimator.assimilate(state, profiles)
+    assert state.scale != 1.0

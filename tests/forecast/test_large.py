@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core import arrays
 from replay_kit.core.errors import ReplayKitError
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from replay_kit.forecast import gather, reader
 from tests import synthetic
 from tests.forecast.forms import read_with
@@ -67,9 +67,10 @@ def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, monkeypatch
     assert ensemble.notes == expected.notes
     assert str(ensemble) == str(expected)
     assert_array_equal(ensemble.rows(1, 3), expected.velocity[:, :, :, 1:3])
-    ours, theirs = (build_estimator(each, EstimatorConfig()) for each in (ensemble, expected))
-    assert_array_equal(ours.prior.mean, theirs.prior.mean)
-    assert_array_equal(ours.prior.covariance(), theirs.prior.covariance())
+    ours, theirs = (build([each], EstimatorConfig()) for each in (ensemble, expected))
+    for name in ("mean", "moving", "fixed"):
+        one, other = (getattr(each.observer.process, name) for each in (ours, theirs))
+        assert_array_equal(one, other)
 
 
 def test_a_full_disk_is_told_before_anything_is_read(nothing_fits, monkeypatch):

@@ -255,11 +255,10 @@ ATTACKS: dict[str, Attack] = {
     "schema: 300 of 1 MB": _many_schemas,
     "JSON: 30 million lists": _json(lambda: b'{"a":[' + b"[]," * 30_000_000 + b"[]]}"),
     "JSON: 5 million mappings": _json(lambda: b'{"a":[' + b'{"":1},' * 5_000_000 + b"{}]}"),
-    "JSON: 900 nested lists": _json(lambda: b'{"a":' + b"[" * 900 + b"]" * 900 + b"}"),
     "JSON: 100,000 nested lists": _json(
         lambda: b'{"a":NaN,"b":' + b"[" * 100_000 + b"]" * 100_000 + b"}"
     ),
-    "JSON: quotation marks without end": _json(lambda: b'{"a":NaN' + b'"\\' * 100_000),
+    "JSON: a text without end": _json(lambda: b'{"a":NaN' + b'"\\' * 100_000),
     "protobuf: 10 million empty messages": _proto,
     "protobuf: 4 sets of 28,000 types without fields": _protobuf_sets(4, 28_000, _empty_type),
     "protobuf: 4 sets of 43,000 nested types": _protobuf_sets(4, 43_000, _nested_type),

@@ -175,9 +175,7 @@ def own_files(folder: Path) -> list[Own]:
     write_memory(place, Memory(said=("a log",) * 40, forecast="ensemble.nc sha256:0"))
     files = {path.name: path for path in place.iterdir() if path.is_file()}
     head, _ = read_store(files["run.ck"], CHECKPOINT)
-    store = StateStore(
-        files["run.ck.journal"], head["run"], built(forecasts, _CONFIG, job).common_part
-    )
+    store = StateStore(files["run.ck.journal"], head["run"])
     state = store.read_state(files["run.ck"])
     (basis,) = (path for path in files.values() if path.suffix == ".basis")
     commands = _result_commands(folder)
@@ -190,7 +188,7 @@ def own_files(folder: Path) -> list[Own]:
         with mock.patch(
             "replay_kit.workflows.replay.inputs.estimator._identity", return_value=path.stem
         ):
-            return Answer(0, False, "", pickle.dumps(built(fresh, _CONFIG, job).common_part))
+            return Answer(0, False, "", pickle.dumps(built(fresh, _CONFIG, job)))
 
     return [
         Own("estimate", files["flow.nc"].read_bytes(), files["flow.nc"], _ESTIMATE),

@@ -132,7 +132,7 @@ def checkpoint(data: bytes) -> None:
     """What a checkpoint holds, with the right version, run and checksum before it."""
     write_store(_file(), CHECKPOINT, {"run": IDENTITY}, [data])
     with contextlib.suppress(LogError):
-        StateStore(_file(), IDENTITY, None).read_state(_file())
+        StateStore(_file(), IDENTITY).read_state(_file())
 
 
 PARSERS: dict[str, Callable[[bytes], None]] = {

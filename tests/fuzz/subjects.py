@@ -271,8 +271,11 @@ def _dataflash(data: bytes) -> Check:
             for start, end, piece in sound
             if harm.kept and harm.kept[0][0] == 0 and end <= harm.kept[0][1]
         ]
-        said = damage.read_dataflash(path)[0] if whole else []
+        said, report = damage.read_dataflash(path) if whole else ([], None)
         wrong = [] if said[: len(whole)] == whole else [f"{len(whole)} are whole before it"]
+        cut = len(harm.kept) == 1 and len(harm.data) not in {end for _, end, _ in sound}
+        if report and cut and not report.losses:
+            wrong.append("cut without a word")
         return wrong + _uncovered(harm, path)
 
     return check

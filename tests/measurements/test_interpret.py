@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
-from replay_kit.measurements import Skipped, Used, initial_state, interpret, observations
+from replay_kit.measurements import Skipped, Used, initial_state, interpret
 from tests.measurements.samples import (
     CONFIG,
     SECOND,
@@ -73,13 +73,6 @@ def test_depths_up_and_down_and_from_a_submerged_transducer():
     assert up.reasons[2] & Reason.ABOVE_SURFACE
     known = only(Observation, run([fix(0, depth=200.0), ping(0, pressure=float("nan"))]))[0]
     assert known.depth[0] == pytest.approx(216.0)
-
-
-def test_dives_are_counted_from_depths():
-    messages = []
-    for k, depth in enumerate([0, 1, 50, 100, 4, 2, 0, 5, 80, 1]):
-        messages += [fix(60 * k, depth=depth), ping(60 * k, pressure=None)]
-    assert [o.dive for o in only(Observation, run(messages))] == [0, 0, 1, 1, 1, 1, 1, 1, 2, 2]
 
 
 @pytest.mark.parametrize(
@@ -199,8 +192,3 @@ def test_a_pressure_before_the_first_position_is_taken_at_45_degrees():
     assert first.depth == pytest.approx(-gsw.z_from_p(1000.0, 45.0), rel=1e-12)
     (_, second) = only(VehicleState, run([fix(0), pressure, fix(1)]))
     assert second.depth == pytest.approx(-gsw.z_from_p(1000.0, -40.0), rel=1e-12)
-
-
-def test_observations_is_the_same_loop_for_scripts():
-    messages = [fix(0), ping(0), fix(100), ping(90)]
-    assert len(list(observations(messages))) == 2

@@ -18,6 +18,7 @@ from replay_kit.core.flow.functions import (
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.plan import Place
+from tests.synthetic_flow import with_weights
 
 CENTRE = Projection(152.5, -40.0)
 LEVELS = (5.0, 40.0, 110.0, 230.0, 400.0)
@@ -47,7 +48,6 @@ def still_flow(
         DepthFunctions(kind, 80.0),
         np.zeros((n, depths.size)),
         np.empty((n, 0)),
-        np.empty((0, 0)),
         None,
     )
 
@@ -73,12 +73,8 @@ def uncertain_flow() -> FlowEstimate:
     """Return an eddying flow of two modes with an uncertainty, so that it can be sampled."""
     flow = eddying_flow(12)
     modes = np.random.default_rng(0).standard_normal((len(flow.latent), 2))
-    return replace(
-        flow,
-        modes=modes * np.abs(flow.latent).max(),
-        covariance=0.01 * np.eye(2 * flow.levels.size),
-        time_ns=10**18,
-    )
+    modes *= np.abs(flow.latent).max()
+    return with_weights(replace(flow, time_ns=10**18), modes, 0.01 * np.eye(2 * flow.levels.size))
 
 
 def uniform_flow(east: float, north: float) -> FlowEstimate:
@@ -126,9 +122,9 @@ def forbidden(
 
 
 def random_points(flow: FlowEstimate, n: int, seed: int) -> Array:
-    """Return points in and somewhat outside the grid's box, shape (n, 3) [m]."""
+    """Return points in the grid's box and somewhat below, shape (n, 3) [m]."""
     rng = np.random.default_rng(seed)
-    low = [flow.grid.east.min(), flow.grid.north.min(), -20.0]
+    low = [flow.grid.east.min(), flow.grid.north.min(), 0.1]
     high = [flow.grid.east.max(), flow.grid.north.max(), flow.levels[-1] + 60.0]
     return rng.uniform(low, high, (n, 3))
 

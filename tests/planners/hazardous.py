@@ -22,6 +22,7 @@ from tests.reference.vehicle import (
     read_mission_arguments,
     read_targets,
 )
+from tests.synthetic_flow import with_weights
 
 LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 121), np.linspace(-40.45, -39.55, 91)
 CLEARANCE = 20.0
@@ -68,12 +69,14 @@ def random_mission(seed: int, speeds: tuple[float, float] = (0.03, 0.15)) -> Haz
     of_weights = np.kron(np.ones((first.levels.size, first.levels.size)), np.eye(3))
     turned = np.linspace(0.0, np.pi, TIMES)
     flow = [
-        replace(
-            first,
-            time_ns=BEGIN_NS + k * EVERY_NS,
-            latent=np.cos(at) * first.latent + np.sin(at) * second.latent,
-            modes=modes,
-            covariance=of_weights,
+        with_weights(
+            replace(
+                first,
+                time_ns=BEGIN_NS + k * EVERY_NS,
+                latent=np.cos(at) * first.latent + np.sin(at) * second.latent,
+            ),
+            modes,
+            of_weights,
         )
         for k, at in enumerate(turned)
     ]

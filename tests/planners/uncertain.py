@@ -6,9 +6,10 @@ from functools import cache
 import numpy as np
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from tests import synthetic
 from tests.planners.flow_samples import eddying_flow
+from tests.synthetic_flow import with_weights
 
 NOON = 1_767_268_800 * 10**9
 
@@ -18,7 +19,7 @@ def static():
     """An estimate before any observation, at a third of its members' current."""
     # without an error of what the basis does not represent
     config = EstimatorConfig(modes=12, representation_error_std=0.0)
-    estimator = build_estimator(synthetic.ensemble(n_members=8, shape=(9, 11)), config)
+    estimator = build([synthetic.ensemble(n_members=8, shape=(9, 11))], config)
     flow = estimator.flow(estimator.initial())
     return replace(flow, latent=0.3 * flow.latent, time_ns=NOON)
 
@@ -28,4 +29,4 @@ def uncertain(flow, speed):
     others = [eddying_flow(100 + k, speed=speed).latent.mean(axis=1) for k in range(4)]
     n_levels = flow.levels.size
     covariance = np.kron(np.ones((n_levels, n_levels)), np.eye(4)) / 4.0
-    return replace(flow, modes=np.column_stack(others), covariance=covariance)
+    return with_weights(flow, np.column_stack(others), covariance)

@@ -9,7 +9,7 @@ import planners
 import replay_kit as rk
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from tests.properties.world import (
     GLIDER,
     HERE,
@@ -25,16 +25,22 @@ DEPTHS = np.linspace(8.0, 280.0, 30)
 
 
 @pytest.fixture(scope="module")
-def build(tmp_path_factory):
+def made(tmp_path_factory):
     file = tmp_path_factory.mktemp("forecast") / "e.nc"
     tables(sea())[1].to_netcdf(file)
     forecast = rk.open_ensemble(file)
 
     @functools.cache
     def built(**gating):
-        stated = {"sample_share": 0.5, "shift_distance": 1e4, "mean_variance": 0.0}
+        stated = {
+            "sample_share": 0.5,
+            "shift_distance": 1e4,
+            "dropped_std": 0.0,
+            "spread": 1.0,
+            "mean_variance": 0.0,
+        }
         config = EstimatorConfig(**stated, representation_error_std=0.0)
-        return build_estimator(forecast, config, GatingConfig(inflate=False, **gating))
+        return build([forecast], config, GatingConfig(**gating))
 
     return built
 
@@ -51,22 +57,21 @@ def profile(truth, rng, noise=0.05, stated=0.05, number=0):
     return rk.Observation.profile(number, float(lon), float(lat), DEPTHS, u, v, stated)
 
 
-def test_the_gate_stops_as_many_as_it_says(build):
-    p, it, rng = 0.02, build(gate_probability=0.02, adapt_errors=False), np.random.default_rng(5)
+def test_the_gate_stops_as_many_as_it_says(made):
+    p, it, rng = 0.02, made(gate_probability=0.02), np.random.default_rng(5)
     drawn = [profile(truth, rng) for truth in truths(it, 150, 5) for _ in range(4)]
-    stopped = [it.step(it.initial(), each)[1].decision != "accepted" for each in drawn]
-    # of two tests of size p, the sum and the least likely of eight directions: between p and 2 p, and three deviations of the count
-    low, high = (size + 3 * way * np.sqrt(size / 600) for size, way in ((p, -1), (2 * p, 1)))
-    assert low < np.mean(stopped) < high
+    steps = [it.assimilate(it.initial(), [each])[1][0] for each in drawn]
+    stopped = np.mean([step.innovation.decision == "rejected" for step in steps])
+    assert abs(stopped - p) < 3 * np.sqrt(p / 600)
 
 
-def test_scatter_beyond_the_stated_error_counts_as_if_it_had_been_stated(build):
-    it, ratios = build(gate_probability=1e-5), []
+def test_scatter_beyond_the_stated_error_counts_as_if_it_had_been_stated(made):
+    it, ratios = made(gate_probability=1e-5), []
     for number, truth in enumerate(truths(it, 40, 6)):
         information = []
         for stated in (0.15, 0.05):
             seen = profile(truth, np.random.default_rng(number), 0.15, stated)
-            state = it.step(it.initial(), seen)[0]
+            state, _ = it.assimilate(it.initial(), [seen])
             at = seen.longitude, seen.latitude, 150.0
             before, after = (
                 it.flow(each).velocity_at(*at).u_standard_error for each in (it.initial(), state)
@@ -76,13 +81,13 @@ def test_scatter_beyond_the_stated_error_counts_as_if_it_had_been_stated(build):
     assert 0.8 < np.median(ratios) < 1.25
 
 
-def test_errors_are_as_large_as_stated_where_nothing_was_measured(build):
+def test_errors_are_as_large_as_stated_where_nothing_was_measured(made):
     """Truths drawn from the prior, four profiles of each: the mean square of errors over standard errors is one, through the water."""
-    it, rng, squares = build(gate_probability=1e-5), np.random.default_rng(7), []
+    it, rng, squares = made(gate_probability=1e-5), np.random.default_rng(7), []
     for truth in truths(it, 60, 8):
         state = it.initial()
         for number in range(4):
-            state, _ = it.step(state, profile(truth, rng, number=number))
+            state, _ = it.assimilate(state, [profile(truth, rng, number=number)])
         lon, lat, _ = places(rng.uniform(-3e4, 3e4, (6, 2)), HERE)
         got, true = (each.velocity_at(lon, lat, 100.0) for each in (it.flow(state), truth))
         squares += [

@@ -17,7 +17,13 @@ LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 HERE = (152.5, -38.0)
 # what a replay fits, stated: relations then hold of the estimate alone
 STATED = {
-    "estimator": {"sample_share": 0.5, "shift_distance": 1e4, "spread": 1.0, "mean_variance": 0.0}
+    "estimator": {
+        "sample_share": 0.5,
+        "shift_distance": 1e4,
+        "dropped_std": 0.0,
+        "spread": 1.0,
+        "mean_variance": 0.0,
+    }
 }
 ASKED = np.array(
     [(x, y, z) for x in (-2e4, 3e3, 2.2e4) for y in (-1.7e4, 8e3) for z in (20.0, 150.0)]

@@ -92,14 +92,19 @@ def test_the_table_says_how_many_answers_differ():
 
 
 @pytest.mark.parametrize("name", [*opened.ESTIMATES, *opened.RESULTS])
-def test_files_of_0_3_are_read(name):
-    assert record.difference("files", opened.answers([name])) == []
+def test_files_of_0_3_are_read_but_for_estimates_with_a_covariance_which_are_refused(name):
+    found, refused = opened.answers([name]), name != "missions_flow.nc"
+    differences = record.difference("files", found)
+    assert [each.today for each in differences] == (
+        [found[name] if name in opened.ESTIMATES else found[name]["estimates"]] if refused else []
+    )
+    assert all("export it with 0.3" in each.today for each in differences)
 
 
 def test_settings_of_0_3_are_read_without_what_is_gone_which_is_refused_by_name(tmp_path):
     lines = record.checked(record.FILES / "settings.toml").read_text().splitlines()
     path, gone = tmp_path / "settings.toml", list[str]()
-    while len(gone) < 12:
+    for _ in range(20):
         path.write_text("\n".join(lines))
         try:
             settings = load_config(path)
@@ -107,9 +112,9 @@ def test_settings_of_0_3_are_read_without_what_is_gone_which_is_refused_by_name(
         except ConfigError as error:
             gone += re.findall(r"has no (\w+) any more: \w+", str(error))
             lines = [line for line in lines if not re.search(rf'^{gone[-1]} =|"{gone[-1]}"', line)]
-    assert settings.gating.gate == "soften"
-    assert {"drift", "join_within", "steady", "then", "policy"} <= set(gone)
-    assert len(gone) == 11
+    assert settings.gating.gate == "reject"
+    assert {"drift", "join_within", "steady", "then", "policy", "soften", "inflate"} <= set(gone)
+    assert len(gone) == 14
 
 
 def test_samples_are_measured_as_before():
@@ -122,8 +127,11 @@ def test_samples_are_measured_as_before():
 def test_a_sea_is_estimated_as_well(name):
     today = {name: pings.scores(pings.SEAS[name], (5, 25), (0,))}
     for one in record.difference("accuracy", today):
-        assert one.at[-1] == "relative_error"
-        assert one.today < one.kept
+        # errors where nothing was measured are stated larger than in 0.3, whose intervals held too little there
+        if "coverage_90" in one.at or "coverage_by_level" in one.at:
+            assert one.kept < one.today < 0.96
+        else:
+            assert one.today < one.kept
 
 
 @pytest.mark.parametrize(("name", "number"), _QUICK.items())

@@ -161,20 +161,3 @@ def localised_covariance(covariance, modes, nodes, radius, taper):
     projector = np.linalg.pinv(modes)
     fields = modes @ covariance @ modes.T * tapered(nodes, radius, taper)
     return projector @ fields @ projector.T
-
-
-def mixture_update(mean, covariances, weights, design, values):
-    """Mean and covariance of a mixture of Gaussians with one mean after rows with noise of unit variance, one dense update for each."""
-    parts, logs = [], []
-    for covariance in covariances:
-        updated, cov, _, _ = kalman_update(mean, covariance, design, values, np.eye(len(values)))
-        total = design @ covariance @ design.T + np.eye(len(values))
-        logs.append(log_density(values, design @ mean, total))
-        parts.append((updated, cov))
-    probability = weights * np.exp(np.array(logs) - max(logs))
-    probability /= probability.sum()
-    centre = sum(p * m for p, (m, _) in zip(probability, parts, strict=True))
-    return centre, sum(
-        p * (c + np.outer(m - centre, m - centre))
-        for p, (m, c) in zip(probability, parts, strict=True)
-    )

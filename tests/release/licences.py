@@ -16,7 +16,6 @@ PROJECT = "replay-kit"
 READ_BY_HAND = {
     # under the GPL is its Emacs mode alone, which wheels do not hold
     "docutils": "Public Domain, BSD-2-Clause",
-    "do-mpc": "LGPL-3.0",
     "requests-unixsocket": "Apache-2.0",
     "rockit-meco": "LGPL-3.0",
 }

@@ -72,7 +72,6 @@ CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
         (
             "replay_kit/estimator/METHOD.md",
             "replay_kit/estimator/README.md",
-            "replay_kit/estimator/evolving/README.md",
             "replay_kit/measurements/README.md",
             "replay_kit/measurements/consistency/README.md",
             "planners/README.md",
@@ -159,6 +158,8 @@ _CONFIGURATION = {
     "autodoc_typehints": "none",
     "napoleon_google_docstring": True,
     "napoleon_numpy_docstring": False,
+    # fields of a named tuple have descriptions of their own
+    "napoleon_use_ivar": True,
 }
 
 

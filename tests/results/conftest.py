@@ -41,11 +41,10 @@ def innovation() -> Innovation:
         reasons=np.array([0, 0, 1, 0], dtype=np.int32),
         dive=2,
         source=Source(1, "/adcp", 4711, TIME_NS + 4),
-        decision="softened",
+        decision="accepted",
         gate_statistic=12.5,
         gate=20.5,
         signal_dof=3.25,
-        prior_inflation=1.75,
     )
 
 

@@ -17,13 +17,12 @@ with warnings.catch_warnings():
     from compliance_checker.suite import CheckSuite
 
 from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.load import load
-from replay_kit.core.flow.lossless import save
-from replay_kit.core.flow.netcdf import write_grid
+from replay_kit.core.flow.file import load, save
 from replay_kit.studies.twins.ensemble import write_ensemble
-from tests.core.flow.test_evolution import evolving
 from tests.synthetic_flow import regular
+from tests.workflows.planning.test_currents import evolving
 
 
 @pytest.fixture(scope="module")
@@ -207,4 +206,4 @@ def test_a_track_of_og1_lacks_terms_of_its_vocabulary_for_estimates_alone(tmp_pa
         np.testing.assert_array_equal(written["LATITUDE"], track.latitude)
         assert str(written["TRAJECTORY"].values) == "sg033_20231114T221320"
     with pytest.raises(EstimatorError, match="all have a time"):
-        replace(flow, later=None, time_ns=None).along(TRACK).to_og1("sg033")
+        replace(flow, unknowns=None, time_ns=None).along(TRACK).to_og1("sg033")

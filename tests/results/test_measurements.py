@@ -25,7 +25,7 @@ def result(tmp_path, flow, innovation, monkeypatch):
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
         for k in range(60):
             source = replace(innovation.source, topic=f"/adcp_{k % 2}")
-            decision = "rejected" if k % 9 == 0 else "softened"
+            decision = "rejected" if k % 9 == 0 else "accepted"
             about = {"dive": 1 + k // 10, "accepted": k % 9 > 0, "decision": decision}
             one = replace(innovation, nis=float(k), source=source, **about)
             writer.innovation(replace(one, time_ns=TIME_NS + k * SECOND))

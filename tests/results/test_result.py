@@ -72,7 +72,7 @@ def test_fixes(opened):
 
 def test_observations_and_their_bins(opened, innovation):
     table, bins = opened.observations, opened.innovations
-    assert table["decision"].tolist() == ["softened", "softened", "rejected", "softened"]
+    assert table["decision"].tolist() == ["accepted", "accepted", "rejected", "accepted"]
     assert table["dive"].tolist() == [2, 2, 2, 3]
     assert table["gate_threshold"].tolist() == [20.5] * 4
     assert table.index[0] == pd.Timestamp(innovation.time_ns)

@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, ReplayKitError
-from replay_kit.core.flow.load import load_bytes
+from replay_kit.core.flow.file import load_bytes
 from replay_kit.core.grid import Projection
 from replay_kit.results import CONTRACT_VERSION, ResultWriter, mcap_file, read_estimate
 from replay_kit.results.readback import check_written
@@ -32,7 +32,7 @@ def test_records_and_attachments(run, flow, tmp_path):
         load_bytes(attachments["estimate.nc"].data, "attachment"),
         read_estimate(path),
     ):
-        np.testing.assert_array_equal(estimate.weight_cov, flow.weight_cov)
+        np.testing.assert_array_equal(estimate.unknowns.p, flow.unknowns.p)
         np.testing.assert_array_equal(estimate.latent, flow.latent)
 
 

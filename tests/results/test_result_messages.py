@@ -95,7 +95,7 @@ def test_innovation(result, innovation):
         innovation.dive,
     )
     assert value.gate_threshold == innovation.gate
-    for name in ("error_inflation", "decision", "gate_statistic", "signal_dof", "prior_inflation"):
+    for name in ("error_inflation", "decision", "gate_statistic", "signal_dof"):
         assert getattr(value, name) == getattr(innovation, name)
     assert (list(value.flags), list(value.reasons)) == (
         innovation.flags.tolist(),

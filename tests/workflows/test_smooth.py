@@ -6,8 +6,8 @@ import pytest
 import replay_kit as rk
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import LogError
-from replay_kit.estimator.evolving.build import build_evolving
-from replay_kit.estimator.evolving.smoother import smooth as smooth_states
+from replay_kit.estimator import build
+from replay_kit.estimator import smooth as smooth_states
 from replay_kit.forecast import read_series
 from replay_kit.logs import open_log
 from replay_kit.results.views.contents import Contents
@@ -42,11 +42,11 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     with pytest.raises(LogError, match="got a smoothed one; verify the replay"):
         verify(tmp_path / "smoothed.mcap", [SAMPLES], planner_of)
     config = settings_of(EVOLVING)
-    estimator = build_evolving(
+    estimator = build(
         read_series(SAMPLES / "ensemble.nc", config.forecast),
         config.estimator,
-        config.time,
         config.gating,
+        config.time,
     )
     log = open_log(SAMPLES / "glider.mcap", config.logs)
     end = config.logs.end_ns
@@ -55,7 +55,8 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
         flight, used = as_used(flight, stated, config.measurements)
         measured.append(used)
     slices = Contents(result).slices
-    flows = smooth_states(estimator, measured, slices.time_ns.tolist())
+    states = smooth_states(estimator, measured, slices.time_ns.tolist())
+    flows = [estimator.flow(state) for state in states]
     assert slices.time_ns.size == 4
     points = np.meshgrid(slices.east, slices.north)
     for k, flow in enumerate(flows):

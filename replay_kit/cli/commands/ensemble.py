@@ -247,9 +247,7 @@ def twin(
             else read_truth(files.truth, part)
         )
         made = make_twin(sea, simulated, files.out, files.overwrite)
-    console_beside(None).print(
-        f"{files.out}: {made.pings} pings over {made.duration / 3600.0:.1f} h"
-    )
+    console_beside(None).print(f"{files.out}: {survey.pings} pings over {made.hours:.1f} h")
     return 0
 
 

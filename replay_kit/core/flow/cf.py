@@ -139,3 +139,16 @@ def encoded(dataset: xr.Dataset) -> xr.Dataset:
     for name, encoding in encoding_of(dataset).items():
         dataset.variables[name].encoding.update(encoding)
     return dataset
+
+
+def history(made_by: str, time_ns: int | None) -> str:
+    """Return the global attribute ``history``: program, version, function and the time of the estimate.
+
+    CF leaves its form open. It has no time of writing, because the same flow must give the same bytes.
+
+    Args:
+        made_by: The function that made the dataset.
+        time_ns: Of the flow [ns, UTC]; None without one.
+    """
+    at = "" if time_ns is None else f", time = {np.datetime64(time_ns, 'ns')}Z"
+    return f"replay-kit {__version__}: {made_by}(flow{at})"

@@ -1,15 +1,43 @@
-"""The current estimate: what a planner or an analyst holds."""
+"""The current estimate: what a planner or an analyst holds, an immutable value that evaluates itself.
+
+A flow is a sum over levels of a depth function times a sum of incompressible horizontal functions h,
+
+    f(x, y, z) = sum_j d_j(z) h(x, y) latent[:, j],
+
+so it is divergence-free in the horizontal; what the ensemble mean has of divergence is a known part beside it, the gradient of a potential,
+which has the same functions turned by 90 degrees. Its uncertainty, where it has one, is the covariance P of unknowns x with the weights
+w = m + x L of modes (``process.py``), and the error of what these do not hold: with D x the current at a place and s a factor on all,
+
+    std^2 = s (D P D' + error^2).
+
+At levels where nothing was measured it is at least the error of a regression on those where something was, with the prior's covariance of
+levels C: the members' patterns fix the vertical structure more surely than a few tens of members can know it.
+
+    least^2 = s (C_zz - C_zm (C_mm + std_m^2)^-1 C_mz).
+
+Estimates, truths and ensemble members are all this one value.
+"""
 
 # keeps the signatures in help() short: the names of types, not what they stand for
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from replay_kit.core.flow.field import FlowField
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.functions import DepthFunctions, HorizontalFunctions, depth_weights
+from replay_kit.core.flow.local import LocalCurrent, Oscillation
+from replay_kit.core.flow.process import Process
+from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
+from replay_kit.core.grid import Grid
 from replay_kit.core.paths import as_path
 from replay_kit.core.quantities import to_time_ns
 from replay_kit.core.text import time_text
@@ -20,20 +48,441 @@ if TYPE_CHECKING:
 
     from replay_kit.core.flow.points import Velocities
 
+# Points evaluated at once: bounds the matrices to some tens of MB.
+_CHUNK = 512
+_NS = 1e9
+# Depths so far above the surface are rounded, as those of a planned track [m].
+_ROUNDED = 1e-3
+_LINEAR = DepthFunctions("hat", 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The estimate of the unknowns at one time.
+
+    Attributes:
+        process: What they make of the modes' weights, and how they change.
+        offset: shape (M, Z), latent values of the flow whose weights are zero.
+        x: shape (k,), mean.
+        p: shape (k, k), covariance.
+        time_ns: Of both, the last observation's [ns, UTC]; None before any, where they hold at any time.
+        error: shape (Z, N) [m/s], of what they do not hold, at the nodes.
+        scaled: Factor on all variances, or what returns it once it is asked for.
+        oscillation: Known beside the flow; None where nothing oscillates.
+        measured: shape (Z,), levels among those whose depths were measured; None where that counts for nothing.
+    """
+
+    process: Process
+    offset: Array
+    x: Array
+    p: Array
+    time_ns: int | None
+    error: Array
+    scaled: float | Callable[[], float] = 1.0
+    oscillation: Oscillation | None = None
+    measured: NDArray[np.bool_] | None = None
+
+    @cached_property
+    def scale(self) -> float:
+        """Factor on all variances s."""
+        return self.scaled() if callable(self.scaled) else self.scaled
+
+    @cached_property
+    def root(self) -> Array:
+        """A factor F of the covariance, F F' = s P, shape (k, k).
+
+        Raises:
+            EstimatorError: The covariance is not a number.
+        """
+        if not np.isfinite(self.p).all():
+            raise EstimatorError(
+                "the estimate's covariance is not a number everywhere, so that it has no standard error"
+            )
+        try:
+            return np.asarray(np.sqrt(self.scale) * np.linalg.cholesky(self.p))
+        except np.linalg.LinAlgError:
+            # rounding left a variance of nearly zero below it
+            values, vectors = np.linalg.eigh(self.p)
+            return np.asarray(vectors * np.sqrt(self.scale * np.maximum(values, 0.0)))
+
+    def __reduce__(self) -> tuple[type[Unknowns], tuple[object, ...]]:
+        """Pickle the factor, not what returns it."""
+        names = (
+            "process",
+            "offset",
+            "x",
+            "p",
+            "time_ns",
+            "error",
+            "scale",
+            "oscillation",
+            "measured",
+        )
+        return type(self), tuple(getattr(self, name) for name in names)
+
+    def latent(self, modes: Array, time_ns: int) -> Array:
+        """Return the latent values of the flow at a time [ns, UTC], with the unknowns as they are, shape (M, Z)."""
+        return np.asarray(self.offset + modes @ self.process.weights(self.x, time_ns).T)
+
+    def at(self, time_ns: int) -> Unknowns:
+        """Return the unknowns at a later time [ns, UTC]: each decays, and its variance returns to 1; an earlier one changes nothing."""
+        if (
+            self.time_ns is None
+            or time_ns <= self.time_ns
+            or not np.isfinite(self.process.tau).any()
+        ):
+            return self
+        kept = self.process.kept((time_ns - self.time_ns) / _NS)
+        # symmetric to the last bit, as files keep one half
+        p = self.p * np.outer(kept, kept)
+        p[np.diag_indices_from(p)] += 1.0 - kept**2
+        return replace(self, x=kept * self.x, p=p, time_ns=time_ns)
+
+    def factor(self, time_ns: int) -> Array:
+        """Return F' L, the weights of independent unknowns of unit variance in the vertical functions, shape (k, K, r)."""
+        loading = self.process.loading(time_ns)
+        rows = self.root.T @ loading.reshape(len(loading), -1)
+        return np.asarray(rows.reshape(-1, *loading.shape[1:]))
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FlowEstimate(FlowField):
-    """A horizontally divergence-free flow in a box, with its uncertainty when known, that can be exported and saved.
+class FlowEstimate:
+    """A horizontal flow in a box, with its uncertainty where it is known.
 
-    Attributes and evaluation in the local frame are those of ``FlowField``. xarray is imported on export only, as most of a run does
-    without it.
+    Outside the levels the flow of the nearest level continues; outside the grid's horizontal extent it fades to zero. Below the last
+    level and outside the extent nothing is known: there standard errors are NaN, and a dataset (``to_xarray``) has NaN in both.
+    Points on land have a value too; ``grid.wet`` is the land mask.
+
+    Attributes:
+        grid: Grid, local frame and land mask it was built on; its wet top points are the nodes.
+        horizontal: The horizontal functions; M of them.
+        depth_functions: How levels combine.
+        latent: shape (M, Z), latent values of the flow.
+        modes: shape (M, r), latent values of the modes the uncertainty is expressed in; r = 0 without uncertainty.
+        time_ns: Time it holds for [ns, UTC]; None when unknown.
+        unknowns: Their estimate; None where nothing is uncertain, as of a truth or a member.
+        potential: shape (M, Z), of the part with divergence; None without one.
+        local: Current about the vehicle beside the flow, which no velocity here includes; None where none is known.
+        about: Global attributes that datasets of it have beside their own: what its inputs are cited by, who made it.
+        span_ns: First and last time of the positions and measurements it was made from [ns, UTC]; None when unknown.
     """
+
+    grid: Grid
+    horizontal: HorizontalFunctions
+    depth_functions: DepthFunctions
+    latent: Array
+    modes: Array
+    time_ns: int | None
+    unknowns: Unknowns | None = None
+    potential: Array | None = None
+    local: LocalCurrent | None = None
+    about: Mapping[str, str] = field(default_factory=dict)
+    span_ns: tuple[int, int] | None = None
 
     def __repr__(self) -> str:
         """Return its time, region and size."""
-        holds = "no model of time" if self.later is None else "at(time) gives it for another time"
+        data = "" if self.span_ns is None else f", data {_span_text(self.span_ns)}"
+        holds = (
+            "no model of time"
+            if self.unknowns is None
+            else f"constant in time{data}"
+            if self.process is None
+            else f"at(time) gives it for another time{data}"
+        )
         uncertainty = f"{self.n_modes} modes a level" if self.n_modes else "no uncertainty"
         return f"FlowEstimate for {time_text(self.time_ns)} ({holds}), {uncertainty}\n  {self.grid}"
+
+    # ---- in the local frame
+
+    def at(self, time_ns: int) -> FlowEstimate:
+        """Return the estimate for a time [ns, UTC]; where the current changes, its uncertainty grows with time.
+
+        For a time before the last observation it is at the time of that. A constant estimate is returned as it is, for its own time, with
+        a warning (UserWarning) where the time is outside the span of its data: its error does not grow.
+
+        Raises:
+            EstimatorError: The flow carries no model of time, as one of a truth or of a member.
+        """
+        self.require_model_of_time()
+        warn_outside([self], np.array(time_ns))
+        if self.process is None:
+            return self
+        last = self.last_observation_ns
+        return self.moved(time_ns if last is None else max(time_ns, last))
+
+    def moved(self, time_ns: int) -> FlowEstimate:
+        """Return the flow for a time of the forecast [ns, UTC]; of unknowns after it as they are."""
+        assert self.unknowns is not None
+        unknowns = self.unknowns.at(time_ns)
+        latent = unknowns.latent(self.modes, time_ns)
+        return replace(self, latent=latent, time_ns=time_ns, unknowns=unknowns)
+
+    def require_model_of_time(self) -> None:
+        """Raise EstimatorError when the flow has no model of time, so that ``at`` cannot answer."""
+        if self.unknowns is None:
+            raise EstimatorError(
+                "the flow has no model of time (a truth, a member, a sample, or one saved by an earlier version); "
+                "ask the estimate of a replay for another time"
+            )
+
+    @property
+    def process(self) -> Process | None:
+        """How the estimate changes; None where it is constant or has no model of time."""
+        if self.unknowns is None:
+            return None
+        process = self.unknowns.process
+        return None if process.is_constant and self.oscillation is None else process
+
+    @property
+    def oscillation(self) -> Oscillation | None:
+        """What oscillates beside the flow; None where nothing does."""
+        return None if self.unknowns is None else self.unknowns.oscillation
+
+    @property
+    def last_observation_ns(self) -> int | None:
+        """Time before which the estimate does not change [ns, UTC]; None without one."""
+        return None if self.process is None or self.unknowns is None else self.unknowns.time_ns
+
+    @property
+    def nodes(self) -> Array:
+        """Nodes of the grid, shape (N, 2) [m]."""
+        return self.grid.nodes
+
+    @property
+    def levels(self) -> Array:
+        """Levels, shape (Z,) [m]."""
+        return self.grid.levels
+
+    @property
+    def n_modes(self) -> int:
+        """Number of modes of the uncertainty; 0 when the flow has none."""
+        return 0 if self.unknowns is None else int(self.modes.shape[1])
+
+    def velocity(
+        self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
+    ) -> Array:
+        """Return the velocity [m/s] at points of the local frame.
+
+        Args:
+            east: [m], any shape; the three broadcast together.
+            north: [m].
+            depth: [m], positive down.
+            true_axes: Whether the components are towards true east and true north, instead of the local frame's.
+
+        Returns:
+            Array of the broadcast shape with one more axis of length 2.
+        """
+        points, depths, shape = _flatten(east, north, depth)
+        out = np.empty((depths.size, 2))
+        for places, part, at in _by_place(points):
+            by_level = self._true(places, self.by_level(places), true_axes)
+            weights = depth_weights(self.depth_functions, depths[part], self.levels)
+            out[part] = np.einsum("cpz,pz->pc", by_level[:, at], weights)
+        return out.reshape(*shape, 2)
+
+    def by_level(self, places: Array) -> Array:
+        """Return the velocity at the levels over places, shape (2, P, Z) [m/s], local axes; ``places`` of shape (P, 2) [m]."""
+        if self.potential is None:
+            return self.horizontal.velocity(places, self.latent)
+        both = self.horizontal.velocity(places, np.hstack([self.latent, self.potential]))
+        flow, turned = np.split(both, [self.latent.shape[1]], axis=2)
+        return flow + gradient(turned)
+
+    def standard_error(
+        self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
+    ) -> Array:
+        """Return the standard deviation [m/s] of each velocity component; arguments and shapes as in ``velocity``.
+
+        It is NaN outside the grid's outline and below the last level, where nothing is known.
+
+        Raises:
+            EstimatorError: The flow carries no uncertainty.
+        """
+        self._uncertain("standard_error")
+        points, depths, shape = _flatten(east, north, depth)
+        variance = np.empty((depths.size, 2))
+        for places, part, at in _by_place(points):
+            covariance = self._of_functions(places, true_axes)
+            own = self._in_functions(depths[part])
+            of_flow = np.einsum("pk,cpkl,pl->pc", own, covariance[:, at], own, optimize=True)
+            levels = depth_weights(_LINEAR, depths[part], self.levels)
+            beside = self._beside(places, covariance)[:, at]
+            variance[part] = of_flow + np.einsum("pz,cpz->pc", levels, beside) ** 2
+        variance[~self._known(points, depths)] = np.nan
+        return np.sqrt(np.maximum(variance, 0.0)).reshape(*shape, 2)
+
+    def columns(
+        self, places: Array, depth: Array, true_axes: bool = True
+    ) -> tuple[Array, Array | None]:
+        """Return velocity and its variance at every depth over every place, shapes (2, D, P); None without uncertainty.
+
+        Args:
+            places: shape (P, 2) [m].
+            depth: shape (D,) [m].
+            true_axes: As of ``velocity``.
+        """
+        by_depth = depth_weights(self.depth_functions, checked_depth(depth), self.levels)
+        velocity = np.empty((2, depth.size, len(places)))
+        variance = np.empty_like(velocity) if self.n_modes else None
+        own, levels = self._in_functions(depth), depth_weights(_LINEAR, depth, self.levels)
+        for start in range(0, len(places), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            here = self._true(places[part], self.by_level(places[part]), true_axes)
+            velocity[..., part] = by_depth @ here.swapaxes(1, 2)
+            if variance is not None:
+                covariance = self._of_functions(places[part], true_axes)
+                of_flow = np.einsum("dk,cpkl,dl->cdp", own, covariance, own, optimize=True)
+                beside = self._beside(places[part], covariance)
+                variance[..., part] = of_flow + (levels @ beside.swapaxes(1, 2)) ** 2
+        return velocity, variance
+
+    def velocity_covariance(
+        self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
+    ) -> Array:
+        """Return the covariance between the velocities at a few points, shape (2P, 2P) [m^2/s^2], all east then all north.
+
+        It is that of the flow; what its modes do not hold differs from point to point. NaN where nothing is known.
+
+        Args:
+            east: [m], P values; the three broadcast together.
+            north: [m].
+            depth: [m], positive down.
+            true_axes: As of ``velocity``.
+
+        Raises:
+            EstimatorError: The flow carries no uncertainty.
+        """
+        self._uncertain("velocity_covariance")
+        points, depths, _ = _flatten(east, north, depth)
+        modes = self._true(points, self.horizontal.velocity(points, self.modes), true_axes)
+        design = np.einsum("pk,cpr->cpkr", self._in_functions(depths), modes)
+        rows = np.tensordot(
+            self._factor, design.reshape(2 * len(points), *design.shape[2:]), ([1, 2], [1, 2])
+        )
+        covariance: Array = rows.T @ rows
+        unknown = np.tile(~self._known(points, depths), 2)
+        covariance[unknown] = covariance[:, unknown] = np.nan
+        return covariance
+
+    def sample(self, n: int, seed: int) -> tuple[FlowEstimate, ...]:
+        """Return n flows drawn from the estimate's Gaussian, without uncertainty; the same seed gives the same flows.
+
+        Raises:
+            EstimatorError: The flow carries no uncertainty.
+        """
+        return tuple(flow for (flow,) in self.sample_through([self.time_ns or 0], n, seed))
+
+    def sample_through(
+        self, times_ns: Sequence[int], n: int, seed: int
+    ) -> tuple[tuple[FlowEstimate, ...], ...]:
+        """Return n currents drawn through time: of each the flows at the times, without uncertainty.
+
+        The unknowns are drawn at the first time; from each time to the next they decay and take up noise, so that the currents have the
+        estimate's mean and covariance at every time, and the process's correlation between times.
+
+        Args:
+            times_ns: In order [ns, UTC]; those before the last observation count as its time, but for the forecast.
+            n: Number of currents.
+            seed: The same seed gives the same currents.
+
+        Raises:
+            EstimatorError: The flow carries no uncertainty.
+        """
+        known = self._uncertain("sample")
+        last = known.time_ns
+        times = [time if last is None else max(time, last) for time in times_ns]
+        rng, first = np.random.default_rng(seed), known.at(times[0])
+        about = rng.standard_normal((n, len(first.x))) @ first.root.T
+        mean, mean_flow, drawn = first.x, self.mean_flow(), list[list[FlowEstimate]]()
+        for before, time_ns in zip([times[0], *times[:-1]], times, strict=True):
+            if time_ns > before:
+                kept = known.process.kept((time_ns - before) / _NS)
+                noise = rng.standard_normal(about.shape) * np.sqrt(known.scale * (1.0 - kept**2))
+                mean, about = kept * mean, kept * about + noise
+            weights = known.process.weights(mean + about, time_ns)
+            latent = known.offset + self.modes @ weights.swapaxes(1, 2)
+            held = time_ns if self.time_ns is not None else None
+            drawn.append([replace(mean_flow, latent=one, time_ns=held) for one in latent])
+        return tuple(zip(*drawn, strict=True))
+
+    def mean_flow(self) -> FlowEstimate:
+        """Return the mean alone: the same flow without uncertainty, model of time and local current."""
+        return replace(self, modes=self.modes[:, :0], unknowns=None, local=None)
+
+    @cached_property
+    def _factor(self) -> Array:
+        """F' L at the flow's time, shape (k, K, r)."""
+        assert self.unknowns is not None
+        return self.unknowns.factor(self.time_ns or 0)
+
+    def _of_functions(self, places: Array, true_axes: bool) -> Array:
+        """Return the covariance of the vertical functions' amplitudes at places, shape (2, P, K, K) [m^2/s^2]."""
+        modes = self._true(places, self.horizontal.velocity(places, self.modes), true_axes)
+        factor = self._factor
+        rows = factor.reshape(-1, factor.shape[2]) @ modes.reshape(-1, modes.shape[2]).T
+        by_unknown = rows.reshape(*factor.shape[:2], 2, -1).transpose(2, 3, 1, 0)  # (2, P, K, k)
+        return np.asarray(by_unknown @ by_unknown.swapaxes(2, 3))
+
+    def _in_functions(self, depths: Array) -> Array:
+        """Return the vertical functions at depths [m], shape (n, K); none without uncertainty."""
+        weights = depth_weights(self.depth_functions, depths, self.levels)
+        if self.unknowns is None:
+            return weights[:, :0]
+        return np.asarray(weights @ self.unknowns.process.functions.T)
+
+    def _beside(self, places: Array, covariance: Array) -> Array:
+        """Return the error beside that of the unknowns at the levels over places, shape (2, P, Z) [m/s].
+
+        Args:
+            places: shape (P, 2) [m].
+            covariance: Of the vertical functions there, as of ``_of_functions``.
+        """
+        unknowns = self._uncertain("standard_error")
+        # of what the unknowns do not hold, that of the nearest node
+        nearest = nearest_node(self.grid, places)
+        error = np.sqrt(unknowns.scale) * unknowns.error[:, nearest].T
+        beside = np.repeat(error[None] ** 2, 2, axis=0)
+        seen = unknowns.measured
+        if seen is not None and not seen.all():
+            own = unknowns.process.functions
+            variance = np.einsum("kz,cpkl,lz->cpz", own, covariance, own, optimize=True) + beside
+            between = unknowns.scale * self._between_levels
+            stated = between[np.ix_(seen, seen)] + variance[..., seen, None] * np.eye(seen.sum())
+            rows = between[np.ix_(seen, ~seen)]
+            explained = np.sum(rows * np.linalg.solve(stated, rows), axis=-2)
+            least = np.diag(between)[~seen] - explained
+            beside[..., ~seen] += np.maximum(least - variance[..., ~seen], 0.0)
+        return np.asarray(np.sqrt(beside))
+
+    @cached_property
+    def _between_levels(self) -> Array:
+        """Covariance of a component between the levels under the prior at the flow's time, mean over the nodes, shape (Z, Z)."""
+        process = self._uncertain("standard_error").process
+        modes = self.horizontal.velocity(self.nodes, self.modes).reshape(-1, self.n_modes)
+        gram, loading = modes.T @ modes / len(modes), process.loading(self.time_ns or 0)
+        of_functions = np.einsum("kar,rs,kbs->ab", loading, gram, loading, optimize=True)
+        return np.asarray(process.functions.T @ of_functions @ process.functions)
+
+    def _true(self, places: Array, rows: Array, true_axes: bool) -> Array:
+        """Return components, shape (2, P, n), at places, shape (P, 2), towards true east and north where that is asked for."""
+        if not true_axes:
+            return rows
+        lon, lat = to_geographic(self.grid.projection, *places.T)
+        return np.stack(
+            rotate_to_geographic(self.grid.projection, lon[:, None], lat[:, None], *rows)
+        )
+
+    def _known(self, points: Array, depths: Array) -> NDArray[np.bool_]:
+        return np.asarray(inside_grid(self.grid, *points.T) & (depths <= self.levels[-1]))
+
+    def _uncertain(self, what: str) -> Unknowns:
+        if self.unknowns is None or not self.n_modes:
+            raise EstimatorError(
+                f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) carries none"
+            )
+        return self.unknowns
+
+    # ---- for people
 
     def velocity_at(
         self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None
@@ -44,15 +493,19 @@ class FlowEstimate(FlowField):
             longitude: [degrees east], any shape; the four broadcast together.
             latitude: [degrees north].
             depth: [m], positive down.
-            time: ISO 8601 text, datetime64 or integer nanoseconds (UTC), as in ``at``; None for the estimate's own time.
+            time: ISO 8601 text, datetime64 or integer nanoseconds (UTC), as in ``at``; None for the estimate's own time. A constant
+                estimate answers for its own time, ``Velocities.estimate_time``, and warns of times outside the span of its data.
 
         Raises:
-            EstimatorError: The flow has no model of time, or a time is before its last observation, or a latitude is none.
+            EstimatorError: The flow has no model of time, or a time is before its last observation, a latitude is none, or a depth is
+                negative or not finite.
             ConfigError: A time is none.
         """
         from replay_kit.core.flow.points import velocity_at
 
-        return velocity_at(self, longitude, latitude, depth, time)
+        found = velocity_at(self, longitude, latitude, depth, time)
+        warn_outside([self], found.time)
+        return found
 
     def along(self, track: Any) -> Velocities:
         """Return velocity and standard error along a track, such as ``result.fixes``.
@@ -60,15 +513,18 @@ class FlowEstimate(FlowField):
         Args:
             track: pandas table, xarray dataset or mapping with ``longitude``, ``latitude``, ``depth`` and, if it has, ``time``, of one
                 shape. Where the track is older than the last observation, an estimate that changes with time is that of the latter;
-                a flow without a model of time is as it is: see ``Velocities.estimate_time``.
+                a constant one, with a warning as in ``velocity_at``, and a flow without a model of time are as they are: see
+                ``Velocities.estimate_time``. Depths down to 1 m above the surface are at the surface.
 
         Raises:
-            EstimatorError: A column is missing, or a latitude is none.
+            EstimatorError: A column is missing, a latitude is none, or a depth is above the surface or not finite.
             ConfigError: A time is none.
         """
         from replay_kit.core.flow.points import velocity_along
 
-        return velocity_along(self, track)
+        found = velocity_along(self, track)
+        warn_outside([self], found.time)
+        return found
 
     def to_xarray(
         self,
@@ -86,29 +542,35 @@ class FlowEstimate(FlowField):
             longitude: shape (I,) [degrees east]; None, with the next two, for the flow's own grid and levels.
             latitude: shape (J,) [degrees north].
             depth: shape (D,) [m], positive down.
-            time: As in ``at``, one or a list, which makes ``time`` a dimension; None for the estimate's own.
+            time: As in ``velocity_at``, one or a list, which makes ``time`` a dimension; ``estimate_time`` is then that for which the
+                velocity holds. None for the estimate's own.
 
         Raises:
-            EstimatorError: Only some of the three axes are given, or one is not one-dimensional, or the flow has no model of time.
+            EstimatorError: Only some of the three axes are given, one is not one-dimensional, a depth is negative or not finite, or the
+                flow has no model of time.
         """
-        from replay_kit.core.flow.netcdf import to_dataset
+        from replay_kit.core.flow.dataset import to_dataset
 
         if time is None:
             return to_dataset(self, longitude, latitude, depth)
         time_ns = to_time_ns(time)
+        self.require_model_of_time()
+        warn_outside([self], time_ns)
         datasets = [
-            to_dataset(self.at(each), longitude, latitude, depth)
+            to_dataset(
+                self if self.process is None else self.at(each), longitude, latitude, depth, each
+            )
             for each in time_ns.ravel().tolist()
         ]
         if time_ns.ndim == 0:
             return datasets[0]
         import xarray as xr
 
-        from replay_kit.core.flow.cf import described, encoded
-        from replay_kit.core.flow.lossless import history
+        from replay_kit.core.flow.cf import described, encoded, history
 
-        many = xr.concat(datasets, "time", combine_attrs="drop_conflicts")
-        made_by = history("to_dataset", self)
+        held = [name for name in ("estimate_time",) if name in datasets[0].coords]
+        many = xr.concat(datasets, "time", coords=held, combine_attrs="drop_conflicts")
+        made_by = history("to_dataset", self.time_ns)
         return encoded(described(many, many.attrs["title"], made_by, self.about))
 
     def to_pandas(self, **axes: ArrayLike) -> pd.DataFrame:
@@ -117,6 +579,94 @@ class FlowEstimate(FlowField):
 
     def save(self, path: str | Path) -> None:
         """Write the flow to NetCDF without loss; ``replay_kit.open_estimate`` reads it back."""
-        from replay_kit.core.flow.lossless import save
+        from replay_kit.core.flow.file import save
 
         save(self, as_path(path, "estimate"))
+
+
+def gradient(turned: Array) -> Array:
+    """Return the gradient of a potential, shape (2, P, n): the flow that its values have as a stream function, turned by 90 degrees."""
+    return np.stack([-turned[1], turned[0]])
+
+
+def warn_outside(flows: Sequence[FlowEstimate], times: NDArray[Any]) -> None:
+    """Warn the caller's caller where constant estimates, which are one's windows, are asked for times outside the span of their data.
+
+    Args:
+        flows: Those that change do not warn, nor do those whose span is not known.
+        times: Any shape [ns, UTC]; NaT is none.
+    """
+    constant = [one for one in flows if one.unknowns is not None and one.process is None]
+    spans = [one.span_ns for one in constant if one.span_ns is not None]
+    if not spans:
+        return
+    span = min(first for first, _ in spans), max(last for _, last in spans)
+    asked = np.asarray(times).astype(np.int64).ravel()
+    no_time = np.iinfo(np.int64).min
+    outside = asked[((asked < span[0]) | (asked > span[1])) & (asked != no_time)]
+    if outside.size:
+        warnings.warn(
+            f"time: {time_text(int(outside[0]))} is outside the estimate's data, {_span_text(span)}; its model is constant in time: the "
+            "current is that of estimate_time, and its standard error does not grow",
+            stacklevel=3,
+        )
+
+
+def _span_text(span_ns: tuple[int, int]) -> str:
+    return " to ".join(map(time_text, span_ns))
+
+
+def checked_depth(depth: ArrayLike, above: float = _ROUNDED) -> Array:
+    """Return depths [m] if each is a number, positive down.
+
+    Args:
+        depth: [m], any shape.
+        above: How far above the surface one may be [m].
+
+    Raises:
+        EstimatorError: One is not finite, or above the surface.
+    """
+    values = np.asarray(depth, dtype=np.float64)
+    wrong = values[~(np.isfinite(values) & (values >= -above))]
+    if wrong.size:
+        raise EstimatorError(
+            f"depth: depths are positive down, expected finite numbers from 0 m on, got {wrong[0]:g} ({wrong.size} of {values.size}); "
+            "change the sign of heights, leave out points of unknown depth"
+        )
+    return values
+
+
+def nearest_node(grid: Grid, places: Array) -> NDArray[np.intp]:
+    """Return the position of the node nearest to each place, shape (P,); ``places`` of shape (P, 2) [m]."""
+    out = np.empty(len(places), np.intp)
+    for part in _chunks(len(places)):
+        square = ((places[part, None] - grid.nodes) ** 2).sum(axis=2)
+        out[part] = square.argmin(axis=1)
+    return out
+
+
+def _flatten(
+    east: ArrayLike, north: ArrayLike, depth: ArrayLike
+) -> tuple[Array, Array, tuple[int, ...]]:
+    each = (np.asarray(a, dtype=np.float64) for a in (east, north, checked_depth(depth)))
+    e, n, d = np.broadcast_arrays(*each)
+    return np.column_stack([e.ravel(), n.ravel()]), d.ravel(), d.shape
+
+
+def _chunks(size: int) -> Iterator[slice]:
+    for start in range(0, size, _CHUNK):
+        yield slice(start, min(start + _CHUNK, size))
+
+
+def _by_place(points: Array) -> Iterator[tuple[Array, NDArray[np.intp], NDArray[np.intp]]]:
+    """Yield some places, shape (M, 2), the positions of the points that lie there, and which of the places each lies at.
+
+    On a grid, and along a profile, many points lie over one place: what depends on the place alone is computed once.
+    """
+    east_north, at = np.unique(points[:, 0] + 1j * points[:, 1], return_inverse=True)
+    order = np.argsort(at, kind="stable")
+    for part in _chunks(east_north.size):
+        first, last = np.searchsorted(at, [part.start, part.stop], sorter=order)
+        points_here = order[first:last]
+        places = east_north[part]
+        yield np.column_stack([places.real, places.imag]), points_here, at[points_here] - part.start

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.cf import described, encoded
-from replay_kit.core.flow.evolution import Evolution, constant
-from replay_kit.core.flow.field import FlowField
-from replay_kit.core.flow.netcdf import ATTRIBUTES, wet_at
+from replay_kit.core.flow.dataset import ATTRIBUTES, wet_at
+from replay_kit.core.flow.estimate import FlowEstimate, checked_depth
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.quantities import to_time_ns
 from replay_kit.core.text import place_text, span_text, time_text
@@ -23,6 +22,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+#: A vehicle's pressure sensor may read so far above the surface when it lies there [m].
+WASHED = 1.0
+_NO_TIME = "no time"
 # Columns of a table of velocities; the first five are coordinates.
 _COLUMNS = (
     "time",
@@ -49,7 +51,7 @@ class Velocities:
         depth: [m], positive down.
         time: datetime64[ns], UTC, that was asked for, or along a track; NaT when unknown.
         estimate_time: datetime64[ns], UTC, for which the velocity holds; later than ``time`` where an estimate that changes with time was
-            asked for the past of its last observation, along a track.
+            asked for the past of its last observation, along a track, and the estimate's own where it is constant.
         u: Eastward velocity [m/s].
         v: Northward velocity [m/s].
         u_standard_error: [m/s]; NaN when the flow has no uncertainty.
@@ -86,12 +88,8 @@ class Velocities:
         return f"Velocities at {known.size} points {known.shape}, {depths}, {self._times()}\n  {values} (true east, true north){rest}"
 
     def _times(self) -> str:
-        times = self.time[~np.isnat(self.time)].astype(np.int64)
-        return (
-            " to ".join(dict.fromkeys(time_text(int(end)) for end in (times.min(), times.max())))
-            if times.size
-            else "no time"
-        )
+        asked, held = _ends(self.time), _ends(self.estimate_time)
+        return asked if held in (asked, _NO_TIME) else f"{asked} (estimate for {held})"
 
     def _columns(self) -> dict[str, Array]:
         return {name: np.ravel(getattr(self, name)) for name in _COLUMNS}
@@ -121,7 +119,7 @@ class Velocities:
         Raises:
             EstimatorError: There is no point, or the time of one is not known.
         """
-        from replay_kit.core.flow.netcdf import trajectory
+        from replay_kit.core.flow.dataset import trajectory
 
         return trajectory(self._columns(), platform, stated, self.about)
 
@@ -130,23 +128,36 @@ class Velocities:
         return self.to_xarray().reset_coords().to_dataframe()
 
 
+def _ends(dates: NDArray[np.datetime64]) -> str:
+    """Return the first and the last date as text, once where they are the same."""
+    times = dates[~np.isnat(dates)].astype(np.int64)
+    if not times.size:
+        return _NO_TIME
+    return " to ".join(dict.fromkeys(time_text(int(end)) for end in (times.min(), times.max())))
+
+
 def velocity_at(
-    flow: FlowField, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None
+    flow: FlowEstimate,
+    longitude: ArrayLike,
+    latitude: ArrayLike,
+    depth: ArrayLike,
+    time: Any = None,
 ) -> Velocities:
     """Return the velocities at points; see ``FlowEstimate.velocity_at``."""
+    points = longitude, latitude, checked_depth(depth)
     if time is None:
-        return _velocities(flow, (longitude, latitude, depth), None)
-    time_ns, first = to_time_ns(time), _last_observation(flow)
+        return _velocities(flow, points, None)
+    time_ns, first = to_time_ns(time), flow.last_observation_ns
     flow.require_model_of_time()
     if first is not None and time_ns.size and time_ns.min() < first:
         raise EstimatorError(
             f"time: {time_text(int(time_ns.min()))} is before the last observation of the estimate, {time_text(first)}; expected that time "
-            "or a later one: leave time out for the estimate's own, or look back with replay_kit.estimator.evolving.smoother"
+            "or a later one: leave time out for the estimate's own, or look back with the command smooth"
         )
-    return _velocities(flow, (longitude, latitude, depth), time_ns)
+    return _velocities(flow, points, time_ns)
 
 
-def velocity_along(flow: FlowField, track: Any) -> Velocities:
+def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
     """Return the velocities along a track; see ``FlowEstimate.along``."""
     if not isinstance(track, Mapping) and not hasattr(track, "keys"):
         kind = type(track).__name__
@@ -164,20 +175,16 @@ def velocity_along(flow: FlowField, track: Any) -> Velocities:
             f"track: expected longitude, latitude, depth and perhaps time, but {', '.join(missing)} is missing"
         )
     time = columns.pop("time", None)
+    columns["depth"] = checked_depth(columns["depth"], WASHED)
     return _velocities(flow, tuple(columns.values()), None if time is None else to_time_ns(time))
 
 
-def _last_observation(flow: FlowField) -> int | None:
-    """Return the time before which an estimate does not change [ns, UTC]; None without one."""
-    return flow.later.time_ns if isinstance(flow.later, Evolution) else None
-
-
 def _velocities(
-    flow: FlowField, points: tuple[Any, ...], time_ns: NDArray[np.int64] | None
+    flow: FlowEstimate, points: tuple[Any, ...], time_ns: NDArray[np.int64] | None
 ) -> Velocities:
     """Return the velocities at points.
 
-    Those before the last observation of an estimate are at the time of that, and those of a flow without a model of time at its own.
+    Those before the last observation of an estimate are at the time of that, and those of one that does not change at its own.
     """
     own = np.iinfo(np.int64).min if flow.time_ns is None else flow.time_ns  # the former is NaT
     axes = (np.asarray(axis, dtype=np.float64) for axis in points)
@@ -188,16 +195,16 @@ def _velocities(
         raise EstimatorError(
             f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth"
         )
-    at = np.column_stack([axis.ravel() for axis in (longitude, latitude, depth)])
-    first = _last_observation(flow)
+    at = np.column_stack([axis.ravel() for axis in (longitude, latitude, np.maximum(depth, 0.0))])
+    first = flow.last_observation_ns
     held = (
         np.full(len(at), own)
-        if flow.later is None
+        if flow.process is None
         else asked.ravel()
         if first is None
         else np.maximum(asked.ravel(), first)
     )
-    if time_ns is None or flow.later is None or flow.later is constant:
+    if time_ns is None or flow.process is None:
         values = _evaluate(flow, *at.T)
     else:
         values = np.empty((len(at), 4))
@@ -209,10 +216,10 @@ def _velocities(
     return Velocities(longitude[()], latitude[()], depth[()], *dates, *kept, about=flow.about)
 
 
-def _evaluate(flow: FlowField, longitude: Array, latitude: Array, depth: Array) -> Array:
+def _evaluate(flow: FlowEstimate, longitude: Array, latitude: Array, depth: Array) -> Array:
     """Return velocity and standard error, shape (n, 4), at points, each shape (n,); NaN where nothing is known."""
     out = np.full((depth.size, 4), np.nan)
-    known = np.isfinite(longitude + latitude + depth)
+    known = np.isfinite(longitude + latitude)
     east, north = to_local(flow.grid.projection, longitude[known], latitude[known])
     known[known] = wet_at(flow.grid, east, north, depth[known]) & inside_grid(
         flow.grid, east, north
@@ -225,7 +232,11 @@ def _evaluate(flow: FlowField, longitude: Array, latitude: Array, depth: Array) 
 
 
 def best_velocity_at(
-    flows: Sequence[FlowField], longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike
+    flows: Sequence[FlowEstimate],
+    longitude: ArrayLike,
+    latitude: ArrayLike,
+    depth: ArrayLike,
+    time: Any = None,
 ) -> Velocities:
     """Return velocities at points, each from the estimate with the least standard error there; NaN where none holds it.
 
@@ -233,11 +244,12 @@ def best_velocity_at(
 
     Args:
         flows: At least one, each with its uncertainty; of equal ones the later counts.
-        longitude: [degrees east], any shape; the three broadcast together.
+        longitude: [degrees east], any shape; the four broadcast together.
         latitude: [degrees north].
         depth: [m], positive down.
+        time: As of ``FlowEstimate.velocity_at``.
     """
-    found = [velocity_at(flow, longitude, latitude, depth) for flow in reversed(flows)]
+    found = [velocity_at(flow, longitude, latitude, depth, time) for flow in reversed(flows)]
     errors = np.array([np.hypot(one.u_standard_error, one.v_standard_error) for one in found])
     best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)
     names = ("time", "estimate_time", "u", "v", "u_standard_error", "v_standard_error")

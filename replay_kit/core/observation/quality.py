@@ -88,7 +88,7 @@ def reasons_of(reasons: NDArray[np.int32], flags: NDArray[np.int8]) -> list[tupl
     ]
 
 
-Decision = Literal["accepted", "softened", "rejected", "unusable"]
+Decision = Literal["accepted", "rejected", "unusable"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,6 @@ class GroupTotals:
     """Sums over the profiles of a superobservation, each against the estimate of its turn.
 
     Attributes:
-        softened: Number of profiles whose errors the gate increased.
         bins: Number of bins used.
         before: Squared innovations [m^2/s^2], of all bins and both components.
         after: Squared residuals after the update [m^2/s^2].
@@ -104,7 +103,6 @@ class GroupTotals:
         not_used: Number of bins not used, by reason.
     """
 
-    softened: int
     bins: int
     before: float
     after: float
@@ -127,8 +125,8 @@ class Innovation:
         nis: Normalised innovation squared of all rows used.
         dof: Number of rows used.
         accepted: False when no bin was usable, or the gate rejected the profile.
-        error_inflation: Factor, at least 1, by which the bins' error variance was grown in the update, because their scatter or the
-            correlation of their residuals asked for it, or to soften it; ``innovation_std`` and ``nis`` are those of the stated errors.
+        error_inflation: Factor, at least 1, by which the bins' error variance was grown in the update, because their scatter asked for
+            it; ``innovation_std`` and ``nis`` are those of the stated errors.
         flags: shape (n,), QARTOD flags after the region's checks.
         reasons: shape (n,), bit mask of ``Reason``.
         dive: As in the observation.
@@ -137,7 +135,6 @@ class Innovation:
         gate_statistic: Normalised innovation squared of what the observation says of the estimate, with adapted errors.
         gate: What ``gate_statistic`` was held against; inf without a gate.
         signal_dof: Degrees of freedom for signal: how many independent values of the estimate the observation determined.
-        prior_inflation: Factor by which the estimate's covariance was grown after the observation, as too many lay outside it.
         log_likelihood: Logarithm of the measured values' density under the prediction, with the stated errors, without the constant of
             2 pi; NaN without a usable bin, or when the estimator predicts no variance.
         mean_current: shape (2,) [m/s], local east and north, what a mean along a path measured; None for a profile.
@@ -170,7 +167,6 @@ class Innovation:
     gate_statistic: float = float("nan")
     gate: float = float("inf")
     signal_dof: float = float("nan")
-    prior_inflation: float = 1.0
     log_likelihood: float = float("nan")
     mean_current: Array | None = None
     mean_kind: str = ""

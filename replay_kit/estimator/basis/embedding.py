@@ -11,7 +11,7 @@ eigenvalue of K, and so is n/a of that of G'G. The flows of both ways differ by 
 A factor larger than half a gigabyte is made in single precision, and its solution refined with residuals in double precision.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import scipy.sparse.linalg
@@ -112,32 +112,36 @@ _RESIDUAL, _ROUNDS = 1e-6, 5
 
 
 def embed(functions: HorizontalFunctions, nodes: Array, velocity: Array, nugget: float) -> Array:
-    """Return the latent values, shape (M, m), of flows with given velocities at nodes.
+    """Return the latent values, shape (M, m), of flows with given velocities at nodes, shape (2N, m) [m/s]; see ``embedding``."""
+    return embedding(functions, nodes, nugget)(velocity)
+
+
+def embedding(
+    functions: HorizontalFunctions, nodes: Array, nugget: float
+) -> Callable[[Array], Array]:
+    """Return what returns the latent values, shape (M, m), of flows with given velocities at nodes, shape (2N, m) [m/s].
 
     Args:
         functions: The horizontal functions; M of them.
         nodes: shape (N, 2) [m].
-        velocity: shape (2N, m) [m/s].
         nugget: Share of the kernel matrix's largest eigenvalue added to its diagonal.
 
     Raises:
         EstimatorError: The nugget is too small for the equations of a lattice.
     """
     if isinstance(functions, NodeKernel):
-        eigenvalues, vectors = np.linalg.eigh(velocity_kernel(functions.kernel, nodes, nodes))
-        return np.asarray(
-            vectors @ ((vectors.T @ velocity) / (eigenvalues + nugget * eigenvalues[-1])[:, None])
-        )
+        values, vectors = np.linalg.eigh(velocity_kernel(functions.kernel, nodes, nodes))
+        scale = (values + nugget * values[-1])[:, None]
+        return lambda velocity: np.asarray(vectors @ ((vectors.T @ velocity) / scale))
     assert isinstance(functions, StreamFunctionLattice)
-    return _on_lattice(functions, nodes, velocity, nugget)
+    return _on_lattice(functions, nodes, nugget)
 
 
 def _on_lattice(
-    lattice: StreamFunctionLattice, nodes: Array, velocity: Array, nugget: float
-) -> Array:
-    """Return the coefficients, shape (size, m), from the normal equations."""
+    lattice: StreamFunctionLattice, nodes: Array, nugget: float
+) -> Callable[[Array], Array]:
+    """Return what returns the coefficients, shape (size, m), from the normal equations."""
     equations = NormalEquations(lattice, nodes)
-    right = equations.right(velocity)
     single = (
         equations.size * (equations.half_width + 1) * 8 > _DOUBLE and nugget >= _LEAST_NUGGET_SINGLE
     )
@@ -145,16 +149,23 @@ def _on_lattice(
     ridge = nugget * _largest_eigenvalue(band)
     band[:, 0] += ridge
     factor = factored(band)
-    solution = np.asarray(solve(factor, right), dtype=np.float64)
-    for _ in range(_ROUNDS if single else 0):
-        # in place: of a large region each of these arrays is a tenth of the memory that the embedding takes
-        residual = equations.product(solution)
-        residual += ridge * solution
-        np.subtract(right, residual, out=residual)
-        if np.all(np.linalg.norm(residual, axis=0) <= _RESIDUAL * np.linalg.norm(right, axis=0)):
-            break
-        solution += solve(factor, residual)
-    return equations.by_east(solution)
+
+    def coefficients(velocity: Array) -> Array:
+        right = equations.right(velocity)
+        solution = np.asarray(solve(factor, right), dtype=np.float64)
+        for _ in range(_ROUNDS if single else 0):
+            # in place: of a large region each of these arrays is a tenth of the memory that the embedding takes
+            residual = equations.product(solution)
+            residual += ridge * solution
+            np.subtract(right, residual, out=residual)
+            if np.all(
+                np.linalg.norm(residual, axis=0) <= _RESIDUAL * np.linalg.norm(right, axis=0)
+            ):
+                break
+            solution += solve(factor, residual)
+        return equations.by_east(solution)
+
+    return coefficients
 
 
 def _largest_eigenvalue(band: Band) -> float:

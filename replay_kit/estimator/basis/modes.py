@@ -8,7 +8,7 @@ unknowns, solved for all members at once by the eigenvectors of K_h. For hat fun
 l_z = 100 m the Gaussian factor is nearly singular where levels are closer, and sags where they are farther.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.estimate import FlowEstimate, gradient
 from replay_kit.core.flow.functions import (
     DepthFunctions,
     HorizontalFunctions,
@@ -27,7 +28,7 @@ from replay_kit.core.flow.functions import (
 )
 from replay_kit.core.flow.lattice import lattice_over
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed
+from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed, embedding
 from replay_kit.estimator.basis.shifts import (
     SHIFT_WEIGHTS,
     ErrorField,
@@ -51,6 +52,9 @@ LENGTH_IN_CELLS = 1.16
 DEFAULT_LENGTH_IN_CELLS = 2.0
 # Variance of the amplitude of the ensemble mean, whose mean is 1.
 _MEAN_VARIANCE = 0.1
+# Latent values are the currents times the inverse of the levels' kernel, and their covariance has its condition twice: beyond this number
+# float64 keeps no digit of what the levels' independent errors sum up to, and the factors of that covariance do not exist.
+_WORST_CONDITION = float(1.0 / np.sqrt(np.finfo(np.float64).eps))
 # Points of a lattice, in all and for each node, beyond which the kernel's columns are cheaper.
 _MOST_FUNCTIONS, _MOST_FUNCTIONS_A_NODE = 4096, 16
 
@@ -70,6 +74,8 @@ class Basis:
         mean_weights: shape (Z, r), of the ensemble mean, as far as the modes span it; None where its amplitude is certain.
         truncation_std: shape (Z,) [m/s], RMS over the nodes of what the basis leaves of currents like the members.
         error_field: How that varies over the nodes; None where it is the same everywhere, or stated.
+        potential: shape (M, Z), latent values whose gradient is what the basis loses of the ensemble mean: no flow of it diverges; None
+            where that counts for nothing.
     """
 
     grid: Grid
@@ -82,6 +88,7 @@ class Basis:
     truncation_std: Array
     mean_weights: Array | None = None
     error_field: ErrorField | None = None
+    potential: Array | None = None
 
     @property
     def member_anomalies(self) -> Array:
@@ -94,30 +101,6 @@ class Basis:
     def n_modes(self) -> int:
         """Number of modes r for each level."""
         return int(self.modes.shape[1])
-
-    def flow(
-        self,
-        mean: Array,
-        covariance: Array | Callable[[tuple[int, ...] | None], Array],
-        time_ns: int | None,
-    ) -> FlowEstimate:
-        """Return the flow of weights.
-
-        Args:
-            mean: shape (Z r,), level after level.
-            covariance: shape (Z r, Z r), or a function that computes that of some levels' weights, None for all.
-            time_ns: Time it holds for [ns, UTC].
-        """
-        latent = self.offset + self.modes @ mean.reshape(self.grid.levels.size, -1).T
-        return FlowEstimate(
-            self.grid,
-            self.horizontal,
-            self.depth_functions,
-            latent,
-            self.modes,
-            covariance,
-            time_ns,
-        )
 
     def depth_weights(self, depth: Array) -> Array:
         """Return the weights of the levels at depths [m], shape (n, Z)."""
@@ -172,12 +155,16 @@ class Basis:
 
 
 def mean_variance(config: EstimatorConfig) -> float:
-    """Return the variance of the amplitude of the ensemble mean: the configured one, else 0.1, which a static estimate averages over."""
+    """Return the variance of the amplitude of the ensemble mean: the configured one, else 0.1, which a constant estimate averages over."""
     return _MEAN_VARIANCE if config.mean_variance is None else config.mean_variance
 
 
 def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
-    """Return the basis of the configuration's preset."""
+    """Return the basis of the configuration's preset.
+
+    Raises:
+        EstimatorError: The paper's vertical functions cannot be told apart at the levels.
+    """
     if config.preset == "paper":
         return _paper_basis(ensemble, config)
     spanned = (ensemble.n_members - 1) * ensemble.grid.levels.size
@@ -195,13 +182,12 @@ def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> Fl
     alone = replace(ensemble, velocity=ensemble.velocity[member : member + 1])
     functions = default_functions(ensemble.grid, config, config.speed or surface_speed(alone))
     latent = embed(functions, ensemble.grid.nodes, ensemble_slices(alone)[0].T, config.nugget)
-    nothing = np.empty((latent.shape[0], 0)), np.empty((0, 0))
     return FlowEstimate(
         ensemble.grid,
         functions,
         DepthFunctions("hat", config.length_vertical),
         latent,
-        *nothing,
+        np.empty((latent.shape[0], 0)),
         ensemble.time_ns,
     )
 
@@ -246,6 +232,13 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     depth_functions = DepthFunctions("gaussian", config.length_vertical)
     n_members, n_levels, size = slices.shape
     kernel_of_depth = depth_weights(depth_functions, grid.levels, grid.levels)
+    condition = float(np.linalg.cond(kernel_of_depth))
+    if not condition < _WORST_CONDITION:
+        raise EstimatorError(
+            f"preset paper: with l_z = {config.length_vertical:g} m (estimator.length_vertical) the covariance of the levels "
+            f"{', '.join(f'{level:g}' for level in grid.levels)} m has the condition {condition:.1e}, expected less than "
+            f"{_WORST_CONDITION:.1e}: choose levels farther apart (forecast.levels) or a shorter length"
+        )
     by_level = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1))
     by_member = np.asarray(by_level, dtype=np.float64).reshape(n_levels, n_members, size)
     latent = embed(
@@ -323,7 +316,7 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
     given = np.hstack([mean.reshape(n_levels, -1).T, found.vectors])
     # a view, so that no second copy of the vectors takes memory beside the band of a large region
     found = replace(found, vectors=given[:, n_levels:])
-    latents = embed(functions, nodes, given, config.nugget)
+    latents, potential = _embedded(functions, nodes, given, mean, config.nugget)
     velocity_modes = functions.velocity(nodes, latents[:, n_levels:]).reshape(2 * len(nodes), -1)
     apart = correlation_length(ensemble) if config.shift_distance is None else config.shift_distance
     missed = shifted_residual(ensemble, mean.reshape(n_levels, -1), velocity_modes, apart)
@@ -339,4 +332,27 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
         np.sqrt(np.mean(error**2, axis=1)),
         found.products[-n_levels:] / mean_scale if mean_scale else None,
         error_field(error, nodes) if config.representation_error_std is None else None,
+        potential,
     )
+
+
+def _embedded(
+    functions: HorizontalFunctions, nodes: Array, given: Array, mean: Array, nugget: float
+) -> tuple[Array, Array]:
+    """Return the latent values of the ensemble mean and the modes, shape (M, Z + r), and the potential, shape (M, Z), as of ``Basis``.
+
+    The factor of a large region takes most of the memory: it is made once, and let go.
+
+    Args:
+        functions: The horizontal functions.
+        nodes: shape (N, 2) [m].
+        given: shape (2N, Z + r) [m/s], mean and modes.
+        mean: shape (Z, 2, N) [m/s].
+        nugget: As of ``embedding``.
+    """
+    latent_of = embedding(functions, nodes, nugget)
+    latents = latent_of(given)
+    lost = mean.transpose(1, 2, 0) - functions.velocity(nodes, latents[:, : len(mean)])
+    # of a stream function whose flow, turned by 90 degrees, is what the embedding loses of the mean
+    turned = gradient(gradient(gradient(lost)))
+    return latents, latent_of(turned.reshape(2 * len(nodes), -1))

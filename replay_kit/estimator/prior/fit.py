@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg.blas import dtrsm
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
@@ -24,14 +25,13 @@ from replay_kit.core.evidence import coverage, crps_gaussian
 from replay_kit.core.progress import counted, each_call
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.basis.shifts import ShiftedModes
-from replay_kit.estimator.prior.amplitude import fit_amplitude
-from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
+from replay_kit.estimator.prior.hybrid import PriorSettings, covariances
 from replay_kit.estimator.prior.localised import tiles, vertical_functions
 
 # Candidates for the sample covariance's share.
 SHARES = (0.3, 0.45, 0.6, 0.75, 0.85, 0.93)
 # Of the paper's 22 bins of 9 cm/s some three meet in a level.
-_LEVEL_ERROR_STD = 0.05
+LEVEL_ERROR_STD = 0.05
 # Sparse, medium and dense logs have equal weight.
 _COLUMNS = (5, 25, 150)
 # The share hardly depends on the modes and functions of depth of little energy, and the cost goes with the cube of their number.
@@ -39,8 +39,6 @@ _MODES, _DEPTH_FUNCTIONS = 50, 8
 # Nodes of the localised part, and of the score at most.
 _NODES, _SCORED = 1200, 300
 _LEFT_OUT = 6
-# Of a member left out, for the amplitude.
-_AMPLITUDE_COLUMNS = 10
 # Candidates of a thorough fit, in correlation lengths.
 _SHIFTS = (0.0, 0.5, 1.0, 1.5, 2.0)
 _RADII = (4.5, 9.0)
@@ -116,7 +114,7 @@ class Members:
         n_nodes = len(self.nodes)
         at = evenly(count, n_nodes, (0.5 + member * _GOLDEN) % 1.0)
         both = np.concatenate([self.velocity_modes[at], self.velocity_modes[at + n_nodes]])
-        return np.asarray(both / _LEVEL_ERROR_STD)
+        return np.asarray(both / LEVEL_ERROR_STD)
 
 
 def evenly(count: int, total: int, first: float = 0.5) -> NDArray[np.intp]:
@@ -166,7 +164,7 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
     start = PriorSettings(_SHARE_OF_FEW, shift, radius)
     if members.weights.shape[0] < 4:
         return start
-    few, left_out = members.leading(), _left_out(members, _LEFT_OUT)
+    few, left_out = members.leading(), withheld(members, _LEFT_OUT)
     fitted, some = config.shift_distance is None, left_out[::2]
     advance = counted("fitting the prior", len(left_out) + (len(some) if fitted else 0))
     scores = _scores(few, start, SHARES, left_out, advance)[:, 0]
@@ -245,7 +243,7 @@ def score_sample_shares(
     if n_members < 4:
         return []
     log_score, coverage = _scores(
-        members.leading(), settings, shares, _left_out(members, left_out), advance
+        members.leading(), settings, shares, withheld(members, left_out), advance
     ).mean(axis=0)
     return [
         FitRow(replace(settings, sample_share=share), float(s), float(c))
@@ -287,8 +285,7 @@ def _score_member(
 ) -> Array:
     """Return the logarithmic score and the coverage, shape (2, shares), over the numbers of columns."""
     others = np.delete(members.weights, member, axis=0)
-    ends = [replace(settings, sample_share=share) for share in (1.0, 0.0)]
-    sample, localised = (hybrid_prior(others, modes, end).covariance() for end in ends)
+    sample, localised = covariances(others, modes, settings.radius)
     truth = members.weights[member] - others.mean(axis=0)
     scores = []
     for n_columns in _COLUMNS:
@@ -298,30 +295,7 @@ def _score_member(
     return np.asarray(np.mean(scores, axis=0).T, dtype=np.float64)
 
 
-def left_out_amplitude(members: Members, settings: PriorSettings) -> float:
-    """Return the amplitude of the prior's covariance that suits members left out in turn, their geometric mean; 1 with fewer than four.
-
-    Args:
-        members: All of the ensemble; the leading modes are used.
-        settings: Of the prior.
-    """
-    few = members.leading()
-    n_members = few.weights.shape[0]
-    if n_members < 4:
-        return 1.0
-    logs, modes = [], few.shifted(settings)
-    for member in _left_out(few, _LEFT_OUT):
-        others = np.delete(few.weights, member, axis=0)
-        prior = hybrid_prior(others, modes, settings)
-        rows = few.columns(_AMPLITUDE_COLUMNS, member)
-        truth = (few.weights[member] - others.mean(axis=0)) @ rows.T
-        cross = prior.matvec_modes(rows) @ rows.T  # (Z, c, Z, c)
-        amplitude = fit_amplitude(truth.ravel(), cross.reshape(truth.size, truth.size), noise=1.0)
-        logs.append(np.log(amplitude))
-    return float(np.exp(np.mean(logs)))
-
-
-def _left_out(members: Members, count: int) -> list[int]:
+def withheld(members: Members, count: int) -> list[int]:
     """Return the positions of members that are left out in turn, so many, or all."""
     n_members = len(members.weights)
     return [int(member) for member in evenly(min(count, n_members), n_members)]
@@ -350,10 +324,9 @@ def score_withheld(
     )
     innovation[np.diag_indices_from(innovation)] += 1.0
     factor = scipy.linalg.cholesky(innovation, lower=True, overwrite_a=True, check_finite=False)
-    whitened = scipy.linalg.solve_triangular(factor, cross, lower=True, check_finite=False)
-    of_noise = scipy.linalg.solve_triangular(
-        factor, whitened, lower=True, trans="T", check_finite=False
-    )
+    # transposed, arrays are in the order of the Fortran routine
+    whitened = dtrsm(1.0, factor, cross.T, side=1, lower=1, trans_a=1).T
+    of_noise = dtrsm(1.0, factor, whitened.T, side=1, lower=1).T
     error = ((truth @ rows.T).ravel() @ of_noise).reshape(truth.shape) - truth
 
     def variance(covariance: Callable[[int], Array]) -> Array:

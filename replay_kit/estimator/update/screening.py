@@ -1,7 +1,9 @@
 """Screening: which bins of a measurement an estimator of a region can use, and the innovation of a measurement that is not used."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +75,8 @@ def _is_wet(grid: Grid, depth: Array, east: Array, north: Array) -> NDArray[np.b
     return np.asarray(grid.wet.reshape(grid.levels.size, -1)[level, nearest])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+# Not slotted: what is asked for again and again is kept.
+@dataclass(frozen=True, eq=False)
 class ScreenedGroup:
     """Measurements with as many values each, after screening.
 
@@ -95,12 +98,12 @@ class ScreenedGroup:
     used: NDArray[np.intp]
     projection: Projection
 
-    @property
+    @cached_property
     def usable_linear(self) -> tuple[LinearMeasurement, ...]:
         """Those that are used."""
         return tuple(self.linear[i] for i in self.used)
 
-    @property
+    @cached_property
     def is_used(self) -> NDArray[np.bool_]:
         """Which of their values are used, shape (n, m)."""
         return usable(self.flags[self.used])
@@ -111,11 +114,12 @@ class ScreenedGroup:
         longitude, latitude = _places(self.usable_linear)
         return mean_longitude(longitude), float(latitude.mean())
 
-    def following(self, last: LinearMeasurement | None) -> "ScreenedGroup":
-        """Return the same of one measurement after another, which it may repeat."""
-        if not is_duplicate(last, self.linear[0]):
-            return self
-        return replace(self, rejected={0: Reason.DUPLICATE}, used=self.used[:0])
+    def measured(self, levels: Array) -> NDArray[np.bool_]:
+        """Return the levels nearest to the values that are used, and those between them, shape (Z,); ``levels`` alike [m]."""
+        depth = np.array([each.value_depth for each in self.usable_linear])[self.is_used]
+        first, last = (np.abs(levels - end).argmin() for end in (depth.min(), depth.max()))
+        at = np.arange(levels.size)
+        return np.asarray((at >= first) & (at <= last))
 
     def unused(self, i: int) -> Innovation:
         """Return the innovation of a measurement that is not used."""
@@ -146,20 +150,58 @@ def screen_group(
         late: Whether they are too old for the estimate.
         relative: As of ``screen``.
     """
-    linear = tuple(each.linear for each in events)
-    flags, reasons = screen(linear, grid, relative)
-    rejected: dict[int, Reason] = {}
-    used = []
-    for i in np.flatnonzero(usable(flags).any(axis=1)).tolist():
-        if late:
-            rejected[i] = Reason.OUT_OF_ORDER
-        elif is_duplicate(last, linear[i]):
-            rejected[i] = Reason.DUPLICATE
-        else:
-            used.append(i)
-            last = linear[i]
-    at = np.array(used, np.intp)
-    return ScreenedGroup(tuple(events), linear, flags, reasons, rejected, at, grid.projection)
+    (group,) = screen_groups([events], last, grid, [late], relative)
+    return group
+
+
+def screen_groups(
+    groups: Sequence[Sequence[Measurement]],
+    last: LinearMeasurement | None,
+    grid: Grid,
+    late: Sequence[bool],
+    relative: bool = True,
+) -> Iterator[ScreenedGroup]:
+    """Yield groups of measurements after screening, one after another; those of as many values together.
+
+    Args:
+        groups: As of ``screen_group``.
+        last: Alike, before the first.
+        grid: The region.
+        late: Of each group.
+        relative: As of ``screen``.
+    """
+    linear = [tuple(each.linear for each in events) for events in groups]
+
+    def alike(number: int) -> tuple[int, int]:
+        first = linear[number][0]
+        return first.flags.size, -1 if first.at_one_place else number
+
+    for _, numbers in groupby(range(len(groups)), alike):
+        some = list(numbers)
+        together = [each for number in some for each in linear[number]]
+        flags, reasons = screen(together, grid, relative)
+        start = 0
+        for number in some:
+            own = slice(start, start + len(linear[number]))
+            start = own.stop
+            used, rejected = [], dict[int, Reason]()
+            for i in np.flatnonzero(usable(flags[own]).any(axis=1)).tolist():
+                if late[number]:
+                    rejected[i] = Reason.OUT_OF_ORDER
+                elif is_duplicate(last, linear[number][i]):
+                    rejected[i] = Reason.DUPLICATE
+                else:
+                    used.append(i)
+                    last = linear[number][i]
+            yield ScreenedGroup(
+                tuple(groups[number]),
+                linear[number],
+                flags[own],
+                reasons[own],
+                rejected,
+                np.array(used, np.intp),
+                grid.projection,
+            )
 
 
 def _with_mean_current(
@@ -235,30 +277,20 @@ def _places(measurements: Sequence[LinearMeasurement]) -> tuple[Array, Array]:
 
 
 def local_values(
-    observation: LinearMeasurement, used: NDArray[np.intp], projection: Projection
-) -> tuple[Array, Array]:
-    """Return the values of a measurement, shape (n, c) [m/s], and the components of the local axes that they measure, shape (c, 2).
+    measurements: Sequence[LinearMeasurement],
+    used: Sequence[NDArray[np.bool_]],
+    projection: Projection,
+) -> Iterator[tuple[Array, Array]]:
+    """Yield the used values of measurements, shape (n, c) [m/s], and the components of the local axes that they measure, shape (c, 2).
 
     Both components become those of the local axes; directions are those at the last point.
     """
-    place = projection, float(observation.longitude[-1]), float(observation.latitude[-1])
-    value = observation.value[used]
-    if len(observation.components) == 2:
-        true = value @ observation.components
-        return np.column_stack(rotate_to_local(*place, *true.T)), BOTH_COMPONENTS
-    return value, np.column_stack(rotate_to_local(*place, *observation.components.T))
-
-
-def local_velocities(
-    profiles: Sequence[LinearMeasurement], used: NDArray[np.bool_], grid: Grid
-) -> Array:
-    """Return the velocities of profiles along the local axes, shape (n, m, 2) [m/s]; 0 of bins that are not used."""
-    longitude, latitude = _places(profiles)
-    velocity = np.where(used[..., None], np.array([each.value for each in profiles]), 0.0)
-    turned = rotate_to_local(
-        grid.projection, longitude[:, None], latitude[:, None], *np.moveaxis(velocity, -1, 0)
-    )
-    return np.stack(turned, axis=-1)
+    places = np.array([(each.longitude[-1], each.latitude[-1]) for each in measurements])
+    # of true east and true north, shape (2, 2), along the local axes
+    axes = rotate_to_local(projection, *places.T[..., None], *np.eye(2))
+    for each, own, turn in zip(measurements, used, np.stack(axes, axis=-1), strict=True):
+        value, turned = each.value[own], each.components @ turn
+        yield (value @ turned, BOTH_COMPONENTS) if len(turned) == 2 else (value, turned)
 
 
 def relative_velocities(

@@ -1,19 +1,18 @@
 """An estimator of windows that follow vehicles."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from replay_kit.config.estimation import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import Innovation, Measurement
+from replay_kit.core.observation import Measurement
 from replay_kit.core.region import Region, centre, inside
+from replay_kit.estimator.estimator import ReducedBasisEstimator
 from replay_kit.estimator.interface import Estimator, Stepped
-from replay_kit.estimator.static.filter import ReducedBasisEstimator
-from replay_kit.estimator.static.state import FilterState
+from replay_kit.estimator.state import State
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.windows.handover import hand_over
 from replay_kit.estimator.windows.placing import Window, WindowedState, next_window
@@ -24,7 +23,7 @@ _STRAYS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowedEstimator(Estimator[WindowedState]):
-    """Static estimators of windows; each begins with the information of the one that its vehicle was in before, where they overlap.
+    """Constant estimates of windows; each begins with the information of the one that its vehicle was in before, where they overlap.
 
     Vehicles near each other are in one window, and each measurement is given to all windows that hold it, as if each were alone. So
     nothing counts twice in any. What is asked of a state is answered from the vehicle's window. All windows have one local frame, and the
@@ -35,7 +34,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         margin: Distance from a vehicle to its window's sides that an estimate needs [m].
         bounds: The forecast's box [degrees].
         build: Returns the estimator of a window; the same window gives the same estimator, and the latest are kept.
-        gating: Gate and covariance inflation; None accepts every profile with its stated errors.
+        probability: That sound measurements exceed the gate; None accepts all with their stated errors.
         grouping: Which profiles are combined; None combines none.
         vehicle: Number of the vehicle whose measurements it is given.
     """
@@ -44,7 +43,7 @@ class WindowedEstimator(Estimator[WindowedState]):
     margin: float
     bounds: Region
     build: Callable[[Region], ReducedBasisEstimator]
-    gating: GatingConfig | None = None
+    probability: float | None = None
     grouping: Grouping | None = None
     vehicle: int = 0
 
@@ -52,17 +51,12 @@ class WindowedEstimator(Estimator[WindowedState]):
     block_size = ReducedBasisEstimator.block_size
 
     @property
-    def state_size(self) -> int:
-        """Number of weights in all of the first window."""
-        return self._of(self.first).state_size
-
-    @property
-    def basis_size(self) -> tuple[int | None, int | None]:
-        """Number of modes for each level, and of elements of the basis, of the first window."""
-        return self._of(self.first).basis_size
+    def unknowns(self) -> int:
+        """Number of unknowns of the first window."""
+        return self._of(self.first).unknowns
 
     def _of(self, region: Region) -> ReducedBasisEstimator:
-        return replace(self.build(region), gating=self.gating, grouping=self.grouping)
+        return replace(self.build(region), probability=self.probability, grouping=self.grouping)
 
     def of_vehicle(self, number: int, first: Region) -> "WindowedEstimator":
         """Return the estimator of one of several vehicles, with its first window."""
@@ -76,7 +70,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         """Return the vehicle's window: before its first measurement the one that holds where it begins, or the prior of its first one."""
         return self._held(state) or Window(self.first, self._of(self.first).initial())
 
-    def _own(self, state: WindowedState) -> tuple[ReducedBasisEstimator, FilterState]:
+    def _own(self, state: WindowedState) -> tuple[ReducedBasisEstimator, State]:
         """Return the estimator of the vehicle's window, and its state."""
         own = self._window(state)
         return self._of(own.region), own.state
@@ -89,59 +83,48 @@ class WindowedEstimator(Estimator[WindowedState]):
         held = self._held(state)
         return self.first if held is None else held.region
 
-    def step(
-        self, state: WindowedState, observation: Measurement
-    ) -> tuple[WindowedState, Innovation]:
-        """Return the state after an observation, in the window that it lies in, and its innovation."""
-        return next(self.steps(state, [observation]))
-
-    def steps(
-        self, state: WindowedState, observations: Iterable[Measurement]
-    ) -> Iterator[tuple[WindowedState, Innovation]]:
-        """Yield the state after each observation, and its innovation."""
-        for _, _, after, innovation, _ in self.group_steps(state, observations):
-            yield after, innovation
-
-    def group_steps(
-        self, state: WindowedState, items: Iterable[Measurement | ProfileGroup]
-    ) -> Iterator[Stepped[WindowedState]]:
-        """Yield the outcome of measurements and groups of profiles, each in the window that it lies in."""
-        block = list[Measurement | ProfileGroup]()
-        for item in items:
-            if block and (len(block) == self.block_size or not self._stays(state, item)):
-                state = yield from self._in_window(state, block)
-                block = []
-            if not block:
+    def assimilate(
+        self, state: WindowedState, block: Sequence[Measurement | ProfileGroup]
+    ) -> tuple[WindowedState, list[Stepped[WindowedState]]]:
+        """Return the state after measurements, each in the window that it lies in, and the outcome of each."""
+        found, waiting = list[Stepped[WindowedState]](), list[Measurement | ProfileGroup]()
+        for item in block:
+            if waiting and (len(waiting) == self.block_size or not self._stays(state, item)):
+                state, steps = self._in_window(state, waiting)
+                found, waiting = found + steps, []
+            if not waiting:
                 state = self.moved(state, item)
-            block.append(item)
-        if block:
-            yield from self._in_window(state, block)
+            waiting.append(item)
+        if waiting:
+            state, steps = self._in_window(state, waiting)
+            found += steps
+        return state, found
 
     def _in_window(
         self, state: WindowedState, block: Sequence[Measurement | ProfileGroup]
-    ) -> Generator[Stepped[WindowedState], None, WindowedState]:
-        """Yield the outcome of measurements and groups in the vehicle's window; return the last state."""
+    ) -> tuple[WindowedState, list[Stepped[WindowedState]]]:
+        """Return the state after measurements and groups in the vehicle's window, and their outcomes."""
         if self.vehicle not in state.strays:
             others = tuple(self._beside(window, block) for window in state.windows)
             state = replace(state, windows=others)
         estimator, own = self._own(state)
-        for event, _, inner, innovation, _ in estimator.group_steps(own, block):
-            before = state
+        found, before = list[Stepped[WindowedState]](), state
+        for event, _, inner, innovation, _ in estimator.assimilate(own, block)[1]:
             changed = tuple(
                 replace(one, state=inner) if self.vehicle in one.vehicles else one
-                for one in state.windows
+                for one in before.windows
             )
-            state = replace(state, windows=changed)
-            yield Stepped(event, before, state, innovation)
-        return state
+            after = replace(before, windows=changed)
+            found.append(Stepped(event, before, after, innovation))
+            before = after
+        return before, found
 
     def _beside(self, window: Window, block: Sequence[Measurement | ProfileGroup]) -> Window:
         """Return a window of other vehicles after the measurements that it holds; the vehicle's own as it is."""
         held = [item for item in block if inside(window.region, *_places(item)).all()]
         if self.vehicle in window.vehicles or not held:
             return window
-        *_, last = self._of(window.region).group_steps(window.state, held)
-        return replace(window, state=last.after)
+        return replace(window, state=self._of(window.region).assimilate(window.state, held)[0])
 
     def _stays(self, state: WindowedState, observation: Measurement | ProfileGroup) -> bool:
         """Return whether an observation certainly leaves the vehicle in its window."""
@@ -188,20 +171,15 @@ class WindowedEstimator(Estimator[WindowedState]):
         linear = observation.linear
         if inside(self.first, *place) or not linear.at_one_place:
             return self._of(self.first).usable(linear) or not inside(self.first, *place)
-        levels = self._of(self.first).basis.grid.levels
+        levels = self._of(self.first).grid.levels
         return bool(
             np.any(np.isfinite(linear.value).all(axis=1) & (linear.value_depth <= levels[-1]))
         )
 
-    def innovation(self, state: WindowedState, observation: Measurement) -> Array:
-        """Return measured minus predicted in the vehicle's window, shape (n, 2) [m/s], local axes; NaN for bins that are not usable."""
+    def innovation(self, state: WindowedState, event: Measurement | ProfileGroup) -> Array:
+        """Return measured minus predicted in the vehicle's window; as of ``Estimator``."""
         estimator, own = self._own(state)
-        return estimator.innovation(own, observation)
-
-    def group_innovation(self, state: WindowedState, group: ProfileGroup) -> Array:
-        """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
-        estimator, own = self._own(state)
-        return estimator.group_innovation(own, group)
+        return estimator.innovation(own, event)
 
     def flow(self, state: WindowedState) -> FlowEstimate:
         """Return the current estimate in the vehicle's window."""
@@ -228,23 +206,13 @@ class WindowedEstimator(Estimator[WindowedState]):
         """Return the settings of the first window's prior."""
         return self._of(self.first).notes()
 
-    def bias_notes(self, state: WindowedState) -> list[str]:
-        """Return the notes of the vehicle's window, and on the windows."""
-        estimator, own = self._own(state)
-        return [*estimator.bias_notes(own), *self.window_notes(state)]
-
-    def window_notes(self, state: WindowedState) -> list[str]:
+    def remarks(self, state: WindowedState) -> list[str]:
         """Return how many windows there were, what was lost between them, and which could not be made."""
         lost = f"up to {100.0 * state.loss:.1f} cm/s RMS of what one had learnt was not handed over"
         several = len({number for one in state.windows for number in one.vehicles}) > 1
         followed = f"{state.number} windows followed the vehicle{'s' if several else ''}; {lost}"
         refused = (f"no window could be made at {at}: {reason}" for at, reason in state.unusable)
         return [*([followed] if state.number > 1 else []), *refused]
-
-    def spread_record(self, state: WindowedState) -> dict[str, str]:
-        """Return the amplitude of the prior's covariance in the vehicle's window, and what it was fitted to."""
-        estimator, own = self._own(state)
-        return estimator.spread_record(own)
 
 
 def _place(observation: Measurement | ProfileGroup) -> tuple[float, float]:

@@ -1,38 +1,36 @@
 """The information of one window, as measurements for the next.
 
 Both windows know the current where they overlap, each in its own basis. There v are up to a thousand combinations of the velocities at
-points of the overlap: the directions in which the first basis varies there, times functions of depth. With the first window's prior and
+points of the overlap: the directions in which the first basis varies there, times its functions of depth. With the first window's prior and
 posterior of v, N(m0, C0) and N(m1, C1), all the information of its measurements on v is a likelihood, whatever the prior was. Along the
 eigenvectors a of C0 - C1 relative to C0, with eigenvalues l in 0..1, it is that of a measurement
 
     a v = a m0 + a (m1 - m0) / l   with error variance (1 - l) / l,
 
 as N(0, 1) and that measurement give the variance 1 - l and the mean a (m1 - m0). Directions with l = 0 taught nothing, and are left
-out. The second window takes these as measurements of its own weights: outside the overlap its own prior carries them on. Nothing is
+out. The second window takes these as measurements of its own unknowns: outside the overlap its own prior carries them on. Nothing is
 counted twice: the first window's prior is not handed over, for the second has its own of the same members.
 
 What the second basis cannot represent, and what the combinations leave out, is added to the errors, and returned as the loss.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import gradient, nearest_node
+from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
-from replay_kit.estimator.basis.modes import Basis
-from replay_kit.estimator.prior.conditioned import conditioned
-from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.estimator.static.filter import ReducedBasisEstimator
-from replay_kit.estimator.static.state import FilterState
-from replay_kit.estimator.update.observation_space import initial
-from replay_kit.estimator.update.posterior import Posterior
+from replay_kit.estimator.estimator import ReducedBasisEstimator
+from replay_kit.estimator.state import State, conditioned
+from replay_kit.estimator.update.columns import Observer
 
 # Points of an overlap at most: every second or third row and column of a window's own.
 _POINTS = 600
-# Share of the variance at the overlap's points that the combinations may leave out, in the horizontal and in depth.
+# Share of the variance at the overlap's points that the combinations may leave out in the horizontal.
 _LEFT_OUT = 1e-3
 # Combinations at most: the work goes with the cube of their number, some seconds for so many.
 _MOST = 1000
@@ -40,78 +38,73 @@ _MOST = 1000
 _ROUNDING, _LEAST_LEARNT = 1e-8, 0.01
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Learnt:
-    """What a window learnt of the velocities at some points, as measurements y = A u + noise of unit variance.
-
-    Attributes:
-        directions: shape (m, q, k), A in combinations of the points for each function of depth.
-        across: shape (2P, k), the combinations; all east components before all north.
-        vertical: shape (q, Z), the functions of depth.
-        values: shape (m, 1 + b), y; and its change for instrument errors of one unit.
-        loss: Root mean square of what was learnt and is not in them [m/s], each component.
-    """
-
-    directions: Array
-    across: Array
-    vertical: Array
-    values: Array
-    loss: float
-
-    def of(self, velocity: Array) -> Array:
-        """Return A u, shape (m,), of velocities at the points, shape (2P, Z)."""
-        return np.asarray(
-            np.einsum("mqk,kq->m", self.directions, self.across.T @ velocity @ self.vertical.T)
-        )
-
-    def design(self, modes: Array) -> Array:
-        """Return A of weights, shape (m, Z, r), of modes with these velocities at the points, shape (2P, r)."""
-        of_modes = self.directions @ (self.across.T @ modes)  # (m, q, r)
-        return np.asarray(np.einsum("mqr,qz->mzr", of_modes, self.vertical))
-
-
 def hand_over(
-    before: ReducedBasisEstimator, state: FilterState, after: ReducedBasisEstimator
-) -> tuple[FilterState, float]:
-    """Return the next window's first state, with the information of the one before where they overlap, and the loss [m/s].
-
-    The amplitudes of the prior's covariance and of the ensemble mean, where they are fitted to the log, are kept as they are from then on.
+    before: ReducedBasisEstimator, state: State, after: ReducedBasisEstimator
+) -> tuple[State, float]:
+    """Return the next window's first state, with the information of the one before where they overlap.
 
     Args:
         before: Estimator of the window before.
         state: Its last state.
         after: Estimator of the next window, in the same local frame and with the same levels.
+
+    Returns:
+        The state, and the root mean square of what was learnt and is not in it [m/s], each component.
     """
-    old, new = before.prior, after.prior
-    spread = None if state.spread is None else replace(state.spread, apart=(), past=None)
-    if spread is not None:
-        old, new = spread.scale(old), spread.scale(new)
-    amplitude = None if state.mean_amplitude is None else state.mean_amplitude.ended()
-    if amplitude is not None:
-        old, new = before.prior_with(amplitude), after.prior_with(amplitude)
-    no_bias = np.zeros((len(state.posterior.prior_bias_sensitivity), *after.prior_weights.shape))
-    begun = replace(state, posterior=initial(new, no_bias), spread=spread, mean_amplitude=amplitude)
-    points = overlap(before.basis.grid, after.basis.grid)
-    said = None
-    if len(points):
-        next_modes, next_offset = velocities_at(after.basis, points)
-        said = learnt(
-            old,
-            state.posterior,
-            *velocities_at(before.basis, points),
-            next_modes,
-            after.representation_std,
-        )
-    if said is None:
-        # the log has no information on the mean's amplitude elsewhere
-        elsewhere = new if amplitude is None else after.prior
-        return replace(
-            begun, posterior=initial(elsewhere, no_bias), mean_amplitude=after.mean_amplitude
-        ), 0.0
-    innovation = said.values.copy()
-    innovation[:, 0] -= said.of(next_offset + next_modes @ after.by_level(new.mean).T)
-    prior, sensitivity = conditioned(new, said.design(next_modes), innovation)
-    return replace(begun, posterior=initial(prior, sensitivity)), said.loss
+    begun = _begun(state, before, after)
+    points = overlap(before.grid, after.grid)
+    if not len(points):
+        return begun, 0.0
+    old, new = before.observer.process, after.observer.process
+    modes, offset = _velocities(before.observer, points)
+    next_modes, next_offset = _velocities(after.observer, points)
+    across = _combinations(old, modes)
+    design = _design(old, old.functions, across.T @ modes)
+    cross = state.products(design)
+    directions, share = _learnt_directions(design @ design.T, cross @ design.T)
+    if not share.size:
+        return begun, 0.0
+    change = modes @ (old.weights(state.x, 0) - old.mean_at(0)).T  # (2P, Z)
+    vertical = old.functions
+    kept = _projected(next_modes, across @ (across.T @ change @ vertical.T) @ vertical)
+    lost = change - kept
+    # what is lost is as smooth as the combinations, not white from point to point: all of it lies in as many unknowns as there are of them
+    missed = np.sum(lost**2, axis=0) / across.shape[1]
+    unheld = np.mean(
+        after.observer.error(begun.scale)[:, nearest_node(after.grid, points)] ** 2, axis=1
+    )
+    error = np.repeat(vertical**2 @ (unheld + missed), across.shape[1])
+    lower = np.linalg.cholesky(np.diag((1.0 - share) / share) + (directions * error) @ directions.T)
+    known = [
+        (vertical @ (at_zero + v @ process.mean_at(0).T).T @ across).ravel()
+        for process, v, at_zero in ((old, modes, offset), (new, next_modes, next_offset))
+    ]
+    values = directions @ (design @ state.x) / share + directions @ (known[0] - known[1])
+    rows = directions @ _design(new, vertical, across.T @ next_modes)
+    whitened = np.asarray(
+        scipy.linalg.solve_triangular(lower, np.column_stack([rows, values]), lower=True)
+    )
+    after_rows = conditioned(begun, whitened[:, :-1], whitened[:, -1])
+    return replace(after_rows, profiles=state.profiles), float(np.sqrt(np.mean(lost**2)))
+
+
+def _begun(state: State, before: ReducedBasisEstimator, after: ReducedBasisEstimator) -> State:
+    """Return the next window's state before the information of another: under the prior of the same members, as the log showed it."""
+    begun = replace(
+        after.initial(), time_ns=state.time_ns, last=state.last, measured=state.measured
+    )
+    if before.evidence is None or after.evidence is None:
+        return begun
+    if state.doubt is None:
+        begun = replace(begun, doubt=None)
+    p, part = begun.p.copy(order="F"), after.evidence.parts.scaled
+    p[part, part] *= state.scale
+    begun = replace(begun, p=p, scale=state.scale)
+    if state.centre is None:
+        return begun
+    # in the unit of a member's anomaly, which goes with the share of the sample covariance
+    unit = after.evidence.parts.anomaly / before.evidence.parts.anomaly
+    return replace(begun, centre=unit * state.centre)
 
 
 def overlap(one: Grid, other: Grid) -> Array:
@@ -124,79 +117,34 @@ def overlap(one: Grid, other: Grid) -> Array:
     return np.column_stack([one.east[chosen], one.north[chosen]])
 
 
-def velocities_at(basis: Basis, points: Array) -> tuple[Array, Array]:
+def _velocities(observer: Observer, points: Array) -> tuple[Array, Array]:
     """Return the velocities at points of the modes, shape (2P, r), and of the flow without weights, shape (2P, Z)."""
-    modes, offset = (
-        basis.horizontal.velocity(points, latent) for latent in (basis.modes, basis.offset)
-    )
+    basis = observer.basis
+    modes, offset = (basis.horizontal.velocity(points, v) for v in (basis.modes, basis.offset))
+    if observer.potential is not None:
+        offset = offset + gradient(basis.horizontal.velocity(points, observer.potential))
     return modes.reshape(2 * len(points), -1), offset.reshape(2 * len(points), -1)
 
 
-def learnt(
-    prior: Prior,
-    posterior: Posterior,
-    modes: Array,
-    offset: Array,
-    next_modes: Array,
-    representation_std: Array,
-) -> Learnt | None:
-    """Return the information of a window at points; None without any.
+def _design(process: Process, vertical: Array, modes: Array) -> Array:
+    """Return the effect of one unit of each unknown on combinations of velocities in functions of depth, shape (q c, k).
 
     Args:
-        prior: Of the window's weights, before any measurement.
-        posterior: Of the same weights, now.
-        modes: shape (2P, r), velocities of the window's modes at the points.
-        offset: shape (2P, Z), velocities there of the flow without weights.
-        next_modes: shape (2P, r'), of the next window's modes.
-        representation_std: shape (Z,) [m/s], what the next window's basis does not represent.
+        process: The unknowns.
+        vertical: shape (q, Z), functions of depth.
+        modes: shape (c, r), of each mode on each combination.
     """
-    n_levels = posterior.n_levels
-    change = modes @ (posterior.mean - prior.mean).reshape(n_levels, -1).T  # (2P, Z)
-    across, vertical = _combinations(prior, modes)
-    kept = _projected(next_modes, across @ (across.T @ change @ vertical.T) @ vertical)
-    lost = change - kept
-    design = np.einsum("qz,kr->qkzr", vertical, across.T @ modes).reshape(
-        -1, n_levels, modes.shape[1]
-    )
-    flat = design.reshape(len(design), -1)
-    before, after = (
-        flat @ prior.matvec(design).reshape(flat.shape).T,
-        posterior.covariance_of(design),
-    )
-    directions, share = _learnt_directions(before, after)
-    if not share.size:
-        return None
-    # what is lost is as smooth as the combinations, not white from point to point: all of it lies in as many unknowns as there are of them
-    missed = np.sum(lost**2, axis=0) / across.shape[1]
-    error = np.repeat(vertical**2 @ (representation_std**2 + missed), across.shape[1])
-    lower = np.linalg.cholesky(np.diag((1.0 - share) / share) + (directions * error) @ directions.T)
-    shifts = np.column_stack(
-        [posterior.mean - prior.mean, posterior.bias_sensitivity().reshape(-1, flat.shape[1]).T]
-    )
-    measured = np.column_stack([directions, directions @ (flat @ shifts) / share[:, None]])
-    whitened = np.asarray(scipy.linalg.solve_triangular(lower, measured, lower=True))
-    rows, values = whitened[:, : directions.shape[1]], whitened[:, directions.shape[1] :]
-    found = Learnt(
-        rows.reshape(len(rows), len(vertical), -1),
-        across,
-        vertical,
-        values,
-        float(np.sqrt(np.mean(lost**2))),
-    )
-    values[:, 0] += found.of(offset + modes @ prior.mean.reshape(n_levels, -1).T)
-    return found
+    between = vertical @ process.functions.T
+    rows = np.einsum("qf,kfr,cr->qck", between, process.loading(0), modes, optimize=True)
+    return np.asarray(rows.reshape(-1, process.size))
 
 
-def _combinations(prior: Prior, modes: Array) -> tuple[Array, Array]:
-    """Return orthonormal combinations of the velocities at points, shape (2P, k), and functions of depth, shape (q, Z)."""
-    across, strength, _ = np.linalg.svd(modes * prior.mode_std(), full_matrices=False)
-    across = across[:, : _count(strength**2)]
-    # covariance between levels, of the first combinations together
-    leading = across[:, :5].T @ modes
-    of_levels = prior.matvec_modes(leading)  # (Z, c, Z, r)
-    values, vectors = np.linalg.eigh(np.einsum("zcyr,cr->zy", of_levels, leading))
-    count = _count(np.maximum(values[::-1], 0.0))
-    return across[:, : max(_MOST // count, 1)], vectors.T[::-1][:count]
+def _combinations(process: Process, modes: Array) -> Array:
+    """Return orthonormal combinations of the velocities at points, shape (2P, k)."""
+    std = np.sqrt(np.square(process.loading(0)).sum(axis=(0, 1)))
+    across, strength, _ = np.linalg.svd(modes * std, full_matrices=False)
+    most = max(_MOST // len(process.functions), 1)
+    return np.asarray(across[:, : min(_count(strength**2), most)])
 
 
 def _count(variance: Array) -> int:

@@ -14,7 +14,7 @@ from replay_kit.core.region import (
     rounded,
     width,
 )
-from replay_kit.estimator.static.state import FilterState
+from replay_kit.estimator.state import State
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +28,7 @@ class Window:
     """
 
     region: Region
-    state: FilterState
+    state: State
     vehicles: tuple[int, ...] = ()
 
 

@@ -233,7 +233,7 @@ def ensemble_contradicts(evidence: str, time_ns: int = 0) -> Finding:
         ENSEMBLE,
         time_ns,
         evidence,
-        "an ensemble of another region or season, or errors of the profiles that are stated too small",
+        "an ensemble of another region or season, of too few members, or errors of the profiles that are stated too small",
         "warning only; replay-kit info --ensemble lists faults of the log that would explain it",
         "warning",
     )

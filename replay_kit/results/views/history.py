@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution
+from replay_kit.core.flow.estimate import FlowEstimate, gradient
 from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
@@ -61,8 +60,8 @@ class EstimateHistory:
         """Latent velocities of the flow whose weights are 0."""
         estimate = self.estimate
         assert estimate is not None
-        if isinstance(estimate.later, Evolution):
-            return estimate.later.offset
+        if estimate.unknowns is not None:
+            return estimate.unknowns.offset
         _, last = next(newest_messages(self._path, "/flow/estimate"))
         return estimate.latent - self._change(_weights(last))
 
@@ -202,7 +201,11 @@ def mean_to_depth(slices: CurrentSlices, history: EstimateHistory, depth: float)
     points = np.column_stack([axis[deep] for axis in np.meshgrid(slices.east, slices.north)])
     for first in range(0, len(points), _CHUNK):
         part = tuple(each[first : first + _CHUNK] for each in np.nonzero(deep))
-        velocity = last.horizontal.velocity(points[first : first + _CHUNK], latent)
+        places = points[first : first + _CHUNK]
+        velocity = last.horizontal.velocity(places, latent)
+        if last.potential is not None:
+            turned = last.horizontal.velocity(places, (last.potential @ weights)[:, None])
+            velocity = velocity + gradient(turned)
         mean[:, :2, part[0], part[1]] = np.moveaxis(velocity, 2, 0)
     return np.asarray(mean)
 

@@ -4,10 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
 import pandas as pd
 
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.flow.points import WASHED, velocity_along
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.text import csv_cell
 from replay_kit.results.views.contents import Contents
@@ -51,11 +53,17 @@ def series_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
 
 
 def track_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the positions, with the last estimate at each of them where there is an estimate."""
+    """Return the positions, with the last estimate at each of them where there is an estimate; NaN where the depth is not known."""
     fixes = contents.result.fixes
     if contents.estimate is None or not len(fixes):
         return fixes.reset_index()
-    found = contents.estimate.along(fixes).to_pandas()
+    depth = fixes["depth"].to_numpy(np.float64)
+    unknown = ~(depth >= -WASHED)
+    # without the warning of times outside the data, which nobody asked for
+    track = fixes.assign(depth=np.where(unknown, 0.0, depth))
+    found = velocity_along(contents.estimate, track).to_pandas()
+    found.loc[unknown, ["u", "v", "u_standard_error", "v_standard_error"]] = np.nan
+    found["depth"] = depth
     return found.assign(dead_reckoned=fixes["dead_reckoned"].to_numpy(bool)).reset_index(drop=True)
 
 

@@ -15,8 +15,8 @@ from pandas.api.types import (
 )
 
 from replay_kit.core.flow.cf import described, encoding_of
-from replay_kit.core.flow.lossless import write_dataset
-from replay_kit.core.flow.netcdf import ATTRIBUTES
+from replay_kit.core.flow.dataset import ATTRIBUTES
+from replay_kit.core.flow.file import write_dataset
 from replay_kit.core.grid import Projection
 from replay_kit.core.version import __version__
 

@@ -1,6 +1,7 @@
 """The methods that the paper's tables compare, the least error that each could have, and the steps that are counted."""
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from itertools import tee
 from typing import Any, TypeVar
 
@@ -10,11 +11,13 @@ from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.evidence import bootstrap_interval
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.progress import Progress, each_call, silent
-from replay_kit.estimator import Estimator, build_estimator
-from replay_kit.estimator.baselines.builders import build_baseline
-from replay_kit.estimator.basis.modes import LENGTH_IN_CELLS
+from replay_kit.estimator import Estimator, ReducedBasisEstimator, build
+from replay_kit.estimator.baselines import NearestMember, build_named
+from replay_kit.estimator.basis.modes import LENGTH_IN_CELLS, fit_residual
 from replay_kit.estimator.basis.slices import cell_size
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length
 
@@ -80,9 +83,9 @@ def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Esti
         ConfigError: The name is unknown.
     """
     if name not in ("default", "paper", "paper_cells"):
-        return build_baseline(name, ensemble, config)
-    return build_estimator(
-        ensemble,
+        return build_named(ensemble, config.model_copy(update={"name": name}))
+    return build(
+        [ensemble],
         preset_config(name, ensemble.grid, config),
         GatingConfig() if name == "default" else None,
     )
@@ -97,13 +100,64 @@ def preset_config(name: str, grid: Grid, config: EstimatorConfig) -> EstimatorCo
     )
 
 
+def size_of(estimator: Estimator[Any]) -> tuple[int | None, int | None]:
+    """Return the number of modes, for each level where levels have weights of their own, and of elements of the basis; None without one."""
+    if not isinstance(estimator, ReducedBasisEstimator):
+        return None, None
+    basis, process = estimator.observer.basis, estimator.observer.process
+    if _has_whole_flows(estimator):
+        return process.size, process.size * basis.grid.levels.size * 2 * len(basis.grid.nodes)
+    return basis.n_modes, basis.modes.size
+
+
 def bound(estimator: Estimator[Any], at: ScoredPoints) -> float:
     """Return the least RMSE [m/s] of any flow that an estimator can represent; NaN for one whose flows have no fixed span.
 
     It is that of the least-squares fit of the truth within the span, at the scored points.
     """
-    residual = estimator.span_residual(at.points, at.depth, at.velocity)
-    return float("nan") if residual is None else rms_length(residual)
+    if isinstance(estimator, NearestMember):
+        off = _flows_at(estimator.members, at) - at.velocity[..., None]
+        return float(np.sqrt(np.square(off).sum(axis=1).mean(axis=0)).min())
+    if not isinstance(estimator, ReducedBasisEstimator):
+        return float("nan")
+    if not _has_whole_flows(estimator):
+        basis = estimator.observer.basis
+        return rms_length(basis.span_residual(at.points, at.depth, at.velocity))
+    flows = _flows_at(estimator, at)
+    residual = fit_residual(flows.reshape(-1, flows.shape[2]), at.velocity.ravel())
+    return rms_length(residual.reshape(-1, 2))
+
+
+def _has_whole_flows(estimator: ReducedBasisEstimator) -> bool:
+    """Return whether each unknown of an estimator is a flow of all levels."""
+    basis = estimator.observer.basis
+    return basis.n_modes == len(basis.singular_values) * basis.grid.levels.size
+
+
+def _flows_at(estimator: ReducedBasisEstimator, at: ScoredPoints) -> Array:
+    """Return the velocity of each whole flow at the scored points, shape (P, 2, m) [m/s]."""
+    basis = estimator.observer.basis
+    out = np.empty((len(at.points), 2, len(basis.member_weights)))
+    for start in range(0, len(at.points), 512):
+        part = slice(start, start + 512)
+        modes = basis.horizontal.velocity(at.points[part], basis.modes)
+        weights = basis.depth_weights(at.depth[part])
+        by_level = modes.reshape(*modes.shape[:2], -1, weights.shape[1])
+        out[part] = np.einsum("cpmz,pz->pcm", by_level, weights)
+    return out
+
+
+def average_over_depth(flow: FlowEstimate, depth: float) -> FlowEstimate:
+    """Return a flow, the same at all depths, that is the mean of another from the surface to a depth [m], without uncertainty."""
+    levels = flow.levels
+    regular = np.linspace(0.0, depth, max(int(np.ceil(depth)), 1) + 1)
+    # the corners of hat functions are at the levels
+    depths = np.union1d(regular, levels[(levels > 0.0) & (levels < depth)])
+    by_depth = depth_weights(flow.depth_functions, depths, levels)
+    weights = np.trapezoid(by_depth, depths, axis=0) / depth
+    latent = np.repeat((flow.latent @ weights)[:, None], levels.size, axis=1)
+    hats = DepthFunctions("hat", flow.depth_functions.length)
+    return replace(flow.mean_flow(), depth_functions=hats, latent=latent)
 
 
 def bootstrap_median(values: Array) -> tuple[float, float]:

@@ -9,6 +9,7 @@ import numpy as np
 
 import planners
 from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Observation
@@ -20,6 +21,7 @@ from replay_kit.studies.paper.methods import (
     build_method,
     each_counted,
     miss_figures,
+    size_of,
 )
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.twins.truths import Case, Pair
@@ -179,19 +181,20 @@ def _run(
             errors = [least] * len(survey.counts)
         else:
             estimator = build_method(rung.method, case.ensemble, _config(rung, config, survey))
-            modes, elements = estimator.basis_size
+            modes, elements = size_of(estimator)
             least = bound(estimator, at)
             state = estimator.initial()
-            for done, (after, _) in enumerate(estimator.steps(state, survey.observations), start=1):
-                state = after
-                advance(1)
-                if done in survey.counts:
+            for count in sorted({*survey.counts, len(survey.observations)}):
+                state, steps = estimator.assimilate(state, survey.observations[done:count])
+                done += len(steps)
+                advance(len(steps))
+                if count in survey.counts:
                     errors.append(_rmse(estimator.flow(state), at))
             # without its uncertainty: at full rank the covariance takes 300 MB
             flow = estimator.flow(state).mean_flow()
         rmse = _rmse(flow, at)
         note = "" if np.isfinite(rmse) else "the estimate is not a number"
-    except ValueError as error:
+    except (EstimatorError, ValueError) as error:
         # NumPy's LinAlgError is one, and so is SciPy's refusal of numbers that are not finite
         rmse, note = (
             np.nan,

@@ -1,7 +1,5 @@
 """A simulated ADCP: what it measures below each ping, and profiles of it at random places or at all grid points."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from replay_kit.core.arrays import Array
@@ -11,25 +9,12 @@ from replay_kit.core.observation import Flag, Observation, Reason, Source
 from replay_kit.studies.twins.field import Field
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Pings, random_places
 
-
-@dataclass(frozen=True, slots=True)
-class AdcpSettings:
-    """A down-looking instrument.
-
-    Attributes:
-        n_cells: Number of bins.
-        cell_size: [m].
-        bin0_distance: Transducer to the centre of the first bin [m].
-        noise: Standard deviation of each component [m/s].
-    """
-
-    n_cells: int = 22
-    cell_size: float = 32.0
-    bin0_distance: float = 16.0
-    noise: float = 0.09
+#: A down-looking instrument: number of bins, their size and the distance from the transducer to the centre of the first [m].
+N_CELLS, CELL_SIZE, BIN0_DISTANCE = 22, 32.0, 16.0
+_BELOW: Array = BIN0_DISTANCE + CELL_SIZE * np.arange(N_CELLS, dtype=np.float64)
 
 
-def measure(field: Field, pings: Pings, settings: AdcpSettings, rng: np.random.Generator) -> Array:
+def measure(field: Field, pings: Pings, noise: float, rng: np.random.Generator) -> Array:
     """Return what each bin of each ping measures, shape (n_pings, n_cells, 2) [m/s], true east and true north.
 
     NaN where the truth has no water: below its last level, on land, outside its grid.
@@ -37,15 +22,14 @@ def measure(field: Field, pings: Pings, settings: AdcpSettings, rng: np.random.G
     Args:
         field: The truth.
         pings: Where the instrument is.
-        settings: The instrument.
+        noise: Standard deviation of each component of each bin [m/s].
         rng: Source of the noise; each bin takes its draws whether it is wet or not, so that one bin's noise does not depend on
             another's water.
     """
-    below = settings.bin0_distance + settings.cell_size * np.arange(settings.n_cells)
     velocity = field.velocity(
         pings.east[:, None],
         pings.north[:, None],
-        pings.depth[:, None] + below,
+        pings.depth[:, None] + _BELOW,
         pings.time_ns[:, None],
     )
     longitude, latitude = to_geographic(field.grid.projection, pings.east, pings.north)
@@ -56,8 +40,7 @@ def measure(field: Field, pings: Pings, settings: AdcpSettings, rng: np.random.G
         velocity[..., 0],
         velocity[..., 1],
     )
-    noise = rng.standard_normal(velocity.shape)
-    return np.stack([east, north], axis=-1) + settings.noise * noise
+    return np.stack([east, north], axis=-1) + noise * rng.standard_normal(velocity.shape)
 
 
 # Error stated by an instrument without noise: the paper's in ideal conditions [m/s].
@@ -81,18 +64,14 @@ def random_observations(
     """
     rng = np.random.default_rng(seed)
     places = random_places(field, pings, rng)
-    settings = AdcpSettings(noise=noise)
     time_ns = EPOCH_NS + _INTERVAL_NS * np.arange(pings)
     nothing = np.zeros(pings)
     velocity = measure(
-        field, Pings(time_ns, places[:, 0], places[:, 1], nothing, nothing, nothing), settings, rng
-    )
-    depth = settings.bin0_distance + settings.cell_size * np.arange(
-        settings.n_cells, dtype=np.float64
+        field, Pings(time_ns, places[:, 0], places[:, 1], nothing, nothing, nothing), noise, rng
     )
     longitude, latitude = to_geographic(field.grid.projection, places[:, 0], places[:, 1])
     error_std = noise if noise > 0.0 else IDEAL_ERROR_STD
-    return _observations((longitude, latitude), depth, velocity, error_std)
+    return _observations((longitude, latitude), _BELOW, velocity, error_std)
 
 
 def grid_observations(truth: Ensemble) -> tuple[Observation, ...]:

@@ -62,25 +62,10 @@ class Twin:
             )
 
 
-@dataclass(frozen=True, slots=True)
-class TwinSummary:
-    """What a simulated log holds.
-
-    Attributes:
-        pings: Number of pings.
-        dives: Number of dives.
-        duration: From the first ping to the last [s].
-    """
-
-    pings: int
-    dives: int
-    duration: float
-
-
 def make_twin(
     truth: Ensemble | Sequence[Ensemble], twin: Twin, out: Path, overwrite: bool = False
-) -> TwinSummary:
-    """Write the log of a vehicle that measured a truth, and return what is in it; the same arguments give the same bytes.
+) -> Mission:
+    """Write the log of a vehicle that measured a truth, and return the mission; the same arguments give the same bytes.
 
     Args:
         truth: An ensemble of one, or several of growing times, between which the sea changes linearly.
@@ -103,16 +88,8 @@ def make_twin(
     truths = (truth,) if isinstance(truth, Ensemble) else tuple(truth)
     field = build_field(*truths)
     mission = _fly(field, twin, EPOCH_NS if truths[0].time_ns is None else truths[0].time_ns, rng)
-    writer(
-        out,
-        measured_on(mission, field, twin.noise, rng).messages(),
-    )
-    times_ns = mission.pings.time_ns
-    return TwinSummary(
-        twin.pings,
-        len(mission.dives),
-        float(times_ns[-1] - times_ns[0]) / 1e9,
-    )
+    writer(out, measured_on(mission, field, twin.noise, rng).messages())
+    return mission
 
 
 def _fly(field: Field, twin: Twin, start_ns: int, rng: np.random.Generator) -> Mission:

@@ -11,7 +11,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.message import Message
 from replay_kit.core.observation import VehicleState
-from replay_kit.studies.twins.adcp import AdcpSettings, measure
+from replay_kit.studies.twins.adcp import BIN0_DISTANCE, CELL_SIZE, N_CELLS, measure
 from replay_kit.studies.twins.field import Field
 from replay_kit.studies.twins.vehicle import NS_PER_S, Dive, Mission, Pings
 
@@ -23,13 +23,13 @@ class Flight:
     Attributes:
         field: The truth.
         mission: What the vehicle did.
-        settings: Of its instrument.
+        noise: Standard deviation of each velocity component [m/s].
         measured: shape (n_pings, n_cells, 2) [m/s], the water over the ground with noise, true east and north; NaN where bad.
     """
 
     field: Field
     mission: Mission
-    settings: AdcpSettings
+    noise: float
     measured: Array
 
     @property
@@ -70,7 +70,7 @@ class Flight:
         latitudes = {position.time_ns: position.latitude for position in self.mission.positions}
         for number, time_ns in enumerate(self.mission.pings.time_ns.tolist()):
             ping = _adcp_ping(
-                self.mission.pings, number, self.settings, self.measured[number], latitudes[time_ns]
+                self.mission.pings, number, self.noise, self.measured[number], latitudes[time_ns]
             )
             yield time_ns, 2, "/adcp", "replay_kit.AdcpPing", ping
 
@@ -84,8 +84,7 @@ def measured_on(mission: Mission, field: Field, noise: float, rng: np.random.Gen
         noise: Standard deviation of each velocity component [m/s].
         rng: Source of the noise.
     """
-    settings = AdcpSettings(noise=noise)
-    return Flight(field, mission, settings, measure(field, mission.pings, settings, rng))
+    return Flight(field, mission, noise, measure(field, mission.pings, noise, rng))
 
 
 def _stamp(time_ns: int) -> dict[str, int]:
@@ -126,7 +125,7 @@ def _depth_averaged_current(dive: Dive) -> dict[str, Any]:
 
 
 def _adcp_ping(
-    pings: Pings, number: int, settings: AdcpSettings, velocity: Array, latitude: float
+    pings: Pings, number: int, noise: float, velocity: Array, latitude: float
 ) -> dict[str, Any]:
     pressure = (
         float(gsw.p_from_z(-pings.depth[number], latitude)) if pings.depth[number] > 0.0 else 0.0
@@ -144,14 +143,14 @@ def _adcp_ping(
         "reference": "earth",
         "orientation": "down",
         "bin_mapped": True,
-        "n_cells": settings.n_cells,
-        "cell_size": settings.cell_size,
-        "bin0_distance": settings.bin0_distance,
+        "n_cells": N_CELLS,
+        "cell_size": CELL_SIZE,
+        "bin0_distance": BIN0_DISTANCE,
         "transducer_depth": 0.0,
         "beam_unit_vectors": None,
         "velocity": cells,
         # a noise-free instrument states no error: zero would be a weight without bound
-        "velocity_std": settings.noise if settings.noise > 0.0 else None,
+        "velocity_std": noise if noise > 0.0 else None,
         "amplitude": None,
         "correlation": None,
         "percent_good": None,

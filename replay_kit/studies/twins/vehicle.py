@@ -72,6 +72,11 @@ class Mission:
     positions: tuple[VehicleState, ...]
     dives: tuple[Dive, ...]
 
+    @property
+    def hours(self) -> float:
+        """From the first ping to the last [h]."""
+        return float(np.ptp(self.pings.time_ns)) / 3.6e12
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:

@@ -11,12 +11,12 @@ import numpy as np
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import require_estimator
-from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build, with_window
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
@@ -163,7 +163,7 @@ class EstimatorBuilder(Protocol):
 class PriorBuilder(Protocol):
     """Makes a prior."""
 
-    def __call__(self, basis: Basis, usual: Prior, /) -> Prior:
+    def __call__(self, basis: Basis, process: Process, /) -> Process:
         """Return the prior of the weights of a basis, given the one that is usual."""
         ...
 
@@ -197,17 +197,17 @@ def given(
 def _with_prior(estimator: Estimator[Any], prior: PriorBuilder) -> Estimator[Any]:
     if not isinstance(estimator, ReducedBasisEstimator):
         raise ConfigError(
-            f"prior: expected the static estimator reduced_basis, whose weights have a prior, got {type(estimator).__name__}; "
-            "set time.scale to static, or leave the prior out"
+            f"prior: expected the estimator reduced_basis, whose unknowns have a prior, got {type(estimator).__name__}; "
+            "leave the prior out"
         )
-    made = prior(estimator.basis, estimator.prior)
-    lacking = [name for name in ("mean", "covariance") if not hasattr(made, name)]
-    if lacking or made.mean.shape != estimator.prior.mean.shape:
+    observer = estimator.observer
+    made = prior(observer.basis, observer.process)
+    if not isinstance(made, Process) or made.mean.shape != observer.process.mean.shape:
         raise ConfigError(
-            f"prior: expected a Prior of {estimator.prior.mean.size} weights with mean and covariance, got {type(made).__name__}"
+            f"prior: expected a Process of means of shape {observer.process.mean.shape}, got {type(made).__name__}"
         )
-    # its amplitudes are those of the usual prior
-    return replace(estimator, prior=made, spread=None, mean_amplitude=None)
+    # what the log may say is of the usual prior
+    return replace(estimator, observer=replace(observer, process=made), evidence=None)
 
 
 def planner_factory(planner: PlannerFactory | Planner | None) -> PlannerFactory:

@@ -30,9 +30,8 @@ from replay_kit.core.errors import (
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Reason, VehicleState, usable
-from replay_kit.estimator import build_estimator
-from replay_kit.estimator.static.filter import ReducedBasisEstimator
-from replay_kit.estimator.static.likelihood import Likelihood, predict_jointly
+from replay_kit.estimator import ReducedBasisEstimator, build
+from replay_kit.estimator.likelihood import Likelihood, predict_jointly
 from replay_kit.estimator.update.screening import screen
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import merge
@@ -123,7 +122,7 @@ def check_logs(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConf
             return ImportCheck(
                 0, state.findings, note="the directions were not compared with the ensemble"
             )
-        compared = check_import(found, build_estimator(forecast, config.estimator))
+        compared = check_import(found, build([forecast], config.estimator))
         return replace(compared, findings=state.findings + compared.findings)
 
 
@@ -234,8 +233,8 @@ def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
     observation = sounding.observation
     good = np.zeros(observation.depth.size, np.int8) + Flag.FAIL
     good[_usable(observation, estimator)] = Flag.GOOD
-    _, innovation = estimator.step(estimator.initial(), replace(observation, flags=good))
-    factor = math.sqrt(innovation.error_inflation)
+    _, (stepped,) = estimator.assimilate(estimator.initial(), [replace(observation, flags=good)])
+    factor = math.sqrt(stepped.innovation.error_inflation)
     return replace(
         sounding, observation=replace(observation, error_std=factor * observation.error_std)
     )
@@ -298,7 +297,7 @@ def _usable(observation: Observation, estimator: ReducedBasisEstimator) -> NDArr
         & (observation.depth >= 0.0)
     )
     offered = replace(observation, flags=np.where(possible, Flag.GOOD, Flag.FAIL).astype(np.int8))
-    (flags,), _ = screen([offered], estimator.basis.grid, relative=False)
+    (flags,), _ = screen([offered], estimator.grid, relative=False)
     return np.flatnonzero(flags == Flag.GOOD)
 
 

@@ -15,8 +15,8 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution, ProcessModel, sample_through
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
+from replay_kit.core.flow.process import Process
 from replay_kit.core.text import time_text
 
 _NS = 1_000_000_000
@@ -50,39 +50,17 @@ class KnownCurrent:
         return self.estimates[0]
 
     @property
-    def process(self) -> ProcessModel | None:
+    def process(self) -> Process | None:
         """How the only estimate changes; None where it does not, or there are several."""
-        later = self.first.later
-        if (
-            len(self.estimates) > 1
-            or not isinstance(later, Evolution)
-            or self.first.time_ns is None
-        ):
+        known, last = self.first.process, self.first.last_observation_ns
+        if len(self.estimates) > 1 or known is None or self.first.time_ns is None:
             return None
-        known = later.trimmed().process
-        return (
-            known
-            if known.times_ns.size > 1
-            or np.isfinite(known.scales).any()
-            or later.oscillation is not None
-            else None
-        )
+        return known if last is None else known.since(last)
 
     @cached_property
     def changes(self) -> bool:
         """Whether the current changes."""
-        first = self.first
-        if is_noticed(self.local):
-            return True
-        if (
-            len(self.estimates) > 1
-            or isinstance(first.later, Evolution)
-            or first.later is None
-            or first.time_ns is None
-        ):
-            return len(self.estimates) > 1 or self.process is not None
-        after = first.at(first.time_ns + round(self.flow_step * _NS))
-        return not np.array_equal(after.latent, first.latent)
+        return len(self.estimates) > 1 or is_noticed(self.local) or self.process is not None
 
     @property
     def ends_ns(self) -> int | None:
@@ -139,18 +117,14 @@ class KnownCurrent:
             return self.estimates
         if not self.changes:
             return self.first
-        later, now = self.first.later, self.first.time_ns or begin_ns
         times = _times(self.process, self._step, begin_ns, seconds)
-        if later is None:
-            slow = [replace(self.first, time_ns=time) for time in times]
-        else:
-            # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
-            slow = [
-                later.flow(self.first, time)
-                if time < now and isinstance(later, Evolution)
-                else self.first.at(time)
-                for time in times
-            ]
+        # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
+        slow = [
+            replace(self.first, time_ns=time)
+            if self.first.unknowns is None
+            else self.first.moved(time)
+            for time in times
+        ]
         return [
             replace(flow, latent=flow.latent + self._beside(time))
             for flow, time in zip(slow, times, strict=True)
@@ -184,7 +158,7 @@ class KnownCurrent:
             ]
         now = self.first.time_ns or begin_ns
         times = [max(time_ns, now) for time_ns in times]
-        drawn = sample_through(self.first, times, count, seed)
+        drawn = self.first.sample_through(times, count, seed)
         if self.oscillation is None and not is_noticed(self.local):
             return drawn
         more = [self._beside(time) for time in times]
@@ -199,11 +173,7 @@ class KnownCurrent:
     @property
     def oscillation(self) -> Oscillation | None:
         """What oscillates beside the slow current of the only estimate."""
-        return (
-            self.first.later.oscillation
-            if len(self.estimates) == 1 and isinstance(self.first.later, Evolution)
-            else None
-        )
+        return self.first.oscillation if len(self.estimates) == 1 else None
 
     @property
     def _step(self) -> float:
@@ -301,7 +271,7 @@ class KnownCurrent:
         the vorticity (Vallis 2017, Atmospheric and Oceanic Fluid Dynamics, chapter 11).
         """
         if self.process is not None:
-            return self.process.local_scale * log(2.0) / 3600.0
+            return float(self.process.tau.min()) * log(2.0) / 3600.0
         rotation = float(np.sqrt(np.mean(_vorticity(self.first) ** 2)))
         return 1.0 / (3600.0 * rotation) if rotation > 1e-9 else inf
 
@@ -347,9 +317,7 @@ def uniform_currents(flow: FlowEstimate) -> Array:
     )
 
 
-def _times(
-    process: ProcessModel | None, flow_step: float, begin_ns: int, seconds: float
-) -> list[int]:
+def _times(process: Process | None, flow_step: float, begin_ns: int, seconds: float) -> list[int]:
     """Return times [ns, UTC] that cover a mission, evenly spaced, among them those of the forecast where these are: there it bends.
 
     Args:

@@ -11,7 +11,7 @@ from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.load import load_noted
+from replay_kit.core.flow.file import load
 from replay_kit.core.grid import Grid
 from replay_kit.core.inputs import open_input
 from replay_kit.core.plan import Place
@@ -149,8 +149,7 @@ def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
                 flows = reversed(read_windows(sound.path))
                 flow = next((one for one in flows if _holds(one, places)), flow)
         return FlowFile(flow, held, sound.lines, sound.exit_code)
-    flow, note = load_noted(path)
-    return FlowFile(flow, None, (note,) if note else ())
+    return FlowFile(load(path), None, ())
 
 
 def _holds(flow: FlowEstimate, places: Sequence[Place]) -> bool:

@@ -93,11 +93,14 @@ class ArraySession:
     def conclude(self, about: Mapping[str, str]) -> FlowEstimate:
         """Finish surfacings, plan for each vehicle, publish slices and others' windows; return the first's estimate, with its citation."""
         held = dict[Hashable, FlowEstimate]()
+        begun = [each.first_ns for each in self.vehicles if each.first_ns is not None]
+        first_ns = min(begun, default=self.last_ns)
         for session in self.vehicles:
             session.end()
             state = session.estimation.current
             if (window := session.built.window(state)) not in held:
-                held[window] = replace(flow_at(session.built, state, self.last_ns), about=about)
+                flow = flow_at(session.built, state, self.last_ns)
+                held[window] = replace(flow, about=about, span_ns=(first_ns, self.last_ns))
             self.flows[session.name] = held[window]
         flow, *others = held.values()
         if self.writer is not None:

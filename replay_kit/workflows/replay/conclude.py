@@ -8,8 +8,8 @@ from typing import Any
 
 from replay_kit.core.as_flown import AS_FLOWN
 from replay_kit.core.errors import Finding, MeasurementError, PlanError
+from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.forecast import ensemble_files
@@ -90,8 +90,6 @@ def conclude(
                 session.writer.summary(session.last_ns, outcome_of(summary).to_record())
             if windows := _windows(session):
                 session.writer.write_metadata(WINDOWS_RECORD, windows)
-            if spread := session.estimator.spread_record(_state(session)):
-                session.writer.write_metadata("replay_kit.spread", spread)
             session.writer.finish(flow)
         if job.netcdf is not None:
             write_grid(flow, job.netcdf)
@@ -226,8 +224,7 @@ def _notes(
         else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
     )
     # biases are one instrument's
-    about = estimator.window_notes if inputs.job.vehicles else estimator.bias_notes
-    biases = about(_state(session))
+    biases = estimator.remarks(_state(session))
     return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *no_goal]
 
 
@@ -249,7 +246,7 @@ def _score(
     if forecasts.evolves:
         # the estimate is of the log's end, and so is what it is compared with
         truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
-        prior_flow = prior_flow.at(session.last_ns)
+        prior_flow = prior_flow.moved(session.last_ns)
     if forecasts.read is not None:
         forecasts, box = forecasts.in_last_window(flow.grid)
         truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth

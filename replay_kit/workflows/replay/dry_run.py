@@ -73,17 +73,17 @@ def dry_run(
         estimator: Any = build(inputs.forecasts, config)
         timed = list(filter(estimator.usable, inputs.first))
         began = time.perf_counter()
-        if states := [state for state, _ in estimator.steps(estimator.initial(), timed)]:
-            estimator.weights(states)
+        if timed:
+            estimator.weights(estimator.assimilate(estimator.initial(), timed)[0])
         spent = time.perf_counter() - began
-    size = estimator.state_size
+    size = estimator.unknowns
     return DryRun(
         profiles=inputs.profiles,
         profiles_used=inputs.used,
         members=ensemble.n_members,
         grid=(ensemble.grid.east.shape[0], ensemble.grid.east.shape[1]),
         levels=tuple(float(level) for level in ensemble.grid.levels),
-        modes=estimator.basis_size[0],
+        modes=estimator.flow(estimator.initial()).n_modes,
         state_size=size,
         memory_mb=_BASE_MB + _COVARIANCES * 8e-6 * size**2 + 2e-6 * ensemble.velocity.nbytes,
         seconds=inputs.used * spent / len(timed) if timed else 0.0,
@@ -102,6 +102,6 @@ def print_dry_run(result: DryRun, console: Console) -> None:
     console.print(
         f"Would use {result.profiles_used} of {result.profiles} profiles with {result.members} members "
         f"on {rows} x {columns} points and {len(levels)} levels ({levels[0]:g} to {levels[-1]:g} m): "
-        f"{result.modes} modes a level, a state of {result.state_size} weights. "
+        f"{result.modes} modes a level, a state of {result.state_size} unknowns. "
         f"Expected: {result.memory_mb:.0f} MB, {result.seconds:.0f} s for the updates. Nothing was written.",
     )

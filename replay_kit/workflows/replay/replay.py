@@ -289,14 +289,10 @@ def _metadata(
 
 def _checkpoints(session: AnySession, inputs: Prepared) -> StateStore | None:
     """Return where the states of a replay are kept; None where they are not."""
-    job, settings, prior = (
-        inputs.job,
-        run_settings_toml(session.config),
-        session.estimator.common_part,
-    )
+    job, settings = inputs.job, run_settings_toml(session.config)
     if job.following is not None:
         return FollowedStates(
-            job.following.states, run_identity(lasting(inputs.metadata), settings), prior
+            job.following.states, run_identity(lasting(inputs.metadata), settings)
         )
     if job.checkpoint is None:
         return None
@@ -305,7 +301,6 @@ def _checkpoints(session: AnySession, inputs: Prepared) -> StateStore | None:
         job.checkpoint,
         run_identity(inputs.metadata, settings),
         interval,
-        prior,
         inputs.forecasts.region,
     )
 

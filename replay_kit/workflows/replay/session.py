@@ -68,6 +68,7 @@ class ReplayState:
         forecasts: Of the surfacings expected.
         flight: Of the flight model's error.
         last_ns: Time of the last message [ns, UTC].
+        first_ns: Time of the first position or measurement [ns, UTC]; None before it.
     """
 
     estimation: EstimationState
@@ -78,6 +79,7 @@ class ReplayState:
     forecasts: ForecastState = field(default_factory=ForecastState)
     flight: FlightState = field(default_factory=FlightState)
     last_ns: int = 0
+    first_ns: int | None = None
 
 
 class Session:
@@ -145,6 +147,7 @@ class Session:
             self.forecasts,
             self.flight,
             self.last_ns,
+            self.first_ns,
         )
 
     @property
@@ -186,6 +189,7 @@ class Session:
             state.last_ns,
         )
         self.forecasts, self.flight = state.forecasts, state.flight
+        self.first_ns: int | None = state.first_ns
         self.estimator = consistency.trusting(self.built, self.monitoring)
 
     def summarised(self, events: Iterable[Event]) -> Iterator[PingSummary]:
@@ -217,7 +221,10 @@ class Session:
         for given in events:
             if isinstance(given, Used | Skipped):
                 self._uncounted.append(given)
-            elif isinstance(given, VehicleState | Observation):
+                continue
+            first_ns = given.time_ns if self.first_ns is None else self.first_ns
+            self.first_ns = min(first_ns, given.time_ns)
+            if isinstance(given, VehicleState | Observation):
                 summary = next(pings) if isinstance(given, Observation) else None
                 self._n_profiles += summary is not None
                 self._unchecked.append((self.last_ns, given, summary))
@@ -352,7 +359,9 @@ class Session:
     def after_block(self) -> None:
         """Publish the last estimates of the windows that vehicles have left, and forget them."""
         if self.writer is not None:
-            self.publish_windows(self.estimator.left_flows(self.estimation.current))
+            self.publish_windows(
+                map(self._dated, self.estimator.left_flows(self.estimation.current))
+            )
         for vehicle in self.shared.vehicles:
             vehicle.estimation = kept(vehicle.estimator, vehicle.estimation)
 
@@ -365,7 +374,7 @@ class Session:
 
     def conclude(self, about: Mapping[str, str]) -> FlowEstimate:
         """Finish a surfacing, plan from the last position and publish the last slices; return the last estimate, with its citation."""
-        flow = replace(self.end(), about=about)
+        flow = self._dated(replace(self.end(), about=about))
         self.publish(flow, self.last_ns)
         return flow
 
@@ -385,6 +394,12 @@ class Session:
         """Return the estimate of a state for a time [ns, UTC], with the current beside it as the dives so far show it."""
         flow, local = flow_at(self.estimator, state, time_ns), local_current(self.forecasts.local)
         return flow if local is None else replace(flow, local=local)
+
+    def _dated(self, flow: FlowEstimate) -> FlowEstimate:
+        """Return an estimate with the span of its data, which ends at its time."""
+        if self.first_ns is None or flow.time_ns is None:
+            return flow
+        return replace(flow, span_ns=(self.first_ns, max(self.first_ns, flow.time_ns)))
 
     def _plan(
         self, stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]], *arguments: Any

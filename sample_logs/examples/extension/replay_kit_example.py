@@ -12,7 +12,7 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import LinearMeasurement, Observation
 from replay_kit.estimator import Estimator
-from replay_kit.estimator.baselines.whole_flows import build_nearest
+from replay_kit.estimator.baselines import nearest_member
 from replay_kit.logs.glider.dialects import Dialect
 from replay_kit.measurements.consistency.summary import PingSummary
 from replay_kit.results.views.contents import Contents
@@ -45,7 +45,7 @@ def radial(payload: Mapping[str, Any]) -> LinearMeasurement | str:
 
 def build_closest(ensemble: Ensemble, config: EstimatorConfig) -> Estimator:
     """Return an estimator that takes the member nearest to what was measured: what others must beat."""
-    return build_nearest(ensemble, config)
+    return nearest_member(ensemble, config)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,23 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.core.flow.load import load_bytes
-from replay_kit.core.flow.local import LocalCurrent
-from replay_kit.core.flow.lossless import save_bytes
+from tests.core.flow.made import HOUR, LOCAL
 from tests.reference import local as slow
+from tests.synthetic_flow import TIME_NS as NOW
 
-HOUR = 3600 * 10**9
-NOW = 1_700_000_000 * 10**9
-LOCAL = LocalCurrent(
-    probability=np.array([0.3, 0.5, 0.2]),
-    std=np.array([0.0, 0.08, 0.16]),
-    scale=np.array([6.0, 24.0, 96.0]) * 3600.0,
-    mean=np.array([[0.0, 0.0], [0.06, -0.02], [0.1, 0.03]]),
-    cov=np.array(
-        [[[0.0, 0.0], [0.0, 0.0]], [[4e-4, 1e-4], [1e-4, 3e-4]], [[9e-4, 0.0], [0.0, 9e-4]]]
-    ),
-    time_ns=NOW,
-)
 TIMES = [NOW - HOUR, NOW, NOW + 5 * HOUR, NOW + 40 * HOUR]
 
 
@@ -65,13 +52,7 @@ def test_the_same_seed_gives_the_same_courses_and_times_before_the_last_dive_cou
     assert not np.array_equal(drawn, LOCAL.sample(TIMES, 5, seed=4))
 
 
-def test_it_survives_a_file_and_no_velocity_includes_it(flow):
+def test_no_velocity_includes_it(flow):
     beside = replace(flow, local=LOCAL)
-    again = load_bytes(save_bytes(beside), "flow")
-    assert again.local is not None
-    for name in ("probability", "std", "scale", "mean", "cov"):
-        np.testing.assert_array_equal(getattr(again.local, name), getattr(LOCAL, name))
-    assert again.local.time_ns == NOW
-    np.testing.assert_array_equal(again.velocity(0.0, 0.0, 10.0), flow.velocity(0.0, 0.0, 10.0))
-    assert load_bytes(save_bytes(flow), "flow").local is None
+    np.testing.assert_array_equal(beside.velocity(0.0, 0.0, 10.0), flow.velocity(0.0, 0.0, 10.0))
     assert beside.mean_flow().local is None

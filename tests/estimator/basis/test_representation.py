@@ -1,13 +1,10 @@
 """The representation error: of shifted copies, node by node, and where it is used."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.geodesy import to_geographic
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from replay_kit.estimator.basis.shifts import error_field, shifted_residual
 from replay_kit.estimator.basis.slices import correlation_length, ensemble_slices
 from tests import synthetic
@@ -37,16 +34,6 @@ def test_it_is_what_least_squares_leaves_of_shifted_copies():
     np.testing.assert_allclose(found, slow_residual(slices - mean, modes, NODES, 1.2e4), rtol=1e-9)
 
 
-def test_a_basis_of_all_flows_leaves_nothing_and_fewer_modes_leave_more():
-    slices = ensemble_slices(SMALL)
-    whole = np.eye(2 * len(NODES))
-    assert shifted_residual(SMALL, slices.mean(axis=0), whole, 1e4).max() < 1e-12
-    few, fewer = (
-        build_estimator(SMALL, EstimatorConfig(modes=n)).basis.truncation_std for n in (12, 4)
-    )
-    assert np.all(fewer > few)
-
-
 def test_the_nearest_node_s_error_counts_with_the_level_s_size():
     std = np.abs(np.random.default_rng(1).standard_normal((3, len(NODES)))) + 0.01
     field = error_field(std, NODES)
@@ -57,27 +44,12 @@ def test_the_nearest_node_s_error_counts_with_the_level_s_size():
 
 
 @pytest.mark.parametrize("stated", [None, 0.07])
-def test_a_profile_errs_by_what_the_basis_leaves_at_its_place(stated):
-    estimator = build_estimator(SMALL, EstimatorConfig(modes=6, representation_error_std=stated))
-    (profile,) = synthetic.random_profiles(SMALL.grid, 1)
-    for node in (0, 11):
-        longitude, latitude = to_geographic(SMALL.grid.projection, *NODES[node])
-        here = replace(
-            profile, longitude=float(longitude), latitude=float(latitude), depth=SMALL.grid.levels
-        )
-        here = replace(
-            here,
-            **{
-                name: getattr(profile, name)[:3]
-                for name in ("velocity", "error_std", "flags", "reasons")
-            },
-        )
-        noise = estimator.noise(here.linear, np.arange(3))
-        expected = 0.07
-        if stated is None:
-            modes = estimator.basis.horizontal.velocity(NODES, estimator.basis.modes).reshape(
-                2 * len(NODES), -1
-            )
-            mean = ensemble_slices(SMALL).mean(axis=0)
-            expected = shifted_residual(SMALL, mean, modes, correlation_length(SMALL))[:, node]
-        np.testing.assert_allclose(noise.std, np.hypot(here.error_std, expected), rtol=1e-9)
+def test_an_estimate_errs_by_what_the_basis_leaves_at_each_place(stated):
+    config = EstimatorConfig(modes=6, representation_error_std=stated, dropped_std=0.0)
+    estimator = build([SMALL], config)
+    basis = estimator.observer.basis
+    modes = basis.horizontal.velocity(NODES, basis.modes).reshape(2 * len(NODES), -1)
+    mean = ensemble_slices(SMALL).mean(axis=0)
+    expected = shifted_residual(SMALL, mean, modes, correlation_length(SMALL))
+    error = estimator.flow(estimator.initial()).unknowns.error
+    np.testing.assert_allclose(error, expected if stated is None else stated, rtol=1e-9)

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.cli.app import main
 from replay_kit.config.run import EstimatorConfig, load_config
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.prior import fit
 from replay_kit.estimator.prior.fit import (
@@ -24,6 +23,7 @@ from replay_kit.estimator.prior.fit import (
 )
 from replay_kit.estimator.prior.hybrid import PriorSettings
 from tests import synthetic
+from tests.command import invoke, run_command
 from tests.reference import baselines as slow_scores
 from tests.reference import estimator as slow
 from tests.remembered import score_member
@@ -138,20 +138,6 @@ def test_the_shift_is_a_length_or_half_of_it_as_suits_members_left_out(length, s
         assert chosen == start
 
 
-@pytest.mark.parametrize("shift", [None, 1e4])
-def test_as_many_steps_are_told_as_a_choice_takes(shift, monkeypatch):
-    told = []
-
-    def counted(_, total):
-        told.append(total)
-        return lambda: told.append(None)
-
-    monkeypatch.setattr(fit, "counted", counted)
-    members = members_of(0, 5, lambda rng, nodes: rng.standard_normal(len(nodes)), n_side=3)
-    choose_settings(members, 1e4, EstimatorConfig(shift_distance=shift))
-    assert told == [told[0], *[None] * told[0]]
-
-
 def test_three_members_are_too_few_to_spare_one():
     three = members_of(0, 3, lambda rng, nodes: rng.standard_normal(len(nodes)), n_side=3)
     assert score_sample_shares(three, PriorSettings(0.5, 0.0, 3e4), SHARES, 6) == []
@@ -167,81 +153,18 @@ def test_every_step_is_told():
     assert len({row.settings.radius for row in rows if row.settings.shift == best(rows).shift}) == 3
 
 
-def test_the_command_writes_settings_that_the_estimator_takes(tmp_path, capsys):
-    ensemble, out = tmp_path / "e.nc", tmp_path / "params.toml"
-    synthetic.dataset(n_members=6).to_netcdf(ensemble)
-    assert (
-        run_cli(
-            [
-                "fit",
-                str(ensemble),
-                "-o",
-                str(out),
-                "--left-out",
-                "2",
-                "--json",
-                str(tmp_path / "fit.json"),
-            ]
-        )
-        == 0
-    )
+def test_the_command_writes_settings_that_the_estimator_takes(tmp_path):
+    synthetic.dataset(n_members=6).to_netcdf(tmp_path / "e.nc")
+    line = "fit e.nc -o params.toml --left-out 2 --json fit.json"
+    assert "Chosen: sample share" in run_command(tmp_path, line).stdout
     answer = json.loads((tmp_path / "fit.json").read_text())
-    section = tomllib.loads(out.read_text())["estimator"]
+    section = tomllib.loads((tmp_path / "params.toml").read_text())["estimator"]
     assert section["sample_share"] == answer["chosen"]["sample_share"]
-    assert min(row["score"] for row in answer["rows"]) == next(
-        row["score"] for row in answer["rows"] if row["settings"] == answer["chosen"]
-    )
-    assert "Chosen: sample share" in capsys.readouterr().out
-    config = load_config(out).estimator
-    data = synthetic.ensemble(n_members=6)
-    factor = build_estimator(data, config).prior.factor
-    # the ensemble mean has a row too
-    assert factor.shape[0] == (31 if config.shift_distance else 7)
-    assert answer["length"] == pytest.approx(correlation_length(data), rel=1e-3)
-
-
-def test_the_command_takes_one_file_a_member(tmp_path):
-    members = synthetic.dataset(n_members=5)
-    files = [str(tmp_path / f"mem{k:03d}.nc") for k in range(5)]
-    for k, file in enumerate(files):
-        members.isel(member=k, drop=True).to_netcdf(file)
-    members.to_netcdf(tmp_path / "all.nc")
-    answers = []
-    for number, given in enumerate((files, [str(tmp_path / "all.nc")])):
-        answer = tmp_path / f"{number}.json"
-        assert (
-            run_cli(
-                [
-                    "fit",
-                    *given,
-                    "-o",
-                    str(tmp_path / f"{number}.toml"),
-                    "--left-out",
-                    "1",
-                    "--json",
-                    str(answer),
-                ]
-            )
-            == 0
-        )
-        answers.append(json.loads(answer.read_text())["chosen"])
-    assert answers[0] == pytest.approx(answers[1], rel=1e-9)
-
-
-def test_the_command_says_what_it_cannot_use(tmp_path, capsys):
-    few, out = tmp_path / "few.nc", tmp_path / "p.toml"
-    synthetic.dataset(n_members=3).to_netcdf(few)
-    assert run_cli(["fit", str(few), "-o", str(out)]) == 3
-    assert "at least 4, got 3" in capsys.readouterr().err
-    assert not out.exists()
-    out.write_text("mine")
-    assert run_cli(["fit", str(few), "-o", str(out)]) == 2
-    assert out.read_text() == "mine"
-
-
-def run_cli(arguments):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["replay-kit", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-    return ended.value.code or 0
+    scores = {row["score"]: row["settings"] for row in answer["rows"]}
+    assert scores[min(scores)] == answer["chosen"]
+    config, sea = load_config(tmp_path / "params.toml").estimator, synthetic.ensemble(n_members=6)
+    assert f"sample share {config.sample_share:.2f}" in build([sea], config).notes()[0]
+    assert answer["length"] == pytest.approx(correlation_length(sea), rel=1e-3)
+    synthetic.dataset(n_members=3).to_netcdf(tmp_path / "few.nc")
+    few = invoke(["fit", str(tmp_path / "few.nc"), "-o", str(tmp_path / "p.toml")])
+    assert (few.exit_code, "at least 4, got 3" in few.stderr) == (3, True)

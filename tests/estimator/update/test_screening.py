@@ -100,19 +100,6 @@ def test_a_mean_along_a_path_stands_where_half_of_its_time_has_passed():
     assert mean.linear.value_depth.tolist() == [50.0]
 
 
-def test_a_profile_is_repeated_in_every_number_or_not_at_all():
-    one = synthetic.profile(GRID, 0.0, 0.0, np.array([10.0, np.nan]), np.zeros((2, 2)), time_ns=5)
-    assert is_duplicate(one.linear, replace(one))
-    assert not is_duplicate(None, one)
-    for changes in (
-        {"time_ns": 6},
-        {"longitude": one.longitude + 1e-9},
-        {"depth": np.array([10.0, 20.0])},
-        {"velocity": one.velocity + 1e-9},
-    ):
-        assert not is_duplicate(one.linear, replace(one, **changes))
-
-
 PROFILE = synthetic.profile(
     GRID, 1e3, 2e3, np.array([20.0, 40.0]), np.array([[0.1, np.nan], [0.2, -0.1]]), 0.05, time_ns=7
 )

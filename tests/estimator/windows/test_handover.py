@@ -5,151 +5,130 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Flag
-from replay_kit.estimator import build_estimator
-from replay_kit.estimator.prior.conditioned import conditioned
+from replay_kit.estimator import build
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.estimator.update.representation import select_representation, to_full_covariance
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.estimator.windows.handover import hand_over, overlap
 from tests import synthetic
 
-CONFIG = EstimatorConfig(modes=20, sample_share=0.4, representation_error_std=0.0)
+CONFIG = EstimatorConfig(
+    modes=20, sample_share=0.4, representation_error_std=0.0, spread="as_given"
+)
 WHOLE = synthetic.ensemble(3, n_members=12, shape=(8, 12))
+DEPTHS = np.array([5.0, 60.0, 150.0, 300.0])
 
 
 def columns(first, last) -> Ensemble:
     """Some columns of the ensemble, in its local frame."""
     part, grid = slice(first, last), WHOLE.grid
-    cut = {
-        name: getattr(grid, name)[..., part]
-        for name in ("longitude", "latitude", "east", "north", "wet")
-    }
+    names = ("longitude", "latitude", "east", "north", "wet")
+    cut = {name: getattr(grid, name)[..., part] for name in names}
     return replace(WHOLE, grid=replace(grid, **cut), velocity=WHOLE.velocity[..., part])
 
 
 def after(estimator, n=12, seed=1):
-    *_, (state, _) = estimator.steps(
-        estimator.initial(), synthetic.random_profiles(estimator.basis.grid, n, seed)
-    )
-    return state
-
-
-def at_common_points(one, other, *states):
-    """Means and standard errors of some estimators' states where the windows of two overlap."""
-    points = overlap(one.basis.grid, other.basis.grid)
-    return [at_points(estimator, state, points) for estimator, state in states]
+    return estimator.assimilate(
+        estimator.initial(), synthetic.random_profiles(estimator.grid, n, seed)
+    )[0]
 
 
 def at_points(estimator, state, points):
-    east, north = np.repeat(points[None], 3, axis=0).reshape(-1, 2).T
-    depth = np.repeat([20.0, 90.0, 200.0], len(points))
+    """Mean and standard error at points and three depths."""
+    at = points[:, 0], points[:, 1], DEPTHS[:3, None]
     flow = estimator.flow(state)
-    return flow.velocity(east, north, depth), flow.standard_error(east, north, depth)
+    return flow.velocity(*at), flow.standard_error(*at)
+
+
+def rms(values):
+    return np.sqrt(np.mean(np.square(values)))
 
 
 @pytest.fixture(scope="module")
 def one():
-    return build_estimator(columns(0, 8), CONFIG)
+    return build([columns(0, 8)], CONFIG)
 
 
-def test_a_window_handed_over_to_itself_is_the_same(one):
-    state = after(one)
-    again, loss = hand_over(one, state, one)
-    (mean, error), (mean_again, error_again), (_, prior_error) = at_common_points(
-        one, one, (one, state), (one, again), (one, one.initial())
-    )
-    assert loss < 0.01
-    assert np.abs(mean_again - mean).max() < 0.2 * error.min()
-    assert np.sqrt(np.mean((error_again / error - 1.0) ** 2)) < 0.03
-    assert error.mean() < 0.5 * prior_error.mean()
+def test_where_members_are_all_that_is_known_it_is_the_estimate_of_both_windows_at_once():
+    """Bins at nodes, where every basis has the members themselves: in the overlap, and beyond it as the members carry it on."""
+    alone = {"sample_share": 1.0, "shift_distance": 0.0, "modes": None, "nugget": 1e-12}
+    config = CONFIG.model_copy(update={**alone, "dropped_std": 1e-3})
+    first, second, both = (build([columns(*ends)], config) for ends in ((0, 8), (3, 12), (0, 12)))
+    points, rng = overlap(first.grid, second.grid), np.random.default_rng(0)
+    (truth,), log = both.flow(both.initial()).sample(1, 5), []
+    for k in range(100):
+        place = points[k % len(points)]
+        values = truth.velocity(*place, DEPTHS) + 0.02 * rng.standard_normal((4, 2))
+        log.append(synthetic.profile(WHOLE.grid, *place, DEPTHS, values, 0.02, time_ns=k))
+    (state, _), (whole, _) = (each.assimilate(each.initial(), log) for each in (first, both))
+    begun, _ = hand_over(first, state, second)
+    nodes = second.grid.nodes[second.grid.nodes[:, 0] < points[:, 0].max() + 1.5e4]
+    for places in (points, nodes):
+        (mean, error), (expected, of_both) = (
+            at_points(*each, places) for each in ((second, begun), (both, whole))
+        )
+        assert np.abs(mean - expected).max() < 1e-3
+        assert 0.99 < (error / of_both).min() <= (error / of_both).max() < 1.3
 
 
 def test_where_windows_overlap_the_next_knows_what_was_learnt_within_its_standard_error(one):
-    state, other = after(one), build_estimator(columns(3, 12), CONFIG)
+    state, other = after(one), build([columns(3, 12)], CONFIG)
     begun, _ = hand_over(one, state, other)
-    (mean, error), (begun_mean, begun_error), (prior_mean, prior_error) = at_common_points(
-        one, other, (one, state), (other, begun), (other, other.initial())
+    (mean, error), (begun_mean, begun_error), (prior_mean, prior_error) = (
+        at_points(*each, overlap(one.grid, other.grid))
+        for each in ((one, state), (other, begun), (other, other.initial()))
     )
-    change = np.sqrt(np.mean(((begun_mean - mean) / error) ** 2))
-    assert change < 1.0
-    assert np.sqrt(np.mean(((prior_mean - mean) / error) ** 2)) > 2.0
-    assert 0.9 < np.sqrt(np.mean(begun_error**2)) / np.sqrt(np.mean(error**2)) < 1.5
+    assert rms((begun_mean - mean) / error) < 1.0
+    assert rms((prior_mean - mean) / error) > 2.0
+    assert 0.9 < rms(begun_error) / rms(error) < 1.5
     assert np.all(begun_error < 1.001 * prior_error)
 
 
-def test_nothing_learnt_hands_over_the_next_prior(one):
-    other = build_estimator(columns(3, 12), CONFIG)
-    begun, loss = hand_over(one, one.initial(), other)
+@pytest.mark.parametrize("ends", [(3, 12), (8, 12)])
+def test_nothing_learnt_or_shared_hands_over_the_next_prior(one, ends):
+    other, state = build([columns(*ends)], CONFIG), one.initial() if ends[0] == 3 else after(one)
+    begun, loss = hand_over(one, state, other)
     assert loss == 0.0
-    assert np.array_equal(begun.mean, other.initial().mean)
-    assert np.allclose(begun.posterior.covariance(), other.prior.covariance(), atol=1e-9)
-
-
-def test_windows_apart_hand_over_nothing_but_what_is_known_of_the_instrument(one):
-    state, far = after(one), build_estimator(columns(8, 12), CONFIG)
-    begun, _ = hand_over(one, state, far)
-    assert np.array_equal(begun.mean, far.initial().mean)
-    assert begun.monitor is state.monitor
-    assert begun.last is state.last
-
-
-def test_rows_of_any_form_condition_a_prior_as_the_textbook_says(one):
-    rng = np.random.default_rng(5)
-    prior = one.prior
-    design = rng.standard_normal((7, *one.prior_weights.shape))
-    innovation = rng.standard_normal((7, 3))
-    found, sensitivity = conditioned(prior, design, innovation)
-    dense, rows = prior.covariance(), design.reshape(7, -1)
-    gain = dense @ rows.T @ np.linalg.inv(rows @ dense @ rows.T + np.eye(7))
-    covariance = dense - gain @ rows @ dense
-    scale = np.abs(dense).max()
-    assert np.allclose(found.mean, prior.mean + gain @ innovation[:, 0], atol=1e-9)
-    assert np.allclose(sensitivity.reshape(2, -1), (gain @ innovation[:, 1:]).T, atol=1e-9)
-    assert np.allclose(found.covariance(), covariance, atol=1e-9 * scale)
-    r = design.shape[2]
-    assert np.allclose(
-        found.covariance((1, 2)), covariance[r : 3 * r, r : 3 * r], atol=1e-9 * scale
-    )
-    weights = rng.standard_normal((2, *design.shape[1:]))
-    assert np.allclose(
-        found.matvec(weights).reshape(2, -1), weights.reshape(2, -1) @ covariance, atol=1e-8 * scale
-    )
-    basis, by_level = (
-        rng.standard_normal((3, r)),
-        covariance.reshape(len(design[0]), r, len(design[0]), r),
-    )
-    assert np.allclose(
-        found.matvec_modes(basis), np.einsum("cr,zryq->zcyq", basis, by_level), atol=1e-8 * scale
-    )
-    assert np.allclose(
-        found.matvec_modes(basis, (2,)),
-        np.einsum("cr,zryq->zcyq", basis, by_level[:, :, 2:3]),
-        atol=1e-8 * scale,
-    )
-    assert np.allclose(
-        found.mode_std() ** 2, np.einsum("zrzr->r", by_level) / len(design[0]), atol=1e-9 * scale
-    )
+    np.testing.assert_allclose(begun.x, 0.0)
+    np.testing.assert_allclose(begun.covariance, np.eye(other.unknowns), atol=1e-9)
+    assert (begun.time_ns, begun.last) == (state.time_ns, state.last)
 
 
 @pytest.mark.parametrize("n", [5, 40])
-def test_the_covariance_of_combinations_is_that_of_the_weights(one, n):
-    posterior = after(one, n).posterior
-    design = np.random.default_rng(2).standard_normal((4, *one.prior_weights.shape))
-    rows = design.reshape(4, -1)
-    for form in (posterior, select_representation(posterior), to_full_covariance(posterior)):
-        expected = rows @ form.covariance() @ rows.T
-        assert np.allclose(
-            form.covariance_of(design),
-            expected,
-            atol=1e-9 * np.abs(rows @ one.prior.covariance() @ rows.T).max(),
-        )
+def test_what_the_log_said_of_the_prior_holds_in_the_next_window_too(n):
+    """Its scale, its centre in units of the next window's members, and no column of the window before."""
+    config = CONFIG.model_copy(update={"spread": None})
+    before, other = (
+        build([columns(*ends)], config.model_copy(update={"sample_share": share}), GatingConfig())
+        for ends, share in (((0, 8), 0.4), ((3, 12), 0.6))
+    )
+    state = after(before, n)
+    wide = replace(state, scale=9.0, centre=None)
+    begun, _ = hand_over(before, wide, other)
+    assert (begun.scale, begun.profiles) == (9.0, n)
+    prior, _ = hand_over(before, replace(before.initial(), scale=9.0), other)
+    assert np.diag(prior.covariance)[1:] == pytest.approx(9.0, abs=1e-9)
+    begun, _ = hand_over(before, state, other)
+    assert (begun.centre is None) == (state.centre is None) == (n < 28)
+    if begun.centre is not None:
+        anomalies = [each.evidence.parts.anomaly for each in (before, other)]
+        np.testing.assert_allclose(begun.centre / anomalies[1], state.centre / anomalies[0])
+    wrong = [
+        replace(each, velocity=each.velocity + 5.0, time_ns=10**12 + each.time_ns)
+        for each in synthetic.random_profiles(columns(4, 8).grid, 14, 3)
+    ]
+    sound = synthetic.random_profiles(columns(4, 8).grid, 2, 9)
+    doubted, _ = before.assimilate(before.initial(), [*sound, *wrong[:4]])
+    begun, _ = hand_over(before, doubted, other)
+    end, _ = other.assimilate(begun, wrong[4:])
+    assert np.isfinite(end.x).all()
 
 
 def test_windows_say_of_measurements_what_the_estimator_of_the_window_says(one):
-    grid = one.basis.grid
+    grid = one.grid
     west, south, east, north = (
         f(values) for f in (np.min, np.max) for values in (grid.longitude, grid.latitude)
     )
@@ -163,9 +142,7 @@ def test_windows_say_of_measurements_what_the_estimator_of_the_window_says(one):
             windows.innovation(state, profile), one.innovation(inner, profile)
         )
     group = ProfileGroup(tuple(others))
-    np.testing.assert_array_equal(
-        windows.group_innovation(state, group), one.group_innovation(inner, group)
-    )
+    np.testing.assert_array_equal(windows.innovation(state, group), one.innovation(inner, group))
     nothing = replace(
         first,
         velocity=np.full_like(first.velocity, np.nan),
@@ -186,11 +163,14 @@ def test_windows_say_of_measurements_what_the_estimator_of_the_window_says(one):
 
 def test_a_window_that_represents_half_is_no_surer_of_what_both_know(one):
     """What it cannot take over is an error of as many unknowns as there are, not of as many as points."""
-    other = build_estimator(columns(3, 12), CONFIG.model_copy(update={"modes": 10}))
+    other = build([columns(3, 12)], CONFIG.model_copy(update={"modes": 10}))
     ratios = []
     for seed in range(4):
         state = after(one, seed=seed)
         begun, _ = hand_over(one, state, other)
-        (_, error), (_, begun_error) = at_common_points(one, other, (one, state), (other, begun))
+        points = overlap(one.grid, other.grid)
+        (_, error), (_, begun_error) = (
+            at_points(*each, points) for each in ((one, state), (other, begun))
+        )
         ratios.append(np.sqrt(np.mean(begun_error**2) / np.mean(error**2)))
     assert np.mean(ratios) > 0.78

@@ -30,7 +30,7 @@ def estimates(estimators, events):
     """The state after measurements, each with the number of its vehicle."""
     state = estimators[0].initial()
     for number, ping in events:
-        state, _ = estimators[number].step(state, ping)
+        state, _ = estimators[number].assimilate(state, [ping])
     return state
 
 
@@ -60,10 +60,10 @@ def test_vehicles_near_each_other_share_the_window_of_one_estimate(scene):
     (window,) = state.windows
     assert (window.region, window.vehicles, state.number) == (west.first, (0, 1), 1)
     one = west.build(west.first)
-    *_, (expected, _) = one.steps(one.initial(), pings[:4])
-    np.testing.assert_allclose(window.state.mean, expected.mean, rtol=0.0, atol=1e-10)
+    expected, _ = one.assimilate(one.initial(), pings[:4])
+    np.testing.assert_allclose(window.state.x, expected.x, rtol=0.0, atol=1e-10)
     assert west.window(state) == other.window(state) == west.first
-    assert "windows" not in " ".join(west.window_notes(state))
+    assert "windows" not in " ".join(west.remarks(state))
 
 
 def test_each_measurement_counts_once_in_every_window_that_holds_it(scene):
@@ -76,8 +76,8 @@ def test_each_measurement_counts_once_in_every_window_that_holds_it(scene):
     state = estimates((west, other), [(0, pings[0]), (1, far), (0, near)])
     for window, events in zip(state.windows, ([pings[0], near], [far, near]), strict=True):
         one = west.build(window.region)
-        *_, (expected, _) = one.steps(one.initial(), events)
-        np.testing.assert_allclose(window.state.mean, expected.mean, rtol=0.0, atol=1e-10)
+        expected, _ = one.assimilate(one.initial(), events)
+        np.testing.assert_allclose(window.state.x, expected.x, rtol=0.0, atol=1e-10)
 
 
 def test_a_vehicle_joins_the_window_that_holds_it_and_the_one_that_all_left_is_kept_once(scene):
@@ -90,16 +90,14 @@ def test_a_vehicle_joins_the_window_that_holds_it_and_the_one_that_all_left_is_k
     assert state.left[0].region == west.first
     assert west.without_left(state).left == ()
     assert len(list(west.left_flows(state))) == 1
-    assert west.window_notes(state)[0].startswith("2 windows followed the vehicles; up to")
+    assert west.remarks(state)[0].startswith("2 windows followed the vehicles; up to")
 
 
 def test_a_vehicle_whose_measurements_are_not_used_takes_its_window_with_it(scene):
     west, pings, _ = scene
     state = unused = west.initial()
     for ping in pings:
-        state, unused = west.step(state, ping)[0], west.moved(unused, ping)
+        state, unused = west.assimilate(state, [ping])[0], west.moved(unused, ping)
     assert [one.region for one in unused.left] == [one.region for one in state.left]
     prior = west.build(west.window(state))
-    np.testing.assert_allclose(
-        unused.windows[0].state.mean, prior.initial().mean, rtol=0.0, atol=1e-10
-    )
+    np.testing.assert_allclose(unused.windows[0].state.x, prior.initial().x, rtol=0.0, atol=1e-10)

@@ -62,11 +62,11 @@ def test_steps_in_blocks_are_single_steps(scene):
     estimator = windowed(of, TINY, pings[0], 25_000.0, QUICK)
     state = estimator.initial()
     for ping in pings:
-        state, _ = estimator.step(state, ping)
-    *_, (blocks, _) = estimator.steps(estimator.initial(), pings)
+        state, _ = estimator.assimilate(state, [ping])
+    blocks, _ = estimator.assimilate(estimator.initial(), pings)
     assert [window.region for window in blocks.left] == [window.region for window in state.left]
     assert len(blocks.left) > 1
-    assert np.allclose(blocks.windows[0].state.mean, state.windows[0].state.mean, atol=1e-8)
+    assert np.allclose(blocks.windows[0].state.x, state.windows[0].state.x, atol=1e-8)
 
 
 def test_windows_that_were_left_can_be_forgotten(scene):
@@ -75,14 +75,14 @@ def test_windows_that_were_left_can_be_forgotten(scene):
     kept = brief = estimator.initial()
     flows = []
     for ping in pings:
-        kept, _ = estimator.step(kept, ping)
-        brief, _ = estimator.step(brief, ping)
+        kept, _ = estimator.assimilate(kept, [ping])
+        brief, _ = estimator.assimilate(brief, [ping])
         flows += estimator.left_flows(brief)
         brief = estimator.without_left(brief)
         assert brief.left == ()
     assert len(flows) == len(kept.left) == brief.number - 1 > 1
-    assert estimator.bias_notes(brief) == estimator.bias_notes(kept)
-    assert np.array_equal(brief.windows[0].state.mean, kept.windows[0].state.mean)
+    assert estimator.remarks(brief) == estimator.remarks(kept)
+    assert np.array_equal(brief.windows[0].state.x, kept.windows[0].state.x)
     for one, other in zip(flows, estimator.left_flows(kept), strict=True):
         assert np.array_equal(one.latent, other.latent)
 
@@ -91,11 +91,11 @@ def test_one_measurement_far_away_does_not_move_the_window_but_three_do(scene):
     of, pings = scene
     estimator = windowed(of, TINY, pings[0], 25_000.0, QUICK)
     first, far = pings[:3], pings[-5:]
-    *_, (state, innovation) = estimator.steps(estimator.initial(), [*first, far[0], *first])
+    state, steps = estimator.assimilate(estimator.initial(), [*first, far[0], *first])
     assert estimator.window(state) == estimator.first
     assert not state.strays
-    assert innovation.accepted or innovation.decision != "unused"
-    *_, (state, _) = estimator.steps(estimator.initial(), [*first, *far])
+    assert steps[-1].innovation.decision != "unusable"
+    state, _ = estimator.assimilate(estimator.initial(), [*first, *far])
     assert estimator.window(state) != estimator.first
     assert inside(estimator.window(state), far[-1].longitude, far[-1].latitude)
 
@@ -110,9 +110,9 @@ def test_a_window_that_cannot_be_made_leaves_the_vehicle_in_its_own_and_is_told(
         return whole.build(region)
 
     estimator = WindowedEstimator(whole.first, whole.margin, whole.bounds, only_first)
-    *_, (state, _) = estimator.steps(estimator.initial(), pings)
+    state, _ = estimator.assimilate(estimator.initial(), pings)
     assert estimator.window(state) == whole.first
     assert any(
         "no window could be made at" in note and "is land" in note
-        for note in estimator.bias_notes(state)
+        for note in estimator.remarks(state)
     )

@@ -197,27 +197,6 @@ def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path):
 
 
 @broken
-@given(part=st.floats(0.0, 1.0))
-def test_a_cut_log_gives_a_prefix_and_a_loss(tmp_path, part):
-    parts = dataflash(4)
-    whole = b"".join(parts)
-    everything, _ = read_log(tmp_path, whole)
-    ends = np.cumsum([len(p) for p in parts])
-    cut = len(parts[0]) + int(part * (len(whole) - len(parts[0])))
-    messages, report = read_log(tmp_path, whole[:cut])
-    used = int(max(end for end in ends if end <= cut))
-    n_after = int(np.count_nonzero((ends > len(parts[0])) & (ends <= cut)))
-    declared = len(everything) - (len(parts) - 1)
-    assert [m.payload for m in messages[:declared]] == [m.payload for m in everything[:declared]]
-    assert repr([m.payload for m in messages[declared:]]) == repr(
-        [m.payload for m in everything[declared : declared + n_after]]
-    )
-    assert [(loss.offset, loss.bytes) for loss in report.losses] == (
-        [(used, cut - used)] if cut > used else []
-    )
-
-
-@broken
 @given(at=st.integers(0, 10_000), value=st.integers(1, 255))
 def test_any_damaged_byte_is_survived(tmp_path, at, value):
     parts = dataflash(6)
@@ -233,16 +212,6 @@ def test_any_damaged_byte_is_survived(tmp_path, at, value):
     assert ours[:n_before] == expected[:n_before]
     assert len(expected) - 2 <= len(ours) <= len(expected)
     assert ours[len(ours) - len(expected) + n_before + 2 :] == expected[n_before + 2 :]
-
-
-@broken
-@given(data=st.binary(max_size=400))
-def test_noise_is_no_message_or_an_error_of_ours(tmp_path, data):
-    try:
-        messages, _ = read_log(tmp_path, b"\xa3\x95\x80" + data)
-    except LogError:
-        return
-    assert all(m.schema == "dataflash.FMT" for m in messages)
 
 
 @pytest.mark.parametrize("block", [50, 300, 4096])

@@ -3,16 +3,13 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.core.errors import LogError
 from replay_kit.core.message import LogReport
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.reader import TlogReader
-from tests.logs.log_samples import SHARED, attitude, broken, json_mcap, read_log, tlog, tlog_entry
+from tests.logs.log_samples import SHARED, attitude, json_mcap, read_log, tlog, tlog_entry
 from tests.places import needs
 
 START = 1_700_000_000_000_000
@@ -140,38 +137,6 @@ def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path, at):
         10**6 * (k + (k == at)) for k in range(6)
     ]
     assert report.notes == ("1 outlier stamps were replaced by the following stamp",)
-
-
-@broken
-@given(part=st.floats(0.0, 1.0))
-def test_a_cut_log_gives_a_prefix_and_a_loss(tmp_path, part):
-    entries = tlog(8)
-    whole = b"".join(entries)
-    cut = int(part * len(whole))
-    sizes = [sum(map(len, entries[:k])) for k in range(len(entries) + 1)]
-    try:
-        messages, report = read_log(tmp_path, whole[:cut])
-    except LogError:
-        assert cut < sizes[1]
-        return
-    used = max(size for size in sizes if size <= cut)
-    assert boots(messages) == list(range(sizes.index(used)))
-    assert [(loss.offset, loss.bytes) for loss in report.losses] == (
-        [(used, cut - used)] if cut > used else []
-    )
-
-
-@broken
-@given(at=st.integers(0, 10_000), value=st.integers(1, 255))
-def test_a_damaged_byte_costs_one_frame_at_most(tmp_path, at, value):
-    whole = bytearray(b"".join(tlog(8)))
-    whole[at % len(whole)] ^= value
-    messages, report = read_log(tmp_path, bytes(whole))
-    missing = set(range(8)) - set(boots(messages))
-    assert len(missing) <= 1
-    assert boots(messages) == sorted(boots(messages))
-    # A byte of the message's number may make it a message that nobody knows, whose checksum nobody can verify.
-    assert len(missing) == len(report.losses) + len(report.undecodable)
 
 
 def test_an_mcap_file_is_no_tlog(tmp_path):

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
@@ -19,7 +18,6 @@ from replay_kit.measurements.messages.mavlink import (
     is_complete,
     ping_frame,
 )
-from tests.measurements.samples import ping
 
 STATED = (
     "heading",
@@ -98,11 +96,3 @@ def test_a_ping_comes_back_to_the_last_bit_of_float32(tmp_path, payload, time_us
     )
     for name in ("cell_size", "bin0_distance", *STATED):
         assert_array_equal(back[name], float32(payload[name]))
-
-
-@pytest.mark.parametrize("part", ["ADCP_E", "ADCP_CFG"])
-def test_a_ping_without_one_of_its_frames_is_not_complete(tmp_path, part):
-    write_tlog(tmp_path / "log", [ping(10**9)])
-    frames = {frame.name: frame for frame in frames_in(tmp_path / "log")[1] if frame.name != part}
-    assert len(frames) == 4
-    assert not is_complete(frames)

@@ -29,6 +29,7 @@ from tests.planners.flow_samples import (
     uniform_flow,
 )
 from tests.reference.reference_path import farthest_left_out
+from tests.synthetic_flow import with_weights
 
 SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
 FLOW = eddying_flow(7)
@@ -253,7 +254,7 @@ def test_a_list_is_judged_in_samples_with_and_without_the_gliders_own_correction
     modes = np.column_stack([uniform_flow(*one).latent[:, 0] for one in np.eye(2)])
     n_levels = flow.levels.size
     covariance = 0.06**2 * np.kron(np.ones((n_levels, n_levels)), np.eye(2))
-    flow = replace(flow, modes=modes, covariance=covariance)
+    flow = with_weights(flow, modes, covariance)
     plan = plan_between(flow, (-6e3, -3e3), (6e3, 3e3), settings=SETTINGS)
     found = waypoints_of(flow, plan, samples=flow.sample(12, 0))
     assert found.risk.count == 12

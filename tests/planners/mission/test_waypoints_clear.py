@@ -24,6 +24,7 @@ from tests.reference.vehicle import (
     planned_current,
     read_csv_waypoints,
 )
+from tests.synthetic_flow import with_weights
 
 FLOW = still_flow()
 REQUEST = request_between(FLOW, (-7e3, 0.0), (7e3, 0.0), settings=MissionSettings(depth=300.0))
@@ -91,9 +92,7 @@ def with_errors(flow, std):
     """Return a flow of the kernel of ``uniform_flow`` whose error is a uniform current of some standard deviation [m/s]."""
     modes = np.column_stack([uniform_flow(*one).latent[:, 0] for one in np.eye(2)])
     n_levels = flow.levels.size
-    return replace(
-        flow, modes=modes, covariance=std**2 * np.kron(np.ones((n_levels, n_levels)), np.eye(2))
-    )
+    return with_weights(flow, modes, std**2 * np.kron(np.ones((n_levels, n_levels)), np.eye(2)))
 
 
 def test_a_list_that_leads_through_an_area_where_the_first_current_is_not_known_is_not_called_clear():

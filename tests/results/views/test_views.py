@@ -128,7 +128,9 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
         writer.finish(flow)
     result = read_result(tmp_path / "out.mcap")
     track = track_of(result.fixes, flow.grid.projection)
-    history = EstimateHistory(result.path, result.estimate)
+    offset = flow.latent - flow.modes @ weights.reshape(3, 4).T
+    estimate = replace(flow, unknowns=replace(flow.unknowns, offset=offset))
+    history = EstimateHistory(result.path, estimate)
     bins = bins_along_track(result.measured, track, history, result.estimate, 10)
     assert (bins.profiles, bins.left_out, bins.depth.tolist()) == (2, 0, [10.0, 20.0, 40.0] * 2)
     east, north = to_local(flow.grid.projection, 5.01, 62.02)

@@ -4,8 +4,6 @@ import csv
 import io
 import json
 import math
-import subprocess
-import sys
 from dataclasses import asdict, fields, replace
 from functools import partial
 
@@ -18,7 +16,7 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
 from replay_kit.show.text import SafeConsole
-from replay_kit.studies.paper.methods import bootstrap_median, bound, build_method
+from replay_kit.studies.paper.methods import bound, build_method
 from replay_kit.studies.paper.page import FILES, files_of, text_tables, to_json, to_markdown
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths
 from replay_kit.studies.paper.run import PaperJob, run_paper
@@ -109,9 +107,11 @@ def with_land(ensemble):
 def test_a_truth_in_the_span_is_found():
     """The stated error of 1 cm/s against anomalies of some 20 cm/s leaves little of the prior.
 
-    The default allows for what shifted members show that its basis leaves out, and so trusts the measurements a little less.
+    The default allows for what shifted members show that its basis leaves out, and so trusts the measurements a little less. Its
+    variance is the ensemble's: six members and no more than these are not what it looks for in the log.
     """
-    by_key = {(row.method, row.rung): row for row in table_of(combination())}
+    config = CONFIG.model_copy(update={"dropped_std": 1e-3, "spread": 1.0})
+    by_key = {(row.method, row.rung): row for row in table_of(combination(), config)}
     assert by_key["default", "full"].rel_error < 0.015
     assert by_key["default", "full"].bound < 1e-3
     assert by_key["default", "members"].rel_error > by_key["default", "full"].rel_error
@@ -169,13 +169,13 @@ def test_the_paper_is_shown_in_cells_where_the_grid_is_coarser():
 
 
 def test_numerics_that_fail_are_a_row_with_the_reason():
-    """Two levels at one depth make the paper's matrix of Gaussians singular."""
+    """Two levels at one depth cannot be told apart by the paper's Gaussians."""
     grid = replace(MEMBERS.grid, levels=np.array([5.0, 5.0, 150.0, 300.0]))
     twice = Ensemble(grid, MEMBERS.velocity, None, "twice")
     case = leave_out(twice, 0)
     row = next(row for row in table_of(case, most_modes=4) if row.method == "paper")
     assert "cannot be built" in row.note
-    assert "ingular" in row.note
+    assert "the levels 5, 5, 150, 300 m" in row.note
     assert math.isnan(row.rel_error)
 
 
@@ -258,15 +258,6 @@ def test_pairs_stay_in_the_water_of_both_grids(monkeypatch):
         draw_pairs(field, flow, dry, 1, 7)
     with pytest.raises(ForecastError, match="below the surface"):
         draw_pairs(field, flow, replace(MEMBERS.grid, levels=np.array([0.0])), 1, 7)
-
-
-def test_the_bootstrap_interval_holds_the_median_as_often_as_it_says():
-    rng = np.random.default_rng(5)
-    held = [
-        low <= 0.0 <= high
-        for low, high in (bootstrap_median(rng.standard_normal(40)) for _ in range(200))
-    ]
-    assert 0.84 <= np.mean(held) <= 0.96
 
 
 def test_progress_ends_at_its_total(study):
@@ -459,8 +450,3 @@ def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean):
     assert "naive3d" in [
         row["flow"] for row in json.loads((ocean / "a.json").read_text())["table3"]
     ]
-
-
-def test_the_command_line_does_not_load_what_takes_long():
-    code = "import sys, replay_kit.cli.app; sys.exit(bool({'matplotlib', 'scipy.stats', 'dask', 'distributed'} & sys.modules.keys()))"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -59,16 +59,6 @@ def test_the_truth_does_not_depend_on_the_number_of_members():
     )
 
 
-def test_files_are_the_same_bytes_twice_and_small(tmp_path):
-    paths = [tmp_path / name for name in ("a.nc", "b.nc", "at.nc", "bt.nc")]
-    synthetic.write_ensemble(paths[0], paths[2])
-    synthetic.write_ensemble(paths[1], paths[3])
-    assert paths[0].read_bytes() == paths[1].read_bytes()
-    assert paths[2].read_bytes() == paths[3].read_bytes()
-    assert paths[0].stat().st_size < 300_000
-    assert sorted(tmp_path.iterdir()) == sorted(paths)
-
-
 def test_files_are_read_as_a_forecast(tmp_path):
     members, truth = synthetic.write_ensemble(
         tmp_path / "e.nc", tmp_path / "t.nc", n_members=3, seed=4

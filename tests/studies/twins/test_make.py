@@ -65,11 +65,11 @@ def profiles(found) -> list[Observation]:
 @pytest.mark.parametrize("vehicle", ["vessel", pytest.param("glider", marks=pytest.mark.full)])
 def test_the_same_arguments_give_the_same_bytes(tmp_path, vehicle, name):
     out = tmp_path / name
-    summary = make_twin(make_truth(), Twin(vehicle, 40, 0.09, 7), out)  # type: ignore[arg-type]
+    made = make_twin(make_truth(), Twin(vehicle, 40, 0.09, 7), out)  # type: ignore[arg-type]
     first = out.read_bytes()
     make_twin(make_truth(), Twin(vehicle, 40, 0.09, 7), out, overwrite=True)  # type: ignore[arg-type]
     assert out.read_bytes() == first
-    assert summary.pings == 40
+    assert made.pings.time_ns.size == 40
     make_twin(make_truth(), Twin(vehicle, 40, 0.09, 8), out, overwrite=True)  # type: ignore[arg-type]
     assert out.read_bytes() != first
     assert [path.name for path in tmp_path.iterdir()] == [name]
@@ -166,6 +166,9 @@ def test_a_noise_free_log_states_no_error(tmp_path):
         ({"pings": 0}, "pings >= 1"),
         ({"noise": float("nan")}, "noise >= 0"),
         ({"seed": -1}, "seed >= 0"),
+        ({"vehicle": "glider", "interval_s": 601.0}, "whole number"),
+        ({"vehicle": "glider", "interval_s": 0.0}, "whole number"),
+        ({"interval_s": 1200.0}, "a glider's"),
         ({"out": "there.mcap"}, "exists"),
         ({"out": "no/such/folder/a.mcap"}, "there is no folder"),
     ],
@@ -193,56 +196,14 @@ def made(folder: Path, truth=None, **options) -> list[Observation | PathMean]:
     return observed(folder / "a.mcap")
 
 
-def test_relative_pings_with_the_platforms_velocity_give_the_absolute_ones_back(
-    tmp_path,
-):
-    absolute = profiles(made(tmp_path))
+def test_a_compass_acts_on_what_is_measured_relative_to_the_platform(tmp_path):
     relative = profiles(made(tmp_path, faults=Faults("platform")))
-    stated = profiles(made(tmp_path, faults=Faults("platform", platform_std=0.02)))
-    assert {each.reference for each in relative} == {"platform"}
-    assert {each.common_std for each in stated} == {0.02}
-    errors = []
-    for ours, theirs, known in zip(absolute, relative, stated, strict=True):
-        # one velocity for all bins
-        platform = ours.velocity - theirs.velocity
-        assert np.nanmax(np.abs(platform - np.nanmean(platform, axis=0))) < 1.1e-4
-        error = known.velocity - ours.velocity
-        assert np.nanmax(np.abs(error - np.nanmean(error, axis=0))) < 2e-4
-        errors.append(np.nanmean(error, axis=0))
-    assert np.std(errors) == pytest.approx(0.02, rel=0.25)
-
-
-def test_the_platform_moves_through_the_water_and_with_it(tmp_path):
-    still = make_truth(
-        lambda east, north, depth: (0.1 + 0.0 * (east + depth), -0.05 + 0.0 * (north + depth))
-    )
-    diving = [
-        each
-        for each in profiles(made(tmp_path, still, faults=Faults("platform")))
-        if each.depth[0] > 30.0
-    ]
-    assert len(diving) > 10
-    for each in diving:
-        current = np.column_stack(
-            rotate_to_local(still.grid.projection, each.longitude, each.latitude, *each.velocity.T)
-        )
-        speed = np.hypot(*np.nanmean(current, axis=0))
-        # what a glider sees of a sea that carries it is its own way through the water alone
-        assert speed == pytest.approx(0.3 * np.cos(np.deg2rad(20.0)), abs=0.05)
-
-
-def test_compass_and_scale_act_on_what_is_measured_relative_to_the_platform(tmp_path):
-    relative = profiles(made(tmp_path, faults=Faults("platform")))
-    faulty = profiles(
-        made(tmp_path, faults=Faults("platform", heading_bias_deg=5.0, scale_error=0.03))
-    )
-    back = profiles(made(tmp_path, faults=Faults("earth", heading_bias_deg=5.0, scale_error=0.03)))
+    faulty = profiles(made(tmp_path, faults=Faults("platform", heading_bias_deg=5.0)))
+    back = profiles(made(tmp_path, faults=Faults("earth", heading_bias_deg=5.0)))
     absolute = profiles(made(tmp_path))
     for right, wrong, ours, theirs in zip(relative, faulty, absolute, back, strict=True):
-        turned = (
-            np.array([complex(north, east) for east, north in right.velocity])
-            * 1.03
-            * np.exp(1j * np.deg2rad(5.0))
+        turned = np.array([complex(north, east) for east, north in right.velocity]) * np.exp(
+            1j * np.deg2rad(5.0)
         )
         np.testing.assert_allclose(
             wrong.velocity, np.column_stack([turned.imag, turned.real]), atol=2e-4
@@ -250,16 +211,6 @@ def test_compass_and_scale_act_on_what_is_measured_relative_to_the_platform(tmp_
         np.testing.assert_allclose(
             theirs.velocity - ours.velocity, wrong.velocity - right.velocity, atol=3e-4
         )
-
-
-def test_a_share_of_the_pings_is_off_by_a_metre_a_second(tmp_path):
-    clean, spoiled = (
-        profiles(made(tmp_path, faults=Faults(outliers=share))) for share in (0.0, 0.2)
-    )
-    offsets = [theirs.velocity - ours.velocity for ours, theirs in zip(clean, spoiled, strict=True)]
-    off = [float(np.hypot(*np.nanmean(offset, axis=0))) for offset in offsets]
-    assert sorted(np.round(off, 3).tolist()) == [0.0] * 14 + [1.0] * 4
-    assert all(np.nanmax(np.abs(offset - np.nanmean(offset, axis=0))) < 2e-4 for offset in offsets)
 
 
 def test_mean_currents_alone_are_the_means_along_their_paths(tmp_path):
@@ -338,16 +289,3 @@ def test_a_truth_is_read_at_all_its_leads(tmp_path):
     leads.isel(lead=0).to_netcdf(tmp_path / "one.nc", engine="h5netcdf")
     with pytest.raises(ForecastError, match="neither as a dimension"):
         read_changing_truth(f"{tmp_path / 'one.nc'}#1", ForecastConfig(), EPOCH)
-
-
-@pytest.mark.parametrize(
-    ("options", "name", "said"),
-    [
-        ({"interval_s": 601.0}, "a.mcap", "whole number"),
-        ({"interval_s": 0.0}, "a.mcap", "whole number"),
-        ({"interval_s": 1200.0, "vehicle": "vessel"}, "a.mcap", "a glider's"),
-    ],
-)
-def test_options_that_do_not_fit_are_refused(tmp_path, options, name, said):
-    with pytest.raises(ConfigError, match=said):
-        make_twin(make_truth(), replace(PLAIN, **options), tmp_path / name)  # type: ignore[arg-type]

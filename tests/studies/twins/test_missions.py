@@ -4,7 +4,7 @@ import pytest
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import distance, to_geographic, to_local
 from replay_kit.studies.twins import glider
-from replay_kit.studies.twins.adcp import AdcpSettings, measure
+from replay_kit.studies.twins.adcp import measure
 from replay_kit.studies.twins.field import build_field, grid_indices
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission, survey
 from tests.studies.twins.truths import CENTRE, LEVELS, make_truth
@@ -145,7 +145,7 @@ def test_bins_measure_the_truth_in_true_axes():
     truth = make_truth(_uniform)
     field = build_field(truth)
     made = survey(field, 20, EPOCH_NS, np.random.default_rng(1))
-    velocity = measure(field, made.pings, AdcpSettings(noise=0.0), np.random.default_rng(0))
+    velocity = measure(field, made.pings, 0.0, np.random.default_rng(0))
     assert velocity.shape == (20, 22, 2)
     assert np.isfinite(velocity).all()
     np.testing.assert_allclose(np.hypot(*velocity.T), np.hypot(0.06, 0.03), atol=1e-9)
@@ -161,7 +161,7 @@ def test_bins_measure_the_truth_in_true_axes():
 def test_bins_below_the_last_level_are_nan():
     field = build_field(make_truth(levels=LEVELS[:4]))
     made = survey(field, 3, EPOCH_NS, np.random.default_rng(1))
-    velocity = measure(field, made.pings, AdcpSettings(), np.random.default_rng(0))
+    velocity = measure(field, made.pings, 0.09, np.random.default_rng(0))
     below = 16.0 + 32.0 * np.arange(22) > 300.0
     assert (np.isnan(velocity).all(axis=(0, 2)) == below).all()
 
@@ -169,5 +169,5 @@ def test_bins_below_the_last_level_are_nan():
 def test_noise_has_the_stated_size():
     field = build_field(make_truth(_no_flow))
     made = survey(field, 300, EPOCH_NS, np.random.default_rng(1))
-    velocity = measure(field, made.pings, AdcpSettings(noise=0.09), np.random.default_rng(0))
+    velocity = measure(field, made.pings, 0.09, np.random.default_rng(0))
     assert velocity.std() == pytest.approx(0.09, rel=0.02)

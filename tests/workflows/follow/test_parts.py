@@ -274,14 +274,14 @@ def test_states_of_another_run_or_with_a_damaged_head_are_not_used(tmp_path):
     def stream():
         return (Message(k, "/a", "s", {}, 0, k) for k in range(10))
 
-    states = FollowedStates(tmp_path / "states", "one", None)
+    states = FollowedStates(tmp_path / "states", "one")
     checkpoint, messages = states.resume(stream)
     assert checkpoint is None
     assert len(list(messages)) == 10
     for head in (b"", b"replay-kit checkpoint 9\n{", b"replay-kit checkpoint 8\nnull\n"):
         (tmp_path / "states" / "state-000000000003").write_bytes(head)
-        assert FollowedStates(tmp_path / "states", "one", None).resume(stream)[0] is None
+        assert FollowedStates(tmp_path / "states", "one").resume(stream)[0] is None
         assert not list((tmp_path / "states").glob("state-*"))
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="expected a folder"):
-        FollowedStates(tmp_path / "file", "one", None)
+        FollowedStates(tmp_path / "file", "one")

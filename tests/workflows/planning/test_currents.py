@@ -22,14 +22,14 @@ from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.plan import departures_of
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, PlanError
-from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution, ProcessModel, constant, sample_through
-from replay_kit.core.flow.load import load
+from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
+from replay_kit.core.flow.file import load
+from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.quantities import parse_duration
 from replay_kit.core.text import time_text
-from replay_kit.estimator.evolving.build import build_evolving
+from replay_kit.estimator import build
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
 from replay_kit.workflows.planning.inputs import read_flow, read_known
@@ -37,6 +37,7 @@ from tests import synthetic
 from tests.command import invoke, succeed
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place, still_flow, uniform_flow
 from tests.results.result_samples import metadata_of
+from tests.synthetic_flow import constant
 
 HOUR = 3600 * 10**9
 NOON = 1_767_268_800 * 10**9
@@ -52,19 +53,20 @@ def evolving(hours=(0.0, 24.0, 48.0), scale=1e6) -> FlowEstimate:
     local = np.zeros((2, n_levels, 2))
     local[0, :, 0], local[1, :, 1] = 0.2, 0.2
     times = NOON + np.array([round(hour * HOUR) for hour in hours])
-    process = ProcessModel(
+    process = Process(
         times,
         mean,
         np.zeros((len(hours), 0, n_levels, 2)),
-        np.ones(len(hours)),
         local,
-        np.inf,
-        scale,
+        np.ones(len(hours)),
+        np.eye(n_levels),
+        np.full(2, scale),
     )
-    evolution = Evolution(
-        process, np.zeros_like(before.latent), np.zeros(2), lambda: 0.01 * np.eye(2), NOON
+    nothing = np.zeros((n_levels, len(before.nodes)))
+    unknowns = Unknowns(
+        process, np.zeros_like(before.latent), np.zeros(2), 0.01 * np.eye(2), NOON, nothing
     )
-    return evolution.flow(replace(before, modes=modes), NOON)
+    return replace(before, modes=modes, unknowns=unknowns).moved(NOON)
 
 
 CHANGING = evolving()
@@ -105,7 +107,7 @@ def test_a_saved_estimate_is_planned_through_its_evolution_and_not_frozen(saved)
     # flown on finer steps it meets the goal as well; what is planned on the first current alone misses it
     finer = [CHANGING.at(NOON + k * HOUR) for k in range(49)]
     frozen = plan_mission(
-        replace(CHANGING, later=None),
+        replace(CHANGING, unknowns=None),
         MissionRequest(START, (GOAL,), settings=SETTINGS, start_time_ns=NOON),
     )
     changing, held = (float(fly_mission([finer], one).miss[0, 0]) for one in (plan, frozen))
@@ -300,7 +302,7 @@ def test_times_that_it_refuses(saved, more, code, words):
 
 def test_a_current_of_one_time_says_for_how_long_it_holds(tmp_path):
     turning = fitted_flow(lambda x, y: (-2e-5 * y, 2e-5 * x), (9, 9))
-    frozen = KnownCurrent((replace(turning, later=constant, time_ns=NOON),), 43200.0)
+    frozen = KnownCurrent((constant(turning, NOON),), 43200.0)
     # the vorticity of a solid rotation is twice its rate; over the whole grid it errs at the edges
     assert frozen.hours_known == pytest.approx(1.0 / (3600.0 * 4e-5), rel=0.3)
     (note,) = frozen.notes(NOON, NOON + HOUR)
@@ -319,7 +321,7 @@ def test_a_current_of_one_time_says_for_how_long_it_holds(tmp_path):
     assert known.hours_known == pytest.approx(1e5 * np.log(2.0) / 3600.0)
     assert "returns to it at the ensemble's rate of change" in known.notes(NOON, NOON + HOUR)[0]
     path = tmp_path / "frozen.nc"
-    replace(eddying_flow(3), later=constant, time_ns=NOON).save(path)
+    constant(eddying_flow(3), NOON).save(path)
     assert "the current is frozen at 2026-01-01 12:00:00Z; beyond" in answer(path, "")["notes"][-1]
     done = ask(path, "--depart 2026-01-01T12:00Z,2026-01-02T00:00Z,6h")
     assert (
@@ -382,7 +384,7 @@ def test_a_mission_may_begin_at_a_last_fix_before_the_time_of_the_estimate(tmp_p
 
 
 def test_a_mission_begins_within_a_month_of_the_only_time_that_is_known(tmp_path):
-    frozen, path = replace(eddying_flow(3), later=constant, time_ns=NOON), tmp_path / "frozen.nc"
+    frozen, path = constant(eddying_flow(3), NOON), tmp_path / "frozen.nc"
     frozen.save(path)
     words = (
         "expected a time within 30 days of the only time that is known, 2026-01-01 12:00:00Z, "
@@ -408,15 +410,15 @@ def test_a_mission_begins_within_a_month_of_the_only_time_that_is_known(tmp_path
 def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):
     config = TimeConfig(scale=1e6, oscillators=("inertial", "M2"), oscillator_scale=3e5)
     members = replace(synthetic.ensemble(), time_ns=NOON)
-    estimator = build_evolving([members], EstimatorConfig(modes=8), config)
-    part, rng = estimator.state_space.parts["oscillations"], np.random.default_rng(2)
-    state = replace(estimator.initial(), time_ns=NOON)
-    means = state.means.copy()
-    means[part, 0] = rng.normal(size=part.stop - part.start)
-    state = replace(state, means=means)
-    flow = estimator.flow(state)
+    estimator = build([members], EstimatorConfig(modes=8), time=config)
+    state, extras = replace(estimator.initial(), time_ns=NOON), estimator.observer.extras
+    part = slice(state.x.size - extras.size, state.x.size - extras.size + extras.oscillations.size)
+    x = state.x.copy()
+    x[part] = np.random.default_rng(2).normal(size=part.stop - part.start)
+    flow = estimator.flow(replace(state, x=x))
     flow.save(tmp_path / "flow.nc")
-    operator, depth, zero = estimator.operator, flow.levels, np.zeros(part.stop - part.start)
+    frequency = extras.oscillations.omega
+    turning = np.repeat(frequency != 0.0, 2 * extras.oscillations.knots.size)
     for estimate in (flow, load(tmp_path / "flow.nc")):
         known = KnownCurrent((estimate,), 43200.0)
         through = known.flow(NOON, 86400.0)
@@ -427,22 +429,16 @@ def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):
         drawn = known.samples(NOON, 86400.0, 3, 1)
         for k in (0, 3, 7):
             seconds = (through[k].time_ns - NOON) / 1e9
-            later = estimator.state_space.predict_mean(state.mean, seconds)[part]
-            still = zero.copy()
-            turning = np.repeat(
-                operator.oscillations.omega != 0.0, 2 * operator.oscillations.knots.size
-            )
-            still[turning] = later[turning]
-            expected = [
-                operator.oscillations.weights(depth) @ operator.oscillations.factor(c) @ still
-                for c in (0, 1)
-            ]
+            # its twin: each unknown's column, with its amplitude as the filter predicts it
+            column = extras.column(through[k].time_ns, None)
+            later = np.where(turning, x[part] * np.exp(-seconds / config.oscillator_scale), 0.0)
+            expected = (extras.functions(flow.levels) @ column[..., : later.size] @ later).T
             slow = flow.at(through[k].time_ns)
             here = flow.nodes[len(flow.nodes) // 2]
-            found = through[k].velocity(*here, depth) - slow.velocity(*here, depth)
-            np.testing.assert_allclose(found, np.column_stack(expected), atol=2e-3)
+            found = through[k].velocity(*here, flow.levels) - slow.velocity(*here, flow.levels)
+            np.testing.assert_allclose(found, expected, atol=2e-3)
             assert np.abs(found).max() > 0.02
-            plain = sample_through(flow, [one.time_ns for one in through], 3, 1)
+            plain = flow.sample_through([one.time_ns for one in through], 3, 1)
             np.testing.assert_allclose(
                 drawn[2][k].latent - plain[2][k].latent, through[k].latent - slow.latent, atol=1e-9
             )

@@ -16,10 +16,10 @@ from planners.mission.flights import currents_of_estimate as currents_around
 from planners.mission.flights import fly_mission
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import constant
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.workflows.planning.currents import KnownCurrent
 from tests.planners.flow_samples import place, uniform_flow
+from tests.synthetic_flow import with_weights
 from tests.workflows.planning.test_currents import evolving
 
 HOUR = 3600 * 10**9
@@ -38,9 +38,7 @@ def estimate(beside) -> FlowEstimate:
     flow = uniform_flow(0.05, 0.0)
     modes = flow.latent[:, :1]
     covariance = 1e-4 * np.eye(flow.levels.size)
-    return replace(
-        flow, modes=modes, covariance=covariance, time_ns=NOON, later=constant, local=beside
-    )
+    return with_weights(replace(flow, time_ns=NOON, local=beside), modes, covariance)
 
 
 def water(currents, time_ns, count=1):

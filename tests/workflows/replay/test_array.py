@@ -121,7 +121,7 @@ def test_the_estimate_is_that_of_one_filter_given_all_mean_currents_in_order_of_
     estimator = build(forecasts_of(job, CONFIG), CONFIG, None)
     state = estimator.initial()
     for mean in sorted(means, key=lambda mean: mean.time_ns):
-        state, _ = estimator.step(state, mean)
+        state, _ = estimator.assimilate(state, [mean])
     expected = estimator.flow(state)
     assert len(means) > 6
     assert np.array([mean.time_ns for mean in means]).argsort().tolist() != list(range(len(means)))

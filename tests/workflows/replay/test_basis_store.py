@@ -43,10 +43,8 @@ def forecasts_in(ocean, config):
 
 def innovations(estimator, grid):
     return [
-        innovation.innovation
-        for _, innovation in estimator.steps(
-            estimator.initial(), synthetic.random_profiles(grid, 3)
-        )
+        each.innovation.innovation
+        for each in estimator.assimilate(estimator.initial(), synthetic.random_profiles(grid, 3))[1]
     ]
 
 

@@ -18,7 +18,7 @@ from replay_kit.core.errors import (
 )
 from replay_kit.core.message import Loss
 from replay_kit.core.observation import PathMean, Source
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import write_tlog
 from replay_kit.logs.mcap.writer import write_mcap_log
@@ -163,18 +163,16 @@ def test_two_sources_that_contradict_each_other_are_both_kept(ocean):
 
 
 def test_while_two_sources_contradict_each_other_the_gate_rejects_neither():
-    estimator = build_estimator(
-        synthetic.ensemble(n_members=4), CONFIG.estimator, GatingConfig(gate="reject")
-    )
+    estimator = build([synthetic.ensemble(n_members=4)], CONFIG.estimator, GatingConfig())
     contradicting = Instrument(named=frozenset({CONTRADICTION}))
-    for instrument, gate in (
-        (contradicting, "soften"),
-        (Instrument(), "reject"),
-        (replace(contradicting, is_believed=False), "reject"),
+    for instrument, has_gate in (
+        (contradicting, False),
+        (Instrument(), True),
+        (replace(contradicting, is_believed=False), True),
     ):
         trusted = trusting(estimator, MonitoringState(ConsistencyState({"/adcp": instrument})))
-        assert trusted.gating.gate == gate
-        assert (trusted is estimator) == (gate == "reject")
+        assert (trusted.probability is not None) == has_gate
+        assert (trusted is estimator) == has_gate
 
 
 def test_a_wrong_unit_ends_the_run_unless_it_is_stated(ocean, summary_of):
@@ -365,9 +363,14 @@ def test_a_warning_alone_ends_with_zero(ocean):
 
 
 def in_other_water(messages, seed):
-    """Yield messages with pings in water that no forecast has: at each the whole profile is pushed by some 0.3 m/s of its own."""
+    """Yield messages with pings in water that no forecast has: at each the whole profile is pushed by some 0.3 m/s of its own.
+
+    Mean currents, which would contradict these, are left out.
+    """
     rng = np.random.default_rng(seed)
     for message in messages:
+        if message.topic == "/dac":
+            continue
         if message.schema == "replay_kit.AdcpPing":
             push = rng.normal(0.0, 0.3, 2)
             pairs = (zip(cell, (*push, 0.0), strict=True) for cell in message.payload["velocity"])
@@ -395,7 +398,7 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
         code,
     )
     beyond, total = (int(word) for word in finding.evidence.split() if word.isdigit())
-    assert (total, beyond > 40) == (60, True)
+    assert (total, beyond > 40) == (54, True)
     assert (
         outcome_of(summary).verdict[1]
         == f"the log does not contradict itself, but {name}: {finding.evidence}"
@@ -412,18 +415,17 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
 
 
 @pytest.mark.parametrize(
-    ("gated", "softened", "used", "name"),
+    ("gated", "used", "name"),
     [
-        (0, 10, 15, findings.MISFIT),
-        (2, 8, 13, findings.MISFIT),
-        (0, 9, 15, findings.ENSEMBLE),
-        (0, 7, 15, None),
-        (0, 2, 2, findings.ENSEMBLE),
-        (3, 0, 0, findings.MISFIT),
+        (10, 5, findings.MISFIT),
+        (9, 6, findings.ENSEMBLE),
+        (7, 8, None),
+        (2, 0, findings.ENSEMBLE),
+        (3, 0, findings.MISFIT),
     ],
 )
-def test_two_thirds_of_the_observations_beyond_the_gate_are_a_misfit(gated, softened, used, name):
-    counts = ProfileCounts(gated=gated, softened=softened, total=Sums(profiles=used))
+def test_two_thirds_of_the_observations_beyond_the_gate_are_a_misfit(gated, used, name):
+    counts = ProfileCounts(gated=gated, total=Sums(profiles=used))
     found, _ = conclusions(MonitoringState(), counts, RunConfig())
     assert [finding.name for finding in found] == ([] if name is None else [name])
     # what the log says against itself explains it

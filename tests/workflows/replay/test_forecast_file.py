@@ -9,7 +9,7 @@ import pytest
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.observation import PathMean, Source
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build
 from replay_kit.workflows.replay.stages.forecast_file import _density, _under_prior, check_file
 from tests import synthetic
 
@@ -45,14 +45,14 @@ def dives(count=12):
 )
 def test_a_file_with_skill_is_warned_of_when_it_is_wrong(change, words):
     wrong = replace(SKILLED, velocity=np.ascontiguousarray(change(SKILLED.velocity)))
-    found = check_file(build_estimator(wrong, CONFIG), dives())
+    found = check_file(build([wrong], CONFIG), dives())
     assert (found.finding is not None) == bool(words)
     assert words is None or words in found.finding.evidence
     assert words is None or found.finding.severity == "warning"
 
 
 def test_what_a_file_without_skill_may_be_is_said_and_not_warned_of():
-    found = check_file(build_estimator(NO_SKILL, CONFIG), dives())
+    found = check_file(build([NO_SKILL], CONFIG), dives())
     assert found.finding is None
     assert found.note.startswith("cannot be known here: some faults of the forecast's file")
     assert "12 mean currents" in found.note
@@ -62,14 +62,14 @@ def test_what_a_file_without_skill_may_be_is_said_and_not_warned_of():
 
 
 def test_few_dives_and_other_priors_say_nothing():
-    assert check_file(build_estimator(SKILLED, CONFIG), dives(7)) == (None, "")
+    assert check_file(build([SKILLED], CONFIG), dives(7)) == (None, "")
     assert check_file(object(), dives()) == (None, "")
 
 
 def test_the_density_is_that_of_the_filter_one_by_one():
-    estimator, means = build_estimator(SKILLED, CONFIG), dives()
+    estimator, means = build([SKILLED], CONFIG), dives()
     state, log = estimator.initial(), 0.0
     for mean in means:
-        state, innovation = estimator.step(state, mean)
-        log += innovation.log_likelihood
+        state, (done,) = estimator.assimilate(state, [mean])
+        log += done.innovation.log_likelihood
     assert _density(*_under_prior(estimator, means))[0] == pytest.approx(log, rel=1e-6)

@@ -27,7 +27,7 @@ def write(path: Path, body: bytes, identity: str = IDENTITY) -> None:
 
 
 def read(path: Path, identity: str = IDENTITY) -> Checkpoint:
-    return StateStore(path, identity, None).read_state(path)
+    return StateStore(path, identity).read_state(path)
 
 
 @pytest.mark.parametrize(

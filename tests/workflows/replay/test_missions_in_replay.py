@@ -42,6 +42,7 @@ from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.results import result_samples
+from tests.synthetic_flow import constant, growing
 from tests.workflows.replay.interrupted import Killed, job_in, make_ocean, run_until
 
 PLANNER = PlannerConfig(
@@ -308,25 +309,20 @@ def test_a_stated_number_of_legs_is_that_of_the_first_plan():
 
 def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
     still = replace(embed_member(synthetic.ensemble(), 0, EstimatorConfig()), time_ns=10**15)
-    growing = replace(
-        still,
-        later=lambda _, time_ns: replace(
-            still, latent=still.latent * (time_ns / 10**15) ** 20, time_ns=time_ns
-        ),
-    )
-    same = replace(still, later=lambda _, time_ns: replace(still, time_ns=time_ns))
+    grown = growing(still, (1.0 + 0.036 * np.arange(5.0)) ** 20, 36000.0)
+    same = constant(still, 10**15)
     start, goal = Place(152.15, -39.85, 0.0), Place(152.3, -39.8, 0.0)
     planner = MissionPlanner.of(
         PlannerConfig(kind="mission", depth=300.0, legs=5, flow_step=36000.0)
     )
     # 14 km take 13.4 h at 0.29 m/s, and may take twice as long: steps to 10, 20 and 30 h, and to 40 h as they come in fours
-    flows = [growing, *(growing.at(10**15 + k * 36000 * 10**9) for k in (1, 2, 3, 4))]
+    flows = [grown, *(grown.at(10**15 + k * 36000 * 10**9) for k in (1, 2, 3, 4))]
     asked = MissionRequest(
         start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15
     )
     expected = plan_mission(flows, asked)
     np.testing.assert_array_equal(
-        planner.plan(growing, PlanQuery(start, goal, 10**15)).plan.track, expected.track
+        planner.plan(grown, PlanQuery(start, goal, 10**15)).plan.track, expected.track
     )
     once = plan_mission(still, asked)
     np.testing.assert_array_equal(

@@ -14,13 +14,14 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place
-from replay_kit.estimator import Estimator
+from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import unused_innovation
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stages.planner import MadePlans, PlanQuery, PlanResult
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from tests import synthetic
 from tests.planners.flow_samples import CENTRE, uniform_flow
+from tests.synthetic_flow import with_weights
 
 FLOW = uniform_flow(0.3, -0.4)
 PROFILE = synthetic.profile(FLOW.grid, 0.0, 0.0, np.array([10.0]), np.zeros((1, 2)))
@@ -33,9 +34,9 @@ class Still(Estimator):
     def initial(self):
         return ()
 
-    def steps(self, state, measurements):
-        for _ in measurements:
-            yield state, unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons)
+    def assimilate(self, state, block):
+        unused = unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons)
+        return state, [Stepped(each, state, state, unused) for each in block]
 
     def innovation(self, state, measurement):
         return np.zeros((1, 2))
@@ -172,7 +173,7 @@ def test_the_plan_at_a_surfacing_where_the_log_ends_is_the_last_one_if_it_has_od
 
 
 def test_a_plan_is_made_again_unless_all_that_it_follows_from_is_the_same():
-    uncertain = replace(FLOW, modes=FLOW.latent[:, :1], covariance=np.eye(FLOW.levels.size))
+    uncertain = with_weights(FLOW, FLOW.latent[:, :1], np.eye(FLOW.levels.size))
     query, planner, made = (
         PlanQuery(Place(152.5, -40.0, 0.0), Place(152.6, -40.0, 0.0), 5),
         Counting(0.3, []),
@@ -186,7 +187,7 @@ def test_a_plan_is_made_again_unless_all_that_it_follows_from_is_the_same():
         (planner, uncertain, replace(query, warm=PlanResult(1))),
         (planner, replace(uncertain, latent=latent), query),
         (planner, replace(uncertain, time_ns=7), query),
-        (planner, replace(uncertain, covariance=1.001 * np.eye(FLOW.levels.size)), query),
+        (planner, with_weights(FLOW, FLOW.latent[:, :1], 1.001 * np.eye(FLOW.levels.size)), query),
         (Counting(0.4, planner.asked), uncertain, query),
     )
     for _ in range(2):

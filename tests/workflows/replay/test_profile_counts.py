@@ -38,7 +38,7 @@ def test_a_group_counts_as_its_profiles_do():
         float(sum(np.sum(getattr(each, name) ** 2) for each in members))
         for name in ("innovation", "residual", "prior_innovation")
     ]
-    totals = GroupTotals(0, sum(profile.depth.size for profile in PROFILES), *squares)
+    totals = GroupTotals(sum(profile.depth.size for profile in PROFILES), *squares)
     nis, dof = sum(each.nis for each in members), sum(each.dof for each in members)
     group = replace(members[0], nis=nis, dof=dof, profiles=len(members), totals=totals)
     total = total.with_profile(group, np.concatenate(dive_innovations))

@@ -12,13 +12,12 @@ from mcap.reader import make_reader
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, MeasurementConfig, RunConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
-from replay_kit.core.flow.load import load
+from replay_kit.core.flow.file import load
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
-from replay_kit.estimator import embed_member
-from replay_kit.estimator.static.filter import ReducedBasisEstimator
+from replay_kit.estimator import ReducedBasisEstimator, embed_member
 from replay_kit.forecast import read_truth
 from replay_kit.forecast.grid import local_grid, true_to_local
 from replay_kit.logs.mcap.writer import write_mcap_log
@@ -94,7 +93,7 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocea
     assert "eastward_sea_water_velocity" in names
     loaded = load(tmp_path / "flow.nc")
     np.testing.assert_array_equal(loaded.latent, flow.latent)
-    np.testing.assert_array_equal(loaded.weight_cov, flow.weight_cov)
+    np.testing.assert_array_equal(loaded.unknowns.p, flow.unknowns.p)
 
 
 @pytest.mark.parametrize(
@@ -379,24 +378,21 @@ def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
 
 
 def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path, monkeypatch):
-    # the means, made only when asked for, are what takes the time: 2 s for each profile
-    clock, weights = [0.0], ReducedBasisEstimator.weights
+    # 2 s for each profile
+    clock, assimilate = [0.0], ReducedBasisEstimator.assimilate
 
-    def slow(estimator, states):
-        clock[0] += 2.0 * len(states)
-        return weights(estimator, states)
+    def slow(estimator, state, block):
+        clock[0] += 2.0 * len(block)
+        return assimilate(estimator, state, block)
 
     monkeypatch.setattr(dry_run, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
-    monkeypatch.setattr(ReducedBasisEstimator, "weights", slow)
+    monkeypatch.setattr(ReducedBasisEstimator, "assimilate", slow)
     arguments = f"replay {ocean}/survey.mcap --ensemble {ocean}/ensemble.nc --modes 20 --dry-run"
     succeed(f"{arguments} -o {tmp_path}/o.mcap --json {tmp_path}/d.json")
     answer = json.loads((tmp_path / "d.json").read_text())
-    assert (answer["profiles_used"], answer["members"], answer["modes"], answer["state_size"]) == (
-        40,
-        40,
-        20,
-        80,
-    )
+    assert (answer["profiles_used"], answer["members"], answer["modes"]) == (40, 40, 20)
+    # the unknowns of members and their four copies at least
+    assert 200 <= answer["state_size"] < 400
     assert answer["seconds"] == pytest.approx(80.0)
     assert [path.name for path in tmp_path.iterdir()] == ["d.json"]
 

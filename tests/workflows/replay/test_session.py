@@ -9,7 +9,7 @@ import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import PathMean
-from replay_kit.estimator import Estimator
+from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import unused_innovation
 from replay_kit.workflows.replay.session import Session
 from tests import synthetic
@@ -28,13 +28,13 @@ class Recorder(Estimator):
     def initial(self):
         return ()
 
-    def steps(self, state, measurements):
-        for measurement in measurements:
-            state = (*state, measurement)
-            yield (
-                state,
-                replace(unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons), accepted=True),
-            )
+    def assimilate(self, state, block):
+        unused = unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons)
+        done = []
+        for measurement in block:
+            before, state = state, (*state, measurement)
+            done.append(Stepped(measurement, before, state, replace(unused, accepted=True)))
+        return state, done
 
     def innovation(self, state, measurement):
         return np.zeros((PROFILE.depth.size, 2))

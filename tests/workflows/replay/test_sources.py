@@ -143,6 +143,9 @@ def test_recordings_that_overlap_hold_duplicates_that_contradict_nothing(tmp_pat
             for message in (fix(k), ping(k)):
                 rows.append((k, message.topic, message.schema, message.payload))
         (tmp_path / f"{name}.mcap").write_bytes(json_mcap(rows))
-    done = run_command(tmp_path, "replay first.mcap second.mcap --ensemble ensemble.nc -o out.mcap")
+    # this water is not the forecast's
+    (tmp_path / "c.toml").write_text('[gating]\ngate = "off"\n')
+    line = "replay first.mcap second.mcap --ensemble ensemble.nc --config c.toml -o out.mcap"
+    done = run_command(tmp_path, line)
     assert "10 profiles are duplicates" in done.stdout
     assert "contradicted the estimate and were rejected" not in done.stdout

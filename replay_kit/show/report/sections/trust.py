@@ -133,18 +133,11 @@ def _gate_html(contents: Contents) -> str:
         [escape(name), f"{count:,}"]
         for name, count in sums.groupby("decision")["measurements"].sum().items()
     ]
-    inflated = int(sums["inflated"].sum())
-    text = (
-        f"<p>The estimate's covariance was inflated {inflated} times because the latest measurements lay outside it.</p>"
-        if inflated
-        else ""
-    )
     notes = [note for note in contents.outcome.notes if "bias" in note]
     biases = "".join(f"<p>{escape(note)}.</p>" for note in notes)
     return (
         table_html(
             ["decision of the gate", "measurements"], rows, "What was done with the measurements"
         )
-        + text
         + biases
     )

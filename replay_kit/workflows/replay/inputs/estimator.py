@@ -24,12 +24,12 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.region import Region
 from replay_kit.core.sealed import Kind, read_store, unusable, write_store
-from replay_kit.estimator import Estimator, ReducedBasisEstimator, build_estimator
-from replay_kit.estimator.baselines.builders import build_named
-from replay_kit.estimator.evolving.build import build_evolving
+from replay_kit.estimator import Estimator, ReducedBasisEstimator
+from replay_kit.estimator import build as build_reduced
+from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast import ensemble_files
-from replay_kit.workflows.replay.inputs.forecast import Forecasts
+from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.provenance import file_hash, package_versions
 from replay_kit.workflows.replay.inputs.region import FoundRegion
@@ -58,13 +58,13 @@ def build(forecasts: Forecasts, config: RunConfig, vehicles: int = 1) -> Estimat
         )
     if forecasts.evolves:
         return with_window(
-            build_evolving(forecasts.series, config.estimator, config.time, config.gating),
+            build_reduced(forecasts.series, config.estimator, config.gating, config.time),
             config.time.window,
         )
-    return with_window(
-        build_named(forecasts.ensemble, config.estimator, config.gating),
-        config.time.window,
-    )
+    if config.estimator.name == OWN:
+        made = build_reduced([forecasts.ensemble], config.estimator, config.gating)
+        return with_window(made, config.time.window)
+    return build_named(forecasts.ensemble, config.estimator)
 
 
 def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> Estimator[Any]:
@@ -92,11 +92,16 @@ def _windowed(
     @lru_cache(maxsize=vehicles + 1)
     def estimator_of(region: Region) -> ReducedBasisEstimator:
         ensemble = forecasts.ensemble if region == found.region else read(region)
-        return build_estimator(ensemble, config.estimator, config.gating)
+        return build_reduced([ensemble], config.estimator, config.gating)
 
-    grouping = estimator_of(found.region).grouping
+    first = estimator_of(found.region)
     return WindowedEstimator(
-        found.region, found.margin, found.bounds, estimator_of, config.gating, grouping
+        found.region,
+        found.margin,
+        found.bounds,
+        estimator_of,
+        first.probability,
+        first.grouping,
     )
 
 

@@ -20,6 +20,9 @@ from replay_kit.workflows.replay.inputs.region import FoundRegion
 
 #: Name of the project's own estimator; the others are baselines.
 OWN = "reduced_basis"
+# A current is told from E members by Student's t with E - 1 degrees of freedom, whose variance exists from three on: of fewer
+# members the spread states no error.
+_LEAST_MEMBERS = 4
 _LOG = logging.getLogger(__name__)
 
 
@@ -109,19 +112,17 @@ def read_forecasts(
         else config.forecast.model_copy(update={"region": region.region})
     )
     if own and (asked or config.time.scale == "auto"):
-        series = _warned(read_series(path, part, near_ns=near_ns, place_at=place_at))
+        series = read_series(path, part, near_ns=near_ns, place_at=place_at)
         evolves = asked or len(series) > 1
     else:
-        series, evolves = (
-            _warned((read_ensemble(path, part, near_ns=near_ns, place_at=place_at),)),
-            False,
-        )
+        series, evolves = (read_ensemble(path, part, near_ns=near_ns, place_at=place_at),), False
     if part.region is not None:
         _check_width(series[0])
     of_region = () if region is None else (region.note,)
     note = _unfitted_spread(config, evolves, series[0].made_from)
-    series = (replace(series[0], notes=(*of_region, *series[0].notes, *note)), *series[1:])
-    forecasts = Forecasts(series, series[0], evolves)
+    few = _too_few(config, series[0].n_members)
+    series = (replace(series[0], notes=(*of_region, *series[0].notes, *note, *few)), *series[1:])
+    forecasts = Forecasts(_warned(series), series[0], evolves)
     first = forecasts.nearest(near_ns)
     read = None
     if region is not None and region.follows:
@@ -184,6 +185,19 @@ def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[
         return ()
     return (
         f"the spread of members made of {made_from} is taken for their error: {what} does not fit it",
+    )
+
+
+def _too_few(config: RunConfig, n_members: int) -> tuple[str, ...]:
+    """Return a warning of members that are too few for their spread to state errors; none where the settings state an error."""
+    own = config.estimator
+    stated = own.preset == "default" and own.representation_error_std is not None
+    if own.name != OWN or n_members >= _LEAST_MEMBERS or stated:
+        return ()
+    return (
+        f"{WARNING}{n_members} members are too few to state errors, expected {_LEAST_MEMBERS} or more: the standard errors are too small; "
+        "set estimator.representation_error_std to a number from your own measurements [m/s], such as their RMS innovation before each "
+        "update, which this replay prints",
     )
 
 

@@ -1,7 +1,7 @@
 """The consistency stage: each event is checked before it is used, and what is found changes what the estimate is made of."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from replay_kit.config.run import RunConfig
@@ -204,17 +204,9 @@ def is_distrusted(found: Iterable[Finding]) -> bool:
 
 def trusting(estimator: Any, state: MonitoringState) -> Any:
     """Return the estimator as it is, or, while two sources contradict each other, one whose gate rejects neither."""
-    gating = getattr(estimator, "gating", None)
-    if (
-        not state.checks.sources_contradict
-        or gating is None
-        or gating.gate != "reject"
-        or not is_dataclass(estimator)
-    ):
+    if not state.checks.sources_contradict or getattr(estimator, "probability", None) is None:
         return estimator
-    # Any: which estimators have a gate is known to them alone
-    gated: Any = estimator
-    return replace(gated, gating=gating.model_copy(update={"gate": "soften"}))
+    return replace(estimator, probability=None)
 
 
 def rebuilt(counts: ProfileCounts, steps: Sequence[Step]) -> ProfileCounts:
@@ -303,12 +295,8 @@ def _undetermined(state: MonitoringState) -> str:
 
 def _of_forecast(counts: ProfileCounts, moved: bool) -> tuple[Finding, ...]:
     """Return how the measurements contradict the forecast, if they do: it does not fit where two thirds of them exceed the gate."""
-    beyond, total = counts.gated + counts.softened, counts.total.profiles + counts.gated
+    beyond, total = counts.gated, counts.total.profiles + counts.gated
     evidence = f"{beyond} of {total} observations exceeded the gate"
     if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
         return (findings.forecast_misfit(evidence, moved),)
-    if 2 * beyond <= total:
-        if not counts.inflations:
-            return ()
-        evidence = f"most profiles exceeded the expected innovation {len(counts.inflations)} times"
-    return (findings.ensemble_contradicts(evidence),)
+    return (findings.ensemble_contradicts(evidence),) if 2 * beyond > total else ()

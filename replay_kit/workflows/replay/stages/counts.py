@@ -21,9 +21,6 @@ from replay_kit.core.observation import (
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 
-# Inflations of the covariance given in a note.
-_INFLATIONS_SHOWN = 5
-
 Key = TypeVar("Key")
 
 
@@ -119,8 +116,6 @@ class ProfileCounts:
         rejected: Profiles without a usable bin, or rejected by the gate.
         bins_rejected: Bins not used, by reason.
         gated: Profiles rejected by the gate.
-        softened: Profiles whose errors the gate increased.
-        inflations: Factors by which the covariance was inflated.
         total: Over all profiles used.
         dives: Over the profiles of each dive.
         positions: Longitude and latitude of each measurement used; of a path, where it ended.
@@ -137,8 +132,6 @@ class ProfileCounts:
     rejected: int = 0
     bins_rejected: Mapping[str, int] = field(default_factory=dict)
     gated: int = 0
-    softened: int = 0
-    inflations: tuple[float, ...] = ()
     total: Sums = field(default_factory=Sums)
     dives: Mapping[int, Sums] = field(default_factory=dict)
     positions: tuple[tuple[float, float], ...] = ()
@@ -178,13 +171,6 @@ class ProfileCounts:
             ),
             self.gated
             + sum(one.decision == "rejected" and not _is_repeat(one) for one in innovations),
-            self.softened + sum(_softened(innovation) for innovation in innovations),
-            self.inflations
-            + tuple(
-                innovation.prior_inflation
-                for innovation in innovations
-                if innovation.prior_inflation > 1.0
-            ),
             total,
             dives,
             self.positions + tuple(_place_of(event) for event, _ in used),
@@ -226,17 +212,6 @@ class ProfileCounts:
         if self.gated:
             notes.append(
                 f"{self.gated} profiles contradicted the estimate and were rejected; [gating] sets the gate"
-            )
-        if self.softened:
-            notes.append(
-                f"{self.softened} profiles contradicted the estimate and were used with larger errors"
-            )
-        if self.inflations:
-            factors = ", ".join(f"{factor:.2g}" for factor in self.inflations[:_INFLATIONS_SHOWN])
-            more = " ..." if len(self.inflations) > _INFLATIONS_SHOWN else ""
-            notes.append(
-                f"most profiles exceeded the expected innovation, so the covariance was inflated {len(self.inflations)} times, "
-                f"by {factors}{more}: the ensemble, or the errors stated, do not fit this log"
             )
         return notes
 
@@ -285,15 +260,6 @@ def _is_repeat(innovation: Innovation) -> bool:
     """Return whether a measurement was not used because it repeats another, or is too old: it contradicts nothing."""
     repeats = np.int32(Reason.DUPLICATE | Reason.OUT_OF_ORDER)
     return innovation.decision == "rejected" and bool((innovation.reasons & repeats).any())
-
-
-def _softened(innovation: Innovation) -> int:
-    """Return how many profiles of an innovation were used with larger errors."""
-    return (
-        int(innovation.decision == "softened")
-        if innovation.totals is None
-        else innovation.totals.softened
-    )
 
 
 def _profiles(measurement: Measurement | ProfileGroup) -> tuple[Observation, ...]:

@@ -139,8 +139,7 @@ def assimilate_together(
         estimator = vehicles[own[0][0]].estimator
         # Any: only an estimator that supports mean currents along paths is given some
         given: list[Any] = [item for _, item in own if not isinstance(item, VehicleState)]
-        results = deque(estimator.group_steps(current, given))
-        weights = iter(estimator.weights([each.after for each in results]))
+        results = deque(estimator.assimilate(current, given)[1])
         for vehicle, item in own:
             if isinstance(item, VehicleState):
                 steps.append((vehicle, Step(item, current, current)))
@@ -155,11 +154,13 @@ def assimilate_together(
                 std, of_dive = None, None if against is None else against(start)
                 if isinstance(event, PathMean) and event.kind == "dac":
                     # profiles of the dive itself make the estimate surer than it was before the dive
-                    known = innovation if start is before else estimator.step(start, event)[1]
+                    known = innovation
+                    if start is not before:
+                        known = estimator.assimilate(start, [event])[1][-1].innovation
                     std, of_dive = known.innovation_std, known.innovation
                 if of_dive is None or np.isnan(of_dive).all():
-                    of_dive = _since(start, estimator, event)
-                found = Assimilation(innovation, of_dive, next(weights), std)
+                    of_dive = estimator.innovation(start, event)
+                found = Assimilation(innovation, of_dive, estimator.weights(current), std)
                 steps.append((vehicle, Step(event, before, current, found)))
                 if std is not None and len(vehicles) > 1:
                     # of many vehicles each would keep the state that its last dive began with, tens of megabytes
@@ -200,8 +201,7 @@ def state_after(
                 for item in given:
                     current = estimator.moved(current, item)
             else:
-                for stepped in estimator.group_steps(current, given):
-                    current = stepped.after
+                current, _ = estimator.assimilate(current, given)
             current = estimator.without_left(current)
     return current
 
@@ -211,13 +211,6 @@ def kept(estimator: Estimator[Any], state: EstimationState) -> EstimationState:
     forget = estimator.without_left
     start = estimator.of_own(forget(state.dive_start))
     return replace(state, current=forget(state.current), dive_start=start)
-
-
-def _since(start: Any, estimator: Estimator[Any], event: Measurement | ProfileGroup) -> Array:
-    """Return measured minus predicted from a state before the dive."""
-    if isinstance(event, ProfileGroup):
-        return estimator.group_innovation(start, event)
-    return estimator.innovation(start, event)
 
 
 _Item = VehicleState | Measurement | ProfileGroup

@@ -15,7 +15,8 @@ from scipy.linalg import solve_triangular
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import PathMean
-from replay_kit.estimator.static.filter import ReducedBasisEstimator
+from replay_kit.estimator import ReducedBasisEstimator
+from replay_kit.estimator.update.screening import screen_group
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.pairs import LEAST_GAIN
 from replay_kit.measurements.consistency.usual_faults import hypotheses
@@ -40,8 +41,10 @@ def check_file(estimator: Any, means: Iterable[PathMean]) -> FileCheck:
         estimator: Has the prior; nothing is said with one whose prior is not one Gaussian of weights.
         means: Of dives, and others, which say nothing.
     """
-    dives = [mean for mean in means if mean.kind == "dac"]
-    if not isinstance(estimator, ReducedBasisEstimator) or len(dives) < _LEAST_DIVES:
+    if not isinstance(estimator, ReducedBasisEstimator):
+        return FileCheck()
+    dives = [mean for mean in means if mean.kind == "dac" and estimator.usable(mean)]
+    if len(dives) < _LEAST_DIVES:
         return FileCheck()
     measured, predicted, covariance, variance = _under_prior(
         estimator, dives[:: math.ceil(len(dives) / _MOST_DIVES)]
@@ -76,17 +79,13 @@ def _under_prior(
     estimator: ReducedBasisEstimator, dives: Sequence[PathMean]
 ) -> tuple[Array, Array, Array, Array]:
     """Return measured and predicted currents, shape (2 k,) [m/s], the covariance of the latter, and the variances of the former."""
-    one = np.zeros(1, np.intp)
-    rows = [estimator.rows(mean, one) for mean in dives]
-    # rows are in units of the errors
-    error = np.repeat([1.0 / estimator.noise(mean.linear, one).whiten[0, 0] for mean in dives], 2)
-    design = np.concatenate([each.design() for each in rows]) * error[:, None]
-    weights = estimator.prior_weights
-    by_level = design.reshape(len(design), *weights.shape)
-    covariance = design @ estimator.prior.matvec(by_level).reshape(design.shape).T
-    innovation = error * np.concatenate([each.y for each in rows]) - design @ weights.ravel()
+    groups = [screen_group((mean,), None, estimator.grid) for mean in dives]
+    columns = estimator.observer.columns(groups)
+    design = np.concatenate([column.design for column in columns])
+    innovation = np.concatenate([column.about[0].ravel() for column in columns])
+    variance = np.repeat([column.layouts[0].std[0] ** 2 for column in columns], 2)
     measured = np.concatenate([mean.used for mean in dives])
-    return measured, measured - innovation, covariance, error**2
+    return measured, measured - innovation, design @ design.T, variance
 
 
 def _density(

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.dataset import wet_at
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution
-from replay_kit.core.flow.netcdf import wet_at
 from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_geographic, to_local
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.measurements.surface import ResidualField
@@ -80,7 +79,7 @@ def _estimated(flow: FlowEstimate, time_ns: int, east: Array, north: Array, dept
     """Return the estimate with its oscillations at local places [m], shape (n, 2) [m/s], local axes; NaN where it has none."""
     known = wet_at(flow.grid, east, north, depth) & inside_grid(flow.grid, east, north)
     velocity = np.where(known[:, None], flow.velocity(east, north, depth), np.nan)
-    beside = flow.later.oscillation if isinstance(flow.later, Evolution) else None
+    beside = flow.oscillation
     if beside is not None:
         velocity += [np.interp(depth, flow.levels, each) for each in beside.velocity(time_ns)]
     return velocity

@@ -92,15 +92,14 @@ def resuming(path: Path | None) -> Iterator[None]:
 class StateStore:
     """The states of one run on the disk, and the journal of its result."""
 
-    def __init__(self, journal: Path, identity: str, prior: object | None) -> None:
+    def __init__(self, journal: Path, identity: str) -> None:
         """Bind the store to a run.
 
         Args:
             journal: The file of the journal.
             identity: Of the run; states of another are of no use.
-            prior: The estimator's prior, which is not stored; None when the estimator has none.
         """
-        self._journal_path, self._identity, self._prior = journal, identity, prior
+        self._journal_path, self._identity = journal, identity
         self._journal: Journal | None = None
 
     def read_state(self, path: Path) -> Checkpoint:
@@ -118,7 +117,7 @@ class StateStore:
         # pickle states no end to what it raises on bytes that are not its own
         try:
             check_opcodes(data := bytes(body))
-            checkpoint = load(io.BytesIO(data), self._prior)
+            checkpoint = load(io.BytesIO(data))
             if not isinstance(checkpoint, Checkpoint):
                 raise TypeError(f"expected a checkpoint, got {type(checkpoint).__name__}")
             int(checkpoint.state.last_ns)
@@ -135,7 +134,7 @@ class StateStore:
             head: What is looked at before the state is read.
         """
         body = io.BytesIO()
-        dump(checkpoint, body, self._prior)
+        dump(checkpoint, body)
         write_store(path, CHECKPOINT, {"run": self._identity, **head}, [body.getbuffer()])
 
     def resume(
@@ -210,7 +209,6 @@ class CheckpointFile(StateStore):
         path: Path,
         identity: str,
         interval_s: float,
-        prior: object | None,
         region: FoundRegion | None = None,
     ) -> None:
         """Bind the file to a run.
@@ -219,10 +217,9 @@ class CheckpointFile(StateStore):
             path: The file.
             identity: Of the run.
             interval_s: Between checkpoints [s, in the log's time].
-            prior: The estimator's prior, which is not stored; None when the estimator has none.
             region: The part of the forecast that was found from the log; None where it was not.
         """
-        super().__init__(journal_path(path), identity, prior)
+        super().__init__(journal_path(path), identity)
         self.path = path
         self._interval_ns = int(interval_s * 1e9)
         self._region = region

@@ -63,13 +63,12 @@ def _plain(value: Any) -> Any:
 class FollowedStates(StateStore):
     """The states of one followed mission, in a folder of their own."""
 
-    def __init__(self, folder: Path, identity: str, prior: object | None) -> None:
+    def __init__(self, folder: Path, identity: str) -> None:
         """Bind the folder to a run.
 
         Args:
             folder: It is made when it does not exist.
             identity: Of the forecast, the settings and the versions; with another the states are of no use.
-            prior: The estimator's prior, which is not stored; None when the estimator has none.
 
         Raises:
             ConfigError: The folder cannot be made.
@@ -80,7 +79,7 @@ class FollowedStates(StateStore):
             raise ConfigError(
                 f"{folder}: expected a folder for the states of a followed log: {error.strerror}; choose another"
             ) from error
-        super().__init__(folder / "journal", identity, prior)
+        super().__init__(folder / "journal", identity)
         self.path = folder
         self._known = self._on_disk()
         self._begun_ns, self._read = 0, 0

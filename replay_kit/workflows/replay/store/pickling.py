@@ -10,9 +10,6 @@ from typing import Any, BinaryIO
 from pydantic import BaseModel
 from scipy.sparse import sparray, spmatrix
 
-from replay_kit.estimator.update.growing_cholesky import GrowingCholesky
-from replay_kit.estimator.update.reduced_subspace import Buffer
-
 # The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
 _FUNCTIONS = {
     ("numpy._core.multiarray", "_reconstruct"),
@@ -29,7 +26,6 @@ _FOREIGN = frozenset(
 def dump(
     value: object,
     file: BinaryIO,
-    known: object | None = None,
     on_array: Callable[[pickle.PickleBuffer], Any] | None = None,
 ) -> None:
     """Write a value to a file.
@@ -37,24 +33,22 @@ def dump(
     Args:
         value: Of this project's classes, and arrays.
         file: Where to.
-        known: A part of it that is not written, because who loads it has it; None writes all.
         on_array: Takes the contents of contiguous arrays, which are then not written; None writes them.
     """
-    _Dumper(file, known, on_array).dump(value)
+    pickle.Pickler(file, protocol=5, buffer_callback=on_array).dump(value)
 
 
-def load(file: BinaryIO, known: object | None = None, arrays: Iterable[object] = ()) -> Any:
+def load(file: BinaryIO, arrays: Iterable[object] = ()) -> Any:
     """Return the value that ``dump`` wrote.
 
     Args:
         file: Where from.
-        known: The part that was not written.
         arrays: Contents of the arrays that were not written, in their order.
 
     Raises:
         Exception: Of any kind, on bytes that are not its own: pickle states no end to what it raises.
     """
-    return _Loader(file, known, arrays).load()
+    return _Loader(file, buffers=arrays).load()
 
 
 def check_opcodes(body: bytes) -> None:
@@ -76,34 +70,12 @@ def _is_value(kind: type[Any]) -> bool:
     return (
         is_dataclass(kind)
         or issubclass(kind, (Enum, tuple, BaseModel))
-        or kind in (GrowingCholesky, Buffer)
         or issubclass(kind, (sparray, spmatrix))
     )
 
 
-class _Dumper(pickle.Pickler):
-    def __init__(
-        self,
-        file: BinaryIO,
-        known: object | None,
-        on_array: Callable[[pickle.PickleBuffer], Any] | None,
-    ) -> None:
-        super().__init__(file, protocol=5, buffer_callback=on_array)
-        self._known = known
-
-    def persistent_id(self, obj: Any) -> str | None:
-        return "prior" if self._known is not None and obj is self._known else None
-
-
 class _Loader(pickle.Unpickler):
     """Loads this project's values and arrays; nothing whose construction has side effects."""
-
-    def __init__(self, file: BinaryIO, known: object | None, arrays: Iterable[object]) -> None:
-        super().__init__(file, buffers=arrays)
-        self._known = known
-
-    def persistent_load(self, pid: Any) -> Any:
-        return self._known
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) in _FUNCTIONS | _CLASSES:

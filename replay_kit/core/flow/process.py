@@ -1,0 +1,164 @@
+"""The unknowns of an estimate, and the current that they make.
+
+The weights of the modes at time t are
+
+    w(t) = m(t) + sum_i x_i L_i(t),    x_i independent, of mean 0 and variance 1,
+
+with m the ensemble mean. An L_i is the anomaly of a member or of one of its shifted copies, which moves and grows with the member's own
+forecast; the ensemble mean, whose amplitude is uncertain; or a direction of the localised covariance, which grows as the ensemble's spread.
+Each x_i is an Ornstein-Uhlenbeck process with a decorrelation time of its own,
+
+    cov(x_i(t), x_i(t')) = exp(-|t - t'| / tau_i);
+
+an estimate that does not change has tau = inf. Everything is linear between the forecast's times and constant outside them. In depth the
+L_i are sums of K vertical functions, which are fewer than the levels.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+
+_NS = 1e9
+
+
+@dataclass(frozen=True, eq=False)
+class Process:
+    """The unknowns of an estimate; k = F + B of them.
+
+    Attributes:
+        times_ns: shape (T,) [ns, UTC], increasing.
+        mean: shape (T, Z, r), m.
+        moving: shape (T, F, K, r), of unknowns that have a pattern at each time.
+        fixed: shape (B, K, r), of unknowns whose pattern grows with the spread alone.
+        spread: shape (T,), their factor.
+        functions: shape (K, Z), vertical functions.
+        tau: shape (k,) [s], decorrelation times; inf for constants.
+    """
+
+    times_ns: NDArray[np.int64]
+    mean: Array
+    moving: Array
+    fixed: Array
+    spread: Array
+    functions: Array
+    tau: Array
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns k."""
+        return int(self.moving.shape[1]) + len(self.fixed)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether nothing changes in time."""
+        return self.times_ns.size == 1 and not np.isfinite(self.tau).any()
+
+    def __str__(self) -> str:
+        """Return the decorrelation times as text."""
+        days = np.unique(self.tau[np.isfinite(self.tau)]) / 86_400.0
+        if not days.size:
+            return f"constant in time; {self.size} unknowns"
+        return f"decorrelation times {', '.join(f'{day:.1f}' for day in days)} days; {self.size} unknowns"
+
+    def shares(self, times_ns: NDArray[np.int64]) -> Array:
+        """Return the share of each forecast time at times [ns, UTC], shape (n, T): linear between these, constant outside them."""
+        if self.times_ns.size == 1:
+            return np.ones((len(times_ns), 1))
+        before = np.clip(np.searchsorted(self.times_ns, times_ns) - 1, 0, self.times_ns.size - 2)
+        first, step = self.times_ns[before], np.diff(self.times_ns)[before]
+        share = np.clip((times_ns - first) / step, 0.0, 1.0)
+        out, rows = np.zeros((len(times_ns), self.times_ns.size)), np.arange(len(times_ns))
+        out[rows, before], out[rows, before + 1] = 1.0 - share, share
+        return out
+
+    def mean_at(self, time_ns: int) -> Array:
+        """Return m at a time [ns, UTC], shape (Z, r)."""
+        return self._at(time_ns, self.mean)
+
+    def loading(self, time_ns: int) -> Array:
+        """Return L at a time [ns, UTC], shape (k, K, r)."""
+        if self.times_ns.size == 1:
+            return self._only
+        (shares,) = self.shares(np.array([time_ns]))
+        return np.concatenate([self._at(time_ns, self.moving), (shares @ self.spread) * self.fixed])
+
+    def weights(self, unknowns: Array, time_ns: int) -> Array:
+        """Return the weights of unknowns, shape (..., k), at a time [ns, UTC]: shape (..., Z, r)."""
+        in_functions = np.tensordot(unknowns, self.loading(time_ns), 1)
+        return np.asarray(self.mean_at(time_ns) + self.functions.T @ in_functions)
+
+    def project(self, modes: Array, times_ns: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the current at places: of unknowns that are zero, and of one unit of each.
+
+        Args:
+            modes: shape (n, 2, r) [m/s for a weight of one], of each mode at each place.
+            times_ns: shape (n,) [ns, UTC].
+
+        Returns:
+            shapes (n, 2, Z) and (n, 2, K, k) [m/s].
+        """
+        shares, n = self.shares(times_ns), len(modes)
+        flat = modes.reshape(2 * n, -1).T
+        known = np.zeros((n, 2, self.mean.shape[1]))
+        unit = np.zeros((self.size, len(self.functions), n, 2))
+        of_fixed = self.moving.shape[1]
+        for j in np.flatnonzero(shares.any(axis=0)):
+            share = shares[:, j, None]
+            known += share[..., None] * (modes @ self.mean[j].T)
+            unit[:of_fixed] += share * _times(self.moving[j], flat, n)
+        unit[of_fixed:] = (shares @ self.spread)[:, None] * _times(self.fixed, flat, n)
+        return known, np.ascontiguousarray(unit.transpose(2, 3, 1, 0))
+
+    def project_sums(self, sums: Array, shares: Array) -> tuple[Array, Array]:
+        """Return sums of the current over points: of unknowns that are zero, and of one unit of each.
+
+        Args:
+            sums: shape (T, m, Z, r), of the modes' currents over the points of each sum, level by level, by share of each forecast time.
+            shares: shape (T,), which forecast times have a part; those of 0 are not read.
+
+        Returns:
+            shapes (m,) and (m, k) [m/s].
+        """
+        known, moving = np.zeros(sums.shape[1]), np.zeros((sums.shape[1], self.moving.shape[1]))
+        axes, fixed = ([1, 2], [1, 2]), np.zeros((sums.shape[1], len(self.fixed)))
+        for j in np.flatnonzero(shares):
+            known += np.tensordot(sums[j], self.mean[j], 2)
+            in_functions = self.functions @ sums[j]
+            moving += np.tensordot(in_functions, self.moving[j], axes)
+            fixed += self.spread[j] * np.tensordot(in_functions, self.fixed, axes)
+        return known, np.hstack([moving, fixed])
+
+    def kept(self, seconds: float) -> Array:
+        """Return the factor exp(-dt / tau) of each unknown after a time [s], shape (k,)."""
+        return np.asarray(np.exp(-seconds / self.tau))
+
+    def since(self, time_ns: int) -> "Process":
+        """Return the process without the forecast's times that count only before a time [ns, UTC]."""
+        first = max(int(np.searchsorted(self.times_ns, time_ns, side="right")) - 1, 0)
+        named = {
+            name: getattr(self, name)[first:] for name in ("times_ns", "mean", "moving", "spread")
+        }
+        return replace(self, **named)
+
+    @cached_property
+    def _only(self) -> Array:
+        """The loading of a forecast at one time."""
+        return np.concatenate([self.moving[0], self.spread[0] * self.fixed])
+
+    def _at(self, time_ns: int, values: Array) -> Array:
+        (shares,) = self.shares(np.array([time_ns]))
+        used: Sequence[int] = np.flatnonzero(shares).tolist()
+        if len(used) == 1:
+            return np.asarray(values[used[0]])
+        return np.asarray(sum(shares[j] * values[j] for j in used))
+
+
+def _times(patterns: Array, flat: Array, n: int) -> Array:
+    """Return the products of patterns, shape (b, K, r), with the modes at n places, shape (r, 2 n): shape (b, K, n, 2)."""
+    rows = patterns.reshape(-1, patterns.shape[2]) @ flat
+    return np.asarray(rows.reshape(*patterns.shape[:2], n, 2))

@@ -1,0 +1,212 @@
+"""What the paper compares with: its naive 3D basis, and the member nearest to the measurements.
+
+Both see whole three-dimensional flows, one unknown each, where the 2.5D basis divides them into depth slices with weights of their own: the
+naive basis has the singular vectors of whole members with a diagonal prior of variances, so that the estimate never leaves the members'
+span. The nearest member has the least sum of squared differences from the measurements so far.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from replay_kit.config.removed import refuse_value
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.extensions import additions
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.functions import DepthFunctions
+from replay_kit.core.flow.process import Process
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Measurement
+from replay_kit.estimator.basis.embedding import embed
+from replay_kit.estimator.basis.modes import Basis, default_functions
+from replay_kit.estimator.basis.slices import ensemble_slices
+from replay_kit.estimator.estimator import ReducedBasisEstimator
+from replay_kit.estimator.interface import Estimator, Stepped, require_estimator
+from replay_kit.estimator.update.columns import Column, Observer
+from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.estimator.update.innovations import misfits
+from replay_kit.estimator.update.screening import screen_group
+
+
+def naive_3d(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
+    """Return the naive 3D estimator of an ensemble, with ``config.modes`` modes or as many as there are members.
+
+    Velocities and hats in depth take the place of the paper's latents and Gaussians, as in the default preset.
+    """
+    slices = ensemble_slices(ensemble)
+    members = slices.reshape(ensemble.n_members, -1)
+    vectors, values, _ = scipy.linalg.svd(members.T, full_matrices=False)
+    rank = int(np.sum(values > 1e-12 * values[0]))
+    vectors = vectors[:, : min(config.modes or rank, rank)]
+    weights = members @ vectors
+    flows = vectors.T.reshape(-1, *slices.shape[1:])
+    return _of_flows(ensemble, flows, (weights.mean(axis=0), weights.var(axis=0, ddof=1)), config)
+
+
+def _of_flows(
+    ensemble: Ensemble, flows: Array, prior: tuple[Array, Array], config: EstimatorConfig
+) -> ReducedBasisEstimator:
+    """Return the filter with one unknown for each whole flow.
+
+    Args:
+        ensemble: Its grid and time.
+        flows: shape (m, Z, 2N) [m/s], at the nodes.
+        prior: Mean and variance of their weights, shapes (m,).
+        config: Kernel and error model.
+    """
+    n, n_levels, size = flows.shape
+    functions = default_functions(ensemble.grid, config)
+    # every slice of every flow is a mode, which one unknown and one level alone have
+    latents = embed(functions, ensemble.grid.nodes, flows.reshape(-1, size).T, config.nugget)
+    own, levels = np.ogrid[:n, :n_levels]
+    each = np.zeros((n, n_levels, n * n_levels))
+    each[own, levels, own * n_levels + levels] = 1.0
+    mean, variance = prior
+    process = Process(
+        np.array([ensemble.time_ns or 0], np.int64),
+        np.tensordot(mean, each, 1)[None],
+        np.empty((1, 0, *each.shape[1:])),
+        np.sqrt(variance)[:, None, None] * each,
+        np.ones(1),
+        np.eye(n_levels),
+        np.full(n, np.inf),
+    )
+    nothing = np.zeros((n_levels, len(ensemble.grid.nodes)))
+    basis = Basis(
+        ensemble.grid,
+        functions,
+        DepthFunctions("hat", config.length_vertical),
+        np.zeros((latents.shape[0], n_levels)),
+        latents,
+        np.ones(n),
+        each,
+        np.zeros(n_levels),
+    )
+    stated = config.paper_error_std if config.preset == "paper" else None
+    error = nothing + (config.representation_error_std or 0.0)
+    observer = Observer(basis, process, error, nothing, stated_std=stated)
+    return ReducedBasisEstimator(observer, None, None, ensemble.time_ns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MemberErrors:
+    """The distance of each member from the measurements so far.
+
+    Attributes:
+        sum_of_squares: shape (E,), of measured minus member over the errors.
+        time_ns: Of the last observation used [ns, UTC]; None before the first.
+    """
+
+    sum_of_squares: Array
+    time_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestMember(Estimator[MemberErrors]):
+    """Chooses among the members; without a measurement, the one nearest to their mean.
+
+    Attributes:
+        members: The filter whose unknowns are the members' weights.
+        distance: shape (E,), of each member from the mean, for the choice before any measurement and between equals.
+    """
+
+    members: ReducedBasisEstimator
+    distance: Array
+
+    def initial(self) -> MemberErrors:
+        """Return the state before any observation."""
+        return MemberErrors(np.zeros(self.distance.size))
+
+    def usable(self, observation: Measurement) -> bool:
+        """Return whether a measurement has a value that would be used."""
+        found = screen_group((observation,), None, self.members.grid, relative=False)
+        return found.used.size > 0
+
+    def chosen(self, state: MemberErrors) -> Array:
+        """Return the weights of the members, shape (E,): one of the nearest, zero of the others."""
+        nearest = np.lexsort((self.distance, state.sum_of_squares))[0]
+        return np.asarray(np.eye(self.distance.size)[nearest])
+
+    def assimilate(
+        self, state: MemberErrors, block: Sequence[Measurement | ProfileGroup]
+    ) -> tuple[MemberErrors, list[Stepped[MemberErrors]]]:
+        """Return the state after measurements, and the outcome of each."""
+        found = []
+        for event in block:
+            events = event.profiles if isinstance(event, ProfileGroup) else (event,)
+            group = screen_group(events, None, self.members.grid, relative=False)
+            after, innovation = state, group.unused(0)
+            if group.used.size:
+                (column,) = self.members.observer.columns([group])
+                squares = state.sum_of_squares + _squares(column)
+                after = MemberErrors(squares, column.time_ns)
+                before, now = (
+                    misfits(group, column, column.design @ self.chosen(each))
+                    for each in (state, after)
+                )
+                innovation = replace(
+                    innovation,
+                    innovation=before,
+                    residual=now,
+                    accepted=True,
+                    decision="accepted",
+                )
+            found.append(Stepped(event, state, after, innovation))
+            state = after
+        return state, found
+
+    def flow(self, state: MemberErrors) -> FlowEstimate:
+        """Return the chosen member."""
+        own = self.members.flow(self.members.initial())
+        assert own.unknowns is not None
+        weights = self.members.observer.process.weights(self.chosen(state), 0)
+        latent = own.unknowns.offset + own.modes @ weights.T
+        time_ns = self.members.time_ns if state.time_ns is None else state.time_ns
+        return replace(own.mean_flow(), latent=latent, time_ns=time_ns)
+
+
+def nearest_member(ensemble: Ensemble, config: EstimatorConfig) -> NearestMember:
+    """Return the nearest-member baseline of an ensemble."""
+    slices = ensemble_slices(ensemble)
+    n = ensemble.n_members
+    members = _of_flows(ensemble, slices, (np.zeros(n), np.ones(n)), config)
+    distance = np.sum((slices - slices.mean(axis=0)) ** 2, axis=(1, 2))
+    return NearestMember(members, distance)
+
+
+def _squares(column: Column) -> Array:
+    """Return the squares of measured minus each unknown's current over the errors, shape (k,)."""
+    total = np.zeros(column.design.shape[1])
+    for layout, about in zip(column.layouts, column.about, strict=True):
+        by_component = column.design.reshape(column.axes.shape[1], -1, column.design.shape[1])
+        predicted = np.einsum("mf,afk,ca->mck", layout.functions, by_component, column.axes)
+        off = layout.whiten @ (about[..., None] - predicted).reshape(len(about), -1)
+        total += np.square(off.reshape(len(off), -1, total.size)).sum(axis=(0, 1))
+    return total
+
+
+#: Builders of baselines, by the names of ``--estimator``.
+BASELINES: dict[str, Callable[[Ensemble, EstimatorConfig], Estimator[Any]]] = {
+    "naive3d": naive_3d,
+    "nearest": nearest_member,
+}
+
+
+def build_named(ensemble: Ensemble, config: EstimatorConfig) -> Estimator[Any]:
+    """Return the baseline, or the estimator of another package, of the configured name.
+
+    Raises:
+        ConfigError: The name is unknown, or what it names is no estimator.
+    """
+    if config.name in BASELINES:
+        return BASELINES[config.name](ensemble, config)
+    refuse_value("--estimator", config.name)
+    if config.name not in (added := additions("estimators", callable, "a function")):
+        known = ", ".join(("reduced_basis", *BASELINES, *added))
+        raise ConfigError(f"estimator: expected one of {known}, got '{config.name}'")
+    return require_estimator(added[config.name](ensemble, config), f"estimator {config.name}")

@@ -1,0 +1,153 @@
+"""The estimator of a forecast: one build for a current that is constant and for one that changes."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.config.estimation import GatingConfig, TimeConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.process import Process
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator.basis.modes import build_basis, mean_variance
+from replay_kit.estimator.basis.slices import correlation_length
+from replay_kit.estimator.estimator import Evidence, ReducedBasisEstimator
+from replay_kit.estimator.prior.biases import biases
+from replay_kit.estimator.prior.extras import Extras
+from replay_kit.estimator.prior.factor import process_of, times_with_spread
+from replay_kit.estimator.prior.fit import choose_settings, members_in_basis
+from replay_kit.estimator.prior.oscillations import oscillations
+from replay_kit.estimator.update.columns import Observer
+from replay_kit.estimator.update.grouping import Grouping, current_gradient, spread_of
+
+# Mixtures of the members' own evolutions decorrelate more slowly than the current at a place, by this factor.
+_TRAJECTORY_FACTOR = 5.0
+
+
+def build(
+    forecasts: Sequence[Ensemble],
+    config: EstimatorConfig,
+    gating: GatingConfig | None = None,
+    time: TimeConfig | None = None,
+) -> ReducedBasisEstimator:
+    """Return the estimator of a forecast.
+
+    Args:
+        forecasts: The same members on the same grid, one a time, in order; one alone may have no time.
+        config: Preset, basis and prior.
+        gating: Gate; None accepts every observation with its stated errors.
+        time: How the current changes; None for a constant one.
+    """
+    if config.preset == "paper":
+        return _paper(forecasts[0], config)
+    pooled = replace(forecasts[0], velocity=np.concatenate([each.velocity for each in forecasts]))
+    basis = build_basis(pooled, config)
+    n_times, n_members = len(forecasts), forecasts[0].n_members
+    weights = basis.member_weights.reshape(n_times, n_members, *basis.member_weights.shape[1:])
+    # fitted at the time in the middle
+    middle = forecasts[n_times // 2]
+    members = replace(members_in_basis(basis), weights=weights[n_times // 2])
+    settings = choose_settings(members, correlation_length(middle), config)
+    if isinstance(config.spread, float):
+        mean = weights.mean(axis=1, keepdims=True)
+        weights = mean + np.sqrt(config.spread) * (weights - mean)
+    process, parts, dropped = process_of(
+        weights,
+        members.shifted(settings),
+        settings,
+        basis.mean_weights,
+        mean_variance(config),
+        config.dropped_std,
+    )
+    times_ns = np.array([each.time_ns or 0 for each in forecasts], np.int64)
+    process = replace(process, times_ns=times_ns)
+    grouping = Grouping(max(current_gradient(each) for each in forecasts))
+    evidence, extras = None, None
+    if time is not None:
+        scales = scales_of(weights, times_ns, time)
+        of_local = np.arange(process.size) >= process.moving.shape[1]
+        process = replace(process, tau=np.where(of_local, scales[1], scales[0]))
+        # the squared difference of a current that is forgotten over T grows by 2 variances over T
+        grouping = replace(grouping, change=2.0 * spread_of(forecasts) ** 2 / scales[1])
+        if time.oscillators or time.biases:
+            grid = basis.grid
+            turning = oscillations(time, grid.projection.latitude, float(grid.levels[-1]))
+            extras = Extras(turning, biases(time), int(times_ns[0]))
+    elif config.spread is None or config.spread == "fit":
+        made = config.spread == "fit" or bool(forecasts[0].made_from)
+        averages = config.mean_variance is None
+        few = members.leading()
+        evidence = Evidence(parts, few, settings, config.dropped_std, made, averages)
+    relative = 1.0 if basis.error_field is None else basis.error_field.relative
+    representation = basis.representation_std(config)[:, None] * relative
+    return ReducedBasisEstimator(
+        Observer(
+            basis,
+            process,
+            np.broadcast_to(representation, dropped.shape),
+            dropped,
+            basis.potential,
+            extras=extras,
+        ),
+        evidence,
+        None if gating is None or gating.gate == "off" else gating.gate_probability,
+        forecasts[0].time_ns,
+        grouping,
+        (f"prior: {settings}", *([] if time is None else [f"through time: {process}"])),
+    )
+
+
+def _paper(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
+    """The paper's: independent weights about their mean, every level its own function, one error for all bins."""
+    basis = build_basis(ensemble, config)
+    mean, variance = basis.member_weights.mean(axis=0), basis.member_weights.var(axis=0, ddof=1)
+    factor = config.spread if isinstance(config.spread, float) else 1.0
+    n_levels, n_modes = mean.shape
+    fixed = np.diag(np.sqrt(factor * variance).ravel()).reshape(-1, n_levels, n_modes)
+    process = Process(
+        np.array([ensemble.time_ns or 0], np.int64),
+        mean[None],
+        np.empty((1, 0, n_levels, n_modes)),
+        fixed,
+        np.ones(1),
+        np.eye(n_levels),
+        np.full(len(fixed), np.inf),
+    )
+    error = np.zeros((n_levels, len(basis.grid.nodes)))
+    observer = Observer(basis, process, error, error, stated_std=config.paper_error_std)
+    return ReducedBasisEstimator(observer, None, None, ensemble.time_ns)
+
+
+def scales_of(weights: Array, times_ns: NDArray[np.int64], time: TimeConfig) -> tuple[float, float]:
+    """Return the decorrelation times of mixtures of the members and of local corrections [s]; inf for constants.
+
+    Args:
+        weights: shape (T, E, Z, r).
+        times_ns: shape (T,) [ns].
+        time: May state them.
+    """
+    local = np.inf if time.scale == "static" else time.scale
+    if local == "auto":
+        local = decorrelation_time(weights - weights.mean(axis=1, keepdims=True), times_ns)
+    return time.trajectory_scale or _TRAJECTORY_FACTOR * float(local), float(local)
+
+
+def decorrelation_time(anomalies: Array, times_ns: NDArray[np.int64]) -> float:
+    """Return the decorrelation time of anomalies [s], from their correlation between neighbouring times, pooled; inf for one time.
+
+    Args:
+        anomalies: shape (T, E, Z, r).
+        times_ns: shape (T,) [ns].
+    """
+    size = np.linalg.norm(anomalies.reshape(len(anomalies), -1), axis=1)
+    apart = times_with_spread(size)
+    if apart.size < 2:
+        return float("inf")
+    flat, size = anomalies[apart].reshape(apart.size, -1), size[apart]
+    correlation = np.sum(flat[1:] * flat[:-1], axis=1) / (size[1:] * size[:-1])
+    seconds = np.diff(times_ns[apart]) / 1e9
+    # a correlation of nearly one or of zero gives no rate
+    rate = -np.log(np.clip(correlation, 0.01, 1.0 - 1e-9)) / seconds
+    return float(1.0 / np.mean(rate))

@@ -1,0 +1,220 @@
+"""The prior of the unknowns: members, their shifted copies, local directions, and the amplitude of the ensemble mean.
+
+The hybrid covariance a cov(members and shifted copies) + (1 - a) localised is written as the sum of outer products of patterns, one an
+unknown of unit variance (``core/flow/process.py``). Of the localised part only the directions above a bound are kept, and of the depth
+structure only the vertical functions above another: what is dropped is part of the stated error, place by place.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.process import Process
+from replay_kit.estimator.basis.shifts import SHIFT_WEIGHTS, ShiftedModes
+from replay_kit.estimator.prior.hybrid import PriorSettings
+from replay_kit.estimator.prior.localised import localised_part
+
+# Directions that are considered for dropping together, at first.
+_STEP = 256
+# Bound for vertical functions over that for directions.
+_VERTICAL_SHARE = 1.0 / 3.0
+# Share of the largest spread below which the members are equal to rounding.
+_LEAST_SPREAD = 1e-3
+# Nodes at which the largest variance is looked for, at most.
+_NODES = 600
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parts:
+    """Which unknowns are what.
+
+    Attributes:
+        members: Number of members E; the first unknowns of the sample are theirs.
+        sample: Of members and copies.
+        has_amplitude: Whether the first unknown is the ensemble mean's amplitude.
+        anomaly: Value of a member's own unknown in its anomaly.
+        amplitude_variance: Prior variance of the amplitude.
+    """
+
+    members: int
+    sample: slice
+    has_amplitude: bool
+    anomaly: float
+    amplitude_variance: float
+
+    @property
+    def scaled(self) -> slice:
+        """Unknowns whose prior variance the log may scale: those of members and local directions."""
+        return slice(int(self.has_amplitude), None)
+
+
+def process_of(
+    weights: Array,
+    modes: ShiftedModes,
+    settings: PriorSettings,
+    mean_weights: Array | None,
+    mean_variance: float,
+    bound: float,
+) -> tuple[Process, Parts, Array]:
+    """Return the prior's process without times, its parts, and the standard deviation of what is dropped.
+
+    Args:
+        weights: shape (T, E, Z, r), of the members at each forecast time.
+        modes: With what shifts fields in them.
+        settings: Share, shift and radius.
+        mean_weights: shape (Z, r), of the ensemble mean; None where its amplitude is certain.
+        mean_variance: Of its amplitude.
+        bound: Standard deviation below which the directions dropped together stay everywhere [m/s].
+
+    Returns:
+        The process, of which ``times_ns`` and ``tau`` are still to be set; the parts; shape (Z, N) [m/s].
+    """
+    n_members, share = weights.shape[1], settings.sample_share
+    mean = weights.mean(axis=1)
+    anomalies = (weights - mean[:, None]) / np.sqrt(n_members - 1.0)
+    copies = np.stack([modes.copies(each) for each in anomalies])
+    spread = np.sqrt(np.sum(anomalies**2, axis=(1, 2, 3)))
+    local, dropped = np.empty((0, *mean.shape[1:])), np.zeros((mean.shape[1], len(modes.nodes)))
+    if share < 1.0:
+        local, dropped = local_directions(copies, spread, modes, settings, bound)
+    moving = np.sqrt(share) * copies
+    if mean_weights is not None:
+        amplitude = np.sqrt(mean_variance) * (mean_weights + mean)
+        moving = np.concatenate([amplitude[:, None], moving], axis=1)
+    functions, left = vertical_functions(
+        moving, spread.max() * local, some_nodes(modes.velocity_modes), _VERTICAL_SHARE * bound
+    )
+    process = Process(
+        np.zeros(len(weights), np.int64),
+        mean,
+        functions @ moving,
+        functions @ local,
+        spread,
+        functions,
+        np.full(moving.shape[1] + len(local), np.inf),
+    )
+    unshifted = SHIFT_WEIGHTS[0] if copies.shape[1] > n_members else 1.0
+    first = moving.shape[1] - copies.shape[1]
+    parts = Parts(
+        n_members,
+        slice(first, first + copies.shape[1]),
+        bool(first),
+        float(np.sqrt((n_members - 1.0) / share) / unshifted) if share > 0.0 else 0.0,
+        mean_variance,
+    )
+    return process, parts, np.hypot(dropped, left[:, None])
+
+
+def local_directions(
+    copies: Array, spread: Array, modes: ShiftedModes, settings: PriorSettings, bound: float
+) -> tuple[Array, Array]:
+    """Return the directions of the localised covariance for a spread of one, shape (B, Z, r), and what is dropped, shape (Z, N) [m/s].
+
+    Args:
+        copies: shape (T, F, Z, r), anomalies of members and copies.
+        spread: shape (T,), of the members.
+        modes: At the nodes.
+        settings: Share and radius.
+        bound: As of ``process_of``.
+    """
+    apart = times_with_spread(spread)
+    normalised = copies[apart] / spread[apart, None, None, None] / np.sqrt(apart.size)
+    functions, horizontal = localised_part(
+        normalised.reshape(-1, *copies.shape[2:]), modes, settings.radius
+    )
+    values, vectors = np.linalg.eigh(horizontal)
+    root = np.sqrt((1.0 - settings.sample_share) * np.maximum(values, 0.0))
+    directions = spread.max() * root[:, None, :] * vectors  # (g, r, r), of the largest spread
+    group = np.minimum(np.arange(len(functions)), len(horizontal) - 1)
+    height = np.square(functions)
+    dropped = _dropped(height, group, directions, some_nodes(modes.velocity_modes), bound)
+    # the variance that the directions dropped have at all nodes, one group of functions at a time
+    variance = np.zeros((functions.shape[1], len(modes.velocity_modes)))
+    for g, own in enumerate(directions):
+        of_levels = dropped[group == g].T @ height[group == g]  # (r, Z)
+        used = of_levels.any(axis=1)
+        variance += of_levels[used].T @ np.square(modes.velocity_modes @ own[:, used]).T
+    q, b = np.nonzero(~dropped)
+    local = functions[q][:, :, None] * (directions[group[q], :, b] / spread.max())[:, None, :]
+    return local, np.sqrt(variance.reshape(len(variance), 2, -1).mean(axis=1))
+
+
+def _dropped(
+    height: Array, group: NDArray[np.intp], directions: Array, velocity_modes: Array, bound: float
+) -> NDArray[np.bool_]:
+    """Return which directions, shape (q, r), are dropped: the smallest, while all together stay below a bound everywhere.
+
+    Args:
+        height: shape (q, Z), squares of the vertical functions.
+        group: shape (q,), which directions each has.
+        directions: shape (g, r, r), by column.
+        velocity_modes: shape (2P, r), at some nodes.
+        bound: [m/s].
+    """
+    at_nodes = np.square(velocity_modes @ directions).swapaxes(1, 2).copy()  # (g, r, 2P)
+    size = at_nodes.max(axis=2)[group] * height.max(axis=1)[:, None]
+    q, b = np.unravel_index(np.argsort(size, axis=None), size.shape)
+    total, n = np.zeros((height.shape[1], at_nodes.shape[2])), 0
+
+    def more(count: int) -> Array:
+        some = slice(n, n + count)
+        return np.asarray(height[q[some]].T @ at_nodes[group[q[some]], b[some]])
+
+    # a step that is too long is halved
+    step = _STEP
+    while step and n < q.size:
+        with_more = total + more(step)
+        if with_more.max() > bound**2:
+            step //= 2
+        else:
+            total, n = with_more, n + step
+    out = np.zeros(size.shape, np.bool_)
+    out[q[:n], b[:n]] = True
+    return out
+
+
+def some_nodes(velocity_modes: Array) -> Array:
+    """Return the modes at some nodes, evenly spread among them: enough to find the largest of a smooth variance, shape (2P, r)."""
+    by_component = velocity_modes.reshape(2, -1, velocity_modes.shape[1])
+    step = -(-by_component.shape[1] // _NODES)
+    return by_component[:, ::step].reshape(-1, velocity_modes.shape[1])
+
+
+def vertical_functions(
+    moving: Array, fixed: Array, velocity_modes: Array, bound: float
+) -> tuple[Array, Array]:
+    """Return the vertical functions that patterns need, shape (K, Z), orthonormal, and the error without the others, shape (Z,) [m/s].
+
+    Args:
+        moving: shape (T, F, Z, r), patterns at each time.
+        fixed: shape (B, Z, r), patterns beside these at any time.
+        velocity_modes: shape (2P, r) [m/s for a weight of one], at some nodes.
+        bound: Of the standard deviation that those dropped have together [m/s].
+    """
+    covariance = sum(
+        np.einsum("kzr,kyr->zy", each, each, optimize=True) for each in (*moving, fixed)
+    )
+    functions = np.linalg.eigh(covariance)[1].T[::-1]
+
+    def at_nodes(patterns: Array, function: Array) -> Array:
+        in_function = np.tensordot(function, patterns, ([0], [1]))
+        products = velocity_modes @ (in_function.T @ in_function)
+        return np.asarray(np.sum(products * velocity_modes, axis=1))
+
+    left, total = np.zeros(functions.shape[1]), 0.0
+    for n in range(len(functions), 1, -1):
+        of_times = np.max([at_nodes(each, functions[n - 1]) for each in moving], axis=0)
+        # of a function that holds nothing rounding may leave less than nothing
+        variance = max((of_times + at_nodes(fixed, functions[n - 1])).max(), 0.0)
+        total += variance
+        if total > bound**2:
+            return functions[:n], np.sqrt(left)
+        left += functions[n - 1] ** 2 * variance
+    return functions[:1], np.sqrt(left)
+
+
+def times_with_spread(spread: Array) -> NDArray[np.intp]:
+    """Return the times at which the members differ: they may all start from one analysis."""
+    return np.flatnonzero(spread > _LEAST_SPREAD * spread.max())

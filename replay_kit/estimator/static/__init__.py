@@ -1,1 +1,0 @@
-"""The static estimate: one forecast time, nothing changes between observations."""

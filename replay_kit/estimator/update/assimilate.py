@@ -1,0 +1,264 @@
+"""The update of the unknowns by measurements, in blocks.
+
+The products of all columns of a block with the covariance are computed at once: P is read once for all. Columns are then judged in order,
+each against the estimate after those before it, and change the mean; the covariance is changed once, at the end:
+
+    C = D P,    S = R C D' R' + 1 = A A',    G = A^-1 R C,    x <- x + G' A^-1 (y - R D x),    P <- P - G'G.
+
+In between, only mean and covariance of the unknowns of the block's columns, D x and D P D', are kept up to date.
+
+A block of one is the same. Measurements of a column are judged each against the estimate before them; those accepted are combined without
+loss before they meet the unknowns, with w_i one over each one's error factor:
+
+    R'R = sum w_i R_i'R_i,    R'y = sum w_i R_i'y_i.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg.blas import dtrsm
+
+from replay_kit.core.arrays import Array, replace
+from replay_kit.core.observation import LinearMeasurement
+from replay_kit.estimator.state import FOLDED, State
+from replay_kit.estimator.update.columns import Column
+from replay_kit.estimator.update.judge import Judgement, judged
+
+# Share of the largest eigenvalue below which a combination of rows is rounding.
+_ROUNDING = 1e-13
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Update:
+    """What measurements of one column did.
+
+    Attributes:
+        column: The column.
+        before: shape (q,), mean of its unknowns before them.
+        covariance: shape (q, q), of these.
+        judgements: One a measurement.
+        mean_after: shape (q,), mean after those accepted.
+        covariance_after: shape (q, q).
+        signal: Degrees of freedom for signal.
+        log_likelihood: Of the values accepted, under the estimate before them, without the constant of 2 pi; NaN where none is.
+        rows: shape (m, q), R of all accepted together; empty where none is.
+        lower: shape (m, m), A.
+        gain: shape (m, k), what they add to G.
+        whitened: shape (m,), A^-1 (y - R D x).
+        square: Of the values y of these rows.
+        after: The state after them.
+    """
+
+    column: Column
+    before: Array
+    covariance: Array
+    judgements: tuple[Judgement, ...]
+    mean_after: Array
+    covariance_after: Array
+    signal: float = 0.0
+    log_likelihood: float = np.nan
+    rows: Array = field(default_factory=lambda: np.empty((0, 0)))
+    lower: Array = field(default_factory=lambda: np.empty((0, 0)))
+    gain: Array = field(default_factory=lambda: np.empty((0, 0)))
+    whitened: Array = field(default_factory=lambda: np.empty(0))
+    square: float = 0.0
+    after: State | None = None
+
+
+def assimilate(
+    state: State, columns: Sequence[Column], probability: float | None
+) -> tuple[State, list[Update]]:
+    """Return the state after measurements, and what each column's did.
+
+    Args:
+        state: At the time of the columns.
+        columns: In order.
+        probability: As of ``judged``.
+    """
+    if not columns:
+        return state, []
+    designs = np.concatenate([column.design for column in columns])
+    crosses = state.products(designs)
+    block = _Block(designs @ state.x, crosses @ designs.T)
+    starts = np.cumsum([0, *(len(column.design) for column in columns)])
+    updates = [
+        block.updated(column, slice(start, start + len(column.design)), probability)
+        for column, start in zip(columns, starts[:-1].tolist(), strict=True)
+    ]
+    gains, whitened = block.gains(crosses), np.concatenate(block.whitened)
+    ends = np.cumsum([len(each) for each in block.whitened])
+    # the states in between share P and G
+    whole, before = np.concatenate([state.gains, gains]), len(state.gains)
+    now, start, done = state, 0, list[Update]()
+    for update, end in zip(updates, ends.tolist(), strict=True):
+        now = replace(
+            now,
+            x=now.x + whitened[start:end] @ gains[start:end],
+            gains=whole[: before + end],
+            profiles=now.profiles + sum(each.accepted for each in update.judgements),
+            rows=now.rows + len(update.rows),
+            square=now.square + update.square,
+        )
+        done.append(replace(update, gain=gains[start:end], after=now))
+        start = end
+    return now.folded(FOLDED), done
+
+
+class _Block:
+    """The unknowns of all columns of a block together, while these are judged one after another.
+
+    Attributes:
+        mean: shape (Q,), after those judged so far.
+        covariance: shape (Q, Q).
+        whitened: Of each column judged.
+    """
+
+    def __init__(self, mean: Array, covariance: Array) -> None:
+        self.mean, self.covariance = mean, 0.5 * (covariance + covariance.T)
+        self.whitened = list[Array]()
+        self._parts = list[tuple[slice, Array, Array, Array]]()
+
+    def updated(self, column: Column, at: slice, probability: float | None) -> Update:
+        """Return what measurements of a column do, without their gain, and note it.
+
+        Args:
+            column: The column.
+            at: Where its unknowns are.
+            probability: As of ``judged``.
+        """
+        before, covariance = self.mean[at].copy(), self.covariance[at, at].copy()
+        evaluated = list(_evaluated(column, before, covariance, probability))
+        judgements = tuple(judgement for judgement, _, _ in evaluated)
+        accepted = [each for each in evaluated if each[0].accepted]
+        if not accepted:
+            self.whitened.append(np.empty(0))
+            return Update(column, before, covariance, judgements, before, covariance)
+        rows, y, residual = combined(accepted)
+        m, left = len(rows), slice(at.start, None)
+        lower = np.asarray(np.linalg.cholesky(rows @ covariance @ rows.T + np.eye(m)), np.float64)
+        # of the unknowns of columns judged before nothing is asked any more
+        both = np.zeros((m, len(self.mean) + 1 + m))
+        both[:, left.start : -1 - m] = rows @ self.covariance[at, left]
+        both[:, -1 - m] = y - rows @ before
+        both[:, -m:] = np.eye(m)
+        solved = lower_solved(lower, both)
+        gain, whitened, inverse = solved[:, : -1 - m], solved[:, -1 - m], solved[:, -m:]
+        self.mean[left] += whitened @ gain[:, left]
+        self.covariance[left, left] -= gain[:, left].T @ gain[:, left]
+        self.whitened.append(whitened)
+        self._parts.append((at, rows, lower, gain))
+        fit = -0.5 * (float(whitened @ whitened) + residual) - float(np.log(np.diag(lower)).sum())
+        return Update(
+            column,
+            before,
+            covariance,
+            judgements,
+            self.mean[at].copy(),
+            self.covariance[at, at].copy(),
+            signal=float(m - np.sum(inverse**2)),
+            log_likelihood=fit - _log_noise(column, judgements),
+            rows=rows,
+            lower=lower,
+            whitened=whitened,
+            square=float(y @ y),
+        )
+
+    def gains(self, crosses: Array) -> Array:
+        """Return what all columns judged add to G, shape (m, k), for the covariance of their unknowns with all, shape (Q, k).
+
+        With g_j the gain of column j on the block's unknowns, R_j C_j = sum over earlier i of R_j g_i' G_i, and A_j G_j: triangular.
+        """
+        ends = np.cumsum([0, *(len(lower) for _, _, lower, _ in self._parts)]).tolist()
+        system, right = np.zeros((ends[-1], ends[-1])), np.zeros((ends[-1], crosses.shape[1]))
+        earlier = np.zeros((ends[-1], len(self.mean)))
+        for (at, rows, lower, gain), start, end in zip(self._parts, ends, ends[1:], strict=False):
+            system[start:end, :start] = rows @ earlier[:start, at].T
+            system[start:end, start:end] = lower
+            right[start:end], earlier[start:end] = rows @ crosses[at], gain
+        return lower_solved(system, right)
+
+
+def lower_solved(lower: Array, right: Array) -> Array:
+    """Return the solution X, shape (m, n), of L X = B, with L lower triangular, shape (m, m)."""
+    # transposed, arrays in C order are in the order of the Fortran routine: nothing is copied but the result
+    return np.asarray(dtrsm(1.0, lower.T, right.T, side=1).T) if len(lower) else right
+
+
+def _evaluated(
+    column: Column, before: Array, covariance: Array, probability: float | None
+) -> Iterator[tuple[Judgement, Array, tuple[Array, float]]]:
+    """Yield the decision on each measurement of a column, its rows, and their values with what the compression left."""
+    known: dict[int, tuple[Array, Array]] = {}
+    for i, layout in enumerate(column.layouts):
+        if id(layout) not in known:
+            rows = column.rows(i)
+            known[id(layout)] = rows, rows @ covariance @ rows.T
+        rows, of_rows = known[id(layout)]
+        y, square, left = column.compressed(i)
+        yield judged(y - rows @ before, of_rows, (square, left), probability), rows, (y, square)
+
+
+def combined(
+    accepted: Sequence[tuple[Judgement, Array, tuple[Array, float]]],
+) -> tuple[Array, Array, float]:
+    """Return measurements of a column as rows of unit noise, their values, and the square that these leave of all values."""
+    weights = [1.0 / judgement.error_factor for judgement, _, _ in accepted]
+    if len(accepted) == 1:
+        _, rows, (y, square) = accepted[0]
+        return np.sqrt(weights[0]) * rows, np.sqrt(weights[0]) * y, weights[0] * square
+    all_rows = np.concatenate(
+        [np.sqrt(w) * rows for w, (_, rows, _) in zip(weights, accepted, strict=True)]
+    )
+    all_y = np.concatenate(
+        [np.sqrt(w) * y for w, (_, _, (y, _)) in zip(weights, accepted, strict=True)]
+    )
+    information, score = all_rows.T @ all_rows, all_rows.T @ all_y
+    values, vectors = np.linalg.eigh(information)
+    kept = values > _ROUNDING * values[-1]
+    roots, vectors = np.sqrt(values[kept]), vectors[:, kept]
+    y_all = vectors.T @ score / roots
+    left = sum(w * square for w, (_, _, (_, square)) in zip(weights, accepted, strict=True))
+    return roots[:, None] * vectors.T, y_all, float(all_y @ all_y - y_all @ y_all) + left
+
+
+def _log_noise(column: Column, judgements: Sequence[Judgement]) -> float:
+    """Return half the logarithm of the determinant of the errors of the measurements accepted."""
+    return math.fsum(
+        len(column.axes) * layout.half_log_det
+        + 0.5 * (judgement.rows + judgement.left) * np.log(judgement.error_factor)
+        for layout, judgement in zip(column.layouts, judgements, strict=True)
+        if judgement.accepted
+    )
+
+
+def scale_jacobian(update: Update) -> float:
+    """Return the derivative of the log-densities' Jacobian with respect to a scale error, at zero: to be subtracted from its score.
+
+    With sound error statements the regressor contains, on average, one unit of the innovation for each component, less the share of the
+    platform velocity's error, which is in the innovation alone. The result is scaled by the innovation's own normalised square, because
+    errors are often overstated.
+    """
+    column, total = update.column, 0.0
+    for i, judgement in enumerate(update.judgements):
+        profile, layout = column.screened.usable_linear[i], column.layouts[i]
+        common = _scale_error_std(profile)
+        if common is None or not judgement.accepted:
+            continue
+        rows, (y, _, _) = column.rows(i), column.compressed(i)
+        covariance = rows @ update.covariance @ rows.T + judgement.error_factor * np.eye(len(rows))
+        off = y - rows @ update.before
+        of_one = np.kron(
+            np.eye(len(column.axes)), (layout.q.T @ layout.whiten.sum(axis=1))[:, None]
+        )
+        solved = np.linalg.solve(covariance, np.column_stack([off, of_one]))
+        shared = common**2 * float(np.sum(of_one * solved[:, 1:]))
+        total += (2.0 - shared) * float(off @ solved[:, 0]) / len(rows)
+    return total
+
+
+def _scale_error_std(profile: LinearMeasurement) -> float | None:
+    """Return the error of the platform's velocity [m/s] in a profile that a scale error changes; None for one that it does not."""
+    stated = profile.platform_velocity is not None and profile.reference == "absolute"
+    return profile.common_std if stated else None

@@ -1,0 +1,226 @@
+"""Files of estimates: bit for bit there and back, refused where they are damaged or of another version, and CF for other readers."""
+
+import io
+import pickle
+import time
+from dataclasses import fields, is_dataclass, replace
+
+import h5netcdf
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import replay_kit
+from replay_kit import __version__
+from replay_kit.core.errors import ConfigError, EstimatorError, ForecastError
+from replay_kit.core.flow.dataset import to_dataset, wet_at, write_grid
+from replay_kit.core.flow.file import load, load_bytes, save_bytes
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.sealed import sealed
+from tests.core.flow.made import HOUR, LOCAL, changing
+from tests.places import ROOT
+from tests.synthetic_flow import TIME_NS, regular
+
+OLD = ROOT / "tests/record/files/static.nc"
+
+
+def assert_same(one, other, name="flow"):
+    """Every number of two values, bit for bit."""
+    if is_dataclass(one):
+        assert type(one) is type(other), name
+        for each in fields(one):
+            assert_same(getattr(one, each.name), getattr(other, each.name), f"{name}.{each.name}")
+    elif isinstance(one, np.ndarray):
+        assert (one.shape, one.dtype) == (other.shape, other.dtype), name
+        assert np.ascontiguousarray(one).tobytes() == np.ascontiguousarray(other).tobytes(), name
+    else:
+        assert one == other, name
+
+
+@settings(max_examples=6)
+@given(
+    st.integers(0, 4),
+    st.integers(0, 3),
+    st.sampled_from([None, 0, TIME_NS + 1]),
+    st.sampled_from([1, 4]),
+    st.booleans(),
+    st.booleans(),
+    st.integers(0, 2),
+    st.sampled_from(["hat", "gaussian"]),
+    st.booleans(),
+)
+def test_every_kind_of_flow_survives_a_file_and_a_pickle(
+    moving, fixed, time_ns, times, on_lattice, potential, turning, kind, local
+):
+    if not moving + fixed:
+        fixed = 1
+    of = {"on_lattice": on_lattice, "potential": potential, "turning": turning, "kind": kind}
+    flow = changing(moving, fixed, time_ns, times, **of)
+    flow = replace(
+        flow, local=LOCAL if local else None, about={"source": "\u00e9"} if local else {}
+    )
+    flow = flow.at(TIME_NS + HOUR)
+    data = save_bytes(flow)
+    for again in (load_bytes(data, "flow"), pickle.loads(pickle.dumps(flow))):
+        assert_same(flow, again)
+    assert save_bytes(again) == data
+    alone = replace(flow.mean_flow(), time_ns=time_ns)
+    assert_same(alone, load_bytes(save_bytes(alone), "flow"))
+
+
+def test_every_number_survives_and_files_are_alike_whenever_they_are_written(
+    flow, tmp_path, monkeypatch
+):
+    odd = np.resize([np.nan, np.inf, -0.0, 5e-324, 1.7e308, -np.inf], flow.latent.shape)
+    moved = replace(flow.horizontal, nodes=flow.nodes + 100.0)
+    flow = replace(flow, latent=odd, horizontal=moved)
+    first = save_bytes(flow)
+    assert_same(flow, load_bytes(first, "flow"))
+    # HDF5 would stamp objects to the second: let one pass
+    time.sleep(1.1)
+    flow.save(tmp_path / "flow.nc")
+    assert (tmp_path / "flow.nc").read_bytes() == first
+    assert [path.name for path in tmp_path.iterdir()] == ["flow.nc"]
+    # xarray names the lock after the buffer's address, which the next mission on a worker uses again
+    monkeypatch.setattr("xarray.backends.h5netcdf_.get_write_lock", None)
+    assert save_bytes(flow) == first
+    with pytest.raises(ConfigError, match="cannot be written"):
+        flow.save(tmp_path / "missing" / "flow.nc")
+
+
+@pytest.mark.parametrize("time_ns", [0, 999_999_999, 4_102_444_799_999_999_999])
+def test_the_time_is_exact_and_other_readers_have_it_to_the_microsecond(flow, time_ns):
+    data = save_bytes(replace(flow, time_ns=time_ns))
+    assert load_bytes(data, "flow").time_ns == time_ns
+    with xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as dataset:
+        assert abs(dataset["time"].values - np.datetime64(time_ns, "ns")) < np.timedelta64(1, "us")
+
+
+def test_an_estimate_of_an_earlier_version_is_refused_with_what_to_do():
+    words = r"static\.nc: an estimate written by replay-kit 0\.3 or earlier \(format version \d\), but this version reads format 7: "
+    with pytest.raises(ForecastError, match=words + "export it with 0.3, or replay the log again"):
+        replay_kit.open_estimate(OLD)
+
+
+def test_other_files_and_damage_are_refused(flow, tmp_path):
+    path = tmp_path / "other.nc"
+    with pytest.raises(ForecastError, match="cannot read"):
+        load(path)
+    path.write_bytes(b"no NetCDF at all")
+    with pytest.raises(
+        ForecastError, match=r"expected a file of --save-estimate \(NetCDF-4\), but it"
+    ):
+        load(path)
+    write_grid(flow, path)
+    with pytest.raises(ForecastError, match="got another NetCDF file"):
+        load(path)
+    flow.save(path)
+    with h5netcdf.File(path, "a") as file:
+        file.attrs["horizontal_functions"] = "splines"
+    with pytest.raises(ForecastError, match="its checksum is missing"):
+        load(path)
+    path.write_bytes(sealed(path.read_bytes()))
+    with pytest.raises(ForecastError, match="expected 'node kernel' or 'stream function lattice'"):
+        load(path)
+    short = replace(flow.mean_flow(), latent=flow.latent[:-2])
+    with pytest.raises(ForecastError, match="do not fit"):
+        load_bytes(save_bytes(short), "mismatch")
+    with pytest.raises(ForecastError):
+        load_bytes(save_bytes(flow)[:9000], "half")
+
+
+@pytest.mark.parametrize("bit", range(8))
+def test_a_saved_estimate_with_one_flipped_bit_is_refused_wherever_it_is(flow, tmp_path, bit):
+    data = save_bytes(flow)
+    for place in np.linspace(0, len(data) - 1, 40).astype(int):
+        damaged = bytearray(data)
+        damaged[place] ^= 1 << bit
+        (tmp_path / "flow.nc").write_bytes(damaged)
+        with pytest.raises(ForecastError, match=r"flow\.nc: .*checksum.*copy it again"):
+            load(tmp_path / "flow.nc")
+
+
+def test_a_grid_says_what_cf_asks_and_reads_back(flow, tmp_path):
+    dataset = to_dataset(flow)
+    assert dataset.attrs["Conventions"] == "CF-1.8, CF-1.11, ACDD-1.3"
+    written = f"replay-kit {__version__}: to_dataset(flow"
+    assert dataset.attrs["history"] == f"{written}, time = 2023-11-14T22:13:20.123456789Z)"
+    for name, way in (("u", "eastward"), ("v", "northward")):
+        attrs, of_error = dataset[name].attrs, dataset[f"{name}_standard_error"].attrs
+        assert (attrs["standard_name"], attrs["units"]) == (f"{way}_sea_water_velocity", "m s-1")
+        assert attrs["ancillary_variables"] == f"{name}_standard_error"
+        assert of_error["standard_name"] == f"{way}_sea_water_velocity standard_error"
+    assert dataset.longitude.attrs["units"] == "degrees_east"
+    for name in ("u", "v_standard_error"):
+        np.testing.assert_array_equal(np.isnan(dataset[name].values), ~flow.grid.wet)
+    bare = to_dataset(replace(flow.mean_flow(), time_ns=None))
+    assert set(bare.variables) == {"u", "v", "depth", "longitude", "latitude"}
+    assert bare.attrs["history"] == f"{written})"
+    write_grid(flow, tmp_path / "grid.nc")
+    with xr.open_dataset(tmp_path / "grid.nc", engine="h5netcdf") as read:
+        for name in ("u", "v_standard_error", "longitude", "depth"):
+            np.testing.assert_array_equal(read[name].values, dataset[name].values)
+        assert abs(read.time.values - dataset.time.values) < np.timedelta64(1, "us")
+    with h5netcdf.File(tmp_path / "grid.nc") as file:
+        assert set(file["u"].attrs["coordinates"].split()) == {"latitude", "longitude", "time"}
+        assert "_FillValue" not in file["depth"].attrs
+
+
+@pytest.mark.parametrize("kind", ["hat", "gaussian"])
+def test_a_grid_has_the_velocities_and_errors_on_true_axes(kind):
+    flow = changing(kind=kind, spacing=150_000.0)
+    grid, dataset = flow.grid, to_dataset(flow)
+    at = grid.east, grid.north, grid.levels[:, None, None]
+    for names, of in (
+        (("u", "v"), flow.velocity),
+        (("u_standard_error", "v_standard_error"), flow.standard_error),
+    ):
+        expected = of(*at, true_axes=True)
+        for name, values in zip(names, np.moveaxis(expected, -1, 0), strict=True):
+            np.testing.assert_allclose(
+                dataset[name].values[grid.wet], values[grid.wet], rtol=1e-9, atol=1e-12
+            )
+    longitude, latitude, depth = [0.0, 4.0, 9.0], [60.0, 63.0], [0.0, 30.0, 1_000.0]
+    axes = flow.to_xarray(longitude, latitude, depth)
+    assert axes.u.dims == ("depth", "latitude", "longitude")
+    assert (axes.longitude.attrs["axis"], axes.latitude.attrs["axis"]) == ("X", "Y")
+    here = to_local(grid.projection, 4.0, 63.0)
+    u, v = flow.velocity(*here, 30.0, True)
+    chosen = axes.sel(longitude=4.0, latitude=63.0, depth=30.0)
+    assert (float(chosen.u), float(chosen.v)) == pytest.approx((u, v), rel=1e-9)
+    assert np.isnan(axes.u_standard_error.values[2]).all()
+
+
+def test_a_regular_grid_has_axes_and_nothing_is_known_off_the_region_on_land_and_below(flow):
+    even, grid = regular(flow), flow.grid
+    dataset = to_dataset(even)
+    assert dataset.u.dims == ("depth", "latitude", "longitude")
+    np.testing.assert_array_equal(dataset.longitude.values, even.grid.longitude[0])
+    land = to_dataset(flow, [grid.longitude[0, 0], 5.0, 20.0], [grid.latitude[0, 0]], [10.0])
+    assert np.isnan(land.u.values[0, 0]).tolist() == [True, False, True]
+    wet = wet_at(grid, grid.east, grid.north, grid.levels[:, None, None])
+    np.testing.assert_array_equal(wet, grid.wet)
+    assert not wet_at(grid, 19_000.0, 0.0, 10.0)
+    last = float(flow.levels[-1])
+    depths = np.array([0.0, last, np.nextafter(last, np.inf), last + 500.0])
+    below, place = np.array([False, False, True, True]), (0.0, 0.0)
+    column = to_dataset(flow, [5.0], [62.0], depths)
+    for name in ("u", "v", "u_standard_error", "v_standard_error"):
+        np.testing.assert_array_equal(np.isnan(column[name].values.ravel()), below, err_msg=name)
+    np.testing.assert_array_equal(np.isnan(flow.standard_error(*place, depths)[:, 0]), below)
+    np.testing.assert_array_equal(flow.velocity(*place, last + 500.0), flow.velocity(*place, last))
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        (([5.0], None, None), "together"),
+        ((None, [62.0], [1.0]), "together"),
+        (([[5.0]], [62.0], [1.0]), "one-dimensional"),
+    ],
+)
+def test_incomplete_axes_are_refused(flow, axes, words):
+    with pytest.raises(EstimatorError, match=words):
+        to_dataset(flow, *axes)

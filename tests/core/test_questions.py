@@ -1,0 +1,187 @@
+"""What a script asks of an estimate, and the answers where there is none: depths, times, levels and members that it cannot answer for."""
+
+import inspect
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import replay_kit as rk
+from replay_kit.core.errors import EstimatorError
+from replay_kit.logs.mcap.writer import write_mcap_log
+from tests import synthetic
+from tests.command import invoke, succeed
+from tests.places import SAMPLES
+
+LOG, ENSEMBLE = SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc"
+SETTINGS = {
+    "logs": {"end": "2018-11-16T04:00:00Z"},
+    "forecast": {"levels": [5, 150, 500]},
+    "estimator": {"modes": 10, "sample_share": 0.5, "shift_distance": 0.0},
+}
+PLACE = 153.1, -40.25
+AXES = {"longitude": [153.1], "latitude": [-40.25]}
+LATER = "2018-12-01T00:00:00Z"
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return rk.replay(
+        LOG, ENSEMBLE, out=tmp_path_factory.mktemp("q") / "first.mcap", settings=SETTINGS
+    )
+
+
+DOORS = {
+    "velocity_at": lambda result, depth: result.estimate.velocity_at(*PLACE, depth),
+    "at a time": lambda result, depth: result.estimate.velocity_at(*PLACE, depth, "2018-11-16"),
+    "result": lambda result, depth: result.velocity_at(*PLACE, depth),
+    "to_xarray": lambda result, depth: result.estimate.to_xarray(**AXES, depth=[5.0, depth]),
+    "to_pandas": lambda result, depth: result.estimate.to_pandas(**AXES, depth=[depth]),
+    "along": lambda result, depth: result.estimate.along(
+        {"longitude": [153.1] * 2, "latitude": -40.25, "depth": [5.0, depth]}
+    ),
+    "velocity": lambda result, depth: result.estimate.velocity(0.0, 0.0, depth),
+    "standard_error": lambda result, depth: result.estimate.standard_error(0.0, 0.0, [depth, 9.0]),
+    "covariance": lambda result, depth: result.estimate.velocity_covariance(0.0, 0.0, depth),
+}
+
+
+@pytest.mark.parametrize("door", DOORS.values(), ids=DOORS.keys())
+@pytest.mark.parametrize("depth", [-150.0, -1.5, np.nan, np.inf, -np.inf])
+def test_depths_are_finite_and_positive_down_at_every_door(result, door, depth):
+    with pytest.raises(
+        EstimatorError, match=rf"depths are positive down, expected .*, got {depth:g} "
+    ):
+        door(result, depth)
+
+
+def test_a_rounded_depth_and_a_vehicle_at_the_surface_are_at_the_surface(result):
+    surface = result.estimate.velocity_at(*PLACE, 0.0)
+    assert result.estimate.velocity_at(*PLACE, -1e-9).u == surface.u
+    track = {"longitude": [153.1], "latitude": [-40.25], "depth": [-0.4]}
+    found = result.estimate.along(track)
+    assert (found.u[0], found.depth[0]) == (surface.u, -0.4)
+
+
+def test_the_table_of_the_track_has_no_current_where_the_depth_is_not_known(tmp_path):
+    messages = [
+        one._replace(payload=one.payload | {"metadata": []}) if one.topic == "/vehicle/fix" else one
+        for one in rk.open_log(LOG)
+        if one.topic != "/dac"
+    ]
+    write_mcap_log(tmp_path / "log.mcap", messages)
+    made = rk.replay(
+        tmp_path / "log.mcap", ENSEMBLE, out=tmp_path / "unknown.mcap", settings=SETTINGS
+    )
+    succeed(f"export {tmp_path}/unknown.mcap --table track -o {tmp_path}/track.csv")
+    found, depth = pd.read_csv(tmp_path / "track.csv"), made.fixes["depth"].to_numpy()
+    assert 0 < np.isnan(depth).sum() < depth.size
+    np.testing.assert_array_equal(found["depth"], depth)
+    for name in ("u", "v", "u_standard_error", "v_standard_error"):
+        np.testing.assert_array_equal(np.isnan(found[name]), np.isnan(depth))
+    with pytest.raises(EstimatorError, match=r"got nan .* leave out points of unknown depth"):
+        made.estimate.along(made.fixes)
+    track = made.fixes.dropna(subset="depth")
+    np.testing.assert_allclose(made.estimate.along(track).u, found["u"].dropna(), rtol=1e-12)
+
+
+def test_a_constant_estimate_knows_the_span_of_its_data(result, tmp_path):
+    estimate, fixes = result.estimate, result.fixes
+    first, last = (np.datetime64(each, "ns") for each in estimate.span_ns)
+    assert first <= fixes.index[0] < fixes.index[-1] <= last
+    text = "2018-11-16 00:00:00Z to 2018-11-16 04:00:00Z"
+    assert f"(constant in time, data {text})" in repr(estimate)
+    estimate.save(tmp_path / "flow.nc")
+    saved = rk.open_estimate(tmp_path / "flow.nc")
+    assert saved.span_ns == rk.open_result(result.path).estimate.span_ns == estimate.span_ns
+    # inside it nothing is said, but of which time the answer is
+    own = np.datetime64(estimate.time_ns, "ns")
+    inside = estimate.velocity_at(*PLACE, 150.0, "2018-11-16T01:00:00Z")
+    assert inside.estimate_time == own != inside.time
+    assert "11-16 01:00:00Z (estimate for 2018-11-16 04:00:00Z)" in repr(inside)
+    assert set(estimate.along(fixes).estimate_time.tolist()) == {estimate.time_ns}
+
+
+TIMED = {
+    "velocity_at": lambda result: result.estimate.velocity_at(*PLACE, 150.0, LATER),
+    "result": lambda result: result.velocity_at(*PLACE, 150.0, LATER),
+    "along": lambda result: result.estimate.along(
+        {"longitude": 153.1, "latitude": -40.25, "depth": 150.0, "time": LATER}
+    ),
+    "at": lambda result: result.estimate.at(1_543_622_400 * 10**9).velocity_at(*PLACE, 150.0),
+    "to_xarray": lambda result: result.estimate.to_xarray(**AXES, depth=[150.0], time=[LATER]),
+}
+
+
+@pytest.mark.parametrize("door", TIMED.values(), ids=TIMED.keys())
+def test_a_time_outside_the_data_of_a_constant_estimate_is_answered_with_a_warning(result, door):
+    own, now = result.estimate.time_ns, result.estimate.velocity_at(*PLACE, 150.0)
+    words = "12-01 00:00:00Z is outside .* data, 2018-11-16 00:00:00Z to 2018-11-16 04.*constant in time"
+    with pytest.warns(UserWarning, match=words) as said:
+        found = door(result)
+    assert [each.filename for each in said] == [__file__]
+    np.testing.assert_allclose(np.ravel(found.u_standard_error), now.u_standard_error, rtol=1e-9)
+    np.testing.assert_array_equal(found.estimate_time.astype(np.int64), own)
+
+
+def test_who_plans_or_exports_is_not_warned(result, tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rk.plan(result.estimate, (153.12, -40.28, 0.0), (153.05, -40.2, 150.0), time=LATER)
+        done = succeed(f"export {result.path} --table track -o {tmp_path}/track.csv")
+    assert "Warning" not in done.output
+
+
+def test_a_result_is_asked_as_an_estimate_is(result):
+    asked, of_estimate = (
+        [(one.name, one.kind, one.default) for one in inspect.signature(each).parameters.values()]
+        for each in (rk.Result.velocity_at, rk.FlowEstimate.velocity_at)
+    )
+    assert asked == of_estimate
+    found = result.velocity_at(*PLACE, [5.0, 150.0], "2018-11-16T02:00:00Z")
+    expected = result.estimate.velocity_at(*PLACE, [5.0, 150.0], "2018-11-16T02:00:00Z")
+    assert (found.u.tolist(), found.time.tolist()) == (expected.u.tolist(), expected.time.tolist())
+
+
+def test_levels_that_the_paper_s_functions_cannot_tell_apart_are_refused(tmp_path):
+    levels = 10.0 * np.arange(12)
+    synthetic.dataset(levels=levels, west=152.9, south=-40.5).to_netcdf(
+        tmp_path / "close.nc", engine="h5netcdf"
+    )
+    command = (
+        f"replay {LOG} --ensemble {tmp_path}/close.nc -o {tmp_path}/x.mcap --estimator.preset paper"
+    )
+    done = invoke(command)
+    assert isinstance(done.exception, EstimatorError)
+    assert "with l_z = 100 m (estimator.length_vertical)" in done.stderr
+    assert "levels 0, 10, 20" in done.stderr
+    assert "condition 4.5e+17, expected less than 6.7e+07" in done.stderr
+    assert not (tmp_path / "x.mcap").exists()
+    # a shorter length tells them apart, and the standard error is a current's
+    settings = {
+        "logs": SETTINGS["logs"],
+        "estimator": {"preset": "paper", "length_vertical": 10.0},
+    }
+    found = rk.replay(LOG, tmp_path / "close.nc", settings=settings).estimate
+    error = found.standard_error(0.0, 0.0, levels)
+    assert np.isfinite(error).all()
+    assert error.max() < 5.0
+
+
+@pytest.mark.parametrize(
+    ("members", "stated", "said"), [(3, "", True), (4, "", False), (2, "0.1", False)]
+)
+def test_too_few_members_to_state_errors_are_said_before_the_replay(
+    members, stated, said, tmp_path, caplog
+):
+    data = synthetic.dataset(n_members=members, west=152.9, south=-40.5)
+    data.to_netcdf(tmp_path / "few.nc", engine="h5netcdf")
+    command = f"replay {LOG} --ensemble {tmp_path}/few.nc -o {tmp_path}/x.mcap --dry-run"
+    succeed(command + (f" --estimator.representation-error-std {stated}" if stated else ""))
+    words = f"{members} members are too few to state errors, expected 4 or more"
+    assert (words in caplog.text) == said
+    assert (
+        "set estimator.representation_error_std to a number from your own measurements"
+        in caplog.text
+    ) == said

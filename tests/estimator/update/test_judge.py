@@ -1,0 +1,137 @@
+"""The gate, errors adapted to a profile, and a prior that most measurements contradict."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from replay_kit.config.estimation import GatingConfig, TimeConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.estimator import build, embed_member
+from replay_kit.estimator.update.judge import judged
+from tests import synthetic
+from tests.estimator.seas import CONFIG, SEA, profiles, relative
+
+SEEN = synthetic.ensemble(n_members=24, shape=(6, 7))
+OTHERS = replace(SEEN, velocity=SEEN.velocity[1:])
+DEFAULT = EstimatorConfig(modes=20)
+TRUTH = embed_member(SEEN, 0, DEFAULT)
+
+
+def sound(n, noise=0.09, stated=0.09):
+    """Profiles of the member that the estimate does not know."""
+    rng, out = np.random.default_rng(7), []
+    for k, each in enumerate(synthetic.random_profiles(SEEN.grid, n, 3)):
+        place = rng.uniform(0.8 * SEEN.grid.nodes.min(axis=0), 0.8 * SEEN.grid.nodes.max(axis=0))
+        velocity = TRUTH.velocity(*place, each.depth)
+        velocity += noise * rng.standard_normal(velocity.shape)
+        out.append(synthetic.profile(SEEN.grid, *place, each.depth, velocity, stated, time_ns=k))
+    return out
+
+
+def narrowed(share):
+    """The others with their spread multiplied."""
+    mean = OTHERS.velocity.mean(axis=0)
+    return replace(OTHERS, velocity=mean + share * (OTHERS.velocity - mean))
+
+
+def errors(estimator, state):
+    """Root mean square of the error, and mean square over the standard error's."""
+    grid, flow = SEEN.grid, estimator.flow(state)
+    at = grid.east[None], grid.north[None], grid.levels[:, None, None]
+    off = flow.velocity(*at) - TRUTH.velocity(*at)
+    return np.sqrt(np.mean(off**2)), np.mean((off / flow.standard_error(*at)) ** 2)
+
+
+@pytest.mark.parametrize(("square", "scale"), [(0.0, 1.0), (20.0, 1.0), (90.0, 9.0)])
+def test_the_statistic_is_the_textbook_s_with_errors_as_large_as_the_noise(square, scale):
+    rng = np.random.default_rng(0)
+    root = rng.standard_normal((6, 6))
+    cov, innovation = root @ root.T, rng.standard_normal(6)
+    verdict = judged(innovation, cov, (square, 10), 1e-5)
+    inverse = np.linalg.inv(cov + scale * np.eye(6))
+    assert verdict.statistic == pytest.approx(innovation @ inverse @ innovation)
+    assert (verdict.error_factor, verdict.threshold) == pytest.approx((scale, chi2.isf(1e-5, 6)))
+    stated = np.linalg.inv(cov + np.eye(6))
+    assert verdict.nis == pytest.approx(innovation @ stated @ innovation + square)
+    assert verdict.log_det == pytest.approx(np.linalg.slogdet(cov + np.eye(6))[1])
+    trusting = judged(1e3 * innovation, cov, (1e6, 10), None)
+    assert (trusting.error_factor, trusting.accepted) == (1.0, True)
+
+
+def test_scatter_is_believed_less_and_what_is_wrong_as_a_whole_is_rejected():
+    estimator, log = build([OTHERS], DEFAULT, GatingConfig()), sound(13)
+    state, steps = estimator.assimilate(estimator.initial(), log[:12])
+    for step in steps:
+        assert step.innovation.accepted
+        assert 0.0 < step.innovation.signal_dof <= step.innovation.dof
+    wrong = replace(log[12], velocity=log[12].velocity + np.array([1.0, 0.0]))
+    _, (step,) = estimator.assimilate(state, [wrong])
+    assert (step.innovation.decision, step.innovation.signal_dof) == ("rejected", 0.0)
+    assert step.innovation.gate_statistic > step.innovation.gate
+    _, (step,) = estimator.assimilate(estimator.initial(), sound(1, 0.9))
+    assert step.innovation.accepted
+    assert 30.0 < step.innovation.error_inflation < 300.0
+
+
+@pytest.mark.parametrize("offset", [0.0, 1.0])
+def test_a_tenth_of_outliers_cost_little_with_a_gate_and_much_without(offset):
+    log = [
+        replace(p, velocity=p.velocity + offset * (k % 10 == 3)) for k, p in enumerate(sound(60))
+    ]
+    gated, opened = (build([OTHERS], DEFAULT, gating) for gating in (GatingConfig(), None))
+    clean, found, blind = (
+        errors(each, each.assimilate(each.initial(), given)[0])[0]
+        for each, given in ((gated, sound(60)), (gated, log), (opened, log))
+    )
+    assert found < 1.05 * clean
+    assert (blind > 1.5 * clean) == bool(offset)
+
+
+@pytest.mark.parametrize("change", [relative, lambda p: replace(p, platform_velocity=(0.1, 0.2))])
+def test_the_gate_does_not_depend_on_rounding(change):
+    """More functions of depth than independent ones: no row may be made of their rounding."""
+    time = TimeConfig(biases=("heading", "shear"))
+    estimator, profile = build([SEA], CONFIG, GatingConfig(), time), change(profiles(1)[0])
+    near = profile.error_std * (1.0 + 1e-15 * np.arange(6)[:, None])
+    log = [replace(profile, error_std=each) for each in near]
+    steps = [estimator.assimilate(estimator.initial(), [each])[1][0] for each in log]
+    statistics = [step.innovation.gate_statistic for step in steps]
+    np.testing.assert_allclose(statistics, statistics[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("share", "stated", "refuted"), [(0.2, 0.09, False), (0.05, 0.02, True)])
+def test_a_prior_that_is_far_too_narrow_is_widened_and_said(share, stated, refuted):
+    """By the evidence, or, where the gate rejects nearly all, by what it rejected."""
+    estimator, log = build([narrowed(share)], DEFAULT, GatingConfig()), sound(60, 0.02, stated)
+    state, steps = estimator.assimilate(estimator.initial(), log)
+    decisions = [step.innovation.decision for step in steps]
+    assert (decisions[:10].count("rejected") >= 6) == refuted
+    assert "rejected" not in decisions[16:]
+    assert state.scale > 4.0
+    assert state.doubt is None
+    assert "variance of the ensemble was multiplied by" in " ".join(estimator.remarks(state))
+    assert errors(estimator, state)[1] < 2.0
+    as_given = DEFAULT.model_copy(update={"spread": "as_given"})
+    blind = build([narrowed(share)], as_given, GatingConfig())
+    assert errors(blind, blind.assimilate(blind.initial(), log)[0])[1] > 5.0
+
+
+def test_an_instrument_that_fails_at_first_does_not_widen_the_prior():
+    estimator, log = build([OTHERS], DEFAULT, GatingConfig()), sound(40)
+    log[:8] = [replace(each, velocity=each.velocity + np.array([2.0, 0.0])) for each in log[:8]]
+    state, steps = estimator.assimilate(estimator.initial(), log)
+    assert [step.innovation.decision for step in steps[:8]] == ["rejected"] * 8
+    assert (state.scale, state.profiles, state.doubt) == (1.0, 32, None)
+    assert not estimator.remarks(state)
+
+
+def test_profiles_that_contradict_one_another_end_finite_and_positive():
+    estimator, (profile,) = build([OTHERS], DEFAULT, GatingConfig()), sound(1)
+    sides = [
+        replace(profile, velocity=profile.velocity + 0.4 * (-1) ** k, time_ns=k) for k in range(40)
+    ]
+    state, _ = estimator.assimilate(estimator.initial(), sides)
+    assert np.isfinite(state.x).all()
+    assert np.linalg.eigvalsh(state.covariance).min() > 0.0
