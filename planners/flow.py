@@ -35,9 +35,9 @@ from replay_kit.core.grid import Projection
 def field_function(flow: FlowEstimate, times: Array | None = None) -> ca.Function:
     """Return the CasADi function (place, latent) -> velocity of every flow of an estimate's functions; place: east, north, depth[, time].
 
-    It equals ``FlowEstimate.velocity`` everywhere: constant in depth outside the levels, fading to zero outside the grid. With times
-    it is linear between them, and constant before the first and after the last. It is differentiable twice in place and time; the
-    latent values are data, and derivatives by them are not defined.
+    It equals ``FlowEstimate.velocity`` without its potential everywhere: constant in depth outside the levels, fading to zero outside the
+    grid. With times it is linear between them, and constant before the first and after the last. It is differentiable twice in place and
+    time, not by the latent values, which are data.
 
     Args:
         flow: Its levels and functions in the horizontal and in depth; its latent values remain an argument.
