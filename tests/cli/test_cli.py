@@ -167,18 +167,6 @@ def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
     assert run_command(tmp_path, "--version").stdout.startswith("replay-kit ")
 
 
-def test_help_keeps_units(tmp_path):
-    twin, replay = (
-        run_command(tmp_path, "twin --help-all"),
-        run_command(tmp_path, "replay --help-all"),
-    )
-    assert twin.returncode == replay.returncode == 0
-    for said in ("[m/s]", "[m]", "[degrees]"):
-        assert said in twin.stdout
-    for said in ("[degrees, degrees, m]", "[km]", "--lead"):
-        assert said in replay.stdout
-
-
 def test_an_error_of_the_system_is_a_line_and_exit_1(tmp_path, monkeypatch):
     def bad(*_, **__):
         raise OSError(28, "No space left on device")
