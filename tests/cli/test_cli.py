@@ -75,6 +75,8 @@ REFUSED = [
         "an input is never overwritten",
     ),
     (f"{REPLAY} -o o.mcap --json there.json", "--overwrite"),
+    ("replay there.json --ensemble ensemble.nc -o survey.mcap", "--overwrite"),
+    ("convert there.json -o survey.mcap", "--overwrite"),
     (f"{REPLAY} -o o.mcap --save-estimate o.nc --netcdf ./o.nc", "two outputs"),
     (f"{REPLAY} -o absent/o.mcap", "there is no folder absent"),
     (f"{REPLAY} -o folder.mcap --overwrite", "is a folder"),

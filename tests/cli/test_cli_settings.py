@@ -106,26 +106,6 @@ def test_help_lists_what_the_libraries_have():
     assert all(name in said for name in FORMS)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "nearest"),
-    [
-        ("twin --truht t.nc -o x.mcap", "--truth"),
-        ("replay a.mcap --ensemble e.nc -o x.mcap --mode 3", "--modes"),
-        (
-            "replay a.mcap --ensemble e.nc -o x.mcap --planner.dept 3",
-            "--planner.depth",
-        ),
-        ("replya", '"replay"'),
-        ("experiment papr", '"paper"'),
-    ],
-)
-def test_a_misspelt_word_names_the_nearest(arguments, nearest):
-    done = invoke(arguments)
-    assert done.exit_code == 2
-    assert f"Did you mean {nearest}?" in done.stderr
-    assert "--help." in done.stderr
-
-
 def test_help_is_as_wide_as_it_is_told_to_be():
     for columns in (60, 100, 240):
         lines = invoke("replay --help-all", columns=columns).stdout.splitlines()

@@ -217,23 +217,6 @@ def test_a_truncated_log_is_used_as_far_as_it_is_whole_and_the_loss_said(ocean, 
     assert (tmp_path / "out.mcap").exists()
 
 
-def test_an_interrupt_leaves_the_part_and_no_result(ocean, tmp_path):
-    class Interrupted(KeyboardInterrupt):
-        pass
-
-    def stop(_done, _total, stage):
-        if stage == "replaying":
-            raise Interrupted
-
-    out = tmp_path / "out.mcap"
-    with pytest.raises(Interrupted):
-        replay(
-            ReplayJob((ocean / "survey.mcap",), ocean / "ensemble.nc", out), SETTINGS, None, stop
-        )
-    assert not out.exists()
-    assert out.with_name("out.mcap.part").stat().st_size > 0
-
-
 def nan_pings(folder):
     ping = {
         "coordinate_system": "earth",
@@ -321,17 +304,6 @@ def test_goals_outside_the_region_or_on_land(ocean, tmp_path, goal):
     island.to_netcdf(tmp_path / "island.nc", engine="h5netcdf")
     with pytest.raises(PlanError):
         run(ocean, "survey.mcap", ensemble=tmp_path / "island.nc", goal=goal)
-
-
-def test_outputs_are_not_replaced_unasked_and_inputs_never(ocean, tmp_path):
-    out = tmp_path / "out.mcap"
-    out.write_text("precious")
-    with pytest.raises(ConfigError, match="--overwrite"):
-        run(ocean, "survey.mcap", out=out)
-    with pytest.raises(ConfigError, match="an input is never overwritten"):
-        run(ocean, "survey.mcap", out=ocean / "survey.mcap", overwrite=True)
-    run(ocean, "survey.mcap", out=out, overwrite=True)
-    assert out.read_bytes()[:5] == b"\x89MCAP"
 
 
 def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
@@ -480,13 +452,6 @@ def test_bins_under_the_sea_floor_and_pings_on_land_are_not_used(ocean, tmp_path
     summary, _ = run(ocean, "survey.mcap", ensemble=tmp_path / "shallow.nc")
     assert summary.bins_rejected["on_land"] > 0
     assert summary.profiles_rejected > 0
-
-
-def test_nothing_is_claimed_to_be_known_outside_the_region(ocean):
-    _, flow = run(ocean, "survey.mcap")
-    assert np.isnan(flow.standard_error(5e5, 0.0, 100.0)).all()
-    assert np.isnan(flow.standard_error(0.0, 0.0, 5000.0)).all()
-    assert np.isfinite(flow.standard_error(0.0, 0.0, 100.0)).all()
 
 
 def test_a_dry_run_of_a_baseline_is_refused(ocean, tmp_path):
