@@ -10,6 +10,7 @@ from replay_kit.core.as_flown import FlightCorrection
 from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.from_run import flight_correction_json
 from replay_kit.results.views.along_track import mean_currents
+from tests.results.cases import one_bin
 from tests.results.result_samples import METADATA
 from tests.synthetic_flow import TIME_NS
 
@@ -20,35 +21,15 @@ OLD = {"contract": {"version": "4"}}
 
 def written(path, flow, state, innovation, config, **current):
     """A result with the mean currents of a dive and of a drift."""
-    names = (
-        "depth",
-        "innovation",
-        "innovation_std",
-        "residual",
-        "prior_innovation",
-        "flags",
-        "reasons",
-    )
-    one = {name: getattr(innovation, name)[:1] for name in names} | {
-        "dof": 2,
-        "mean_current": MEASURED,
-        "dive": 1,
-    }
+    one = one_bin(innovation, mean_current=MEASURED, dive=1)
     with ResultWriter(path) as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, config)
         writer.fix(state)
         for number, kind in enumerate(("dac", "drift")):
-            source = replace(innovation.source, topic=f"/{kind}")
+            source = replace(one.source, topic=f"/{kind}")
             more = current if kind == "dac" else {}
             writer.innovation(
-                replace(
-                    innovation,
-                    time_ns=TIME_NS + number,
-                    mean_kind=kind,
-                    source=source,
-                    **one,
-                    **more,
-                )
+                replace(one, time_ns=TIME_NS + number, mean_kind=kind, source=source, **more)
             )
     return open_result(path)
 
