@@ -99,17 +99,6 @@ def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_nort
     assert np.mod(ends[:, 0], 360.0) == pytest.approx(180.0, abs=1e-3)
 
 
-def test_an_ellipse_of_few_surfacings_has_the_variance_of_a_sample():
-    """Of 1, 2 and 6 km east, and as far north, it is 7 km^2; Hotelling's factor of three is the root of 264."""
-    place = 1e3 * np.array([1.0, 2.0, 6.0])[:, None, None] * np.ones(2)
-    plan = replace(planned(), surfacing_times=np.array([1.0]))
-    flights = MissionFlights(
-        np.array([1.0]), np.zeros(1), place, 0.0 * place, np.zeros((3, 1)), Projection(5.0, 62.0)
-    )
-    ((_, _, major, minor, _),) = surfacing_ellipses(flights, plan)
-    assert (major, minor) == pytest.approx((np.sqrt(264.0 * 14.0) * 1e3, 0.0), abs=0.1)
-
-
 def test_tables_say_what_the_plan_says():
     rows = legs_table(planned(), None)
     assert [row["surfacing_s"] for row in rows] == planned().surfacing_times.tolist()

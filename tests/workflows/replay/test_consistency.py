@@ -62,7 +62,7 @@ def ocean(tmp_path_factory):
 def faulty(ocean, name):
     """The glider's log with a fault."""
     messages = list(EDITS[name](open_log(ocean / "glider.mcap").messages()))
-    path = ocean / f"{name.replace('/', '-').replace(':', '')}-faulty.mcap"
+    path = ocean / f"{''.join(filter(str.isalnum, name))}-faulty.mcap"
     if not path.exists():
         write_mcap_log(path, messages)
     return path
@@ -262,21 +262,8 @@ def invoked(ocean, log, tmp_path, more=""):
     settings.write_text(
         "[estimator]\nmodes = 20\nsample_share = 0.5\nshift_distance = 0.0\n" + more
     )
-    out = tmp_path / "out.mcap"
-    named = [
-        "replay",
-        log,
-        "--ensemble",
-        ocean / "ensemble.nc",
-        "--config",
-        settings,
-        "-o",
-        out,
-        "--json",
-        answer,
-        "--overwrite",
-    ]
-    done = invoke([str(word) for word in named])
+    files = f"--ensemble {ocean}/ensemble.nc --config {settings} -o {tmp_path}/out.mcap"
+    done = invoke(f"replay {log} {files} --json {answer} --overwrite")
     return done, json.loads(answer.read_text())
 
 

@@ -307,27 +307,9 @@ def test_goals_outside_the_region_or_on_land(ocean, tmp_path, goal):
 
 
 def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
-    arguments = [
-        "replay",
-        str(ocean / "glider.mcap"),
-        "--ensemble",
-        str(ocean / "ensemble.nc"),
-        "--goal",
-        "152.3,-39.8,150",
-    ]
-    arguments += [
-        "--planner",
-        "glide",
-        "--truth",
-        str(ocean / "truth.nc"),
-        "--truth-radius",
-        "25",
-        "-o",
-        str(tmp_path / "o.mcap"),
-        "--json",
-        str(tmp_path / "o.json"),
-    ]
-    done = succeed(arguments)
+    inputs = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --goal 152.3,-39.8,150"
+    scored = f"--planner glide --truth {ocean}/truth.nc --truth-radius 25"
+    done = succeed(f"replay {inputs} {scored} -o {tmp_path}/o.mcap --json {tmp_path}/o.json")
     assert "Dives: 4; RMS innovation" in done.output
     answer = json.loads((tmp_path / "o.json").read_text())
     keys = {
