@@ -4,8 +4,6 @@ import base64
 import hashlib
 import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +22,9 @@ from replay_kit.show.status.held import Fix, read_held
 from replay_kit.show.status.lines import age_text, brief_text, status_text
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
-from tests.places import ROOT
+from tests.cli.test_cli_settings import loaded
+from tests.command import invoke
+from tests.places import SAMPLES
 from tests.show.status.held_samples import HOUR_NS, START_NS, held, mean_current, plan
 
 END_NS = START_NS + 48 * HOUR_NS
@@ -391,14 +391,10 @@ def test_figures_are_numbers_for_json():
 
 
 def test_nothing_heavy_is_loaded_and_a_file_that_is_no_result_is_refused():
-    code = (
-        "import sys\nfrom replay_kit.cli.app import main\n"
-        "try: main()\nexcept SystemExit as done: print(done.code)\n"
-        "print(sorted({'scipy', 'xarray', 'pandas', 'matplotlib', 'casadi', 'h5py', 'foxglove', 'rich'} & sys.modules.keys()))"
-    )
-    command = [sys.executable, "-c", code, "status", "sample_logs/glider.mcap"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == ["3", "[]"]
+    line, heavy = f"status {SAMPLES}/glider.mcap", "xarray pandas casadi h5py foxglove rich"
+    assert not loaded(line).intersection([*heavy.split(), "scipy", "matplotlib"])
+    done = invoke(line)
+    assert done.exit_code == 3
     assert "no result of replay-kit replay" in done.stderr
 
 

@@ -111,13 +111,8 @@ def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(
     assert finding.name == "compass or instrument turned"
     assert "turned by +180 degrees clockwise" in finding.evidence
     assert summary.exit_code == 6
-    means = {
-        key: value
-        for key, value in outcome_of(summary).to_json()["observations"].items()
-        if key in ("used", "rejected")
-    }
-    assert means["rejected"] == PINGS
-    assert means["used"] == 6
+    observations = outcome_of(summary).to_json()["observations"]
+    assert (observations["used"], observations["rejected"]) == (6, PINGS)
     turned = Result(ocean / "out.mcap")
     estimate, events = turned.estimate, turned.events
     # the estimate is that of the mean currents alone
