@@ -196,22 +196,10 @@ def command_line(ocean, folder, *more):
     (folder / "run.toml").write_text(
         '[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n[planner]\nkind = "glide"\n'
     )
-    command = [
-        sys.executable,
-        "-c",
-        "from replay_kit.cli.app import main; main()",
-        "replay",
-        str(ocean / "glider.mcap"),
-    ]
-    options = [
-        "--ensemble",
-        str(ocean / "ensemble.nc"),
-        "--config",
-        str(folder / "run.toml"),
-        "--goal=152.3,-39.8,150",
-        "--overwrite",
-    ]
-    return [*command, *options, "-o", str(folder / "out.mcap"), *more]
+    inputs = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --config {folder}/run.toml"
+    line = f"replay {inputs} --goal=152.3,-39.8,150 --overwrite -o {folder}/out.mcap"
+    code = "from replay_kit.cli.app import main; main()"
+    return [sys.executable, "-c", code, *line.split(), *more]
 
 
 @pytest.mark.full
