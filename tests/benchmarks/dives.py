@@ -19,9 +19,8 @@ import xarray as xr
 from replay_kit.config.run import load_config
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Observation, PathMean
-from replay_kit.estimator.next_dive.filter import DiveMean
-from replay_kit.estimator.next_dive.mixtures import Persistence
-from replay_kit.estimator.next_dive.process import MeanCurrentProcess
+from replay_kit.estimator.next_dive.mixture import Persistence
+from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess
 from replay_kit.logs import merge
 from replay_kit.measurements.interpret import events_of
 from replay_kit.workflows.replay.inputs.scan import open_readers
@@ -108,7 +107,7 @@ def sections(paths: Sequence[Path]) -> list[Dive]:
 
 def figures(mission: Sequence[Dive], planned: bool) -> dict[str, float]:
     """Return the figures of a mission whose next dive, or planned one, is predicted; none where too few dives can be."""
-    model = MeanCurrentProcess.default(0)
+    model = MeanCurrentProcess()
     state, last, ways = model.initial(), Persistence(), Persistence()
     off, held, gains, predicted = [], [], [], 0
     for dive in mission:
@@ -136,9 +135,7 @@ def _asked(dive: Dive, way: Array | None, ways: Persistence) -> DiveMean:
         way, std = ways.velocity, float(np.sqrt(0.5 * ways.squares / max(ways.changes, 1)))
     way = np.zeros(2) if way is None else way
     lasts, middle = (dive.end_ns - dive.begin_ns) * 1e-9, (dive.begin_ns + dive.end_ns) // 2
-    return DiveMean(
-        middle, lasts, way, 0.0, dive.mean, dive.inverted, backgrounds=_NONE, way_std=std
-    )
+    return DiveMean(middle, lasts, way, dive.mean, dive.inverted, backgrounds=_NONE, way_std=std)
 
 
 def rows(tiny: bool) -> list[Row]:
