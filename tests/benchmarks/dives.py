@@ -116,7 +116,8 @@ def figures(mission: Sequence[Dive], planned: bool) -> dict[str, float]:
             predicted += 1
             if predicted >= _FIRST:
                 off.append((said.mean - dive.mean, last.velocity - dive.mean))
-                held.append(said.holds(dive.mean, (0.9,))[0])
+                off_std = np.linalg.solve(np.linalg.cholesky(said.cov), said.mean - dive.mean)
+                held.append(np.hypot(*off_std) <= said.radii((0.9,))[0])
                 gains.append(said.log_density(dive.mean) - last.log_density(dive.mean))
         state = model.step(state, _asked(dive, dive.way, ways))
         last = last.after(dive.mean)
@@ -129,13 +130,10 @@ def figures(mission: Sequence[Dive], planned: bool) -> dict[str, float]:
 
 
 def _asked(dive: Dive, way: Array | None, ways: Persistence) -> DiveMean:
-    std = 0.0
-    if way is None and ways.velocity is not None:
-        # the last way, with the changes so far as its error
-        way, std = ways.velocity, float(np.sqrt(0.5 * ways.squares / max(ways.changes, 1)))
-    way = np.zeros(2) if way is None else way
+    if way is None:
+        way = np.zeros(2) if ways.velocity is None else ways.velocity
     lasts, middle = (dive.end_ns - dive.begin_ns) * 1e-9, (dive.begin_ns + dive.end_ns) // 2
-    return DiveMean(middle, lasts, way, dive.mean, dive.inverted, backgrounds=_NONE, way_std=std)
+    return DiveMean(middle, lasts, way, dive.mean, dive.inverted)
 
 
 def rows(tiny: bool) -> list[Row]:

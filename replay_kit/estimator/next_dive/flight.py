@@ -70,7 +70,7 @@ class FlightBias:
         assert way is not None
         before, dive = self.known or _sets(None, _PROCESS.initial()), replace(dive, way=way)
         known = _sets(
-            slice(None), _PROCESS.step(before, dive), _sets([0], _PROCESS.seen(before, dive).state)
+            slice(None), _PROCESS.step(before, dive), _sets([0], _PROCESS.later(before, dive))
         )
         evidence = _PROCESS.flight_evidence(known)[1:]
         least = 1 + np.argsort(evidence, kind="stable")[:_MOST_LEFT_OUT]

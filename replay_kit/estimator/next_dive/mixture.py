@@ -50,11 +50,6 @@ class Mixture:
         densities = log_densities(value - self.means, self.covs)
         return float(np.logaddexp.reduce(self.log_weights + densities))
 
-    def holds(self, value: Array, shares: Sequence[float]) -> tuple[bool, ...]:
-        """Return whether the ellipses that hold some shares of the weight, of ``mean`` and ``cov``, hold a value, shape (2,)."""
-        off = np.hypot(*np.linalg.solve(np.linalg.cholesky(self.cov), value - self.mean))
-        return tuple((off <= self.radii(shares)).tolist())
-
     def radii(self, shares: Sequence[float]) -> Array:
         """Return the radii, in standard deviations of ``cov``, within which the mixture has some shares of its weight, shape (k,).
 
@@ -71,7 +66,7 @@ class Mixture:
         ) @ _SPIRAL
         off = np.hypot(*np.moveaxis(whiten @ points, 1, 0)).ravel()
         weights = np.repeat(np.exp(self.log_weights[kept]), _POINTS)
-        return np.quantile(off, shares, method="inverted_cdf", weights=weights)
+        return np.asarray(np.quantile(off, shares, method="inverted_cdf", weights=weights))
 
 
 def log_densities(errors: Array, covs: Array) -> Array:
@@ -118,11 +113,6 @@ class Persistence:
         if not self.changes:
             return math.nan
         return math.sqrt(self.squares * ((1.0 - share) ** (-1.0 / self.changes) - 1.0))
-
-    def holds(self, velocity: Array, shares: Sequence[float]) -> tuple[bool, ...]:
-        """Return whether the circles that should hold some shares hold a velocity, shape (2,) [m/s]; none does before the first change."""
-        off = math.inf if self.velocity is None else float(np.hypot(*(velocity - self.velocity)))
-        return tuple(off <= self.radius(share) for share in shares)
 
     def log_density(self, velocity: Array) -> float:
         """Return the logarithm of the density of the next mean current, shape (2,) [m/s]; NaN before the first change."""

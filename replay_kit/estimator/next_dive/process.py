@@ -16,7 +16,6 @@ are shared by the backgrounds that the current may be measured about. ``tests/re
 """
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -39,12 +38,23 @@ FIXES_STD = 20.0
 # that is asked for, the mean current is wrong, by so much a component [m/s].
 _UNLIKE, _WRONG_STD = 0.05, 0.5
 _SETTINGS = 512
-# the flight model's error across the way is half as large
-_ALONG = np.array([1.0, 0.5])
-# Parts of the current: slow with one state, decorrelating and tides with two each. States are the flight model's error along and across the
-# way, those of the current to the east, and to the north; beside them a dive's mean current comes last.
-_PARTS, _STATES = (0, 1, 3, 5), 7
-_SIZE = 2 + 2 * _STATES
+# root of x^10 = x + 1, whose powers fill nine dimensions evenly
+_ROOT = 1.0757660660868371
+# levels of the settings, each as probable as it is often here: decorrelation times [h]; the slow part, both tides, what no other dive
+# shares, all over the amplitude; the flight model's error, as a share of the way; how much stronger currents are along an axis
+_LEVELS = (
+    (3.0, 8.0, 20.0, 50.0, 120.0, 300.0),
+    (1.0, 2.0),
+    (0.0, 0.0, 0.25, 0.5, 1.0),
+    (0.0, 0.0, 0.0, 0.3, 0.6),
+    (0.03, 0.1, 0.3),
+    (0.0, 0.15, 0.5),
+    (0.0, 0.5),
+)
+# Of a component: first states of the parts, slow with one, decorrelating and tides with two each; then its mean over the last dive.
+_PARTS, _STATES = (0, 1, 3, 5), 8
+# The flight model's error along and across the way, where it is half as large, comes before both components.
+_ALONG, _SIZE = np.array([1.0, 0.5]), 2 + 2 * _STATES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +69,6 @@ class DiveMean:
         inverted: shape (2,), mean along the path of absolute profiles that do not depend on the flight model; None without.
         backgrounds: shape (k, 2), background currents; NaN where they are not known.
         position_std: How far fixes and way through the water miss together, over the dive's time [m].
-        way_std: Of each component of ``way`` [m/s]; 0 where it is known.
     """
 
     time_ns: int
@@ -69,7 +78,6 @@ class DiveMean:
     inverted: Array | None = None
     backgrounds: Array = field(default_factory=lambda: np.empty((0, 2)))
     position_std: float = _POSITION_STD
-    way_std: float = 0.0
 
     @property
     def position_variance(self) -> float:
@@ -106,38 +114,21 @@ class ProcessSettings:
     @classmethod
     def drawn(cls, count: int = _SETTINGS) -> "ProcessSettings":
         """Return settings spread evenly over their prior: points of an additive recurrence (Roberts 2018), the same on every machine."""
-        # the powers of the root of x^10 = x + 1 fill nine dimensions evenly
-        root = 1.0
-        for _ in range(60):
-            root = (1.0 + root) ** 0.1
-        unit = ((np.arange(1, count + 1)[:, None] * root ** -np.arange(1.0, 10.0)) + 0.5) % 1.0
-        levels = (
-            _level(unit[:, 1], (3.0, 8.0, 20.0, 50.0, 120.0, 300.0)) * _HOUR,
-            _level(unit[:, 2], (1.0, 2.0)),
-            _level(unit[:, 3], (0.0, 0.0, 0.25, 0.5, 1.0)),
-            _level(unit[:, 4], (0.0, 0.0, 0.0, 0.3, 0.6)),
-            _level(unit[:, 5], (0.03, 0.1, 0.3)),
-            _level(unit[:, 6], (0.0, 0.15, 0.5)),
-            _level(unit[:, 7], (0.0, 0.5)),
+        unit = (np.arange(1, count + 1) * _ROOT ** -np.arange(1.0, 10.0)[:, None] + 0.5) % 1.0
+        scale, slow, lunar, diurnal, white, flight, ellipticity = (
+            np.array(levels)[(each * len(levels)).astype(np.intp)]
+            for each, levels in zip(unit[1:8], _LEVELS, strict=True)
         )
-        scale, slow, lunar, diurnal, white, flight, ellipticity = levels
-        angle = np.pi * unit[:, 8]
-        turn = np.moveaxis(
-            np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), 2, 0
-        )
-        std = np.sqrt(1.0 + ellipticity[:, None] * np.array([1.0, -1.0]))
+        cos, sin = np.cos(np.pi * unit[8]), np.sin(np.pi * unit[8])
+        major, minor = np.sqrt(1.0 + ellipticity), np.sqrt(1.0 - ellipticity)
         return cls(
-            0.02 * 12.5 ** unit[:, 0],
-            scale,
+            0.02 * 12.5 ** unit[0],
+            _HOUR * scale,
             np.column_stack([slow, np.ones(count), lunar, diurnal]),
             white,
             flight,
-            turn * std[:, None, :],
+            np.array([[cos * major, -sin * minor], [sin * major, cos * minor]]).transpose(2, 0, 1),
         )
-
-
-def _level(unit: Array, levels: tuple[float, ...]) -> Array:
-    return np.array(levels)[np.minimum((unit * len(levels)).astype(np.intp), len(levels) - 1)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,8 +136,8 @@ class ProcessState:
     """What is known after some dives, or with a leading axis after several sets of them.
 
     Attributes:
-        mean: shape (..., h, 16, b), of the states, under each setting and about each background.
-        cov: shape (..., h, 16, 16).
+        mean: shape (..., h, 18, b), of the states, under each setting and about each background.
+        cov: shape (..., h, 18, 18).
         log_weights: shape (..., h, b), of the settings and backgrounds; the weights sum to one.
         time_ns: Last instant of the last dive [ns, UTC]; None before the first.
         dives: Number of dives.
@@ -157,22 +148,6 @@ class ProcessState:
     log_weights: Array
     time_ns: int | None = None
     dives: int = 0
-
-
-class SeenDive(NamedTuple):
-    """A dive as it is expected: the state at its end before it is measured, and its mean current without a background.
-
-    Attributes:
-        state: At the end of the dive.
-        mean: shape (..., h, 2, b) [m/s], of the mean current.
-        cross: shape (..., h, 16, 2), covariance of the states with it.
-        spread: shape (..., h, 2, 2), its covariance.
-    """
-
-    state: ProcessState
-    mean: Array
-    cross: Array
-    spread: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,31 +178,42 @@ class MeanCurrentProcess:
             state: After the dives before.
             dive: Its time, duration, way and backgrounds; its current is not used.
         """
-        seen = self.seen(state, dive)
-        means = seen.mean.swapaxes(-1, -2) + self._backgrounds(dive).T
-        parts = [
-            (
-                state.log_weights.ravel() + np.log(share),
-                means.reshape(-1, 2),
-                np.broadcast_to(cov[:, None], (*means.shape, 2)).reshape(-1, 2, 2),
-            )
-            for share, cov in self._cases(seen.spread)
-        ]
-        return Mixture(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+        later, design = self.later(state, dive), self._design(dive)
+        means = (design @ later.mean + _about(dive)).swapaxes(-1, -2)
+        cases = self._cases(design @ later.cov @ design.swapaxes(-1, -2), dive, _FLOOR)
+        return Mixture(
+            np.concatenate([np.log(share) + later.log_weights.ravel() for share, _ in cases]),
+            np.tile(means.reshape(-1, 2), (2, 1)),
+            np.concatenate([np.repeat(cov, means.shape[1], axis=0) for _, cov in cases]),
+        )
+
+    def later(self, state: ProcessState, dive: DiveMean) -> ProcessState:
+        """Return the state at the end of a dive of which nothing is measured."""
+        settings, instants = self.settings, dive.instants_ns
+        before = instants[0] if state.time_ns is None else state.time_ns
+        # an instant before the last one known counts as at it
+        gaps = np.maximum(np.diff([before, *instants]) * 1e-9, 0.0)
+        effect, new = _over_dive(gaps, settings.scale, settings.amplitude[:, None] * settings.parts)
+        new[:, -1, -1] += (settings.amplitude * settings.white) ** 2
+        move = np.tile(np.eye(_SIZE), (len(new), 1, 1))
+        move[:, 2:, 2:] = np.kron(np.eye(2), effect)
+        cov = move @ state.cov @ move.swapaxes(-1, -2)
+        cov[..., 2:, 2:] += np.kron(np.eye(2), new)
+        time_ns = max(instants[-1], before)
+        return replace(state, mean=move @ state.mean, cov=cov, time_ns=time_ns)
 
     def step(self, state: ProcessState, dive: DiveMean) -> ProcessState:
         """Return the state after a dive."""
-        seen = self.seen(state, dive)
-        errors = dive.velocity[:, None] - self._backgrounds(dive) - seen.mean
-        after = self._updated(seen, errors)
+        design, velocity = self._design(dive), dive.velocity[:, None]
+        after = self._updated(
+            self.later(state, dive), dive, design, velocity - _about(dive), _FLOOR
+        )
         if dive.inverted is not None:
             # what is left of the mean current without the inverted one is the flight model's error
-            design = np.zeros((*self.settings.flight.shape, 2, _SIZE))
-            design[..., :2] = self._of_flight(dive)
-            mean, cross = design @ after.mean, after.cov @ design.swapaxes(-1, -2)
-            own = (INVERTED_STD**2 + dive.position_variance) * np.eye(2)
-            errors = (dive.velocity - dive.inverted)[:, None] - mean
-            after = self._updated(SeenDive(after, mean, cross, design @ cross + own), errors)
+            design[..., 2:] = 0.0
+            after = self._updated(
+                after, dive, design, velocity - dive.inverted[:, None], INVERTED_STD
+            )
         total = np.logaddexp.reduce(after.log_weights, axis=(-2, -1), keepdims=True)
         return replace(after, log_weights=after.log_weights - total, dives=state.dives + 1)
 
@@ -248,77 +234,49 @@ class MeanCurrentProcess:
         )
         return np.asarray(np.subtract(*of_both))
 
-    def seen(self, state: ProcessState, dive: DiveMean) -> SeenDive:
-        """Return a dive as a state before it expects it."""
-        settings, instants = self.settings, dive.instants_ns
-        before = instants[0] if state.time_ns is None else state.time_ns
-        # an instant before the last one known counts as at it
-        gaps = np.maximum(np.diff([before, *instants]) * 1e-9, 0.0)
-        effect, new = _over_dive(gaps, settings.scale, settings.amplitude[:, None] * settings.parts)
-        new[:, -1, -1] += (settings.amplitude * settings.white) ** 2
-        # from states and mean of each component to the states of both and the dive's mean
-        turn = np.zeros((settings.amplitude.size, _SIZE, _SIZE))
-        turn[:, :_STATES, :_STATES] = turn[:, _STATES:-2, _STATES + 1 : -1] = np.eye(_STATES)
-        turn[:, -2:, [_STATES, -1]] = settings.axes
-        design = np.zeros((settings.amplitude.size, _SIZE + 2, _SIZE))
-        design[:, :2, :2] = np.eye(2)
-        design[:, 2:, 2:] = turn @ np.kron(np.eye(2), effect)
-        design[:, _SIZE:, :2] = self._of_flight(dive)
-        cov = _spread(design, state.cov)
-        cov[..., 2:, 2:] += _spread(turn, np.kron(np.eye(2), new))
-        # a way that is planned, not known, moves the flight model's error by 1 + 1/4 of its variance
-        own = dive.position_variance + _FLOOR**2 + 1.25 * (settings.flight * dive.way_std) ** 2
-        cov[..., _SIZE:, _SIZE:] += own[:, None, None] * np.eye(2)
-        mean = design @ state.mean
-        later = replace(
-            state,
-            mean=mean[..., :_SIZE, :],
-            cov=cov[..., :_SIZE, :_SIZE],
-            time_ns=max(instants[-1], before),
-        )
-        spread = cov[..., _SIZE:, _SIZE:]
-        return SeenDive(later, mean[..., _SIZE:, :], cov[..., :_SIZE, _SIZE:], spread)
-
-    def _of_flight(self, dive: DiveMean) -> Array:
-        """Return the effect of the flight model's error on the mean current, shape (h, 2, 2)."""
+    def _design(self, dive: DiveMean) -> Array:
+        """Return the effect of the states on the dive's mean current, shape (h, 2, 18)."""
+        design = np.zeros((len(self.settings.flight), 2, _SIZE))
+        design[..., [1 + _STATES, 1 + 2 * _STATES]] = self.settings.axes
         east, north = dive.way
         turn = np.array([[east, -north], [north, east]]) * _ALONG
-        return self.settings.flight[:, None, None] * turn
+        design[..., :2] = self.settings.flight[:, None, None] * turn
+        return design
 
-    def _backgrounds(self, dive: DiveMean) -> Array:
-        """Return what the current is measured about, shape (2, b); zero where it is not known."""
-        known = np.nan_to_num(dive.backgrounds[: self.n_backgrounds])
-        return np.pad(known, ((1, self.n_backgrounds - len(known)), (0, 0))).T
-
-    def _cases(self, spread: Array) -> list[tuple[float, Array]]:
-        """Return probability and covariance of a dive like those before, and of one that is not."""
+    def _cases(self, spread: Array, dive: DiveMean, own: float) -> list[tuple[float, Array]]:
+        """Return probability and covariance of a mean current like those before, and of one that is not; ``own`` is its own error [m/s]."""
         std = _WRONG_STD if self.outliers else self.settings.amplitude[:, None, None]
-        return [(1.0 - _UNLIKE, spread), (_UNLIKE, spread + std**2 * np.eye(2))]
+        like = spread + (dive.position_variance + own**2) * np.eye(2)
+        return [(1.0 - _UNLIKE, like), (_UNLIKE, like + std**2 * np.eye(2))]
 
-    def _updated(self, seen: SeenDive, errors: Array) -> ProcessState:
-        """Return the state after errors of what was expected, shape (..., h, 2, b); its weights are not scaled to a sum of one."""
+    def _updated(
+        self, state: ProcessState, dive: DiveMean, design: Array, value: Array, own: float
+    ) -> ProcessState:
+        """Return the state after a value of what the design makes of it, shape (2, b); its weights are not scaled to a sum of one."""
+        errors, cross = value - design @ state.mean, state.cov @ design.swapaxes(-1, -2)
+        cases = self._cases(design @ cross, dive, own)
         like, unlike = (
             np.log(share) + log_densities(errors.swapaxes(-1, -2), cov[..., None, :, :])
-            for share, cov in self._cases(seen.spread)
+            for share, cov in cases
         )
         density = np.logaddexp(like, unlike)
         # a wrong mean current teaches nothing, a changed one as much as any; both cases are joined to one Gaussian
         share = np.exp(like - density)[..., None] if self.outliers else np.ones(1)
-        gain = seen.cross @ np.linalg.inv(seen.spread)
+        gain = cross @ np.linalg.inv(cases[0][1])
         move = gain @ errors
-        cov = seen.state.cov - share * (gain @ seen.cross.swapaxes(-1, -2))
+        cov = state.cov - share * (gain @ cross.swapaxes(-1, -2))
         cov += share * (1.0 - share) * (move @ move.swapaxes(-1, -2))
         return replace(
-            seen.state,
-            mean=seen.state.mean + share * move,
+            state,
+            mean=state.mean + share * move,
             cov=0.5 * (cov + cov.swapaxes(-1, -2)),
-            log_weights=seen.state.log_weights + density,
+            log_weights=state.log_weights + density,
         )
 
 
-def _spread(design: Array, cov: Array) -> Array:
-    """Return the covariance of what a design makes of states."""
-    return np.asarray(design @ cov @ design.swapaxes(-1, -2))
+def _about(dive: DiveMean) -> Array:
+    """Return what the current is measured about, shape (2, b); zero where it is not known."""
+    return np.vstack([np.zeros(2), np.nan_to_num(dive.backgrounds)]).T
 
 
 def _over_dive(gaps: Array, scales: Array, amplitudes: Array) -> tuple[Array, Array]:
@@ -330,22 +288,23 @@ def _over_dive(gaps: Array, scales: Array, amplitudes: Array) -> tuple[Array, Ar
         amplitudes: shape (h, 4), of the parts.
 
     Returns:
-        Their effect on themselves and on the component's mean over the instants, shape (h, 8, 7); covariance of what is new, shape
-        (h, 8, 8).
+        Their effect on themselves and on the component's mean over the instants, shape (h, 8, 8); covariance of what is new, of the same
+        shape.
     """
-    counted = np.zeros((scales.size, _STATES + 1, _STATES))
+    counted = np.zeros((scales.size, _STATES, _STATES))
     counted[:, -1, _PARTS] = amplitudes / gaps.size
-    effect, new = counted + np.eye(_STATES + 1, _STATES), np.zeros(1)
+    effect, new = counted + np.diag([*np.ones(_STATES - 1), 0.0]), np.zeros_like(counted)
     # backwards: what is new before an instant is in all later ones
     for gap in gaps[::-1]:
         move = _transition(gap, scales)
-        new = new + _spread(effect, np.eye(_STATES) - move @ move.swapaxes(-1, -2))
+        fresh = np.eye(_STATES) - move @ move.swapaxes(-1, -2)
+        new += effect @ fresh @ effect.swapaxes(-1, -2)
         effect = effect @ move + counted
     return effect - counted, new
 
 
 def _transition(gap: float, scales: Array) -> Array:
-    """Return how a component's states pass a time [s], shape (h, 7, 7)."""
+    """Return how a component's states pass a time [s], shape (h, 8, 8)."""
     move = np.zeros((scales.size, _STATES, _STATES))
     move[:, 0, 0] = np.exp(-gap / _SLOW)
     # velocity and its rate times the scale over the square root of 3, both of unit variance
