@@ -130,10 +130,13 @@ def figures(mission: Sequence[Dive], planned: bool) -> dict[str, float]:
 
 
 def _asked(dive: Dive, way: Array | None, ways: Persistence) -> DiveMean:
-    if way is None:
-        way = np.zeros(2) if ways.velocity is None else ways.velocity
+    std = 0.0
+    if way is None and ways.velocity is not None:
+        # the last way, with the changes so far as its error
+        way, std = ways.velocity, float(np.sqrt(0.5 * ways.squares / max(ways.changes, 1)))
+    way = np.zeros(2) if way is None else way
     lasts, middle = (dive.end_ns - dive.begin_ns) * 1e-9, (dive.begin_ns + dive.end_ns) // 2
-    return DiveMean(middle, lasts, way, dive.mean, dive.inverted)
+    return DiveMean(middle, lasts, way, dive.mean, dive.inverted, way_std=std)
 
 
 def rows(tiny: bool) -> list[Row]:

@@ -11,8 +11,16 @@ from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.estimator.next_dive.mixture import log_densities
 
-# m/s and s: long-run deviations of the processes, each with each decorrelation time
-_STDS, _SCALES = (0.02, 0.04, 0.08, 0.16), (21_600.0, 86_400.0, 345_600.0)
+# m/s and s: long-run deviations of the processes, each with each decorrelation time; with even odds there is no such current
+_STDS = np.repeat([0.0, 0.02, 0.04, 0.08, 0.16], 3)
+_BEFORE = LocalCurrent(
+    np.where(_STDS > 0.0, 1.0 / 24.0, 1.0 / 6.0),
+    _STDS,
+    np.tile([21_600.0, 86_400.0, 345_600.0], 5),
+    np.zeros((15, 2)),
+    _STDS[:, None, None] ** 2 * np.eye(2),
+    0,
+)
 # m/s; of a component, what no other dive shares beside the stated error
 _WHITE_STD = 0.005
 # Probability of a change by more than usual, and what it adds to the variances, as a multiple of those in the long run.
@@ -30,7 +38,7 @@ def local_step(
         innovation: shape (2,) [m/s], mean current minus that of the estimate before the dive, local axes.
         std: shape (2,) [m/s], of the innovation as the estimate and the measurement state it.
     """
-    now = (state or _before(time_ns)).at(time_ns)
+    now = (state or _BEFORE).at(time_ns)
     more = np.array([0.0, _JUMP_FACTOR])[:, None, None, None] * now.std[:, None, None] ** 2
     covs, errors = now.cov + more * np.eye(2), innovation - now.mean
     spreads = covs + (np.mean(std**2) + _WHITE_STD**2) * np.eye(2)
@@ -49,11 +57,3 @@ def local_step(
         mean=now.mean + move,
         cov=np.sum(shares[..., None] * cov, axis=0),
     )
-
-
-def _before(time_ns: int) -> LocalCurrent:
-    """Return what is known before the first dive: with even odds there is no such current."""
-    stds, scales = (each.ravel() for each in np.meshgrid((0.0, *_STDS), _SCALES, indexing="ij"))
-    probability = np.where(stds > 0.0, 0.5 / np.sum(stds > 0.0), 0.5 / np.sum(stds == 0.0))
-    cov = stds[:, None, None] ** 2 * np.eye(2)
-    return LocalCurrent(probability, stds, scales, np.zeros((stds.size, 2)), cov, time_ns)

@@ -69,6 +69,7 @@ class DiveMean:
         inverted: shape (2,), mean along the path of absolute profiles that do not depend on the flight model; None without.
         backgrounds: shape (k, 2), background currents; NaN where they are not known.
         position_std: How far fixes and way through the water miss together, over the dive's time [m].
+        way_std: Of each component of ``way`` [m/s]; 0 where it is known.
     """
 
     time_ns: int
@@ -78,17 +79,7 @@ class DiveMean:
     inverted: Array | None = None
     backgrounds: Array = field(default_factory=lambda: np.empty((0, 2)))
     position_std: float = _POSITION_STD
-
-    @property
-    def position_variance(self) -> float:
-        """Variance of a component of the mean current that fixes and way cause [m^2/s^2]."""
-        return (self.position_std / self.seconds) ** 2
-
-    @property
-    def instants_ns(self) -> list[int]:
-        """Instants that stand for the dive [ns, UTC]."""
-        shares = (np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5
-        return [self.time_ns + int(share * self.seconds * 1e9) for share in shares]
+    way_std: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +180,8 @@ class MeanCurrentProcess:
 
     def later(self, state: ProcessState, dive: DiveMean) -> ProcessState:
         """Return the state at the end of a dive of which nothing is measured."""
-        settings, instants = self.settings, dive.instants_ns
+        settings, shares = self.settings, (np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5
+        instants = [dive.time_ns + int(share * dive.seconds * 1e9) for share in shares]
         before = instants[0] if state.time_ns is None else state.time_ns
         # an instant before the last one known counts as at it
         gaps = np.maximum(np.diff([before, *instants]) * 1e-9, 0.0)
@@ -236,7 +228,7 @@ class MeanCurrentProcess:
 
     def _design(self, dive: DiveMean) -> Array:
         """Return the effect of the states on the dive's mean current, shape (h, 2, 18)."""
-        design = np.zeros((len(self.settings.flight), 2, _SIZE))
+        design = np.zeros((self.settings.flight.size, 2, _SIZE))
         design[..., [1 + _STATES, 1 + 2 * _STATES]] = self.settings.axes
         east, north = dive.way
         turn = np.array([[east, -north], [north, east]]) * _ALONG
@@ -246,7 +238,10 @@ class MeanCurrentProcess:
     def _cases(self, spread: Array, dive: DiveMean, own: float) -> list[tuple[float, Array]]:
         """Return probability and covariance of a mean current like those before, and of one that is not; ``own`` is its own error [m/s]."""
         std = _WRONG_STD if self.outliers else self.settings.amplitude[:, None, None]
-        like = spread + (dive.position_variance + own**2) * np.eye(2)
+        # a way that is planned, not known, moves the flight model's error by 1 + 1/4 of its variance
+        variance = 1.25 * (self.settings.flight * dive.way_std) ** 2 + own**2
+        variance += (dive.position_std / dive.seconds) ** 2
+        like = spread + variance[:, None, None] * np.eye(2)
         return [(1.0 - _UNLIKE, like), (_UNLIKE, like + std**2 * np.eye(2))]
 
     def _updated(

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from replay_kit.estimator.next_dive.process import (
-    FIXES_STD,
     DiveMean,
     MeanCurrentProcess,
     ProcessSettings,
