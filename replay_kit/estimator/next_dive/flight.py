@@ -50,7 +50,7 @@ class FlightBias:
     @property
     def evidence(self) -> float:
         """Log evidence of an error over none, without the dive on which it rests most [nats]."""
-        return 0.0 if self.known is None else float(_PROCESS.flight_evidence(self.known).min())
+        return float(_PROCESS.flight_evidence(self.known or _before()).min())
 
     @property
     def is_believed(self) -> bool:
@@ -60,22 +60,23 @@ class FlightBias:
     @property
     def share(self) -> tuple[Array, Array]:
         """Mean and standard deviation of the error along and across the way, as shares of it; shape (2,) each."""
-        return _PROCESS.flight_bias(
-            _PROCESS.initial() if self.known is None else _sets(0, self.known)
-        )
+        return _PROCESS.flight_bias(_sets(0, self.known or _before()))
 
     def after(self, dive: DiveMean) -> "FlightBias":
         """Return what is known after one more dive."""
         turned = self.way is None or np.hypot(*(dive.way - self.way)) > _TURNED
         way = dive.way if turned else self.way
         assert way is not None
-        before, dive = self.known or _sets(None, _PROCESS.initial()), replace(dive, way=way)
-        known = _sets(
-            slice(None), _PROCESS.step(before, dive), _sets([0], _PROCESS.later(before, dive))
-        )
+        before, dive = self.known or _before(), replace(dive, way=way)
+        without = _sets([0], _PROCESS.later(before, dive))
+        known = _sets(slice(None), _PROCESS.step(before, dive), without)
         evidence = _PROCESS.flight_evidence(known)[1:]
         least = 1 + np.argsort(evidence, kind="stable")[:_MOST_LEFT_OUT]
         return FlightBias(_sets([0, *least], known), way)
+
+
+def _before() -> ProcessState:
+    return _sets(None, _PROCESS.initial())
 
 
 def _sets(chosen: Any, first: ProcessState, *others: ProcessState) -> ProcessState:

@@ -116,7 +116,7 @@ class Persistence:
 
     def log_density(self, velocity: Array) -> float:
         """Return the logarithm of the density of the next mean current, shape (2,) [m/s]; NaN before the first change."""
-        if self.velocity is None or not self.changes or self.squares == 0.0:
+        if self.velocity is None or self.squares == 0.0:
             return math.nan
         square = float(np.sum((velocity - self.velocity) ** 2)) / self.squares
         return math.log(self.changes / (math.pi * self.squares)) - (

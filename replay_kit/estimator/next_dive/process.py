@@ -28,8 +28,8 @@ _INSTANTS = 4
 _SLOW, _TIDES = 30.0 * _DAY, ((8.0 * _DAY, 12.4206 * _HOUR), (12.0 * _DAY, 23.9345 * _HOUR))
 # m/s; error of a component that no position and no change of the current causes
 _FLOOR = 0.003
-#: m/s; of the inverted current beside that of the flight model
-INVERTED_STD = 0.03
+# m/s; of the inverted current beside that of the flight model
+_INVERTED_STD = 0.03
 # m; how far fixes and way through the water miss together, over the dive's time
 _POSITION_STD = 60.0
 #: m; how far two fixes alone miss together, over the dive's time.
@@ -170,7 +170,7 @@ class MeanCurrentProcess:
             dive: Its time, duration, way and backgrounds; its current is not used.
         """
         later, design = self.later(state, dive), self._design(dive)
-        means = (design @ later.mean + _about(dive)).swapaxes(-1, -2)
+        means = (design @ later.mean + self._about(dive)).swapaxes(-1, -2)
         cases = self._cases(design @ later.cov @ design.swapaxes(-1, -2), dive, _FLOOR)
         return Mixture(
             np.concatenate([np.log(share) + later.log_weights.ravel() for share, _ in cases]),
@@ -198,13 +198,13 @@ class MeanCurrentProcess:
         """Return the state after a dive."""
         design, velocity = self._design(dive), dive.velocity[:, None]
         after = self._updated(
-            self.later(state, dive), dive, design, velocity - _about(dive), _FLOOR
+            self.later(state, dive), dive, design, velocity - self._about(dive), _FLOOR
         )
         if dive.inverted is not None:
             # what is left of the mean current without the inverted one is the flight model's error
             design[..., 2:] = 0.0
             after = self._updated(
-                after, dive, design, velocity - dive.inverted[:, None], INVERTED_STD
+                after, dive, design, velocity - dive.inverted[:, None], _INVERTED_STD
             )
         total = np.logaddexp.reduce(after.log_weights, axis=(-2, -1), keepdims=True)
         return replace(after, log_weights=after.log_weights - total, dives=state.dives + 1)
@@ -234,6 +234,11 @@ class MeanCurrentProcess:
         turn = np.array([[east, -north], [north, east]]) * _ALONG
         design[..., :2] = self.settings.flight[:, None, None] * turn
         return design
+
+    def _about(self, dive: DiveMean) -> Array:
+        """Return what the current is measured about, shape (2, b); zero where it is not known."""
+        known = np.nan_to_num(dive.backgrounds[: self.n_backgrounds])
+        return np.vstack([np.zeros(2), known]).T
 
     def _cases(self, spread: Array, dive: DiveMean, own: float) -> list[tuple[float, Array]]:
         """Return probability and covariance of a mean current like those before, and of one that is not; ``own`` is its own error [m/s]."""
@@ -267,11 +272,6 @@ class MeanCurrentProcess:
             cov=0.5 * (cov + cov.swapaxes(-1, -2)),
             log_weights=state.log_weights + density,
         )
-
-
-def _about(dive: DiveMean) -> Array:
-    """Return what the current is measured about, shape (2, b); zero where it is not known."""
-    return np.vstack([np.zeros(2), np.nan_to_num(dive.backgrounds)]).T
 
 
 def _over_dive(gaps: Array, scales: Array, amplitudes: Array) -> tuple[Array, Array]:
