@@ -169,9 +169,9 @@ class MeanCurrentProcess:
             state: After the dives before.
             dive: Its time, duration, way and backgrounds; its current is not used.
         """
-        later, design = self.later(state, dive), self._design(dive)
-        means = (design @ later.mean + self._about(dive)).swapaxes(-1, -2)
-        cases = self._cases(design @ later.cov @ design.swapaxes(-1, -2), dive, _FLOOR)
+        later = self.later(state, dive)
+        expected, _, cases = self._expected(later, dive)
+        means = expected.swapaxes(-1, -2)
         return Mixture(
             np.concatenate([np.log(share) + later.log_weights.ravel() for share, _ in cases]),
             np.tile(means.reshape(-1, 2), (2, 1)),
@@ -196,16 +196,9 @@ class MeanCurrentProcess:
 
     def step(self, state: ProcessState, dive: DiveMean) -> ProcessState:
         """Return the state after a dive."""
-        design, velocity = self._design(dive), dive.velocity[:, None]
-        after = self._updated(
-            self.later(state, dive), dive, design, velocity - self._about(dive), _FLOOR
-        )
+        after = self._updated(self.later(state, dive), dive)
         if dive.inverted is not None:
-            # what is left of the mean current without the inverted one is the flight model's error
-            design[..., 2:] = 0.0
-            after = self._updated(
-                after, dive, design, velocity - dive.inverted[:, None], _INVERTED_STD
-            )
+            after = self._updated(after, dive, dive.inverted)
         total = np.logaddexp.reduce(after.log_weights, axis=(-2, -1), keepdims=True)
         return replace(after, log_weights=after.log_weights - total, dives=state.dives + 1)
 
@@ -226,35 +219,40 @@ class MeanCurrentProcess:
         )
         return np.asarray(np.subtract(*of_both))
 
-    def _design(self, dive: DiveMean) -> Array:
-        """Return the effect of the states on the dive's mean current, shape (h, 2, 18)."""
-        design = np.zeros((self.settings.flight.size, 2, _SIZE))
-        design[..., [1 + _STATES, 1 + 2 * _STATES]] = self.settings.axes
-        east, north = dive.way
+    def _expected(
+        self, state: ProcessState, dive: DiveMean, inverted: Array | None = None
+    ) -> tuple[Array, Array, list[tuple[float, Array]]]:
+        """Return what a state at a dive's end expects of its mean current; by the inverted one, of which the flight model's error is left.
+
+        Returns:
+            The mean, shape (..., h, 2, b); the covariance of the states with it, shape (..., h, 18, 2); probability and covariance, shape
+            (..., h, 2, 2), of a mean current like those before, and of one that is not.
+        """
+        settings, (east, north) = self.settings, dive.way
         turn = np.array([[east, -north], [north, east]]) * _ALONG
-        design[..., :2] = self.settings.flight[:, None, None] * turn
-        return design
-
-    def _about(self, dive: DiveMean) -> Array:
-        """Return what the current is measured about, shape (2, b); zero where it is not known."""
-        known = np.nan_to_num(dive.backgrounds[: self.n_backgrounds])
-        return np.vstack([np.zeros(2), known]).T
-
-    def _cases(self, spread: Array, dive: DiveMean, own: float) -> list[tuple[float, Array]]:
-        """Return probability and covariance of a mean current like those before, and of one that is not; ``own`` is its own error [m/s]."""
-        std = _WRONG_STD if self.outliers else self.settings.amplitude[:, None, None]
+        design = np.zeros((settings.flight.size, 2, _SIZE))
+        design[..., :2] = settings.flight[:, None, None] * turn
+        if inverted is None:
+            design[..., [1 + _STATES, 1 + 2 * _STATES]] = settings.axes
+            known = np.nan_to_num(dive.backgrounds[: self.n_backgrounds])
+            about, own, change = np.vstack([np.zeros(2), known]).T, _FLOOR, settings.amplitude
+        else:
+            about, own, change = inverted[:, None], _INVERTED_STD, np.zeros(1)
+        cross = state.cov @ design.swapaxes(-1, -2)
         # a way that is planned, not known, moves the flight model's error by 1 + 1/4 of its variance
-        variance = 1.25 * (self.settings.flight * dive.way_std) ** 2 + own**2
+        variance = 1.25 * (settings.flight * dive.way_std) ** 2 + own**2
         variance += (dive.position_std / dive.seconds) ** 2
-        like = spread + variance[:, None, None] * np.eye(2)
-        return [(1.0 - _UNLIKE, like), (_UNLIKE, like + std**2 * np.eye(2))]
+        like = design @ cross + variance[:, None, None] * np.eye(2)
+        std = _WRONG_STD if self.outliers else change[:, None, None]
+        cases = [(1.0 - _UNLIKE, like), (_UNLIKE, like + std**2 * np.eye(2))]
+        return design @ state.mean + about, cross, cases
 
     def _updated(
-        self, state: ProcessState, dive: DiveMean, design: Array, value: Array, own: float
+        self, state: ProcessState, dive: DiveMean, inverted: Array | None = None
     ) -> ProcessState:
-        """Return the state after a value of what the design makes of it, shape (2, b); its weights are not scaled to a sum of one."""
-        errors, cross = value - design @ state.mean, state.cov @ design.swapaxes(-1, -2)
-        cases = self._cases(design @ cross, dive, own)
+        """Return the state after what is measured of a dive; its weights are not scaled to a sum of one."""
+        expected, cross, cases = self._expected(state, dive, inverted)
+        errors = dive.velocity[:, None] - expected
         like, unlike = (
             np.log(share) + log_densities(errors.swapaxes(-1, -2), cov[..., None, :, :])
             for share, cov in cases
