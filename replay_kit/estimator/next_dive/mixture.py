@@ -65,8 +65,9 @@ class Mixture:
             self.covs[kept]
         ) @ _SPIRAL
         off = np.hypot(*np.moveaxis(whiten @ points, 1, 0)).ravel()
-        weights = np.repeat(np.exp(self.log_weights[kept]), _POINTS)
-        return np.asarray(np.quantile(off, shares, method="inverted_cdf", weights=weights))
+        weights = np.repeat(np.exp(self.log_weights[kept]) / _POINTS, _POINTS)
+        order = np.argsort(off)
+        return np.asarray(np.interp(shares, np.cumsum(weights[order]), off[order]))
 
 
 def log_densities(errors: Array, covs: Array) -> Array:
