@@ -50,7 +50,8 @@ def local_step(
     move = np.sum(shares * moves, axis=0)
     about = (moves - move)[..., None]
     cov = covs - gains @ covs + about @ about.swapaxes(-1, -2)
-    log_weights = np.log(now.probability) + total
+    # one that rounding has made impossible may become likely again
+    log_weights = np.log(now.probability + 1e-300) + total
     return replace(
         now,
         probability=np.exp(log_weights - np.logaddexp.reduce(log_weights)),

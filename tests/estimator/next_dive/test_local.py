@@ -54,3 +54,9 @@ def test_errors_of_drawn_currents_are_as_large_as_stated():
         squares.append(np.sum((course[-1] - found.velocity(coming)) ** 2))
         stated.append(2.0 * found.standard_error(coming) ** 2)
     assert 0.75 < np.mean(squares) / np.mean(stated) < 1.3
+
+
+def test_innovations_of_metres_a_second_leave_probabilities_that_can_change():
+    found = after([[-6.0, 2.0]] * 4 + [[0.0, 0.0]] * 40, 0.02)
+    assert found.probability.sum() == pytest.approx(1.0)
+    assert np.hypot(*found.velocity(found.time_ns)) < 0.01
