@@ -28,7 +28,7 @@ from replay_kit.workflows.replay.surfacings.forecasts import ForecastState, dive
 from tests.benchmarks.measure import Row, row, seconds
 from tests.places import DATA, SAMPLES
 
-_NONE, _FIRST = np.empty((0, 2)), 3
+_FIRST = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +81,7 @@ def _dive(path: PathMean, profiles: Sequence[Observation]) -> Dive:
         times = path.path_time_ns
         return Dive(int(times.min()), int(times.max()), np.array(path.velocity))
     begin, end = path.fixes
-    found = dive_mean(reduce(with_profile, profiles, ForecastState()), path, _NONE)
+    found = dive_mean(reduce(with_profile, profiles, ForecastState()), path, np.empty((0, 2)))
     return Dive(begin.time_ns, end.time_ns, np.array(path.velocity), found.way, found.inverted)
 
 
@@ -116,8 +116,8 @@ def figures(mission: Sequence[Dive], planned: bool) -> dict[str, float]:
             predicted += 1
             if predicted >= _FIRST:
                 off.append((said.mean - dive.mean, last.velocity - dive.mean))
-                off_std = np.linalg.solve(np.linalg.cholesky(said.cov), said.mean - dive.mean)
-                held.append(np.hypot(*off_std) <= said.radii((0.9,))[0])
+                wide = np.linalg.solve(said.cov, off[-1][0]) @ off[-1][0]
+                held.append(wide <= said.radii((0.9,)) ** 2)
                 gains.append(said.log_density(dive.mean) - last.log_density(dive.mean))
         state = model.step(state, _asked(dive, dive.way, ways))
         last = last.after(dive.mean)
@@ -131,7 +131,7 @@ def figures(mission: Sequence[Dive], planned: bool) -> dict[str, float]:
 
 def _asked(dive: Dive, way: Array | None, ways: Persistence) -> DiveMean:
     std = 0.0
-    if way is None and ways.velocity is not None:
+    if way is None:
         # the last way, with the changes so far as its error
         way, std = ways.velocity, float(np.sqrt(0.5 * ways.squares / max(ways.changes, 1)))
     way = np.zeros(2) if way is None else way
