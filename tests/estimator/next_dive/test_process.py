@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from replay_kit.estimator.next_dive.process import (
     DiveMean,
@@ -71,6 +72,43 @@ def test_the_filter_is_the_gaussian_of_all_dives_at_once(inverted, monkeypatch):
     np.testing.assert_allclose(
         np.exp(state.log_weights[:, 0]), expected / expected.sum(), rtol=1e-7
     )
+
+
+def test_a_dive_that_may_be_wrong_joins_what_is_known_with_it_and_without():
+    *given, last = dives(5, inverted=False)
+    plain = chosen(np.array([77]))
+    state, robust = after(plain, given), replace(plain, outliers=True)
+    said = robust.forecast(state, last)
+    # three standard deviations off, one is about as likely as the other
+    off = 3.0 * np.sqrt(np.diag(said.covs[0]))
+    last = replace(last, velocity=said.means[0] + off)
+    found = robust.step(state, last)
+    odds = np.exp(said.log_weights) * [
+        multivariate_normal(m, c).pdf(last.velocity)
+        for m, c in zip(said.means, said.covs, strict=True)
+    ]
+    share = odds[0] / odds.sum()
+    assert 0.05 < share < 0.95
+    cases = (share, plain.step(state, last)), (1.0 - share, plain.later(state, last))
+    mean = sum(p * one.mean[0, :, 0] for p, one in cases)
+    about = [(p, one.cov[0], one.mean[0, :, 0] - mean) for p, one in cases]
+    np.testing.assert_allclose(found.mean[0, :, 0], mean, atol=1e-12)
+    cov = sum(p * (cov + np.outer(off, off)) for p, cov, off in about)
+    np.testing.assert_allclose(found.cov[0], cov, atol=1e-12)
+
+
+def test_a_change_of_the_current_explains_nothing_that_an_inverted_one_leaves():
+    process, last = chosen(np.array([3, 210])), dives(1)[0]
+    known, without = process.step(process.initial(), last), replace(last, inverted=None)
+    before, error = process.step(process.initial(), without), last.velocity - last.inverted
+    turn, densities = slow.of_way(last), []
+    for h, flight in enumerate(process.settings.flight):
+        effect = flight * turn @ np.diag([1.0, 0.5])
+        mean, cov = effect @ before.mean[h, :2, 0], effect @ before.cov[h, :2, :2] @ effect.T
+        cov = cov + (0.03**2 + (60.0 / last.seconds) ** 2) * np.eye(2)
+        densities.append(multivariate_normal(mean, cov).logpdf(error))
+    odds, then = (one.log_weights[:, 0] @ [1.0, -1.0] for one in (before, known))
+    assert then - odds == pytest.approx(densities[0] - densities[1])
 
 
 def test_settings_are_spread_as_the_prior_says():
