@@ -389,8 +389,8 @@ class EstimatorConfig(Section):
     dropped_std: float = Field(
         default=9e-3,
         ge=0.0,
-        description="Largest standard deviation of all directions of the prior dropped together [m/s], at most an eighth of the "
-        "members' spread; it is part of the errors. Preset default only.",
+        description="Largest standard deviation of all directions of the prior dropped together [m/s], which is part of the errors; "
+        "preset default only.",
     )
     paper_error_std: float = Field(
         default=0.12, gt=0.0, description="Standard error of every bin with the preset paper [m/s]."

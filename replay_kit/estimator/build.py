@@ -22,8 +22,6 @@ from replay_kit.estimator.prior.oscillations import oscillations
 from replay_kit.estimator.update.columns import Observer
 from replay_kit.estimator.update.grouping import Grouping, current_gradient, spread_of
 
-# Largest bound of what is dropped over the members' spread: the log may show that this is far too small, and what was dropped is lost.
-_OF_SPREAD = 0.125
 # Mixtures of the members' own evolutions decorrelate more slowly than the current at a place, by this factor.
 _TRAJECTORY_FACTOR = 5.0
 
@@ -61,7 +59,7 @@ def build(
         settings,
         basis.mean_weights,
         mean_variance(config),
-        bound := min(config.dropped_std, _OF_SPREAD * spread_of(forecasts)),
+        config.dropped_std,
     )
     times_ns = np.array([each.time_ns or 0 for each in forecasts], np.int64)
     process = replace(process, times_ns=times_ns)
@@ -81,7 +79,7 @@ def build(
         made = config.spread == "fit" or bool(forecasts[0].made_from)
         averages = config.mean_variance is None
         few = members.leading()
-        evidence = Evidence(parts, few, settings, bound, made, averages)
+        evidence = Evidence(parts, few, settings, config.dropped_std, made, averages)
     relative = 1.0 if basis.error_field is None else basis.error_field.relative
     representation = basis.representation_std(config)[:, None] * relative
     return ReducedBasisEstimator(
