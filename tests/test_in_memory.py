@@ -163,6 +163,7 @@ def test_a_single_component_informs_along_its_direction_alone():
         ({"u": [0.1]}, "expected depth, u, v and error of one length"),
         ({"error": [0.1, -1.0]}, "above 0"),
         ({"time": "yesterday"}, "is no time"),
+        ({"time": 1_542_326_400}, "got what would be seconds"),
     ],
 )
 def test_a_profile_that_cannot_be_is_refused(change, words):

@@ -110,6 +110,23 @@ def to_time_ns(time: Any) -> "NDArray[np.int64]":
     return np.array([parse_time(text) for text in texts], dtype=np.int64).reshape(values.shape)
 
 
+def measured_at(time: Any, what: str) -> "NDArray[np.int64]":
+    """Return times of measurements as of ``to_time_ns``.
+
+    Raises:
+        ConfigError: A value is none, or looks like another unit of a clock; the message begins with ``what``.
+    """
+    try:
+        time_ns = to_time_ns(time)
+    except ConfigError as error:
+        raise ConfigError(f"{what}: {error}") from error
+    if unit := unit_of_clock(time_ns):
+        raise ConfigError(
+            f"{what}: expected nanoseconds since 1970 (UTC), got what would be {unit}; give text, datetime64 or nanoseconds"
+        )
+    return time_ns
+
+
 def unit_of_clock(time_ns: "NDArray[np.int64]") -> str:
     """Return the unit in which times [ns, UTC] would be of 1990 to 2100, where they are not as nanoseconds; empty where none would."""
     return next(

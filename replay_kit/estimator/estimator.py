@@ -52,7 +52,7 @@ _TOGETHER = 16
 _FAR = 3.0
 # Share of the shortest decorrelation time that a block may span: its rows count at its mean time, without the noise in between. Of a sum
 # over a path, which is surer than a profile, that noise would count: it is a block of its own.
-_SPAN = 0.002
+_SPAN = 0.001
 # Observations late by no more count at the state's time: pings wait for the position after them, other measurements do not.
 _LATE_NS = 1_200_000_000_000
 _NS = 1e9

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, usable
-from replay_kit.core.quantities import metres_per_second, to_time_ns, unit_of_clock
+from replay_kit.core.quantities import measured_at, metres_per_second
 from replay_kit.core.text import some_text
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, as_number, open_netcdf
@@ -171,14 +171,7 @@ class Table:
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         if stored.values.dtype.kind == "S" or " since " in stored.units or self.in_file:
             return units.time_ns(name, stored, NetcdfFile(Path(self.name), {}, {}, ()), notes)
-        try:
-            time_ns = to_time_ns(stored.values)
-        except ConfigError as error:
-            raise ConfigError(f"{self._of(name)}: {error}") from error
-        if unit := unit_of_clock(time_ns):
-            raise ConfigError(
-                f"{self._of(name)}: expected nanoseconds since 1970 (UTC), got what would be {unit}; give text, datetime64 or nanoseconds"
-            )
+        time_ns = measured_at(stored.values, self._of(name))
         return time_ns, np.ones(time_ns.shape, np.bool_)
 
 

@@ -175,9 +175,9 @@ class ResultFile:
     @cached_property
     def _contract(self) -> Callable[[dict[str, Any]], dict[str, Any]]:
         """Returns columns of measurements as this version of the contract names them."""
-        with self.path.open("rb") as file:
+        with complete(self.path), self.path.open("rb") as file:
             metadata, attached = stated_records(make_reader(file))
-        settings = tomllib.loads(attached.get(CONFIG_NAME, b"").decode())
+            settings = tomllib.loads(attached.get(CONFIG_NAME, b"").decode())
         return partial(named_by_contract, metadata=metadata, settings=settings)
 
     @cached_property

@@ -19,9 +19,8 @@ import xarray as xr
 from replay_kit.config.run import load_config
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Observation, PathMean
-from replay_kit.estimator.next_dive.filter import DiveMean
-from replay_kit.estimator.next_dive.mixtures import Persistence
-from replay_kit.estimator.next_dive.process import MeanCurrentProcess
+from replay_kit.estimator.next_dive.mixture import Persistence
+from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess
 from replay_kit.logs import merge
 from replay_kit.measurements.interpret import events_of
 from replay_kit.workflows.replay.inputs.scan import open_readers
@@ -29,7 +28,7 @@ from replay_kit.workflows.replay.surfacings.forecasts import ForecastState, dive
 from tests.benchmarks.measure import Row, row, seconds
 from tests.places import DATA, SAMPLES
 
-_NONE, _FIRST = np.empty((0, 2)), 3
+_FIRST = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +81,7 @@ def _dive(path: PathMean, profiles: Sequence[Observation]) -> Dive:
         times = path.path_time_ns
         return Dive(int(times.min()), int(times.max()), np.array(path.velocity))
     begin, end = path.fixes
-    found = dive_mean(reduce(with_profile, profiles, ForecastState()), path, _NONE)
+    found = dive_mean(reduce(with_profile, profiles, ForecastState()), path, np.empty((0, 2)))
     return Dive(begin.time_ns, end.time_ns, np.array(path.velocity), found.way, found.inverted)
 
 
@@ -108,7 +107,7 @@ def sections(paths: Sequence[Path]) -> list[Dive]:
 
 def figures(mission: Sequence[Dive], planned: bool) -> dict[str, float]:
     """Return the figures of a mission whose next dive, or planned one, is predicted; none where too few dives can be."""
-    model = MeanCurrentProcess.default(0)
+    model = MeanCurrentProcess()
     state, last, ways = model.initial(), Persistence(), Persistence()
     off, held, gains, predicted = [], [], [], 0
     for dive in mission:
@@ -117,7 +116,8 @@ def figures(mission: Sequence[Dive], planned: bool) -> dict[str, float]:
             predicted += 1
             if predicted >= _FIRST:
                 off.append((said.mean - dive.mean, last.velocity - dive.mean))
-                held.append(said.holds(dive.mean, (0.9,))[0])
+                wide = np.linalg.solve(said.cov, off[-1][0]) @ off[-1][0]
+                held.append(wide <= said.radii((0.9,)) ** 2)
                 gains.append(said.log_density(dive.mean) - last.log_density(dive.mean))
         state = model.step(state, _asked(dive, dive.way, ways))
         last = last.after(dive.mean)
@@ -131,14 +131,12 @@ def figures(mission: Sequence[Dive], planned: bool) -> dict[str, float]:
 
 def _asked(dive: Dive, way: Array | None, ways: Persistence) -> DiveMean:
     std = 0.0
-    if way is None and ways.velocity is not None:
+    if way is None:
         # the last way, with the changes so far as its error
         way, std = ways.velocity, float(np.sqrt(0.5 * ways.squares / max(ways.changes, 1)))
     way = np.zeros(2) if way is None else way
     lasts, middle = (dive.end_ns - dive.begin_ns) * 1e-9, (dive.begin_ns + dive.end_ns) // 2
-    return DiveMean(
-        middle, lasts, way, 0.0, dive.mean, dive.inverted, backgrounds=_NONE, way_std=std
-    )
+    return DiveMean(middle, lasts, way, dive.mean, dive.inverted, way_std=std)
 
 
 def rows(tiny: bool) -> list[Row]:

@@ -163,17 +163,23 @@ def test_a_missing_option_is_named_with_the_form_of_the_command(arguments, missi
     ("words", "unknown"),
     [
         (
-            "--mode 3",
+            "replay a.mcap --mode 3",
             "Unknown option: --mode. Did you mean --modes? See replay-kit replay --help.",
         ),
-        ("--dry_rum", "Unknown option: --dry_rum. Did you mean --dry-run?"),
-        ("--forecast.no-axis=3", "Unknown option: --forecast.no-axis."),
-        ("--ensembel e.nc", "Unknown option: --ensembel. Did you mean --ensemble?"),
-        ("-z", "Unknown option: -z."),
+        ("replay --dry_rum", "Unknown option: --dry_rum. Did you mean --dry-run?"),
+        ("replay --forecast.no-axis=3", "Unknown option: --forecast.no-axis."),
+        ("replay --planner.dept 3", "Did you mean --planner.depth?"),
+        ("replay --ensembel e.nc", "Unknown option: --ensembel. Did you mean --ensemble?"),
+        ("replay a.mcap -z", "Unknown option: -z."),
+        ("twin --truht t.nc -o x.mcap", "Did you mean --truth?"),
+        ("replya", 'Did you mean "replay"?'),
+        ("experiment papr", 'Did you mean "paper"?'),
     ],
 )
-def test_an_unknown_option_is_named_before_what_is_missing(words, unknown):
-    assert unknown in refusal(f"replay a.mcap {words}")
+def test_an_unknown_word_is_named_before_what_is_missing_with_the_nearest(words, unknown):
+    said = refusal(words)
+    assert unknown in said
+    assert "--help." in said
 
 
 def test_options_with_an_underscore_and_words_after_two_hyphens_are_no_unknown_options():

@@ -96,34 +96,9 @@ def test_replay_has_an_option_for_every_setting_with_its_help():
     assert check(RunConfig, "") > 90
 
 
-def test_a_section_that_is_not_there_is_a_fault_of_the_program():
-    with pytest.raises(AssertionError, match="nonsense"):
-        takes_settings("nonsense")
-
-
 def test_help_lists_what_the_libraries_have():
     said = invoke("plan --help-all", columns=400).stdout
     assert all(name in said for name in FORMS)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "nearest"),
-    [
-        ("twin --truht t.nc -o x.mcap", "--truth"),
-        ("replay a.mcap --ensemble e.nc -o x.mcap --mode 3", "--modes"),
-        (
-            "replay a.mcap --ensemble e.nc -o x.mcap --planner.dept 3",
-            "--planner.depth",
-        ),
-        ("replya", '"replay"'),
-        ("experiment papr", '"paper"'),
-    ],
-)
-def test_a_misspelt_word_names_the_nearest(arguments, nearest):
-    done = invoke(arguments)
-    assert done.exit_code == 2
-    assert f"Did you mean {nearest}?" in done.stderr
-    assert "--help." in done.stderr
 
 
 def test_help_is_as_wide_as_it_is_told_to_be():

@@ -33,14 +33,14 @@ def test_several_results_are_shown_one_after_the_other(results):
     said = [invoke(f"status {each}").stdout for each in results]
     assert invoke(["status", *results]).stdout == "\n".join(said)
     both, first = (
-        json.loads(invoke(["status", *each, "-q", "--json", "-"]).stdout)
+        json.loads(invoke(f"status {' '.join(each)} -q --json -").stdout)
         for each in (results, results[:1])
     )
     assert [len(each) for each in both["results"]] == [len(first) - 1] * 2
 
 
 def test_a_page_is_of_one_result(results, tmp_path):
-    done = invoke(["status", *results, "--html", str(tmp_path / "a.html")])
+    done = invoke(f"status {' '.join(results)} --html {tmp_path}/a.html")
     assert done.exit_code == 2
     assert "--html: expected one result, got several" in done.output
 
@@ -56,9 +56,9 @@ def test_a_fleet_may_move_each_ensemble_to_its_log(monkeypatch, tmp_path):
         raise StoppedError
 
     monkeypatch.setattr("replay_kit.workflows.fleet.missions.missions_of", missions_of)
-    for words in ([], ["--place-ensemble"]):
+    for words in ("", "--place-ensemble"):
         with pytest.raises(StoppedError):
-            invoke(["fleet", "*.mcap", "--ensemble", "a.nc", "-o", str(tmp_path / "out"), *words])
+            invoke(f"fleet *.mcap --ensemble a.nc -o {tmp_path}/out {words}")
     assert asked == [{}, {"forecast": {"place": True}}]
     assert load_config(None, asked[1]).forecast.place
     assert fleet.Inputs().place is False

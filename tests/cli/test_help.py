@@ -92,18 +92,9 @@ def test_the_common_options_of_a_long_list_come_first():
     ]
     common = options(said[said.index("Common options:") : said.index("Inputs:")])
     assert common[:3] == ["LOG", "--ensemble", "-o"]
+    expected = "--goal --config --overwrite --json --start --end --region --levels --members"
     assert set(common[3:]) == {
-        *(
-            "--goal",
-            "--config",
-            "--overwrite",
-            "--json",
-            "--start",
-            "--end",
-            "--region",
-            "--levels",
-            "--members",
-        ),
+        *expected.split(),
         *("--place-ensemble", "--modes", "--without", "--speed", "--depth"),
     }
     # a short list has no such heading

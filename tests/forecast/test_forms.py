@@ -36,12 +36,7 @@ def test_cmems_packed_in_16_bits_with_fill(tmp_path):
 
 
 def test_cmems_by_elevation(tmp_path):
-    longitude, latitude = forms.lonlat()
-    ds = (
-        forms.standard(*forms.regular(longitude, latitude), longitude, latitude)
-        .rename(depth="elevation")
-        .isel(elevation=slice(None, None, -1))
-    )
+    ds = forms.known().rename(depth="elevation").isel(elevation=slice(None, None, -1))
     ds = ds.assign_coords(
         elevation=(
             "elevation",

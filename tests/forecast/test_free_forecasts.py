@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.config.run import EstimatorConfig, GatingConfig
-from replay_kit.estimator import build
-from tests import synthetic
 from tests.forecast.forms import noted, read_with, true_components
 
 LATITUDES, LONGITUDES, START = (36.0, 37.5), (-21.5, -19.5), np.datetime64("2024-01-03", "ns")
@@ -99,12 +96,3 @@ def test_products_and_an_earlier_start_of_one_are_members_on_the_grid_of_the_fir
         expected - means + means.mean(axis=0),
         atol=2e-4,
     )
-
-
-def test_their_spread_is_fitted_to_the_log(products):
-    read = read_with(products, members="models", time="2024-01-05", levels=[0.5, 92.0, 318.0])
-    estimator = build([read], EstimatorConfig(modes=12), GatingConfig())
-    state = estimator.initial()
-    profiles = [*synthetic.random_profiles(read.grid, 40, seed=2)]
-    state, _ = estimator.assimilate(state, profiles)
-    assert state.scale != 1.0

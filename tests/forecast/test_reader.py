@@ -1,7 +1,5 @@
 """Files of every usual kind and of every bad kind."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,17 +10,9 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.forecast.grid import centre_longitude, region_block
 from tests import synthetic
-from tests.forecast.forms import noted, read_with, refused
+from tests.forecast.forms import noted, read_with, refused, save
 
 PLAIN = ForecastConfig()
-
-
-def write(ds: xr.Dataset, path: Path) -> Path:
-    if path.suffix == ".zarr":
-        ds.to_zarr(path, zarr_format=2, consolidated=True)
-    else:
-        ds.to_netcdf(path, engine="h5netcdf" if path.suffix == ".nc4" else "scipy")
-    return path
 
 
 def assert_is(read, seed=0):
@@ -31,14 +21,14 @@ def assert_is(read, seed=0):
 
 def assert_same_current(ds, folder):
     """A file is read as the synthetic ensemble."""
-    assert_is(read_with(write(ds, folder / "e.nc")))
+    assert_is(read_with(save(ds, folder / "e.nc")))
 
 
-@pytest.mark.parametrize("name", ["e.nc", "e.nc4", "e.zarr"])
-def test_reads_every_container_alike(tmp_path, name):
-    expected = synthetic.ensemble()
-    read = read_with(write(synthetic.dataset(), tmp_path / name))
-    assert_allclose(read.velocity, expected.velocity, atol=1e-15)
+@pytest.mark.parametrize("engine", ["scipy", "h5netcdf"])
+def test_reads_every_container_alike(tmp_path, engine):
+    synthetic.dataset().to_netcdf(tmp_path / "e.nc", engine=engine)
+    read = read_with(tmp_path / "e.nc")
+    assert_is(read)
     assert_array_equal(read.grid.levels, synthetic.LEVELS)
     assert read.grid.wet.all()
 
@@ -46,7 +36,7 @@ def test_reads_every_container_alike(tmp_path, name):
 @pytest.mark.parametrize("dim", ["ens", "number", "realization", "ensemble_member", "Ensemble"])
 def test_finds_the_member_dimension_under_any_usual_name(tmp_path, dim):
     ds = synthetic.dataset().drop_vars("member").rename(member=dim)
-    assert read_with(write(ds, tmp_path / "e.nc")).n_members == 8
+    assert read_with(save(ds, tmp_path / "e.nc")).n_members == 8
 
 
 @pytest.mark.parametrize(
@@ -70,7 +60,7 @@ def test_flipped_latitude_reversed_depth_and_other_orders_change_no_value(tmp_pa
         .isel(lat=slice(None, None, -1), depth=slice(None, None, -1))
         .transpose("lat", "depth", "lon", "member")
     )
-    read, expected = read_with(write(flipped, tmp_path / "e.nc")), synthetic.ensemble()
+    read, expected = read_with(save(flipped, tmp_path / "e.nc")), synthetic.ensemble()
     assert_allclose(read.velocity[..., ::-1, :], expected.velocity, atol=1e-15)
     assert_allclose(read.grid.north[::-1], expected.grid.north, atol=1e-6)
 
@@ -84,7 +74,7 @@ def test_two_dimensional_coordinates(tmp_path):
 
 
 def test_region_and_levels_cut(tmp_path):
-    path = write(synthetic.dataset(), tmp_path / "e.nc")
+    path = save(synthetic.dataset(), tmp_path / "e.nc")
     read = read_with(path, region=(152.1, -39.9, 152.31, -39.7), levels=(0.0, 140.0, 160.0))
     assert read.grid.longitude.shape == (3, 3)
     assert_array_equal(read.grid.levels, [5.0, 150.0])
@@ -106,7 +96,7 @@ def test_land_is_missing_or_zero_in_all_members(tmp_path):
     ds["uo"][:, 1:, 0, 0] = np.nan
     ds["uo"][:, :, 4, 5] = 0.0
     ds["vo"][:, :, 4, 5] = 0.0
-    read = read_with(write(ds, tmp_path / "e.nc"))
+    read = read_with(save(ds, tmp_path / "e.nc"))
     assert read.grid.wet[0, 0, 0]
     assert not read.grid.wet[1:, 0, 0].any()
     assert not read.grid.wet[:, 4, 5].any()
@@ -120,7 +110,7 @@ def test_land_of_any_member_is_everyone_s_and_is_told(tmp_path):
     ds = synthetic.dataset()
     ds["uo"][3, 1:, 0, 0] = np.nan
     ds["vo"][5, :, 2, 2] = np.nan
-    read = read_with(write(ds, tmp_path / "e.nc"))
+    read = read_with(save(ds, tmp_path / "e.nc"))
     assert not read.grid.wet[:, 2, 2].any()
     assert_array_equal(read.grid.wet[:, 0, 0], [True, False, False, False])
     assert np.isnan(read.velocity[:, :, ~read.grid.wet]).all()
@@ -131,7 +121,7 @@ def test_land_of_any_member_is_everyone_s_and_is_told(tmp_path):
     ds["uo"][3, 0] = np.nan
     refused(
         r"leave no water at the first level; 'none\.nc member 3' misses most \(33 of 120 points\)",
-        write(ds, tmp_path / "none.nc"),
+        save(ds, tmp_path / "none.nc"),
     )
 
 
@@ -141,7 +131,7 @@ def test_land_of_any_member_is_everyone_s_and_is_told(tmp_path):
 def test_leads_in_any_unit_are_matched_to_the_log_and_the_choice_is_said(tmp_path, unit, length):
     ds = xr.concat([synthetic.dataset(seed=k) for k in range(3)], dim="lead")
     leads = length * np.array([0.0, 2.0, 4.0])
-    path = write(
+    path = save(
         ds.assign_coords(lead=("lead", leads, {"standard_name": "forecast_period", "units": unit})),
         tmp_path / "l.nc",
     )
@@ -149,13 +139,14 @@ def test_leads_in_any_unit_are_matched_to_the_log_and_the_choice_is_said(tmp_pat
     start = int(np.datetime64("2020-01-01", "ns").astype(np.int64))
     read = read_ensemble(path, reference, near_ns=start + int(2.2 * 86_400e9))
     assert_is(read, 1)
+    assert read.time_ns == start + 2 * 86_400 * 10**9
     assert read.notes[0].startswith("lead ")
     late = read_ensemble(path, reference, near_ns=start + 10 * 86_400 * 10**9)
     assert noted(late, "6.0 days before the log begins")
 
 
 def test_options_that_the_file_has_no_use_for_are_refused(tmp_path):
-    path = write(synthetic.dataset(), tmp_path / "e.nc")
+    path = save(synthetic.dataset(), tmp_path / "e.nc")
     for config in (
         ForecastConfig(lead=3.0),
         ForecastConfig(time="2020-01-01"),
@@ -176,27 +167,22 @@ def test_chooses_a_lead_and_a_time(tmp_path):
     ds = ds.assign_coords(
         lead=("lead", [0.0, 2.0, 4.0], {"standard_name": "forecast_period", "units": "days"})
     )
-    path = write(ds, tmp_path / "leads.nc")
+    path = save(ds, tmp_path / "leads.nc")
     assert_is(read_with(path, lead=2.2), 1)
-    dated = ForecastConfig(reference_time="2020-01-01T00:00:00Z")
-    day = 86_400 * 10**9
-    start = int(np.datetime64("2020-01-01", "ns").astype(np.int64))
-    read = read_ensemble(path, dated, near_ns=start + int(0.8 * day))
-    assert_is(read, 0)
-    assert read.time_ns == start
     times = (
         ds.drop_vars("lead")
         .rename(lead="time")
         .assign_coords(time=np.array(["2020-01-01", "2020-01-03", "2020-01-05"], "datetime64[ns]"))
     )
-    path = write(times, tmp_path / "times.nc")
-    assert_is(read_with(path, near_ns=start + 5 * day), 2)
+    path = save(times, tmp_path / "times.nc")
+    start = int(np.datetime64("2020-01-01", "ns").astype(np.int64))
+    assert_is(read_with(path, near_ns=start + 5 * 86_400 * 10**9), 2)
     chosen = read_with(path, time="2020-01-03", near_ns=start)
     assert_is(chosen, 1)
 
 
 def test_placing_moves_the_grid_and_says_so(tmp_path):
-    path = write(synthetic.dataset(), tmp_path / "e.nc")
+    path = save(synthetic.dataset(), tmp_path / "e.nc")
     here, there = read_with(path), read_ensemble(path, PLAIN, place_at=(86.0, 12.0))
     assert_allclose(there.grid.east, here.grid.east, atol=1e-6)
     assert_array_equal(there.velocity, here.velocity)
@@ -206,8 +192,8 @@ def test_placing_moves_the_grid_and_says_so(tmp_path):
 
 def test_truth_of_one_field_or_of_a_named_member(tmp_path):
     ds = synthetic.dataset()
-    path = write(ds, tmp_path / "e.nc")
-    single = write(ds.isel(member=3, drop=True), tmp_path / "t.nc")
+    path = save(ds, tmp_path / "e.nc")
+    single = save(ds.isel(member=3, drop=True), tmp_path / "t.nc")
     expected = synthetic.ensemble().velocity[3:4]
     assert_allclose(read_truth(f"{path}#3", PLAIN).velocity, expected, atol=1e-15)
     assert_allclose(read_truth(str(single), PLAIN).velocity, expected, atol=1e-15)
@@ -226,7 +212,7 @@ def test_stated_units_are_converted_and_strange_ones_refused(tmp_path, unit, of_
         ds[name] = (ds[name] * of_one).assign_attrs(ds[name].attrs, units=unit)
     assert_same_current(ds, tmp_path)
     ds["uo"].attrs["units"] = "furlongs"
-    refused("'furlongs'", write(ds, tmp_path / "k.nc"))
+    refused("'furlongs'", save(ds, tmp_path / "k.nc"))
 
 
 def without(name):
@@ -249,7 +235,7 @@ def without(name):
     ],
 )
 def test_what_cannot_be_used_is_refused_in_words(tmp_path, spoil, message):
-    refused(message, write(spoil(synthetic.dataset()), tmp_path / "e.nc"))
+    refused(message, save(spoil(synthetic.dataset()), tmp_path / "e.nc"))
 
 
 @pytest.mark.parametrize(

@@ -107,14 +107,9 @@ def test_which_leads_a_run_uses_when_none_is_chosen(
 def test_a_log_far_from_the_forecast_is_said(of_reference):
     path = of_reference("2020-01-01")
     start = read_series(path, ForecastConfig())[0].time_ns
-    assert not noted(read_series(path, ForecastConfig(), near_ns=start + DAY)[0], "outside")
-    assert not noted(read_series(path, ForecastConfig(), near_ns=start + 6 * DAY)[0], "outside")
-    assert noted(
-        read_series(path, ForecastConfig(), near_ns=start + 8 * DAY)[0], "3.0 days outside"
-    )
-    assert noted(
-        read_series(path, ForecastConfig(), near_ns=start - 2 * DAY)[0], "2.0 days outside"
-    )
+    for days, words in ((1, None), (6, None), (8, "3.0 days outside"), (-2, "2.0 days outside")):
+        first = read_series(path, ForecastConfig(), near_ns=start + days * DAY)[0]
+        assert noted(first, words or "outside") == bool(words)
 
 
 def test_the_same_time_twice_and_land_that_changes_are_refused(tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tests.reference.next_dive import conditional
+from tests.reference.estimator import log_density
 
 DAY, HOUR = 86_400.0, 3600.0
 
@@ -57,3 +57,21 @@ def forecast(dives, coming, settings, h):
     """Mean and covariance of a coming dive's mean current, and the log-density of those before."""
     values, cov = joint([*dives, coming], settings, h)
     return conditional(values, cov, len(values) - 2)
+
+
+def conditional(values, cov, known):
+    """Mean and covariance of the rest given the first ``known`` values, and the log-density of these."""
+    a, b = slice(0, known), slice(known, None)
+    gain = cov[b, a] @ np.linalg.inv(cov[a, a])
+    density = log_density(values[a], 0.0, cov[a, a]) - 0.5 * known * np.log(2 * np.pi)
+    return gain @ values[a], cov[b, b] - gain @ cov[a, b], density
+
+
+def mean_along(times, depths, levels, current):
+    """Mean of a current by depth along a path of straight lines in time and depth, second by second."""
+    seconds = np.arange(times[0], times[-1]) + 0.5
+    found = [
+        [np.interp(depth, levels, component) for component in current.T]
+        for depth in np.interp(seconds, times, depths)
+    ]
+    return np.mean(found, axis=0)

@@ -10,6 +10,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Place, Plan
 from replay_kit.results import ResultWriter
@@ -25,16 +26,13 @@ Case = Callable[[Path], None]
 _SCHEMA = "replay_kit.Innovation", "protobuf", DESCRIPTOR_SET
 
 
-def moved(flow: FlowEstimate, longitude: float) -> FlowEstimate:
-    """Return a flow with its whole region at another longitude."""
-    projection = replace(flow.grid.projection, longitude=longitude)
-    grid = replace(
-        flow.grid,
-        projection=projection,
-        longitude=(flow.grid.longitude - flow.grid.projection.longitude + longitude + 180.0) % 360.0
-        - 180.0,
-    )
-    return replace(flow, grid=grid)
+def placed(longitude: float, latitude: float) -> FlowEstimate:
+    """Return a flow whose local frame has another centre."""
+    flow = synthetic_flow(latitude=latitude)
+    projection = Projection(longitude, latitude)
+    places = to_geographic(projection, flow.grid.east, flow.grid.north)
+    moved = replace(flow.grid, projection=projection, longitude=places[0], latitude=places[1])
+    return replace(flow, grid=moved)
 
 
 def on(flow: FlowEstimate, east: Array, north: Array) -> FlowEstimate:
@@ -127,7 +125,7 @@ def of_one_ping(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Pl
 def across_the_antimeridian(
     path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan
 ) -> Contents:
-    return write(path, moved(flow, 179.98), [innovation] * 4, plan)
+    return write(path, placed(179.98, 62.0), [innovation] * 4, plan)
 
 
 def at_80_north(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> Contents:

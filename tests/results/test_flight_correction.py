@@ -8,10 +8,9 @@ import pytest
 from replay_kit import open_result
 from replay_kit.core.as_flown import FlightCorrection
 from replay_kit.results import ResultWriter
-from replay_kit.results.flight_correction import mean_current_parts
 from replay_kit.results.outcome.from_run import flight_correction_json
-from replay_kit.results.schemas import decode, encode
 from replay_kit.results.views.along_track import mean_currents
+from tests.results.cases import one_bin
 from tests.results.result_samples import METADATA
 from tests.synthetic_flow import TIME_NS
 
@@ -22,35 +21,15 @@ OLD = {"contract": {"version": "4"}}
 
 def written(path, flow, state, innovation, config, **current):
     """A result with the mean currents of a dive and of a drift."""
-    names = (
-        "depth",
-        "innovation",
-        "innovation_std",
-        "residual",
-        "prior_innovation",
-        "flags",
-        "reasons",
-    )
-    one = {name: getattr(innovation, name)[:1] for name in names} | {
-        "dof": 2,
-        "mean_current": MEASURED,
-        "dive": 1,
-    }
+    one = one_bin(innovation, mean_current=MEASURED, dive=1)
     with ResultWriter(path) as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, config)
         writer.fix(state)
         for number, kind in enumerate(("dac", "drift")):
-            source = replace(innovation.source, topic=f"/{kind}")
+            source = replace(one.source, topic=f"/{kind}")
             more = current if kind == "dac" else {}
             writer.innovation(
-                replace(
-                    innovation,
-                    time_ns=TIME_NS + number,
-                    mean_kind=kind,
-                    source=source,
-                    **one,
-                    **more,
-                )
+                replace(one, time_ns=TIME_NS + number, mean_kind=kind, source=source, **more)
             )
     return open_result(path)
 
@@ -101,28 +80,6 @@ def test_a_result_of_version_0_2_0_opens_and_calls_what_it_holds_by_its_name(
     means = mean_currents(result.measured)
     np.testing.assert_array_equal(getattr(means, name), [MEASURED])
     np.testing.assert_allclose(means.estimated, MEASURED - innovation.residual[:1], rtol=1e-12)
-
-
-def test_a_message_says_what_it_holds():
-    old = {"kind": "dac", "measured_east": 0.1, "measured_north": -0.2}
-    new = old | {
-        "measured_standard_error": 0.01,
-        "corrected_east": 0.05,
-        "corrected_north": -0.15,
-        "corrected_standard_error": 0.02,
-    }
-
-    def held(current, metadata, flight_bias=True):
-        mean = decode("Innovation", encode("Innovation", {"mean_current": current})).mean_current
-        return mean_current_parts(mean, metadata, {"measurements": {"flight_bias": flight_bias}})
-
-    assert held(new, {}) == ((0.1, -0.2, 0.01), (0.05, -0.15, 0.02))
-    assert held(new | {"corrected_standard_error": float("nan")}, {})[1] is None
-    measured, corrected = held(old, OLD)
-    assert (measured, corrected[:2]) == (None, (0.1, -0.2))
-    measured, corrected = held(old, OLD, flight_bias=False)
-    assert (measured[:2], corrected) == ((0.1, -0.2), None)
-    assert held(old | {"kind": "drift"}, OLD)[0][:2] == (0.1, -0.2)
 
 
 def test_the_correction_is_stated_with_its_size_and_the_dives_it_is_from():

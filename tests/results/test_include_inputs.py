@@ -18,44 +18,42 @@ from tests.places import SAMPLES
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
 
 
+def copied(out, *logs, asked=True, fix=None):
+    """Write a result of a fix and copied logs, and return its bytes."""
+    with ResultWriter(out) as writer:
+        if fix is not None:
+            writer.fix(fix)
+        copy_inputs(writer, ReplayJob(logs, Path("e.nc"), include_inputs=asked), LogConfig())
+    return out.read_bytes()
+
+
 @pytest.mark.parametrize("name", ["glider.mcap", "survey.mcap"])
 def test_the_inputs_messages_are_copied_untouched(state, tmp_path, name):
-    out = tmp_path / "out.mcap"
-    with ResultWriter(out) as writer:
-        writer.fix(state)
-        copy_inputs(
-            writer, ReplayJob((SAMPLES / name,), Path("e.nc"), include_inputs=True), LogConfig()
-        )
-    copied = Counter(
-        message.said
-        for message in sound_messages(out.read_bytes())
-        if message.said[1] != state.time_ns
+    data = copied(tmp_path / "out.mcap", SAMPLES / name, fix=state)
+    found = Counter(
+        message.said for message in sound_messages(data) if message.said[1] != state.time_ns
     )
     given = Counter(message.said for message in sound_messages((SAMPLES / name).read_bytes()))
     # a fix of the log goes beside the result's own fixes
-    assert copied == Counter(
+    assert found == Counter(
         {
             (topic.replace("/vehicle/fix", "/input/vehicle/fix"), *rest): n
             for (topic, *rest), n in given.items()
         }
     )
-    assert copied.total() > 400
+    assert found.total() > 400
 
 
 def test_without_being_asked_nothing_is_copied(state, tmp_path):
-    with ResultWriter(tmp_path / "out.mcap") as writer:
-        writer.fix(state)
-        copy_inputs(writer, ReplayJob((SAMPLES / "glider.mcap",), Path("e.nc")), LogConfig())
-    assert len(sound_messages((tmp_path / "out.mcap").read_bytes())) == 1
+    data = copied(tmp_path / "out.mcap", SAMPLES / "glider.mcap", asked=False, fix=state)
+    assert len(sound_messages(data)) == 1
 
 
 def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path):
     (tmp_path / "a.mcap").write_bytes(json_mcap([5, 3, 8]))
     (tmp_path / "b.tlog").write_bytes(b"".join(tlog(3)))
     logs = (tmp_path / "a.mcap", tmp_path / "b.tlog", tmp_path / "a.mcap")
-    with ResultWriter(tmp_path / "out.mcap") as writer:
-        copy_inputs(writer, ReplayJob(logs, Path("e.nc"), include_inputs=True), LogConfig())
-    data = (tmp_path / "out.mcap").read_bytes()
+    data = copied(tmp_path / "out.mcap", *logs)
     said = [message.said for message in sound_messages(data)]
     assert [
         (topic, time, publish, sequence)
@@ -88,14 +86,9 @@ def test_only_topics_of_the_results_own_are_moved(tmp_path):
         tmp_path / "in.mcap",
         [Message(k, topic, "", {"k": k}, 0, k) for k, topic in enumerate(topics)],
     )
-    with ResultWriter(tmp_path / "out.mcap") as writer:
-        copy_inputs(
-            writer,
-            ReplayJob((tmp_path / "in.mcap",), Path("e.nc"), include_inputs=True),
-            LogConfig(),
-        )
+    data = copied(tmp_path / "out.mcap", tmp_path / "in.mcap")
     kept = {"/tf_static", "/logger/a", "/vehicle/fix2", "/flowmeter"}
-    written = {message.said[0] for message in sound_messages((tmp_path / "out.mcap").read_bytes())}
+    written = {message.said[0] for message in sound_messages(data)}
     assert written == {topic if topic in kept else f"/input{topic}" for topic in topics}
 
 

@@ -108,16 +108,8 @@ def test_a_dive_with_a_mean_current_alone_begins_at_the_fix_before_it(
             )
     dives = read_result(tmp_path / "out.mcap").dives
     # a profile begins when it was measured; so does a mean current without a fix before it
-    assert [round((start - pd.Timestamp(TIME_NS)).total_seconds()) for start in dives["start"]] == [
-        5,
-        8,
-        0,
-    ]
-    assert [round((end - pd.Timestamp(TIME_NS)).total_seconds()) for end in dives["end"]] == [
-        9,
-        8,
-        0,
-    ]
+    for name, seconds in (("start", [5, 8, 0]), ("end", [9, 8, 0])):
+        assert dives[name].tolist() == [pd.Timestamp(TIME_NS + each * SECOND) for each in seconds]
 
 
 def test_dives_count_what_was_used(opened, innovation):

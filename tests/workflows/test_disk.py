@@ -38,66 +38,36 @@ def ocean(tmp_path_factory) -> Path:
     folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 30)
     make_twin(make_truth(), Twin("vessel", 5, 0.09, 1), folder / "vessel.tlog")
     (folder / "run.toml").write_text(SETTINGS)
-    assert invoke(replaying(folder, "-o", str(folder / "whole.mcap"))).exit_code in (0, 6)
+    assert invoke(replaying(folder, folder / "whole.mcap")).exit_code in (0, 6)
     eddying_flow(12).save(folder / "flow.nc")
     return folder
 
 
-def replaying(ocean, *more):
-    return [
-        "replay",
-        str(ocean / "glider.mcap"),
-        "--ensemble",
-        str(ocean / "ensemble.nc"),
-        "--config",
-        str(ocean / "run.toml"),
-        *more,
-    ]
+def replaying(ocean, out):
+    return f"replay {ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --config {ocean}/run.toml -o {out}"
 
 
 def commands(ocean, out):
-    """Arguments, the file that is written, and how much of it fits on the disk [bytes]."""
-    show = {"report": ".html"} | dict.fromkeys(EXPORTS, "")
+    """A line, the file that is written, and how much of it fits on the disk [bytes]."""
+    shown = {"report": ".html"} | {name: name.split()[1] for name in EXPORTS}
+    result, table, tlog, picture = (
+        ocean / "whole.mcap",
+        *(out.with_suffix(ending) for ending in (".json", ".tlog", ".png")),
+    )
+    places = "--start=152.42,-40.0,0 --goal=152.52,-39.96,0 --depth=390"
     return {
         **{
-            name: (
-                [name.split()[0], str(ocean / "whole.mcap"), "-o", str(out.with_suffix(ending))],
-                out.with_suffix(ending),
-                100,
-            )
-            for name, suffix in show.items()
-            for ending in (suffix or name.split()[1],)
+            name: (f"{name.split()[0]} {result} -o {to}", to, 100)
+            for name, ending in shown.items()
+            for to in (out.with_suffix(ending),)
         },
-        "plot": (
-            ["plot", str(ocean / "whole.mcap"), "map", "-o", str(out.with_suffix(".png"))],
-            out.with_suffix(".png"),
-            100,
-        ),
-        "plan": (
-            [
-                *("plan", str(ocean / "flow.nc"), "--start=152.42,-40.0,0", "--depth=390"),
-                *("--goal=152.52,-39.96,0", "-o", str(out)),
-            ],
-            out,
-            3_000,
-        ),
-        "convert": (["convert", str(ocean / "glider.mcap"), "-o", str(out)], out, 20_000),
-        "convert to tlog": (
-            ["convert", str(ocean / "vessel.tlog"), "-o", str(out.with_suffix(".tlog"))],
-            out.with_suffix(".tlog"),
-            2_000,
-        ),
-        "replay": (replaying(ocean, "-o", str(out)), out, 20_000),
-        "journal": (
-            replaying(ocean, "-o", str(out), "--checkpoint", str(out.with_suffix(".ck"))),
-            out,
-            3_000,
-        ),
-        "json": (
-            ["info", str(ocean / "glider.mcap"), "--json", str(out.with_suffix(".json"))],
-            out.with_suffix(".json"),
-            10,
-        ),
+        "plot": (f"plot {result} map -o {picture}", picture, 100),
+        "plan": (f"plan {ocean}/flow.nc {places} -o {out}", out, 3_000),
+        "convert": (f"convert {ocean}/glider.mcap -o {out}", out, 20_000),
+        "convert to tlog": (f"convert {ocean}/vessel.tlog -o {tlog}", tlog, 2_000),
+        "replay": (replaying(ocean, out), out, 20_000),
+        "journal": (f"{replaying(ocean, out)} --checkpoint {out.with_suffix('.ck')}", out, 3_000),
+        "json": (f"info {ocean}/glider.mcap --json {table}", table, 10),
     }
 
 
@@ -107,10 +77,10 @@ EXPORTS = ["export .nc", "export .csv", "export .kml", "export .geojson"]
 
 @pytest.mark.parametrize("name", [*NAMES, "report", "plot", *EXPORTS, "plan"])
 def test_a_disk_that_fills_is_told_and_the_earlier_output_stays(ocean, tmp_path, name):
-    arguments, out, size = commands(ocean, tmp_path / "out.mcap")[name]
+    line, out, size = commands(ocean, tmp_path / "out.mcap")[name]
     out.write_bytes(PRECIOUS)
     with full_disk(size):
-        done = invoke([*arguments, "--overwrite"])
+        done = invoke(f"{line} --overwrite")
     assert done.exit_code == 1, done.output
     assert "is the disk full?" in done.stderr
     assert f"{out}.part" in done.stderr or ".ck" in done.stderr

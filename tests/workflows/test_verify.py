@@ -93,6 +93,22 @@ def changed(
     return target
 
 
+def edited(edit):
+    """A change of a message by a function of it."""
+
+    def change(schema, data):
+        message = DecoderFactory().decoder_for("protobuf", schema)(data)
+        edit(message)
+        return message.SerializeToString()
+
+    return change
+
+
+def stating(record, **more):
+    """A change of a metadata record."""
+    return lambda name, values: values | more if name == record else values
+
+
 def index_of(path: Path, topic: str) -> int:
     with path.open("rb") as file:
         topics = [
@@ -120,15 +136,13 @@ def test_a_result_is_made_again(run):
 def test_a_changed_message_is_named_with_its_field(run, tmp_path, topic, field):
     index = index_of(run / "out.mcap", topic)
 
-    def change(schema, data):
-        message = DecoderFactory().decoder_for("protobuf", schema)(data)
+    def edit(message):
         if "[" in field:
             message.weights[3] += 1e-15
         else:
             setattr(message, field, getattr(message, field) * (1.0 + 1e-15) + 1e-300)
-        return message.SerializeToString()
 
-    path = changed(run / "out.mcap", tmp_path / "other.mcap", (index, change))
+    path = changed(run / "out.mcap", tmp_path / "other.mcap", (index, edited(edit)))
     verdict = verify(path, [run], planner_of)
     assert (verdict.difference.index, verdict.difference.topic) == (index, topic)
     assert len(verdict.difference.fields) == 1
@@ -173,14 +187,8 @@ def test_other_settings_than_recorded_are_found_at_the_first_digest(run, tmp_pat
 def test_a_digest_that_lies_or_is_missing_hides_nothing(run, tmp_path):
     index = index_of(run / "out.mcap", "/plan/controls")
 
-    def turned(schema, data):
-        message = DecoderFactory().decoder_for("protobuf", schema)(data)
-        message.heading_deg += 90.0
-        return message.SerializeToString()
-
-    def lying(name, values):
-        return values | {"sha256": "0" * 64} if name == "replay_kit.digest" else values
-
+    turned = edited(lambda plan: setattr(plan, "heading_deg", plan.heading_deg + 90.0))
+    lying = stating("replay_kit.digest", sha256="0" * 64)
     for metadata in (lying, lambda name, values: None if name == "replay_kit.digest" else values):
         verdict = verify(
             changed(run / "out.mcap", tmp_path / "other.mcap", (index, turned), metadata),
@@ -196,9 +204,7 @@ def test_a_digest_that_lies_or_is_missing_hides_nothing(run, tmp_path):
 
 
 def test_changed_metadata_schemas_and_stamps_are_named(run, tmp_path):
-    def options(name, values):
-        return values | {"modes": "7"} if name == "replay_kit.options" else values
-
+    options = stating("replay_kit.options", modes="7")
     verdict = verify(
         changed(run / "out.mcap", tmp_path / "other.mcap", metadata=options), [run], planner_of
     )
@@ -220,9 +226,7 @@ def test_a_damaged_result_is_named_and_no_other_exception_comes(run, tmp_path):
 
 
 def test_other_versions_are_said(run, tmp_path):
-    def older(name, values):
-        return values | {"numpy": "1.0", "gone": "3"} if name == "replay_kit.versions" else values
-
+    older = stating("replay_kit.versions", numpy="1.0", gone="3")
     verdict = verify(
         changed(run / "out.mcap", tmp_path / "other.mcap", metadata=older), [run], planner_of
     )
@@ -253,13 +257,8 @@ def test_the_command_says_it_and_ends_with_0_or_5(run, tmp_path):
     assert "made again bit for bit" in said.output
     assert json.loads((tmp_path / "verdict.json").read_text())["same"] is True
     index = index_of(run / "out.mcap", "/vehicle/fix")
-
-    def change(schema, data):
-        message = DecoderFactory().decoder_for("protobuf", schema)(data)
-        message.latitude += 1.0
-        return message.SerializeToString()
-
-    path = changed(run / "out.mcap", tmp_path / "other.mcap", (index, change))
+    north = edited(lambda fix: setattr(fix, "latitude", fix.latitude + 1.0))
+    path = changed(run / "out.mcap", tmp_path / "other.mcap", (index, north))
     said = invoke(f"verify {path} --inputs {run}")
     assert said.exit_code == 5
     assert f"message {index} differs: /vehicle/fix" in said.output
@@ -270,13 +269,10 @@ def test_the_command_says_it_and_ends_with_0_or_5(run, tmp_path):
 def test_a_result_of_contract_version_2_is_verified_by_its_bytes_with_a_note(run, tmp_path):
     """Version 3 renamed fields, so the definitions of the schemas differ and the messages do not."""
 
-    def older(name, values):
-        return values | {"version": "2"} if name == "contract" else values
-
     old = changed(
         run / "out.mcap",
         tmp_path / "old.mcap",
-        metadata=older,
+        metadata=stating("contract", version="2"),
         definition=lambda data: data.replace(b"gate_threshold", b"gate_formerly_"),
     )
     assert first_difference(run / "out.mcap", old).fields == (

@@ -19,10 +19,6 @@ from tests.workflows.test_verify import changed, index_of
 AREA = [[152.6, -40.1], [152.61, -40.1], [152.61, -40.09], [152.6, -40.1]]
 
 
-def plan(*arguments):
-    succeed(["plan", *map(str, arguments)])
-
-
 def again(path, *folders):
     return verify(path, folders, planner_of, plan_again=plan_again)
 
@@ -39,37 +35,10 @@ def mission(tmp_path_factory):
     }
     (folder / "areas.geojson").write_text(json.dumps(areas))
     (folder / "run.toml").write_text("[planner]\nmax_angle = 30.0\n")
-    ask = (
-        "--start=152.42,-40.0,0",
-        "--goal=152.52,-39.96,0",
-        "--depth",
-        390,
-        "--legs",
-        3,
-        "--samples",
-        4,
-        "--seed",
-        5,
-    )
-    more = (
-        "--objective",
-        "time=1,energy=0.01",
-        "--start-time",
-        "2001-09-09T02:00Z",
-        "--battery",
-        3,
-        "--config",
-        folder / "run.toml",
-    )
-    plan(
-        folder / "flow.nc",
-        *ask,
-        *more,
-        "--no-go",
-        folder / "areas.geojson",
-        "-o",
-        folder / "plan.mcap",
-    )
+    ask = "--start=152.42,-40.0,0 --goal=152.52,-39.96,0 --depth 390 --legs 3 --samples 4 --seed 5"
+    more = "--objective time=1,energy=0.01 --start-time 2001-09-09T02:00Z --battery 3"
+    files = f"--config {folder}/run.toml --no-go {folder}/areas.geojson -o {folder}/plan.mcap"
+    succeed(f"plan {folder}/flow.nc {ask} {more} {files}")
     return folder
 
 

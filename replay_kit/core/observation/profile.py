@@ -11,7 +11,7 @@ from replay_kit.core.arrays import Array, made_often
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation.linear import Fix, Label, LinearMeasurement, PathMean
 from replay_kit.core.observation.quality import Flag, Reason, Source
-from replay_kit.core.quantities import to_time_ns
+from replay_kit.core.quantities import measured_at
 from replay_kit.core.text import place_text, span_text, time_text
 
 Reference = Literal["earth", "platform"]
@@ -249,7 +249,7 @@ def _stated_fix(stated: tuple[Any, float, float], what: str) -> Fix:
     place = float(longitude), float(latitude)
     if not (-180.0 <= place[0] <= 360.0 and abs(place[1]) <= 90.0):
         raise ConfigError(f"{what}: expected longitude and latitude [degrees], got {place}")
-    return Fix(int(to_time_ns(time)), *place)
+    return Fix(int(measured_at(time, what)), *place)
 
 
 def _stated_errors(error: Any, n: int) -> Array:

@@ -4,32 +4,23 @@ A dive's mean current, as the vehicle's flight model gives it, east and north as
 
     y = mean over the dive's time of c(t) + (alpha + i beta) w + e
 
-with w the way through the water and e an error that no other dive shares. The current c is the sum of four independent parts: one that
-changes over a month, one that decorrelates (Matern, 3/2), and damped tides of the principal lunar and the lunisolar diurnal period; all
-have one amplitude and one axis along which they are stronger. The mean over a dive, of four instants evenly spread, is what tells tides
-from the rest: it damps them by the dive's duration.
+with w the way through the water and e an error that no other dive shares: y is the displacement over the time less w. The current c is the
+sum of four independent parts: one that changes over a month, one that decorrelates (Matern, 3/2), and damped tides of the principal lunar
+and the lunisolar diurnal period; all have one amplitude and one axis along which they are stronger. The mean over a dive, of four instants
+evenly spread, is what tells tides from the rest: it damps them by the dive's duration. The inverted current of the dive gives the flight
+model's error alone. Where no flight model tells the way, y is the velocity over ground, and its slow part the way.
 
 Every part is the first component of a Markov process, so that the posterior of n dives takes time in proportion to n (Hartikainen and
 Sarkka 2010, MLSP). States are of unit variance; a setting's amplitudes are in its design. Covariances depend on no measured value, and so
 are shared by the backgrounds that the current may be measured about. ``tests/reference/mean_currents.py`` has the same as one Gaussian.
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.next_dive.filter import (
-    INVERTED_STD,
-    DiveMean,
-    grown,
-    inverse_of,
-    with_own,
-)
-from replay_kit.estimator.next_dive.mixtures import Mixture, log_densities
+from replay_kit.estimator.next_dive.mixture import Mixture, log_densities
 
 _HOUR, _DAY = 3600.0, 86_400.0
 _INSTANTS = 4
@@ -37,12 +28,58 @@ _INSTANTS = 4
 _SLOW, _TIDES = 30.0 * _DAY, ((8.0 * _DAY, 12.4206 * _HOUR), (12.0 * _DAY, 23.9345 * _HOUR))
 # m/s; error of a component that no position and no change of the current causes
 _FLOOR = 0.003
-# probability that the current has changed from one dive to the next by more than it usually does: by its amplitude
-_JUMP = 0.05
+# m/s; of the inverted current beside that of the flight model
+_INVERTED_STD = 0.03
+# m; how far fixes and way through the water miss together, over the dive's time
+_POSITION_STD = 60.0
+#: m; how far two fixes alone miss together, over the dive's time.
+FIXES_STD = 20.0
+# Probability that a dive is not like those before it: the current has changed by more than it usually does, by its amplitude; or, where
+# that is asked for, the mean current is wrong, by so much a component [m/s].
+_UNLIKE, _WRONG_STD = 0.05, 0.5
 _SETTINGS = 512
-# latent states of a component: slow 1, decorrelating 2, tides 2 each; then the flight model's error along and across the way
-_STATES, _SIZE = 7, 16
-_PARTS = (slice(0, 1), slice(1, 3), slice(3, 5), slice(5, 7))
+# root of x^10 = x + 1, whose powers fill nine dimensions evenly
+_ROOT = 1.0757660660868371
+# levels of the settings, each as probable as it is often here: decorrelation times [h]; the slow part, both tides, what no other dive
+# shares, all over the amplitude; the flight model's error, as a share of the way; how much stronger currents are along an axis
+_LEVELS = (
+    (3.0, 8.0, 20.0, 50.0, 120.0, 300.0),
+    (1.0, 2.0),
+    (0.0, 0.0, 0.25, 0.5, 1.0),
+    (0.0, 0.0, 0.0, 0.3, 0.6),
+    (0.03, 0.1, 0.3),
+    (0.0, 0.15, 0.5),
+    (0.0, 0.5),
+)
+# Of a component: first states of the parts, slow with one, decorrelating and tides with two each; then its mean over the last dive.
+_PARTS, _STATES = (0, 1, 3, 5), 8
+# The flight model's error along and across the way, where it is half as large, comes before both components.
+_ALONG, _SIZE = np.array([1.0, 0.5]), 2 + 2 * _STATES
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiveMean:
+    """A dive's measurement of the mean current; velocities are towards true east and north [m/s].
+
+    Attributes:
+        time_ns: Of its middle [ns, UTC].
+        seconds: Its duration [s].
+        way: shape (2,), mean velocity through the water; zero where it is not known.
+        velocity: shape (2,), mean current, or mean velocity over ground where the way is not known.
+        inverted: shape (2,), mean along the path of absolute profiles that do not depend on the flight model; None without.
+        backgrounds: shape (k, 2), background currents; NaN where they are not known.
+        position_std: How far fixes and way through the water miss together, over the dive's time [m].
+        way_std: Of each component of ``way`` [m/s]; 0 where it is known.
+    """
+
+    time_ns: int
+    seconds: float
+    way: Array
+    velocity: Array
+    inverted: Array | None = None
+    backgrounds: Array = field(default_factory=lambda: np.empty((0, 2)))
+    position_std: float = _POSITION_STD
+    way_std: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,48 +105,31 @@ class ProcessSettings:
     @classmethod
     def drawn(cls, count: int = _SETTINGS) -> "ProcessSettings":
         """Return settings spread evenly over their prior: points of an additive recurrence (Roberts 2018), the same on every machine."""
-        # the powers of the root of x^10 = x + 1 fill nine dimensions evenly
-        root = 1.0
-        for _ in range(60):
-            root = (1.0 + root) ** 0.1
-        unit = ((np.arange(1, count + 1)[:, None] * root ** -np.arange(1.0, 10.0)) + 0.5) % 1.0
-        levels = (
-            _level(unit[:, 1], (3.0, 8.0, 20.0, 50.0, 120.0, 300.0)) * _HOUR,
-            _level(unit[:, 2], (1.0, 2.0)),
-            _level(unit[:, 3], (0.0, 0.0, 0.25, 0.5, 1.0)),
-            _level(unit[:, 4], (0.0, 0.0, 0.0, 0.3, 0.6)),
-            _level(unit[:, 5], (0.03, 0.1, 0.3)),
-            _level(unit[:, 6], (0.0, 0.15, 0.5)),
-            _level(unit[:, 7], (0.0, 0.5)),
+        unit = (np.arange(1, count + 1) * _ROOT ** -np.arange(1.0, 10.0)[:, None] + 0.5) % 1.0
+        scale, slow, lunar, diurnal, white, flight, ellipticity = (
+            np.array(levels)[(each * len(levels)).astype(np.intp)]
+            for each, levels in zip(unit[1:8], _LEVELS, strict=True)
         )
-        scale, slow, lunar, diurnal, white, flight, ellipticity = levels
-        angle = np.pi * unit[:, 8]
-        turn = np.moveaxis(
-            np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), 2, 0
-        )
-        std = np.sqrt(1.0 + ellipticity[:, None] * np.array([1.0, -1.0]))
+        cos, sin = np.cos(np.pi * unit[8]), np.sin(np.pi * unit[8])
+        major, minor = np.sqrt(1.0 + ellipticity), np.sqrt(1.0 - ellipticity)
         return cls(
-            0.02 * 12.5 ** unit[:, 0],
-            scale,
+            0.02 * 12.5 ** unit[0],
+            _HOUR * scale,
             np.column_stack([slow, np.ones(count), lunar, diurnal]),
             white,
             flight,
-            turn * std[:, None, :],
+            np.array([[cos * major, -sin * minor], [sin * major, cos * minor]]).transpose(2, 0, 1),
         )
-
-
-def _level(unit: Array, levels: tuple[float, ...]) -> Array:
-    return np.array(levels)[np.minimum((unit * len(levels)).astype(np.intp), len(levels) - 1)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessState:
-    """What is known after some dives.
+    """What is known after some dives, or with a leading axis after several sets of them.
 
     Attributes:
-        mean: shape (b, 16, h), of the latent states, about each background and under each setting.
-        cov: shape (16, 16, h).
-        log_weights: shape (b, h), of the backgrounds and settings; the weights sum to one.
+        mean: shape (..., h, 18, b), of the states, under each setting and about each background.
+        cov: shape (..., h, 18, 18).
+        log_weights: shape (..., h, b), of the settings and backgrounds; the weights sum to one.
         time_ns: Last instant of the last dive [ns, UTC]; None before the first.
         dives: Number of dives.
     """
@@ -121,59 +141,26 @@ class ProcessState:
     dives: int = 0
 
 
-class SeenDive(NamedTuple):
-    """A dive as a state sees it before its current is used: states at its end, and its mean current.
-
-    Attributes:
-        before: The state.
-        dive: The dive.
-        mean: shape (b, 16, h).
-        cov: shape (16, 16, h).
-        expected: shape (2, b, h) [m/s], without the background.
-        cross: shape (2, 16, h), covariance of the mean current with the states.
-        spread: shape (2, 2, h), covariance of the mean current.
-    """
-
-    before: ProcessState
-    dive: DiveMean
-    mean: Array
-    cov: Array
-    expected: Array
-    cross: Array
-    spread: Array
-
-
-# Not slotted: what the settings are in every dive is computed once.
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class MeanCurrentProcess:
     """The process of dives' mean currents.
 
     Attributes:
         settings: Those that are averaged.
         n_backgrounds: Number of currents beside zero that a dive's current may be measured about.
+        outliers: Whether a dive unlike those before has a wrong mean current, not a changed one; only without backgrounds.
     """
 
-    settings: ProcessSettings
+    settings: ProcessSettings = field(default_factory=ProcessSettings.drawn)
     n_backgrounds: int = 0
-
-    @classmethod
-    def default(cls, n_backgrounds: int = 0) -> "MeanCurrentProcess":
-        """Return the process with so many backgrounds beside none."""
-        return cls(ProcessSettings.drawn(), n_backgrounds)
-
-    @cached_property
-    def _shared(self) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-        """Amplitudes of the parts, shape (4, h); ``axes``, shape (2, 2, h); each scale once, and which of them each setting has."""
-        amplitude, axes = self.settings.amplitude * self.settings.parts.T, self.settings.axes
-        scales, of_scale = np.unique(self.settings.scale, return_inverse=True)
-        return amplitude, np.ascontiguousarray(np.moveaxis(axes, 0, -1)), scales, of_scale
+    outliers: bool = False
 
     def initial(self) -> ProcessState:
         """Return the state before the first dive."""
         size, about = self.settings.amplitude.size, self.n_backgrounds + 1
-        cov = np.repeat(np.eye(_SIZE)[..., None], size, axis=-1)
-        log_weights = np.full((about, size), -np.log(size * about))
-        return ProcessState(np.zeros((about, _SIZE, size)), cov, log_weights)
+        log_weights = np.full((size, about), -np.log(size * about))
+        cov = np.tile(np.eye(_SIZE), (size, 1, 1))
+        return ProcessState(np.zeros((size, _SIZE, about)), cov, log_weights)
 
     def forecast(self, state: ProcessState, dive: DiveMean) -> Mixture:
         """Return what is expected of a dive's mean current.
@@ -182,172 +169,142 @@ class MeanCurrentProcess:
             state: After the dives before.
             dive: Its time, duration, way and backgrounds; its current is not used.
         """
-        return self.mixture(self.seen(state, dive))
-
-    def step(self, state: ProcessState, dive: DiveMean) -> ProcessState:
-        """Return the state after a dive."""
-        return self.after(self.seen(state, dive))
-
-    def mixture(self, seen: SeenDive) -> Mixture:
-        """Return what is expected of the mean current of a dive that a state sees."""
-        means = (seen.expected + self._backgrounds(seen.dive)).reshape(2, -1)
-        weights, each = seen.before.log_weights.ravel(), self.n_backgrounds + 1
-        covs = np.tile(seen.spread, each), np.tile(self._changed(seen.spread), each)
+        later = self.later(state, dive)
+        expected, _, cases = self._expected(later, dive)
+        means = expected.swapaxes(-1, -2)
         return Mixture(
-            np.concatenate([weights + np.log(1.0 - _JUMP), weights + np.log(_JUMP)]),
-            np.tile(means, 2),
-            np.concatenate(covs, axis=-1),
+            np.concatenate([np.log(share) + later.log_weights.ravel() for share, _ in cases]),
+            np.tile(means.reshape(-1, 2), (2, 1)),
+            np.concatenate([np.repeat(cov, means.shape[1], axis=0) for _, cov in cases]),
         )
 
-    def after(self, seen: SeenDive) -> ProcessState:
-        """Return the state after the dive that it sees."""
-        state, dive = seen.before, seen.dive
-        errors = dive.velocity[:, None, None] - self._backgrounds(dive) - seen.expected
-        after = _updated((seen.mean, seen.cov), seen.cross, seen.spread, errors)
-        density = np.logaddexp(
-            np.log(1.0 - _JUMP) + log_densities(errors, seen.spread[:, :, None]),
-            np.log(_JUMP) + log_densities(errors, self._changed(seen.spread)[:, :, None]),
-        )
-        if dive.inverted is not None:
-            # what is left of the mean current without the inverted one is the flight model's error
-            design = self._flight_design(dive)
-            cross, expected = _products(design, *after)
-            spread = np.einsum("ikh,jkh->ijh", design, cross)
-            spread = with_own(spread, INVERTED_STD**2 + dive.position_variance)
-            errors = (dive.velocity - dive.inverted)[:, None, None] - expected
-            after = _updated(after, cross, spread, errors)
-            density = density + log_densities(errors, spread[:, :, None])
-        log_weights = state.log_weights + density
-        instants = _instants(dive)
-        return replace(
-            state,
-            mean=after[0],
-            cov=after[1],
-            log_weights=log_weights - np.logaddexp.reduce(log_weights, axis=None),
-            time_ns=max(instants[-1], state.time_ns or instants[-1]),
-            dives=state.dives + 1,
-        )
-
-    def _backgrounds(self, dive: DiveMean) -> Array:
-        """Return what the current is measured about, shape (2, b, 1); zero where it is not known."""
-        about = np.zeros((self.n_backgrounds + 1, 2))
-        known = np.nan_to_num(dive.backgrounds[: self.n_backgrounds])
-        about[1 : len(known) + 1] = known
-        return about.T[..., None]
-
-    def _changed(self, spread: Array) -> Array:
-        return with_own(spread, self.settings.amplitude**2)
-
-    def _flight_design(self, dive: DiveMean) -> Array:
-        """Return the effect of the latent states on the mean current through the flight model alone, shape (2, 16, h)."""
-        design = np.zeros((2, _SIZE, self.settings.amplitude.size))
-        east, north = dive.way
-        turn = np.array([[east, -0.5 * north], [north, 0.5 * east]])
-        design[:, 2 * _STATES :] = turn[..., None] * self.settings.flight
-        return design
-
-    def seen(self, state: ProcessState, dive: DiveMean) -> SeenDive:
-        """Return a dive as a state sees it: what a forecast of it and the state after it have in common."""
-        settings, (amplitude, axes, scales, of_scale) = self.settings, self._shared
-        instants = _instants(dive)
+    def later(self, state: ProcessState, dive: DiveMean) -> ProcessState:
+        """Return the state at the end of a dive of which nothing is measured."""
+        settings, shares = self.settings, (np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5
+        instants = [dive.time_ns + int(share * dive.seconds * 1e9) for share in shares]
         before = instants[0] if state.time_ns is None else state.time_ns
         # an instant before the last one known counts as at it
         gaps = np.maximum(np.diff([before, *instants]) * 1e-9, 0.0)
-        move, kept, noise = (
-            np.moveaxis(each, 0, -1).take(of_scale, axis=-1) for each in _over_dive(gaps, scales)
+        effect, new = _over_dive(gaps, settings.scale, settings.amplitude[:, None] * settings.parts)
+        new[:, -1, -1] += (settings.amplitude * settings.white) ** 2
+        move = np.tile(np.eye(_SIZE), (len(new), 1, 1))
+        move[:, 2:, 2:] = np.kron(np.eye(2), effect)
+        cov = move @ state.cov @ move.swapaxes(-1, -2)
+        cov[..., 2:, 2:] += np.kron(np.eye(2), new)
+        time_ns = max(instants[-1], before)
+        return replace(state, mean=move @ state.mean, cov=cov, time_ns=time_ns)
+
+    def step(self, state: ProcessState, dive: DiveMean) -> ProcessState:
+        """Return the state after a dive."""
+        after = self._updated(self.later(state, dive), dive)
+        if dive.inverted is not None:
+            after = self._updated(after, dive, dive.inverted)
+        total = np.logaddexp.reduce(after.log_weights, axis=(-2, -1), keepdims=True)
+        return replace(after, log_weights=after.log_weights - total, dives=state.dives + 1)
+
+    def flight_bias(self, state: ProcessState) -> tuple[Array, Array]:
+        """Return mean and standard deviation of the flight model's error along and across the way, as shares of it; shape (2,) each."""
+        weights, share = np.exp(state.log_weights[:, 0]), self.settings.flight[:, None] * _ALONG
+        means = share * state.mean[:, :2, 0]
+        mean = weights @ means
+        variances = share**2 * np.einsum("hii->hi", state.cov)[:, :2]
+        return mean, np.sqrt(weights @ (variances + (means - mean) ** 2))
+
+    def flight_evidence(self, state: ProcessState) -> Array:
+        """Return the log evidence of an error of the flight model over none [nats], shape (...)."""
+        has = self.settings.flight > 0.0
+        of_both = (
+            np.logaddexp.reduce(state.log_weights[..., of, :], axis=(-2, -1)) - np.log(np.sum(of))
+            for of in (has, ~has)
         )
-        cov = _moved(move, _moved(move, state.cov).swapaxes(0, 1))
-        for own in (slice(_STATES), slice(_STATES, 2 * _STATES)):
-            cov[own, own] += noise[:_STATES, :_STATES]
-        design = self._flight_design(dive)
-        of_parts = np.einsum("ph,pkh->kh", amplitude, kept)
-        design[:, : 2 * _STATES] = (axes[:, :, None] * of_parts).reshape(2, 2 * _STATES, -1)
-        cross, expected = _products(design, state.mean, state.cov)
-        spread = np.einsum("ikh,jkh->ijh", design, cross)
-        cross = _moved(move, cross.swapaxes(0, 1)).swapaxes(0, 1)
-        mean_noise = np.einsum("ph,kph->kh", amplitude, noise[:_STATES, _STATES:])
-        cross[:, : 2 * _STATES] += (axes[:, :, None] * mean_noise).reshape(2, 2 * _STATES, -1)
-        variance = (
-            np.einsum("ph,pqh,qh->h", amplitude, noise[_STATES:, _STATES:], amplitude)
-            + (settings.amplitude * settings.white) ** 2
-        )
+        return np.asarray(np.subtract(*of_both))
+
+    def _expected(
+        self, state: ProcessState, dive: DiveMean, inverted: Array | None = None
+    ) -> tuple[Array, Array, list[tuple[float, Array]]]:
+        """Return what a state at a dive's end expects of its mean current; by the inverted one, of which the flight model's error is left.
+
+        Returns:
+            The mean, shape (..., h, 2, b); the covariance of the states with it, shape (..., h, 18, 2); probability and covariance, shape
+            (..., h, 2, 2), of a mean current like those before, and of one that is not.
+        """
+        settings, (east, north) = self.settings, dive.way
+        turn = np.array([[east, -north], [north, east]]) * _ALONG
+        design = np.zeros((settings.flight.size, 2, _SIZE))
+        design[..., :2] = settings.flight[:, None, None] * turn
+        if inverted is None:
+            design[..., [1 + _STATES, 1 + 2 * _STATES]] = settings.axes
+            known = np.nan_to_num(dive.backgrounds[: self.n_backgrounds])
+            about, own, change = np.vstack([np.zeros(2), known]).T, _FLOOR, settings.amplitude
+        else:
+            about, own, change = inverted[:, None], _INVERTED_STD, np.zeros(1)
+        cross = state.cov @ design.swapaxes(-1, -2)
         # a way that is planned, not known, moves the flight model's error by 1 + 1/4 of its variance
-        own_variance = (
-            dive.position_variance + _FLOOR**2 + 1.25 * (settings.flight * dive.way_std) ** 2
+        variance = 1.25 * (settings.flight * dive.way_std) ** 2 + own**2
+        variance += (dive.position_std / dive.seconds) ** 2
+        like = design @ cross + variance[:, None, None] * np.eye(2)
+        std = _WRONG_STD if self.outliers else change[:, None, None]
+        cases = [(1.0 - _UNLIKE, like), (_UNLIKE, like + std**2 * np.eye(2))]
+        return design @ state.mean + about, cross, cases
+
+    def _updated(
+        self, state: ProcessState, dive: DiveMean, inverted: Array | None = None
+    ) -> ProcessState:
+        """Return the state after what is measured of a dive; its weights are not scaled to a sum of one."""
+        expected, cross, cases = self._expected(state, dive, inverted)
+        errors = dive.velocity[:, None] - expected
+        like, unlike = (
+            np.log(share) + log_densities(errors.swapaxes(-1, -2), cov[..., None, :, :])
+            for share, cov in cases
         )
-        spread = with_own(spread + variance * np.einsum("ikh,jkh->ijh", axes, axes), own_variance)
-        mean = _moved(move, state.mean.swapaxes(0, 1)).swapaxes(0, 1)
-        return SeenDive(state, dive, mean, cov, expected, cross, spread)
+        density = np.logaddexp(like, unlike)
+        # a wrong mean current teaches nothing, a changed one as much as any; both cases are joined to one Gaussian
+        share = np.exp(like - density)[..., None] if self.outliers else np.ones(1)
+        gain = cross @ np.linalg.inv(cases[0][1])
+        move = gain @ errors
+        cov = state.cov - share * (gain @ cross.swapaxes(-1, -2))
+        cov += share * (1.0 - share) * (move @ move.swapaxes(-1, -2))
+        return replace(
+            state,
+            mean=state.mean + share * move,
+            cov=0.5 * (cov + cov.swapaxes(-1, -2)),
+            log_weights=state.log_weights + density,
+        )
 
 
-def _instants(dive: DiveMean) -> list[int]:
-    """Return the instants that stand for a dive [ns, UTC]."""
-    share = (np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5
-    return [dive.time_ns + int(each * dive.seconds * 1e9) for each in share]
-
-
-def _moved(move: Array, states: Array) -> Array:
-    """Return latent states, shape (16, n, h), after transitions of a component, shape (7, 7, h), part by part; the flight model's stay."""
-    out = np.empty(states.shape)
-    out[2 * _STATES :] = states[2 * _STATES :]
-    before, after = (
-        each[: 2 * _STATES].reshape(2, _STATES, *each.shape[1:]) for each in (states, out)
-    )
-    for part in _PARTS:
-        np.einsum("ijh,cjnh->cinh", move[part, part], before[:, part], out=after[:, part])
-    return out
-
-
-def _products(design: Array, mean: Array, cov: Array) -> tuple[Array, Array]:
-    """Return design times covariance, shape (2, 16, h), and times mean, shape (2, b, h)."""
-    return np.einsum("ikh,klh->ilh", design, cov), np.einsum("ikh,bkh->ibh", design, mean)
-
-
-def _over_dive(gaps: Array, scales: Array) -> tuple[Array, Array, Array]:
-    """Return how a component's latent states pass a dive, for states of unit variance.
+def _over_dive(gaps: Array, scales: Array, amplitudes: Array) -> tuple[Array, Array]:
+    """Return how a component's states pass a dive, for states of unit variance.
 
     Args:
         gaps: shape (n,) [s], before each instant of the dive.
-        scales: shape (s,) [s], decorrelation times of the second part.
+        scales: shape (h,) [s], decorrelation times of the second part.
+        amplitudes: shape (h, 4), of the parts.
 
     Returns:
-        Transitions, shape (s, 7, 7); effects on the parts' means over the instants, shape (s, 4, 7); covariances of what is new in states
-        and means, shape (s, 11, 11).
+        Their effect on themselves and on the component's mean over the instants, shape (h, 8, 8); covariance of what is new, of the same
+        shape.
     """
-    size = _STATES + len(_PARTS)
-    steps, noises = _transitions(gaps, scales)
-    move, new = np.tile(np.eye(size), (gaps.size, scales.size, 1, 1)), np.zeros((size, size))
-    through, firsts = np.eye(size)[:, :_STATES], [states.start for states in _PARTS]
-    # what is new in a part's first state is new in its mean
-    grow = np.eye(size)[:, :_STATES]
-    grow[range(_STATES, size), firsts] = 1.0 / gaps.size
-    move[:, :, :_STATES, :_STATES] = steps
-    move[:, :, _STATES:, :_STATES] = steps[:, :, firsts] / gaps.size
-    for each, noise in zip(move, grow @ noises @ grow.T, strict=True):
-        through = each @ through
-        new = each @ new @ each.transpose(0, 2, 1) + noise
-    return through[:, :_STATES], through[:, _STATES:], new
+    counted = np.zeros((scales.size, _STATES, _STATES))
+    counted[:, -1, _PARTS] = amplitudes / gaps.size
+    effect, new = counted + np.diag([*np.ones(_STATES - 1), 0.0]), np.zeros_like(counted)
+    # backwards: what is new before an instant is in all later ones
+    for gap in gaps[::-1]:
+        move = _transition(gap, scales)
+        fresh = np.eye(_STATES) - move @ move.swapaxes(-1, -2)
+        new += effect @ fresh @ effect.swapaxes(-1, -2)
+        effect = effect @ move + counted
+    return effect - counted, new
 
 
-def _transitions(gaps: Array, scales: Array) -> tuple[Array, Array]:
-    """Return how a component's latent states pass each time, shape (n, s, 7, 7), and the covariance of what is new in them."""
-    move = np.zeros((gaps.size, scales.size, _STATES, _STATES))
-    move[:, :, 0, 0] = np.exp(-gaps / _SLOW)[:, None]
+def _transition(gap: float, scales: Array) -> Array:
+    """Return how a component's states pass a time [s], shape (h, 8, 8)."""
+    move = np.zeros((scales.size, _STATES, _STATES))
+    move[:, 0, 0] = np.exp(-gap / _SLOW)
     # velocity and its rate times the scale over the square root of 3, both of unit variance
-    r = np.sqrt(3.0) * gaps[:, None] / scales
-    move[:, :, 1:3, 1:3] = np.moveaxis(
-        np.exp(-r) * np.array([[1.0 + r, r], [-r, 1.0 - r]]), (0, 1), (-2, -1)
-    )
-    for states, (decay, period) in zip(_PARTS[2:], _TIDES, strict=True):
-        angle = 2.0 * np.pi * gaps / period
-        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        move[:, :, states, states] = np.moveaxis(np.exp(-gaps / decay) * turn, -1, 0)[:, None]
-    return move, np.eye(_STATES) - move @ np.swapaxes(move, -1, -2)
-
-
-def _updated(
-    known: tuple[Array, Array], cross: Array, spread: Array, errors: Array
-) -> tuple[Array, Array]:
-    """Return mean and covariance of the states, from those ``known`` before, after errors of a prediction, shape (2, b, h)."""
-    gain = np.einsum("abh,bkh->akh", inverse_of(spread), cross)
-    return known[0] + np.einsum("ibh,ikh->bkh", errors, gain), grown(known[1], -gain, cross)
+    r = np.sqrt(3.0) * gap / scales
+    move[:, 1:3, 1:3] = (np.exp(-r) * np.array([[1.0 + r, r], [-r, 1.0 - r]])).transpose(2, 0, 1)
+    for first, (decay, period) in zip(_PARTS[2:], _TIDES, strict=True):
+        cos, sin = np.cos(2.0 * np.pi * gap / period), np.sin(2.0 * np.pi * gap / period)
+        tide = np.exp(-gap / decay) * np.array([[cos, sin], [-sin, cos]])
+        move[:, first : first + 2, first : first + 2] = tide
+    return move

@@ -20,7 +20,6 @@ from replay_kit.core.observation import Observation, PathMean, VehicleState
 from replay_kit.core.progress import Stopwatch
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
-from replay_kit.estimator.next_dive.flight import local_current
 from replay_kit.measurements.consistency.monitor import Checked
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
 from replay_kit.measurements.events import Event, Skipped, Used
@@ -392,7 +391,7 @@ class Session:
 
     def _flow(self, state: Any, time_ns: int) -> FlowEstimate:
         """Return the estimate of a state for a time [ns, UTC], with the current beside it as the dives so far show it."""
-        flow, local = flow_at(self.estimator, state, time_ns), local_current(self.forecasts.local)
+        flow, local = flow_at(self.estimator, state, time_ns), self.forecasts.local
         return flow if local is None else replace(flow, local=local)
 
     def _dated(self, flow: FlowEstimate) -> FlowEstimate:

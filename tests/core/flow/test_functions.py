@@ -9,6 +9,7 @@ from replay_kit.core.flow.functions import (
     depth_weights,
     velocity_kernel,
 )
+from tests.reference.dense import hats
 from tests.reference.estimator import kernel_3d
 
 KERNEL = HorizontalKernel(9_000.0, 11_000.0, 0.2)
@@ -34,17 +35,6 @@ def test_equals_the_block_written_out():
             )
 
 
-def test_is_speed_squared_at_zero_distance_when_lengths_agree():
-    at_itself = velocity_kernel(HorizontalKernel(8e3, 8e3, 0.3), POINTS[:1], POINTS[:1])
-    np.testing.assert_allclose(at_itself, 0.09 * np.eye(2), rtol=1e-12)
-
-
-def test_is_symmetric_and_positive_semidefinite():
-    kernel = velocity_kernel(KERNEL, NODES, NODES)
-    np.testing.assert_array_equal(kernel, kernel.T)
-    assert np.linalg.eigvalsh(kernel).min() > 0.0
-
-
 @pytest.mark.parametrize("column", range(10))
 def test_velocity_is_the_rotated_gradient_of_the_stream_function(column):
     step = 1.0
@@ -62,34 +52,17 @@ LEVELS = np.array([2.5, 40.0, 120.0, 500.0])
 HAT, GAUSSIAN = DepthFunctions("hat", 100.0), DepthFunctions("gaussian", 100.0)
 
 
-@given(st.lists(st.floats(-10.0, 900.0), min_size=1, max_size=20))
-def test_hats_reproduce_linear_profiles_and_stay_constant_beyond_the_levels(depths):
-    depth = np.array(depths)
-    weights = depth_weights(HAT, depth, LEVELS)
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0, rtol=1e-12)
-    np.testing.assert_allclose(weights @ LEVELS, np.interp(depth, LEVELS, LEVELS), rtol=1e-12)
+@given(st.lists(st.floats(-10.0, 900.0), min_size=1, max_size=20), st.integers(1, 4))
+def test_hats_are_linear_between_levels_and_constant_beyond_them(depths, count):
+    levels = LEVELS[:count]
+    expected = [hats(depth, levels) for depth in (*depths, *levels)]
+    found = depth_weights(HAT, np.array([*depths, *levels]), levels)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_hats_are_the_identity_at_the_levels():
-    np.testing.assert_array_equal(depth_weights(HAT, LEVELS, LEVELS), np.eye(4))
-
-
-def test_one_level_holds_everywhere():
-    np.testing.assert_array_equal(
-        depth_weights(HAT, np.array([0.0, 77.0]), np.array([10.0])), [[1.0], [1.0]]
-    )
-
-
-@pytest.mark.parametrize("depth", [2.5, 33.0, 499.0])
-def test_gaussians_are_the_paper_s(depth):
-    expected = [np.exp(-0.5 * ((depth - level) / 100.0) ** 2) for level in LEVELS]
+@pytest.mark.parametrize("depth", [0.0, 2.5, 33.0, 499.0])
+def test_gaussians_are_the_paper_s_and_constant_above_the_first_level(depth):
+    expected = np.exp(-0.5 * ((max(depth, LEVELS[0]) - LEVELS) / 100.0) ** 2)
     np.testing.assert_allclose(
         depth_weights(GAUSSIAN, np.array([depth]), LEVELS)[0], expected, rtol=1e-13
-    )
-
-
-def test_gaussians_are_constant_above_the_first_level():
-    np.testing.assert_array_equal(
-        depth_weights(GAUSSIAN, np.array([0.0]), LEVELS),
-        depth_weights(GAUSSIAN, np.array([2.5]), LEVELS),
     )

@@ -14,7 +14,6 @@ from replay_kit.estimator.basis.slices import (
     surface_speed,
 )
 from tests import synthetic
-from tests.reference import estimator as slow
 
 
 def blocks_of(columns, n_nodes, size=5):
@@ -73,9 +72,3 @@ def test_blocks_of_rows_change_nothing_with_land_and_steps_of_the_sea_floor(monk
                 ensemble.velocity[:, :, deepest, j, i],
             )
     assert found[0][2] == pytest.approx(np.sqrt(np.mean(found[0][0][:, 0] ** 2)))
-    expected = slow.correlation_length(
-        ensemble.velocity, ensemble.grid.east, ensemble.grid.north, wet
-    )
-    assert found[0][1] == pytest.approx(
-        max(expected, np.sqrt(np.prod(slices.cell_size(ensemble.grid))))
-    )

@@ -7,10 +7,10 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from replay_kit.estimator.next_dive import filter, flight
-from replay_kit.estimator.next_dive.filter import DiveMean, DiveModel
+from replay_kit.estimator.next_dive import flight
 from replay_kit.estimator.next_dive.flight import LEAST_EVIDENCE, FlightBias
-from tests.reference import next_dive as slow
+from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessSettings
+from tests.reference import mean_currents as slow
 
 HOUR = 3600.0
 WRONG = ((0.3, 0.0), (-0.1, -0.1))
@@ -30,7 +30,6 @@ def dives(n, bias, seed=0, turn=2.1, inverted=False):
                 int(k * 4 * HOUR * 1e9),
                 3 * HOUR,
                 parts[0],
-                0.1,
                 parts[1],
                 parts[2] if inverted else None,
             )
@@ -53,21 +52,21 @@ def after(given):
 
 
 @pytest.mark.parametrize("inverted", [False, True])
-def test_the_evidence_is_that_of_gaussians_of_all_dives_at_once(inverted):
+def test_the_evidence_is_that_of_gaussians_of_all_dives_at_once(inverted, monkeypatch):
     given = dives(4, 0.3, inverted=inverted)
-    model = replace(DiveModel.of_flight(), jump=1e-300, wrong=0.0)
-    state = model.initial()
+    monkeypatch.setattr("replay_kit.estimator.next_dive.process._UNLIKE", 1e-40)
+    process = MeanCurrentProcess(ProcessSettings.drawn(24), outliers=True)
+    state = process.initial()
     for dive in given:
-        state = model.step(state, dive)
-    densities = []
-    for h in range(model.settings.size):
-        values, cov = slow.joint_covariance(given, model.settings, h, filter.INVERTED_STD)
-        densities.append(multivariate_normal(cov=cov).logpdf(values) + model.settings.log_prior[h])
-    has = model.settings.has_flight_bias
-    assert np.exp(model.settings.log_prior[has]).sum() == pytest.approx(0.5)
-    assert model.flight_evidence(model.initial()) == pytest.approx(0.0, abs=1e-12)
-    expected = logsumexp(np.array(densities)[has]) - logsumexp(np.array(densities)[~has])
-    assert model.flight_evidence(state) == pytest.approx(expected, rel=1e-6)
+        state = process.step(state, dive)
+    joints = [slow.joint(given, process.settings, h) for h in range(24)]
+    densities = np.array([multivariate_normal(cov=cov).logpdf(values) for values, cov in joints])
+    has = process.settings.flight > 0.0
+    expected = (
+        logsumexp(densities[has]) - logsumexp(densities[~has]) - np.log(has.sum() / (~has).sum())
+    )
+    assert process.flight_evidence(process.initial()) == pytest.approx(0.0, abs=1e-12)
+    assert process.flight_evidence(state) == pytest.approx(expected, rel=1e-6)
 
 
 def test_an_error_is_believed_once_no_single_dive_is_needed_for_it():
@@ -82,7 +81,8 @@ def test_an_error_is_believed_once_no_single_dive_is_needed_for_it():
 
 def test_the_evidence_counts_without_the_dive_on_which_it_rests():
     given = dives(5, 0.5)
-    found, model = after(given)[-1], DiveModel.of_flight()
+    found = after(given)[-1]
+    model = MeanCurrentProcess(ProcessSettings.drawn(128), outliers=True)
     least = []
     for left_out in (None, *range(5)):
         state = model.initial()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from replay_kit.core.flow.local import LocalCurrent
-from replay_kit.estimator.next_dive.flight import local_current, local_step
+from replay_kit.estimator.next_dive.local import local_step
 
 HOUR = 3600 * 10**9
 
@@ -13,18 +13,12 @@ def after(innovations, std, every=3 * HOUR):
     state = None
     for k, innovation in enumerate(innovations):
         state = local_step(state, k * every, np.asarray(innovation), np.full(2, std))
-    found = local_current(state)
-    assert found is not None
-    return found
+    return state
 
 
 def none_of(local: LocalCurrent) -> float:
     """The probability that there is no current beside the estimate."""
     return float(local.probability[local.std == 0.0].sum())
-
-
-def test_before_the_first_dive_nothing_is_known():
-    assert local_current(None) is None
 
 
 @pytest.mark.parametrize("std", [0.02, 0.06])
@@ -60,3 +54,9 @@ def test_errors_of_drawn_currents_are_as_large_as_stated():
         squares.append(np.sum((course[-1] - found.velocity(coming)) ** 2))
         stated.append(2.0 * found.standard_error(coming) ** 2)
     assert 0.75 < np.mean(squares) / np.mean(stated) < 1.3
+
+
+def test_innovations_of_metres_a_second_leave_probabilities_that_can_change():
+    found = after([[-6.0, 2.0]] * 4 + [[0.0, 0.0]] * 40, 0.02)
+    assert found.probability.sum() == pytest.approx(1.0)
+    assert np.hypot(*found.velocity(found.time_ns)) < 0.01

@@ -5,7 +5,6 @@ import pytest
 
 from replay_kit.estimator.prior.calibration import (
     MembersPrior,
-    alike,
     calibration,
     fitted_kernels,
 )
@@ -35,14 +34,6 @@ def members_of(families, each):
 
 def prior_of(families, each):
     return MembersPrior.of(members_of(families, each), SETTINGS, 1e-3)
-
-
-def test_members_alike_are_those_of_one_family():
-    members = members_of(4, 5)
-    groups = alike(members.weights, members.velocity_modes)
-    assert [group.tolist() for group in groups] == [
-        list(range(5 * (k // 5), 5 * (k // 5) + 5)) for k in range(20)
-    ]
 
 
 def test_it_is_one_or_more_and_larger_for_members_in_families():

@@ -9,7 +9,6 @@ from replay_kit.estimator.prior.hybrid import covariances
 from replay_kit.estimator.prior.localised import (
     localised,
     localised_part,
-    tiles,
     vertical_functions,
 )
 from tests.reference import estimator as slow
@@ -54,27 +53,6 @@ def test_it_equals_the_twin_in_double_precision_and_nearly_in_single(monkeypatch
             ours, ours.T, atol=1e-15
         )
         assert np.linalg.eigvalsh(ours).min() > -1e-12 * np.abs(theirs).max()
-
-
-def test_nothing_is_correlated_outside_the_radius():
-    rng = np.random.default_rng(1)
-    nodes = nodes_of("land", rng)
-    identity = np.eye(2 * len(nodes))
-    (found,) = localised(
-        some_covariances(rng, 1, 2 * len(nodes)), identity, identity, nodes, RADIUS
-    )
-    apart = np.tile(np.hypot(*(nodes[:, None] - nodes).T), (2, 2))
-    np.testing.assert_array_equal(found[apart >= RADIUS], 0.0)
-    assert np.all(found[apart == 0.0] != 0.0)
-
-
-def test_every_node_is_in_one_compact_tile():
-    nodes = np.random.default_rng(2).uniform(size=(100, 2))
-    order, ends = tiles(nodes, 8)
-    assert sorted(order) == list(range(100))
-    assert np.diff(np.append(0, ends)).max() <= 8
-    spans = [np.ptp(nodes[part], axis=0).max() for part in np.split(order, ends[:-1])]
-    assert max(spans) < 0.75
 
 
 def test_weak_functions_of_depth_share_a_covariance_and_keep_their_variance():

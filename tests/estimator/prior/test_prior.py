@@ -8,7 +8,6 @@ import pytest
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build
-from replay_kit.estimator.basis.shifts import shifted_copies
 from replay_kit.estimator.basis.slices import cell_size, correlation_length, ensemble_slices
 from tests import synthetic
 from tests.estimator.seas import CONFIG, DAY, LEVELS, forecasts
@@ -46,13 +45,6 @@ def test_the_prior_is_the_twin_s_projected_on_the_modes(factor):
     )
     twin = (1.0 if factor == "as_given" else factor) * twin + of_mean * np.outer(mean, mean)
     np.testing.assert_allclose(prior_of(estimator)[1], projector @ twin @ projector.T, atol=1e-12)
-
-
-def test_without_shift_or_localisation_it_is_the_sample_covariance():
-    plain = {"sample_share": 1.0, "shift_distance": 0.0, "mean_variance": 0.0}
-    estimator = build([SMALL], EstimatorConfig(dropped_std=0.0, **plain))
-    weights = estimator.observer.basis.member_weights.reshape(5, -1)
-    np.testing.assert_allclose(prior_of(estimator)[1], np.cov(weights.T), atol=1e-14)
 
 
 def test_the_flow_before_any_measurement_is_the_ensemble_s_mean_with_its_divergence():
@@ -120,18 +112,6 @@ def test_the_time_scale_is_read_off_the_members_own_change_and_equal_members_tel
         assert moving == 5.0 * local
     begun = build(members, config, None, TimeConfig())
     assert np.abs(prior_of(begun)[1]).max() < 1e-9 * np.abs(prior_of(begun, DAY)[1]).max()
-
-
-def test_copies_shift_the_interior_and_repeat_the_edge():
-    nodes = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    copies = (
-        shifted_copies(np.arange(6.0).reshape(1, 1, 6), nodes, 1.0)
-        * np.sqrt(6.0 / np.array([2, 1, 1, 1, 1]))[:, None, None]
-    )
-    np.testing.assert_allclose(
-        copies[:3, 0], [[0, 1, 2, 3, 4, 5], [1, 2, 2, 4, 5, 5], [0, 0, 1, 3, 3, 4]]
-    )
-    np.testing.assert_allclose(copies[3:, 0], [[0, 1, 2, 3, 4, 5]] * 2)
 
 
 def test_the_correlation_length_equals_a_pair_by_pair_twin_with_land_and_is_at_least_a_cell():

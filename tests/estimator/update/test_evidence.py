@@ -7,7 +7,6 @@ from replay_kit.estimator import build
 from replay_kit.estimator.update.evidence import (
     AMPLITUDE_VARIANCES,
     Marginal,
-    amplitude_mixture,
     fitted_scale,
     member_centre,
     of_scales,
@@ -113,12 +112,6 @@ def mixture(mean, cov, rows, values, noise, variance):
         s * (p + np.outer(x - middle, x - middle)) for s, (x, p) in zip(share, parts, strict=True)
     )
     return middle, spread
-
-
-def test_the_amplitude_is_averaged_over_its_variances():
-    x, p = mixture(np.zeros(SIZE), np.eye(SIZE), ROWS, VALUES, NOISE, 1.0)
-    found = amplitude_mixture(X[0], P[0, 0], 1.0)
-    assert found == pytest.approx((x[0], p[0, 0]), rel=1e-10)
 
 
 def test_an_estimate_publishes_the_average_and_the_likeliest_scale():

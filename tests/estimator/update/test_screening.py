@@ -12,6 +12,8 @@ from tests import synthetic
 
 GRID = synthetic.ensemble(levels=np.array([5.0, 65.0, 165.0])).grid
 
+SHALLOW = replace(GRID, wet=GRID.wet & (np.arange(3) == 0)[:, None, None])
+
 
 def screened(depth, grid: Grid = GRID, relative: bool = False, **changes):
     depth = np.asarray(depth, dtype=float)
@@ -20,49 +22,39 @@ def screened(depth, grid: Grid = GRID, relative: bool = False, **changes):
     return flags, reasons
 
 
-def test_a_bin_at_the_last_level_is_used_and_one_below_it_is_not():
-    flags, reasons = screened([np.nextafter(165.0, 0.0), 165.0, np.nextafter(165.0, 200.0)])
-    assert flags.tolist() == [Flag.GOOD, Flag.GOOD, Flag.FAIL]
-    assert reasons.tolist() == [0, 0, Reason.BELOW_GRID]
-
-
-def test_an_error_of_nothing_is_none_and_the_least_number_above_it_is_one():
-    smallest = np.nextafter(0.0, 1.0)
-    flags, reasons = screened([10.0, 20.0, 30.0], error_std=np.array([0.0, smallest, np.inf]))
-    assert flags.tolist() == [Flag.FAIL, Flag.GOOD, Flag.FAIL]
-    assert reasons.tolist() == [Reason.MALFORMED, 0, Reason.MALFORMED]
-
-
-def test_a_bin_between_two_levels_is_on_land_as_the_nearer_level_and_the_upper_one_in_the_middle():
-    wet = GRID.wet.copy()
-    wet[1:] = False
-    flags, reasons = screened([34.999, 35.0, 35.001], replace(GRID, wet=wet))
-    assert flags.tolist() == [Flag.GOOD, Flag.GOOD, Flag.FAIL]
-    assert reasons.tolist() == [0, 0, Reason.ON_LAND]
+@pytest.mark.parametrize(
+    ("depth", "changes", "used", "reason"),
+    [
+        ([np.nextafter(165.0, 0.0), 165.0, np.nextafter(165.0, 200.0)], {}, 2, Reason.BELOW_GRID),
+        ([10.0, 20.0, 30.0], {"error_std": [5e-324, 1.0, 0.0]}, 2, Reason.MALFORMED),
+        ([10.0, 20.0, 30.0], {"error_std": [5e-324, 1.0, np.inf]}, 2, Reason.MALFORMED),
+        # between two levels the nearer one tells, in the middle the upper one
+        ([34.999, 35.0, 35.001], {"grid": SHALLOW}, 2, Reason.ON_LAND),
+    ],
+)
+def test_a_bin_is_used_on_a_limit_and_not_beyond_it(depth, changes, used, reason):
+    given = changes | {name: np.array(each) for name, each in changes.items() if name != "grid"}
+    flags, reasons = screened(depth, **given)
+    assert flags.tolist() == [Flag.GOOD] * used + [Flag.FAIL] * (3 - used)
+    assert reasons.tolist() == [0] * used + [reason] * (3 - used)
 
 
 @pytest.mark.parametrize(
-    ("usable", "relative", "used"), [(1, True, 0), (2, True, 2), (3, True, 3), (3, False, 0)]
+    ("flags", "relative", "used"),
+    [
+        ([Flag.GOOD], True, 0),
+        ([Flag.GOOD] * 2, True, 2),
+        ([Flag.GOOD, Flag.SUSPECT], True, 2),
+        ([Flag.GOOD] * 3, True, 3),
+        ([Flag.GOOD] * 3, False, 0),
+    ],
 )
-def test_two_bins_say_something_of_their_difference_and_one_alone_does_not(usable, relative, used):
-    flags = np.array([Flag.GOOD] * usable + [Flag.MISSING] * (4 - usable), np.int8)
-    found, reasons = screened(
-        [10.0, 20.0, 30.0, 40.0],
-        relative=relative,
-        flags=flags,
-        common_std=np.inf,
-        reference="platform",
-    )
-    assert np.count_nonzero(found == Flag.GOOD) == used
+def test_two_bins_say_something_of_their_difference_and_one_alone_does_not(flags, relative, used):
+    given = np.array(flags + [Flag.MISSING] * (4 - len(flags)), np.int8)
+    unknown = {"common_std": np.inf, "reference": "platform"}
+    found, reasons = screened([10.0, 20.0, 30.0, 40.0], relative=relative, flags=given, **unknown)
+    assert found[: len(flags)].tolist() == (flags if used else [Flag.FAIL] * len(flags))
     assert np.all((reasons & Reason.PLATFORM_REFERENCE > 0) == (used == 0))
-
-
-def test_a_suspect_bin_is_one_that_counts():
-    flags = np.array([Flag.GOOD, Flag.SUSPECT], np.int8)
-    found, _ = screened(
-        [10.0, 20.0], relative=True, flags=flags, common_std=np.inf, reference="platform"
-    )
-    assert found.tolist() == [Flag.GOOD, Flag.SUSPECT]
 
 
 def test_the_edge_of_the_region_belongs_to_it():

@@ -53,19 +53,6 @@ def test_vehicles_far_apart_are_each_as_alone(scene):
         assert len(estimator.of_own(together).windows) == len(alone.windows) == 1
 
 
-def test_vehicles_near_each_other_share_the_window_of_one_estimate(scene):
-    west, pings, about = scene
-    other = west.of_vehicle(1, about(pings[1].longitude))
-    state = estimates((west, other), [(k % 2, ping) for k, ping in enumerate(pings[:4])])
-    (window,) = state.windows
-    assert (window.region, window.vehicles, state.number) == (west.first, (0, 1), 1)
-    one = west.build(west.first)
-    expected, _ = one.assimilate(one.initial(), pings[:4])
-    np.testing.assert_allclose(window.state.x, expected.x, rtol=0.0, atol=1e-10)
-    assert west.window(state) == other.window(state) == west.first
-    assert "windows" not in " ".join(west.remarks(state))
-
-
 def test_each_measurement_counts_once_in_every_window_that_holds_it(scene):
     west, pings, about = scene
     other = west.of_vehicle(1, about(west.first[2] + 0.2))

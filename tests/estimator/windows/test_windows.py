@@ -57,19 +57,7 @@ def scene():
     return of, mission(of, TINY, truth, 25_000.0)
 
 
-def test_steps_in_blocks_are_single_steps(scene):
-    of, pings = scene
-    estimator = windowed(of, TINY, pings[0], 25_000.0, QUICK)
-    state = estimator.initial()
-    for ping in pings:
-        state, _ = estimator.assimilate(state, [ping])
-    blocks, _ = estimator.assimilate(estimator.initial(), pings)
-    assert [window.region for window in blocks.left] == [window.region for window in state.left]
-    assert len(blocks.left) > 1
-    assert np.allclose(blocks.windows[0].state.x, state.windows[0].state.x, atol=1e-8)
-
-
-def test_windows_that_were_left_can_be_forgotten(scene):
+def test_blocks_are_single_steps_and_windows_that_were_left_can_be_forgotten(scene):
     of, pings = scene
     estimator = windowed(of, TINY, pings[0], 25_000.0, QUICK)
     kept = brief = estimator.initial()
@@ -83,6 +71,9 @@ def test_windows_that_were_left_can_be_forgotten(scene):
     assert len(flows) == len(kept.left) == brief.number - 1 > 1
     assert estimator.remarks(brief) == estimator.remarks(kept)
     assert np.array_equal(brief.windows[0].state.x, kept.windows[0].state.x)
+    blocks, _ = estimator.assimilate(estimator.initial(), pings)
+    assert [window.region for window in blocks.left] == [window.region for window in kept.left]
+    assert np.allclose(blocks.windows[0].state.x, kept.windows[0].state.x, atol=1e-8)
     for one, other in zip(flows, estimator.left_flows(kept), strict=True):
         assert np.array_equal(one.latent, other.latent)
 

@@ -19,7 +19,7 @@ from tests.places import SAMPLES
 pytest.importorskip("urllib3", reason="the extra 'remote' is not installed")
 pytestmark = pytest.mark.filterwarnings("ignore:Consolidated metadata is currently not part")
 LOG = str(SAMPLES / "survey.mcap")
-QUICK = ("--end", "2018-11-16T01:00Z", "--modes", "5", "--levels", "5,50")
+QUICK = "--end 2018-11-16T01:00Z --modes 5 --levels 5,50"
 
 
 @pytest.fixture(autouse=True)
@@ -38,11 +38,11 @@ def ensemble():
     return held
 
 
-def replayed(folder, name, forecast, *more):
+def replayed(folder, name, forecast, more=""):
     """Replay on a forecast; return the bytes of the result and of the lossless estimate."""
     out, flow = folder / f"{name}.mcap", folder / f"{name}.nc"
-    words = ["replay", LOG, "--ensemble", forecast, "-o", str(out), "--save-estimate", str(flow)]
-    succeed([*words, *QUICK, f"--forecast.cache={folder / 'cache'}", *more])
+    files = f"--ensemble {forecast} -o {out} --save-estimate {flow} --forecast.cache={folder}/cache"
+    succeed(f"replay {LOG} {files} {QUICK} {more}")
     return out.read_bytes(), flow.read_bytes()
 
 
@@ -61,8 +61,7 @@ def test_a_replay_by_address_is_that_of_the_file_and_the_same_without_a_link(tmp
     assert fetched == record_of(tmp_path / "cache" / name)
     assert digest.startswith(name.removesuffix(".nc").rpartition("-")[2])
     assert "offline" not in recorded.config_toml
-    folders = ["--inputs", str(tmp_path / "cache"), "--inputs", str(SAMPLES)]
-    verified = invoke(["verify", str(tmp_path / "zarr.mcap"), *folders])
+    verified = invoke(f"verify {tmp_path}/zarr.mcap --inputs {tmp_path}/cache --inputs {SAMPLES}")
     assert "made again bit for bit" in verified.output
 
 
@@ -78,17 +77,17 @@ def test_a_replay_over_opendap_and_griddap_is_that_of_the_file(tmp_path, ensembl
 
 
 def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemble):
-    cache, out = f"--forecast.cache={tmp_path / 'cache'}", tmp_path / "boat.nc"
+    cache, out = f"--forecast.cache={tmp_path}/cache", tmp_path / "boat.nc"
     with serving(Files(zarr_objects(ensemble, zarr_format=2))) as files:
-        asked = ["fetch", "--ensemble", files.url, "--region", "152,-40.2,153,-39.8", cache]
-        priced = invoke([*asked, "--dry-run", "--json", "-"])
+        part = f"--ensemble {files.url} --region 152,-40.2,153,-39.8 {cache}"
+        priced = invoke(f"fetch {part} --dry-run --json -")
         (row,) = json.loads(priced.stdout)["addresses"]
         assert row["shape"] == {"member": 6, "depth": 6, "latitude": 5, "longitude": 9}
         assert row["bytes"] > 2 * 8 * 6 * 6 * 5 * 9
         assert not (tmp_path / "cache").exists()
-        done = succeed([*asked, "-o", str(out), "--json", str(tmp_path / "a.json")])
+        done = succeed(f"fetch {part} -o {out} --json {tmp_path}/a.json")
         assert "received" in done.output
-        described = invoke(["info", "--ensemble", files.url, cache])
+        described = invoke(f"info --ensemble {files.url} {cache}")
         assert "6 member x 6 depth x 13 latitude x 21 longitude" in described.output
         count = len(files.asked)
     (held,) = json.loads((tmp_path / "a.json").read_text())["files"]
@@ -96,17 +95,15 @@ def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemb
     with xr.open_dataset(out) as ds:
         expected = ensemble.sel(longitude=slice(152, 153), latitude=slice(-40.2, -39.8))
         np.testing.assert_array_equal(ds.uo, expected.uo)
-    told = invoke(
-        ["info", "--ensemble", files.url, "--region", "152,-40.2,153,-39.8", cache, "--offline"]
-    )
+    told = invoke(f"info {part} --offline")
     assert "an ensemble of 6 members" in told.output
     assert len(files.asked) == count
-    missing = invoke(["info", "--ensemble", files.url, "--region", "1,2,3,4", cache])
+    missing = invoke(f"info --ensemble {files.url} --region 1,2,3,4 {cache}")
     assert "the connection is refused" in missing.stderr
     refused = invoke(f"fetch --ensemble {out}")
     assert "expected an address, such as https://" in refused.stderr
-    paper = ["experiment", "paper", "--leave-out", "1", "-o", str(tmp_path / "paper")]
-    other = invoke([*paper, "--ensemble", files.url])
+    paper = f"experiment paper --leave-out 1 -o {tmp_path}/paper"
+    other = invoke(f"{paper} --ensemble {files.url}")
     assert "fetch the forecast first: replay-kit fetch --ensemble http://127.0.0.1" in other.stderr
 
 
@@ -119,7 +116,7 @@ def test_another_year_or_ocean_is_said_before_the_margin_is_measured(tmp_path):
             time=np.array([f"{year}-11-16", f"{year}-11-17"], "M8[ns]"),
         )
         with serving(Files(zarr_objects(ds, zarr_format=2))) as files:
-            done = invoke(["fetch", LOG, "--ensemble", files.url, f"--forecast.cache={tmp_path}"])
+            done = invoke(f"fetch {LOG} --ensemble {files.url} --forecast.cache={tmp_path}")
         assert done.exit_code == 3
         assert words in done.stderr
         assert not [path for path in files.asked if re.match(r"[uv]o/\d", path)]

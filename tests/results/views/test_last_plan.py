@@ -122,21 +122,8 @@ def test_what_was_written_is_read_back(contents, full):
 def test_a_plan_without_all_that_says_so(plan, tmp_path):
     contents = written(tmp_path / "out.mcap", plan)
     found = contents.last_plan
-    assert (
-        found.energy,
-        found.battery,
-        found.odds,
-        found.bottom,
-        list(found.areas),
-        list(found.ellipses),
-    ) == (
-        None,
-        None,
-        None,
-        None,
-        [],
-        [],
-    )
+    assert [found.energy, found.battery, found.odds, found.bottom] == [None] * 4
+    assert [*found.areas, *found.ellipses] == []
     assert contents.seabed is None
     text = text_of(report_html(contents.result), "plan")
     for missing in (

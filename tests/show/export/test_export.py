@@ -14,7 +14,7 @@ from replay_kit.core.surfacing import Ellipse
 from replay_kit.show.export.export import export
 from replay_kit.show.export.features import features_of, kml_text
 from replay_kit.show.export.netcdf import ATTRIBUTES, _attributes
-from tests.results.cases import moved, write
+from tests.results.cases import placed, write
 from tests.results.test_cf import PERSONAL, complaints, found_by
 from tests.synthetic_flow import synthetic_flow
 
@@ -205,7 +205,7 @@ def test_features_are_styled_for_maps_and_kml_has_the_same_colours_in_its_own_or
 def test_across_the_antimeridian_lines_are_continuous_in_geojson_and_within_180_in_kml(
     tmp_path, innovation
 ):
-    contents = write(tmp_path / "r.mcap", moved(synthetic_flow(), 179.99), [innovation] * 3, None)
+    contents = write(tmp_path / "r.mcap", placed(179.99, 62.0), [innovation] * 3, None)
     export(contents, tmp_path / "x.geojson", table="track")
     export(contents, tmp_path / "x.kml", table="track")
     (track,) = json.loads((tmp_path / "x.geojson").read_text())["features"]

@@ -35,12 +35,8 @@ def _paper(folder: Path, request: pytest.FixtureRequest) -> str:
     small = "--leave-out 1 --levels 5,150 --modes 4 --pairs 1"
     # the page names its inputs as they are given
     with contextlib.chdir(folder):
-        _run(*f"experiment paper --ensemble ensemble.nc {small} -o paper".split())
+        succeed(f"experiment paper --ensemble ensemble.nc {small} -o paper")
     return (folder / "paper" / "index.html").read_text(encoding="utf-8")
-
-
-def _run(*words: str | Path) -> None:
-    succeed([str(word) for word in words])
 
 
 def _fleet(folder: Path, request: pytest.FixtureRequest) -> str:

@@ -18,12 +18,12 @@ from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
-from tests.results.cases import failed, write_many
+from tests.results.cases import failed, placed, write_many
 from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
 from tests.results.result_samples import CONFIG, METADATA
 from tests.show.report.html_of import figures, table, text_of, unpacked
 from tests.show.report.replays import peak_of_report
-from tests.synthetic_flow import TIME_NS, synthetic_flow
+from tests.synthetic_flow import TIME_NS
 
 SECOND = 10**9
 Write = Callable[..., str]
@@ -99,13 +99,7 @@ def test_an_estimate_alone_is_drawn_at_its_levels(write, flow):
     ("longitude", "latitude"), [(180.0, -40.0), (-179.9, 80.0), (5.0, 80.0), (0.0, 89.5)]
 )
 def test_anywhere_on_the_globe(write, state, longitude, latitude):
-    flow = synthetic_flow(latitude=latitude)
-    projection = Projection(longitude, latitude)
-    places = to_geographic(projection, flow.grid.east, flow.grid.north)
-    moved = replace(
-        flow,
-        grid=replace(flow.grid, projection=projection, longitude=places[0], latitude=places[1]),
-    )
+    moved, projection = placed(longitude, latitude), Projection(longitude, latitude)
     ends = to_geographic(projection, [-4e3, 4e3], [-2e3, 2e3])
 
     def fill(writer: ResultWriter) -> None:

@@ -17,14 +17,13 @@ import numpy as np
 import pytest
 
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Area
 from replay_kit.results import ResultWriter
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from tests.browser import MARKS, SCHEMES, check_drawn, chromium, opened, unfold
-from tests.results.cases import failed, one_bin, write
+from tests.results.cases import failed, one_bin, placed, write
 from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
 from tests.results.result_samples import CONFIG, METADATA
 from tests.show.page.kinds import QUICK, SLOW
@@ -47,14 +46,6 @@ MARKUP = "<img src=x onerror=alert(1)><script>alert(2)</script>&amp;"
 def browser() -> Iterator[Any]:
     with chromium() as own:
         yield own
-
-
-def placed(longitude: float, latitude: float) -> FlowEstimate:
-    flow = synthetic_flow(latitude=latitude)
-    projection = Projection(longitude, latitude)
-    places = to_geographic(projection, flow.grid.east, flow.grid.north)
-    moved = replace(flow.grid, projection=projection, longitude=places[0], latitude=places[1])
-    return replace(flow, grid=moved)
 
 
 def _dry(flow: FlowEstimate) -> FlowEstimate:

@@ -4,26 +4,27 @@ import base64
 import hashlib
 import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from pyproj import Geod
 
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown, FlownDive
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import ORIGIN
+from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import alarms_of, change_of
-from replay_kit.show.status.held import Fix, _positions
+from replay_kit.show.status.held import Fix, read_held
 from replay_kit.show.status.lines import age_text, brief_text, status_text
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
-from tests.places import ROOT
+from tests.cli.test_cli_settings import loaded
+from tests.command import invoke
+from tests.places import SAMPLES
 from tests.show.status.held_samples import HOUR_NS, START_NS, held, mean_current, plan
 
 END_NS = START_NS + 48 * HOUR_NS
@@ -47,7 +48,7 @@ def test_what_is_made_good_is_how_much_nearer_the_goal_came_a_day():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_positions_held_are_the_first_the_last_one_a_day_before_and_where_it_was_reckoned_since(
-    seed, monkeypatch
+    seed, tmp_path
 ):
     rng = np.random.default_rng(seed)
     said = [
@@ -55,34 +56,24 @@ def test_positions_held_are_the_first_the_last_one_a_day_before_and_where_it_was
         for k, time in enumerate(np.sort(rng.integers(0, 60, 9)) * HOUR_NS)
     ]
 
-    def message(fix):
-        return SimpleNamespace(
-            longitude=fix.longitude,
-            latitude=-5.0,
-            metadata=[SimpleNamespace(key="dead_reckoned", value=f"{fix.reckoned:d}")],
-        )
+    def positions(said):
+        with ResultWriter(tmp_path / "r.mcap", overwrite=True) as writer:
+            writer.start(Projection(5.0, 62.0), 0, {}, "")
+            for fix in said:
+                place = fix.longitude, fix.latitude
+                writer.fix(
+                    VehicleState(fix.time_ns, *place, 0.0, fix.reckoned, Source(0, "/", 0, 0))
+                )
+        found = read_held(tmp_path / "r.mcap")
+        return found.fixes, found.reckoned
 
-    def read(path, topic, until_ns=said[-1].time_ns):
-        return [(fix.time_ns, message(fix)) for fix in said if fix.time_ns <= until_ns]
-
-    monkeypatch.setattr("replay_kit.show.status.held.read_messages", read)
-    monkeypatch.setattr(
-        "replay_kit.show.status.held.newest_messages", lambda *asked: iter(read(*asked)[::-1])
-    )
-    monkeypatch.setattr(
-        "replay_kit.show.status.held.DecoderFactory.decoder_for",
-        lambda factory, encoding, schema: lambda data: data,
-    )
-    fixes, reckoned = _positions(Path("r.mcap"), "schema")
     measured = [fix for fix in said if not fix.reckoned]
     day_before = [fix for fix in measured if measured[-1].time_ns - fix.time_ns >= 24 * HOUR_NS]
-    assert fixes == [measured[0], *day_before[-1:], measured[-1]]
-    assert reckoned == (
-        said[-1] if said[-1].reckoned and said[-1].time_ns > measured[-1].time_ns else None
-    )
-    said = [replace(fix, reckoned=True) for fix in said]
-    assert _positions(Path("r.mcap"), "schema") == ([], said[-1])
-    assert _positions(Path("r.mcap"), None) == ([], None)
+    reckoned = said[-1] if said[-1].reckoned and said[-1].time_ns > measured[-1].time_ns else None
+    assert positions(said) == ([measured[0], *day_before[-1:], measured[-1]], reckoned)
+    alone = [replace(fix, reckoned=True) for fix in said]
+    assert positions(alone) == ([], alone[-1])
+    assert positions([]) == ([], None)
 
 
 def test_a_vehicle_without_goal_or_way_makes_nothing_good():
@@ -400,14 +391,10 @@ def test_figures_are_numbers_for_json():
 
 
 def test_nothing_heavy_is_loaded_and_a_file_that_is_no_result_is_refused():
-    code = (
-        "import sys\nfrom replay_kit.cli.app import main\n"
-        "try: main()\nexcept SystemExit as done: print(done.code)\n"
-        "print(sorted({'scipy', 'xarray', 'pandas', 'matplotlib', 'casadi', 'h5py', 'foxglove', 'rich'} & sys.modules.keys()))"
-    )
-    command = [sys.executable, "-c", code, "status", "sample_logs/glider.mcap"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == ["3", "[]"]
+    line, heavy = f"status {SAMPLES}/glider.mcap", "xarray pandas casadi h5py foxglove rich"
+    assert not loaded(line).intersection([*heavy.split(), "scipy", "matplotlib"])
+    done = invoke(line)
+    assert done.exit_code == 3
     assert "no result of replay-kit replay" in done.stderr
 
 

@@ -81,22 +81,20 @@ def test_missions_of_which_some_cannot_begin_are_all_named(table, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        ("fleet.toml --ensemble ensemble.nc", "fleet.toml says which ensemble a mission has"),
+        ("twin00.mcap", "expected a table (TOML), or logs with --ensemble FILE"),
         (
-            ["fleet.toml", "--ensemble", "ensemble.nc"],
-            "fleet.toml says which ensemble a mission has",
-        ),
-        (["twin00.mcap"], "expected a table (TOML), or logs with --ensemble FILE"),
-        (
-            ["fleet.toml", "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"],
+            "fleet.toml --scheduler tcp://127.0.0.1:1 --workers 2",
             "has workers of its own; leave --workers out",
         ),
-        (["fleet.toml", "--scheduler", "nowhere"], "the scheduler does not answer in 0.5 s"),
+        ("fleet.toml --scheduler nowhere", "the scheduler does not answer in 0.5 s"),
     ],
 )
 def test_options_that_do_not_fit(table, tmp_path, words, said, monkeypatch):
     monkeypatch.setattr(clusters, "TIMEOUT_S", 0.5)
     words = [
-        str(table.parent / word) if "." in word and ":" not in word else word for word in words
+        str(table.parent / word) if "." in word and ":" not in word else word
+        for word in words.split()
     ]
     done = invoke(["fleet", *words, "-o", str(tmp_path / "out")])
     assert said in done.stderr, done.output

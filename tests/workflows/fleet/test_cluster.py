@@ -113,14 +113,14 @@ def test_workers_that_are_killed_again_and_again_change_no_byte(tmp_path):
     ]
 
 
-def started(*words):
+def started(words):
     environment = {
         **os.environ,
         "PYTHONPATH": str(ROOT),
         "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "60s",
     }
     return subprocess.Popen(
-        [sys.executable, "-m", *words],
+        [sys.executable, "-m", *words.split()],
         env=environment,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -133,30 +133,15 @@ def test_a_scheduler_that_is_killed_and_comes_back_loses_nothing(tmp_path):
         free.bind(("127.0.0.1", 0))
         port = str(free.getsockname()[1])
     address = f"tcp://127.0.0.1:{port}"
-    scheduler = [
-        "distributed.cli.dask_scheduler",
-        "--host",
-        "127.0.0.1",
-        "--port",
-        port,
-        "--no-dashboard",
-    ]
-    worker = [
-        "distributed.cli.dask_worker",
-        address,
-        "--nthreads",
-        "1",
-        "--no-nanny",
-        "--no-dashboard",
-        "--death-timeout",
-        "60",
-    ]
-    processes = [started(*scheduler), started(*worker)]
+    scheduler = f"distributed.cli.dask_scheduler --host 127.0.0.1 --port {port} --no-dashboard"
+    more = "--nthreads 1 --no-nanny --no-dashboard --death-timeout 60"
+    worker = f"distributed.cli.dask_worker {address} {more}"
+    processes = [started(scheduler), started(worker)]
     missions = missions_in(make_fleet(tmp_path, 6, 40), tmp_path / "out")
 
     def restart():
         processes[0].kill()
-        processes.extend([started(*scheduler), started(*worker)])
+        processes.extend([started(scheduler), started(worker)])
 
     try:
         with open_cluster(address, None) as cluster:

@@ -111,15 +111,8 @@ def test_a_mission_that_fails_is_listed_with_its_reason_and_the_others_go_on(
     folder = tmp_path / "data"
     shutil.copytree(table.parent, folder)
     (folder / "twin02.mcap").write_bytes(b"no log")
-    arguments = [
-        "fleet",
-        str(folder / "fleet.toml"),
-        "-o",
-        str(tmp_path / "out"),
-        "--scheduler",
-        scheduler,
-    ]
-    done = invoke([*arguments, "--json", str(tmp_path / "fleet.json")])
+    line = f"fleet {folder}/fleet.toml -o {tmp_path}/out --scheduler {scheduler}"
+    done = invoke(f"{line} --json {tmp_path}/fleet.json")
     assert done.exit_code == 3, done.output
     assert "3 missions: 2 replayed, 0 were there already, 1 failed" in done.stdout
     assert "FAILED: twin02: " in done.stdout
@@ -133,24 +126,13 @@ def test_a_mission_that_fails_is_listed_with_its_reason_and_the_others_go_on(
     assert answer["failed"] == ["twin02"]
     assert [row["sha256"] for row in answer["missions"]] == [row["sha256"] for row in rows]
     assert "twin02 failed: " in (tmp_path / "out" / "index.html").read_text()
-    assert invoke(arguments).exit_code == 2
-    assert "2 were there already" in invoke([*arguments, "--resume"]).stdout
+    assert invoke(line).exit_code == 2
+    assert "2 were there already" in invoke(f"{line} --resume").stdout
 
 
 def test_a_dry_run_reads_everything_and_writes_nothing(table, tmp_path, scheduler):
-    done = invoke(
-        [
-            "fleet",
-            str(table),
-            "-o",
-            str(tmp_path / "out"),
-            "--scheduler",
-            scheduler,
-            "--dry-run",
-            "--json",
-            "-",
-        ]
-    )
+    line = f"fleet {table} -o {tmp_path}/out --scheduler {scheduler} --dry-run"
+    done = invoke(f"{line} --json -")
     answer = json.loads(done.stdout)
     assert (answer["status"], answer["exit_code"], answer["workers"]) == ("dry run", 0, 2)
     assert [mission["profiles"] for mission in answer["missions"]] == [6, 6]
@@ -159,15 +141,8 @@ def test_a_dry_run_reads_everything_and_writes_nothing(table, tmp_path, schedule
 
 
 def test_logs_without_a_table_are_missions_of_their_own(table, tmp_path, scheduler):
-    words = [
-        "fleet",
-        str(table.parent / "twin*.mcap"),
-        "--ensemble",
-        str(table.parent / "ensemble.nc"),
-        "-o",
-        str(tmp_path / "out"),
-    ]
-    done = invoke([*words, "--scheduler", scheduler, "--dry-run"])
+    files = f"{table.parent}/twin*.mcap --ensemble {table.parent}/ensemble.nc -o {tmp_path}/out"
+    done = invoke(f"fleet {files} --scheduler {scheduler} --dry-run")
     assert "2 missions on 2 workers" in done.stdout, done.output
 
 

@@ -4,25 +4,23 @@ import pytest
 
 from tests.command import invoke
 
-ENSEMBLE = ("--ensemble", "sample_logs/ensemble.nc")
+ENSEMBLE = "--ensemble sample_logs/ensemble.nc"
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--until-idle", "1"], "--until-idle: goes with --follow only"),
-        (["--goal-file", "goal.txt"], "--goal-file: goes with --follow only"),
-        (["--notify", "true"], "--notify: goes with --follow only"),
-        (["--follow", "--dry-run"], "--dry-run: does not go with --follow"),
-        (["--follow", "--checkpoint", "c"], "--checkpoint: does not go with --follow"),
-        (["--follow", "--interval", "0"], "--interval"),
-        (["--follow", "--goal=152.8,-40.1,300", "--goal-file", "goal.txt"], "--goal is given too"),
+        ("--until-idle 1", "--until-idle: goes with --follow only"),
+        ("--goal-file goal.txt", "--goal-file: goes with --follow only"),
+        ("--notify true", "--notify: goes with --follow only"),
+        ("--follow --dry-run", "--dry-run: does not go with --follow"),
+        ("--follow --checkpoint c", "--checkpoint: does not go with --follow"),
+        ("--follow --interval 0", "--interval"),
+        ("--follow --goal=152.8,-40.1,300 --goal-file goal.txt", "--goal is given too"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(options, words, tmp_path):
-    done = invoke(
-        ["replay", str(tmp_path), *ENSEMBLE, "-o", str(tmp_path.parent / "out.mcap"), *options]
-    )
+    done = invoke(f"replay {tmp_path} {ENSEMBLE} -o {tmp_path.parent}/out.mcap {options}")
     assert done.exit_code == 2
     assert words in done.stderr
 
@@ -31,20 +29,8 @@ def test_a_folder_in_which_no_log_comes_ends_with_exit_code_3_and_what_was_there
     inbox, out = tmp_path / "inbox", tmp_path / "out.mcap"
     inbox.mkdir()
     (inbox / "notes.txt").write_text("none")
-    done = invoke(
-        [
-            "replay",
-            str(inbox),
-            *ENSEMBLE,
-            "-o",
-            str(out),
-            "--follow",
-            "--interval",
-            "0.1",
-            "--until-idle",
-            "0",
-        ]
-    )
+    line = f"replay {inbox} {ENSEMBLE} -o {out} --follow --interval 0.1 --until-idle 0"
+    done = invoke(line)
     assert done.exit_code == 3
     assert "notes.txt not used" in done.stdout
     assert "no log that can be replayed has arrived" in done.stderr

@@ -260,8 +260,8 @@ def test_info_with_an_ensemble(tmp_path, surveys):
     (tmp_path / "run.toml").write_text(
         "[forecast]\nlevels = [5, 150, 500]\n[estimator]\nmodes = 60\n"
     )
-    options = ["--config", str(tmp_path / "run.toml"), "--ensemble", str(SAMPLES / "ensemble.nc")]
-    done = succeed(["info", str(tmp_path / "wrong.mcap"), *options])
+    options = f"--config {tmp_path}/run.toml --ensemble {SAMPLES}/ensemble.nc"
+    done = succeed(f"info {tmp_path}/wrong.mcap {options}")
     said = done.stdout
     assert (
         "WARNING: log and ensemble contradict each other: with this undone the profiles are e^"
@@ -280,19 +280,8 @@ def test_a_mission_in_two_files_is_checked_as_one(tmp_path, surveys):
     (tmp_path / "run.toml").write_text(
         "[forecast]\nlevels = [5, 150, 500]\n[estimator]\nmodes = 60\n"
     )
-    options = [
-        "--config",
-        tmp_path / "run.toml",
-        "--ensemble",
-        SAMPLES / "ensemble.nc",
-        "--json",
-        tmp_path / "info.json",
-    ]
-    assert (
-        invoke(["info", *map(str, [*files, *options])]).stdout.count(
-            "likely cause: the sign of east is wrong"
-        )
-        == 1
-    )
+    options = f"--config {tmp_path}/run.toml --ensemble {SAMPLES}/ensemble.nc"
+    done = invoke(f"info {files[0]} {files[1]} {options} --json {tmp_path}/info.json")
+    assert done.stdout.count("likely cause: the sign of east is wrong") == 1
     answer = json.loads((tmp_path / "info.json").read_text())
     assert (answer["import_check"]["profiles"], len(answer["logs"])) == (30, 2)

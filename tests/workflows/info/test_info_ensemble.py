@@ -80,17 +80,8 @@ def test_a_log_says_which_of_several_times_of_a_forecast_is_taken(tmp_path):
     )
     rule = ("--members", "times:4d")
     assert described(tmp_path / "days.nc", *rule)[0]["time"] == "2020-01-09T00:00:00Z"
-    done = invoke(
-        [
-            "info",
-            str(tmp_path / "log.mcap"),
-            "--ensemble",
-            str(tmp_path / "days.nc"),
-            *rule,
-            "--json",
-            "-",
-        ]
-    )
+    log, days = tmp_path / "log.mcap", tmp_path / "days.nc"
+    done = invoke(f"info {log} --ensemble {days} {' '.join(rule)} --json -")
     assert json.loads(done.stdout)["forecast"]["time"] == "2020-01-04T00:00:00Z"
 
 

@@ -52,7 +52,7 @@ def test_a_large_log_is_described_by_its_index(log):
 
 
 def test_what_the_index_does_not_know_is_said_to_need_full(log):
-    done = succeed(["info", str(log), "--json", str(log.with_suffix(".json"))])
+    done = succeed(f"info {log} --json {log.with_suffix('.json')}")
     assert "Read: the index, and 202 messages" in done.stdout
     assert "late messages, gaps and damage: with --full" in done.stdout
     assert "Use, by the messages read: ready for replay" in done.stdout

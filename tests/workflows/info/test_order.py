@@ -9,7 +9,7 @@ import pytest
 
 from replay_kit.core.message import Message
 from replay_kit.logs import merge
-from replay_kit.logs.shared.blocks import block_of, blocks_of
+from replay_kit.logs.shared.blocks import block_of
 from replay_kit.workflows.info.listing import asks_for_replay, gap_lines
 from replay_kit.workflows.info.reading import Order, TopicInfo
 
@@ -127,18 +127,6 @@ def test_the_longest_gaps_are_said():
     assert lines[4:] == [
         "Gap: /t2 has no message for 62 s from 1970-01-01T00:00:05Z",
         "Gaps on 2 more topics; --json has them",
-    ]
-
-
-def test_blocks_hold_all_messages_in_order():
-    said = messages(range(5000), "ab")
-    found = list(blocks_of(said))
-    assert [message for block in found for message in block.messages] == said
-    assert [block.kinds[k][0] for block in found for k in block.kind] == [
-        message.topic for message in said
-    ]
-    assert np.concatenate([block.time_ns for block in found]).tolist() == [
-        message.time_ns for message in said
     ]
 
 

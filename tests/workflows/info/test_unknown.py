@@ -1,6 +1,5 @@
 """``info`` on what it does not know: what is missing, what it looks like, what to type next, and the mapping that makes it usable."""
 
-import json
 import shlex
 from pathlib import Path
 
@@ -48,22 +47,6 @@ def test_topics_of_unknown_types_are_named_with_what_to_type(tmp_path):
     assert "Unknown type: 1 more topics" in said
     step = f"Next: replay-kit info {log} --suggest map.toml\nCorrect map.toml, then: replay-kit info {log} --config map.toml"
     assert said.rstrip().endswith(step)
-
-
-def test_the_mapping_suggested_makes_the_cells_usable(tmp_path):
-    log, mapping = _cells(tmp_path / "a.mcap"), tmp_path / "map.toml"
-    succeed(f"info {log} --suggest {mapping}")
-    answer = tmp_path / "i.json"
-    arguments = f"info {log} --config {mapping} --json {answer} --overwrite"
-    succeed(arguments)
-    assert json.loads(answer.read_text())["logs"][0]["profiles"] == 0
-    mapping.write_text(mapping.read_text().replace('"unknown"', '"earth"'))
-    done = invoke(arguments)
-    (found,) = json.loads(answer.read_text())["logs"]
-    assert (found["profiles"], found["bins"], found["missing"]) == (10, 10, "")
-    assert done.stdout.rstrip().endswith(
-        f"Next: replay-kit replay {log} --ensemble FORECAST.nc --config {mapping} -o RESULT.mcap"
-    )
 
 
 def test_a_netcdf_file_of_no_known_dialect(tmp_path):
@@ -120,19 +103,10 @@ def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
         "5,150",
         "--measurements.no-use-inverted",
         "--measurements.no-flight-bias",
-        "--remap",
-        "/a b=/c",
-        "--remap",
-        "/d=/e",
     ]
-    said = invoke(["info", str(log), "--ensemble", str(forecast), *options]).stdout
-    words = [
-        "--forecast.levels=5,150",
-        "--measurements.no-use-inverted",
-        "--measurements.no-flight-bias",
-        "--logs.remap=/a b=/c",
-        "--logs.remap=/d=/e",
-    ]
+    remaps = ["--remap", "/a b=/c", "--remap", "/d=/e"]
+    said = invoke(["info", str(log), "--ensemble", str(forecast), *options, *remaps]).stdout
+    words = ["--forecast.levels=5,150", *options[2:], "--logs.remap=/a b=/c", "--logs.remap=/d=/e"]
     last = said.rstrip().splitlines()[-1]
     assert last.startswith(f"Next: replay-kit replay {log} --ensemble {forecast} ")
     assert sorted(shlex.split(last)[6:-2]) == sorted(words)

@@ -207,6 +207,7 @@ def test_each_format_holds_the_same_area(write, tmp_path):
         ({"begin": "soon"}, "with the time 'soon'"),
         ({"begin": TIMES["end"], "end": TIMES["begin"]}, "ends before it begins"),
         ({"fence": "perhaps"}, "fence 'perhaps', neither true nor false"),
+        ({"surface_only": "false"}, "neither true nor false"),
     ],
 )
 def test_properties_that_are_none_are_refused(properties, found, tmp_path):
@@ -215,11 +216,21 @@ def test_properties_that_are_none_are_refused(properties, found, tmp_path):
         read_areas(tmp_path / "areas")
 
 
+@pytest.mark.parametrize(("value", "below"), [(True, True), (0, False), (None, False)])
+def test_an_area_is_of_the_surface_alone_where_it_says_so(value, below, tmp_path):
+    as_geojson(tmp_path / "areas", {"surface_only": value})
+    assert read_areas(tmp_path / "areas")[0].surface_only == below
+
+
 def test_damaged_files_of_areas_are_refused(tmp_path):
     path = tmp_path / "areas"
-    path.write_bytes(b"SQLite format 3\0")
-    with pytest.raises(PlanError, match="got a database, such as a GeoPackage"):
-        read_areas(path)
+    for data, words in (
+        (b"SQLite format 3\0", "got a database, such as a GeoPackage"),
+        (b"\x89" + bytes(1000), "^.{,400}$"),
+    ):
+        path.write_bytes(data)
+        with pytest.raises(PlanError, match=words):
+            read_areas(path)
     for text in ("<kml", "<!DOCTYPE kml [<!ENTITY a 'b'>]><kml/>"):
         path.write_text(text)
         with pytest.raises(PlanError, match="got KML"):

@@ -160,8 +160,11 @@ def test_a_sign_that_leaves_no_water_and_axes_that_are_missing_are_refused(tmp_p
         read_bathymetry(
             written(tmp_path, nemo().assign(Bathymetry=(("y", "x"), -DEPTH - 60.0))), WHOLE
         )
-    with pytest.raises(ForecastError, match="on longitude and latitude, found z"):
-        read_bathymetry(written(tmp_path, xr.Dataset({"z": (("y", "x"), -DEPTH)})), WHOLE)
+    for name, words in (("z", "on longitude and latitude, found z"), ("speed", "expected one of")):
+        with pytest.raises(ForecastError, match=words):
+            read_bathymetry(written(tmp_path, xr.Dataset({name: (("y", "x"), -DEPTH)})), WHOLE)
+    with pytest.raises(ForecastError, match="cannot read"):
+        read_bathymetry(tmp_path / "missing.nc", WHOLE)
 
 
 def test_gaps_wide_cells_and_water_that_is_not_covered_are_noted():

@@ -4,10 +4,13 @@ import io
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from planners import MissionSettings, Weights
+from planners.mission.flights import surfacing_ellipses
 from replay_kit.config.plan import PlanRequest
+from replay_kit.core.grid import Projection
 from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.planning.outputs import print_mission, unsafe_reason
 from tests.planners.flow_samples import plan_between, still_flow
@@ -73,3 +76,12 @@ def test_the_samples_of_a_mooring_are_told_by_how_far_they_drift(objective, word
     said = io.StringIO()
     print_mission(planned, SafeConsole(file=said, width=200))
     assert f"in the samples: {words} in the median 70 m, 90 % within 70 m" in said.getvalue()
+
+
+def test_an_ellipse_of_few_surfacings_has_the_variance_of_a_sample():
+    """Of 1, 2 and 6 km east, and as far north, it is 7 km^2; Hotelling's factor of three is the root of 264."""
+    place = 1e3 * np.array([1.0, 2.0, 6.0])[:, None, None] * np.ones(2)
+    flights = SimpleNamespace(place=place, time=np.zeros(1), projection=Projection(5.0, 62.0))
+    plan = SimpleNamespace(surfacing_times=np.zeros(1))
+    ((_, _, major, minor, _),) = surfacing_ellipses(flights, plan)
+    assert (major, minor) == pytest.approx((np.sqrt(264.0 * 14.0) * 1e3, 0.0), abs=0.1)

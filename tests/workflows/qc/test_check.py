@@ -2,15 +2,12 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.measurements.quality.qartod import Check
-from replay_kit.workflows.qc.check import TestCount as Count
 from replay_kit.workflows.qc.check import check_quality
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
@@ -181,12 +178,3 @@ def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_pat
     ]
     assert list(found[2].flags) == [4, 4, 4, 4, 9]
     assert list(found[2].reasons) == [Reason.TILT] * 4 + [Reason.TILT | Reason.MISSING]
-
-
-def test_bins_of_all_pings_are_counted():
-    flags = [Flag.SUSPECT, Flag.FAIL, Flag.SUSPECT, Flag.GOOD, Flag.NOT_EVALUATED, Flag.FAIL]
-    check = Check("tilt", Reason.TILT, np.array(flags, np.int8))
-    present = np.array([True] * 5 + [False])
-    count = Count(Reason.TILT).extended(check, present).extended(check, present)
-    assert (count.evaluated, count.suspect, count.failed) == (8, 4, 2)
-    assert list(count.not_evaluated.values()) == [2]

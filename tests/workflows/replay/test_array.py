@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +17,6 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency import findings
 from replay_kit.results.slices import depth_slice
-from replay_kit.workflows.follow.follow import follow
-from replay_kit.workflows.follow.watch import FollowOptions
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
@@ -28,7 +25,6 @@ from tests.arrays import write_array
 from tests.command import invoke, succeed
 from tests.faulty import Faults
 from tests.places import SAMPLES
-from tests.workflows.follow.delivery import contents
 from tests.workflows.replay.interrupted import Killed, run_until
 
 ENSEMBLE = SAMPLES / "ensemble.nc"
@@ -192,30 +188,6 @@ def test_an_interrupted_replay_goes_on_to_the_same_bytes(logs, tmp_path):
     assert (tmp_path / "checkpoint").exists()
     run_until(job, CONFIG, None)
     assert (tmp_path / "result.mcap").read_bytes() == (tmp_path / "whole.mcap").read_bytes()
-
-
-@pytest.mark.full
-def test_following_telemetry_of_which_one_is_late_ends_with_the_bytes_of_one_replay(logs, tmp_path):
-    folders = {name: tmp_path / name for name in logs}
-    for folder in folders.values():
-        folder.mkdir()
-    for name in ("sg1", "sg3"):
-        shutil.copy(logs[name], folders[name])
-    job = job_of(folders, tmp_path / "out.mcap")
-    told = []
-    options = FollowOptions(
-        tmp_path / "states", tmp_path / "status.html", 0.1, 0.0, tell=told.append
-    )
-    config = RunConfig(**SETTINGS, planner={"when": "surfacing"})
-    first = follow(job, config, planner_of, options)
-    assert list(first.vehicles) == ["sg1", "sg3"]
-    shutil.copy(logs["sg2"], folders["sg2"])
-    last = follow(replace(job, overwrite=True), config, planner_of, options)
-    assert list(last.vehicles) == list(logs)
-    at_once = job_of(logs, tmp_path / "at_once.mcap")
-    replay(at_once, config, planner_of)
-    assert contents(tmp_path / "out.mcap") == contents(tmp_path / "at_once.mcap")
-    assert "status.sg2.html" in (tmp_path / "status.html").read_text()
 
 
 @pytest.mark.parametrize(

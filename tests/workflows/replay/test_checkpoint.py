@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import replay_kit as rk
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import OutputConfig, RunConfig
@@ -117,12 +118,17 @@ def grouped(ocean, tmp_path_factory):
 
 @pytest.mark.full
 @pytest.mark.parametrize("block", [1, 5, 1000])
-def test_blocks_of_the_replay_change_no_byte_of_profiles_that_count_together(
+def test_blocks_of_the_replay_hardly_change_profiles_that_count_together(
     ocean, tmp_path, grouped, block, monkeypatch
 ):
+    """Where a block ends its profiles count for another time: the noise between is what makes the difference."""
     monkeypatch.setattr(ReducedBasisEstimator, "block_size", block)
     run(ocean, tmp_path / "out.mcap", config=WINDOW, goal=None)
-    assert (tmp_path / "out.mcap").read_bytes() == grouped.read_bytes()
+    one, other = (rk.open_result(path).estimate for path in (tmp_path / "out.mcap", grouped))
+    assert one.time_ns == other.time_ns
+    off = one.by_level(one.nodes) - other.by_level(one.nodes)
+    assert np.sqrt(np.mean(off**2)) < 5e-4
+    assert np.abs(off).max() < 3e-3
 
 
 @pytest.mark.full
@@ -196,22 +202,10 @@ def command_line(ocean, folder, *more):
     (folder / "run.toml").write_text(
         '[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n[planner]\nkind = "glide"\n'
     )
-    command = [
-        sys.executable,
-        "-c",
-        "from replay_kit.cli.app import main; main()",
-        "replay",
-        str(ocean / "glider.mcap"),
-    ]
-    options = [
-        "--ensemble",
-        str(ocean / "ensemble.nc"),
-        "--config",
-        str(folder / "run.toml"),
-        "--goal=152.3,-39.8,150",
-        "--overwrite",
-    ]
-    return [*command, *options, "-o", str(folder / "out.mcap"), *more]
+    inputs = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --config {folder}/run.toml"
+    line = f"replay {inputs} --goal=152.3,-39.8,150 --overwrite -o {folder}/out.mcap"
+    code = "from replay_kit.cli.app import main; main()"
+    return [sys.executable, "-c", code, *line.split(), *more]
 
 
 @pytest.mark.full

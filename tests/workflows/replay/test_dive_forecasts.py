@@ -79,7 +79,6 @@ def test_a_dives_mean_is_what_its_fixes_and_current_say():
     np.testing.assert_allclose(found.way, WAY, atol=1e-6)
     assert (found.seconds, found.inverted) == (7200.0, None)
     assert found.time_ns == sum(fix.time_ns for fix in said.fixes) // 2
-    assert found.surface_share == pytest.approx(said.weight @ np.exp(-said.depth / 50.0))
 
 
 def test_in_a_steady_current_surfacings_come_to_lie_where_they_were_expected():

@@ -15,16 +15,7 @@ from tests.logs.glider import glider_samples as made
 from tests.places import DATA, needs
 from tests.results.result_samples import metadata_of
 
-FAST = [
-    "--modes",
-    "20",
-    "--place-ensemble",
-    "--overwrite",
-    "--estimator.sample-share",
-    "0.5",
-    "--estimator.shift-distance",
-    "0",
-]
+FAST = "--modes 20 --place-ensemble --estimator.sample-share 0.5 --estimator.shift-distance 0"
 
 
 @pytest.fixture(scope="module")
@@ -36,17 +27,9 @@ def ocean(tmp_path_factory) -> Path:
     return folder
 
 
-def replay(ocean: Path, *arguments: str | Path) -> tuple[dict, str]:
-    given = [
-        *map(str, arguments),
-        "--ensemble",
-        str(ocean / "E.nc"),
-        "-o",
-        str(ocean / "out.mcap"),
-        "--json",
-        str(ocean / "out.json"),
-    ]
-    done = succeed(["replay", *given, *FAST])
+def replay(ocean: Path, arguments: str | Path) -> tuple[dict, str]:
+    files = f"--ensemble {ocean}/E.nc -o {ocean}/out.mcap --json {ocean}/out.json --overwrite"
+    done = succeed(f"replay {arguments} {files} {FAST}")
     return json.loads((ocean / "out.json").read_text()), done.output
 
 
@@ -76,7 +59,7 @@ def test_absolute_profiles_are_used_directly_by_every_command(ocean, tmp_path):
 
 
 def test_qc_of_mean_currents_alone_says_what_they_are(tmp_path):
-    done = invoke(["qc", str(made.bodc(tmp_path / "b.nc"))])
+    done = invoke(f"qc {made.bodc(tmp_path / 'b.nc')}")
     assert done.exit_code == 3
     assert "got mean currents alone, which a replay uses as they are" in done.output
 
@@ -120,7 +103,7 @@ def test_a_summary_begins_with_the_pings_that_a_setting_would_keep(ocean, tmp_pa
     assert answer["lost_pings"].startswith(lost)
     assert said.splitlines()[1].startswith(f"Basis: 2 of 2 observations used; {lost}")
     (tmp_path / "c.toml").write_text("[measurements]\nposition_max_age = 4000.0\n")
-    answer, said = replay(ocean, tmp_path / "a.mcap", "--config", tmp_path / "c.toml")
+    answer, said = replay(ocean, f"{tmp_path}/a.mcap --config {tmp_path}/c.toml")
     assert answer["lost_pings"] == ""
     assert answer["observations"]["used"] == 10
     assert said.splitlines()[1].startswith(
@@ -130,17 +113,7 @@ def test_a_summary_begins_with_the_pings_that_a_setting_would_keep(ocean, tmp_pa
 
 def test_an_unknown_reference_ends_with_the_line_to_set(ocean, tmp_path):
     log = _log(tmp_path / "a.mcap", None)
-    done = invoke(
-        [
-            "replay",
-            str(log),
-            "--ensemble",
-            str(ocean / "E.nc"),
-            "-o",
-            str(tmp_path / "o.mcap"),
-            *FAST,
-        ]
-    )
+    done = invoke(f"replay {log} --ensemble {ocean}/E.nc -o {tmp_path}/o.mcap {FAST}")
     assert done.exit_code == 3
     assert (
         "10 of 10 pings on /adcp were not used: ping: expected reference to be one of earth, platform, got none"

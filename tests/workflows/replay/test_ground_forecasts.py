@@ -18,7 +18,7 @@ from replay_kit.workflows.replay.surfacings.forecasts import (
     next_surfacing,
 )
 from tests import synthetic
-from tests.reference import next_dive as slow
+from tests.reference import mean_currents as slow
 
 GRID = synthetic.ensemble(n_members=2).grid
 LEVELS = np.array([0.0, 100.0, 400.0])

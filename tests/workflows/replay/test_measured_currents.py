@@ -17,15 +17,7 @@ from tests.show.report.html_of import figures
 from tests.workflows.replay.test_flight_bias import dive
 
 DIVES = 8
-FAST = [
-    "--modes",
-    "10",
-    "--place-ensemble",
-    "--estimator.sample-share",
-    "0.5",
-    "--estimator.shift-distance",
-    "0",
-]
+FAST = "--modes 10 --place-ensemble --estimator.sample-share 0.5 --estimator.shift-distance 0"
 
 
 def messages(mean):
@@ -67,11 +59,10 @@ def replayed(tmp_path_factory) -> tuple[Path, str]:
     write_mcap_log(
         folder / "log.mcap", [message for k in range(DIVES) for message in messages(dive(k))]
     )
-    inputs = [str(folder / "log.mcap"), "--ensemble", str(folder / "E.nc"), *FAST]
-    files = ["-o", str(folder / "out.mcap"), "--json", str(folder / "out.json")]
-    done = invoke(["replay", *inputs, *files])
+    inputs = f"{folder}/log.mcap --ensemble {folder}/E.nc {FAST}"
+    done = invoke(f"replay {inputs} -o {folder}/out.mcap --json {folder}/out.json")
     assert done.exit_code in (0, 6), done.output
-    again = invoke(["smooth", *inputs, "-o", str(folder / "smooth.mcap")])
+    again = invoke(f"smooth {inputs} -o {folder}/smooth.mcap")
     assert again.exit_code in (0, 6), again.output
     return folder, done.output
 
@@ -159,17 +150,8 @@ def test_a_mission_that_grows_keeps_what_it_decided(replayed, tmp_path):
         tmp_path / "log.mcap", [message for k in range(DIVES - 2) for message in messages(dive(k))]
     )
     # the ensemble stays where it was placed
-    done = invoke(
-        [
-            "replay",
-            str(tmp_path / "log.mcap"),
-            "--ensemble",
-            str(folder / "E.nc"),
-            "-o",
-            str(tmp_path / "out.mcap"),
-            *FAST,
-        ]
-    )
+    log, out = tmp_path / "log.mcap", tmp_path / "out.mcap"
+    done = invoke(f"replay {log} --ensemble {folder}/E.nc -o {out} {FAST}")
     assert done.exit_code in (0, 6), done.output
     before, after = (rk.open_result(path / "out.mcap").observations for path in (tmp_path, folder))
     names = [

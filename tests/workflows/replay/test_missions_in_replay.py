@@ -153,22 +153,12 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
     contents = Contents(rk.open_result(path))
     assert f"Dives {words}." in plan_panels(contents, Chosen()).notes
     last = held.fixes[-1]
-    ask = [
-        "plan",
-        str(path),
-        f"--start={last.longitude},{last.latitude},0",
-        f"--goal={GOAL.longitude},{GOAL.latitude},0",
-        "--samples=0",
-    ]
+    places = f"--start={last.longitude},{last.latitude},0 --goal={GOAL.longitude},{GOAL.latitude},0"
 
-    def said(*more):
-        done = succeed([*ask, "--json", "-", *more])
-        return json.loads(done.stdout)
+    def said(more=""):
+        return json.loads(succeed(f"plan {path} {places} --samples=0 --json - {more}").stdout)
 
-    made, stated = (
-        said("--depth", "280"),
-        said("--speed", "0.3", "--depth", "280", "--angles", "19,35"),
-    )
+    made, stated = said("--depth 280"), said("--speed 0.3 --depth 280 --angles 19,35")
     assert made["message"] == f"{stated['message']}; {words}"
     assert (made["legs"], made["statistics"]["dives"], "dives" in stated["statistics"]) == (
         stated["legs"],
@@ -280,16 +270,8 @@ def test_settings_that_contradict_each_other_are_refused(tmp_path, ocean):
     path.write_text(
         run_settings_toml(CONFIG.model_copy(update={"planner": PlannerConfig(depth=900.0)}))
     )
-    logs = [
-        str(ocean / "glider.mcap"),
-        "--ensemble",
-        str(ocean / "ensemble.nc"),
-        "-o",
-        str(tmp_path / "out.mcap"),
-    ]
-    done = invoke(
-        ["replay", *logs, "--config", str(path), "--goal=152.42,-39.66,0", "--planner", "mission"]
-    )
+    files = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc -o {tmp_path}/out.mcap"
+    done = invoke(f"replay {files} --config {path} --goal=152.42,-39.66,0 --planner mission")
     assert "[planner] depth is 900 m" in str(done.exception)
 
 
@@ -352,15 +334,8 @@ def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_
     start = f"--start={last.start_longitude},{last.start_latitude},{last.start_depth}"
     goal = f"--goal={GOAL.longitude},{GOAL.latitude},{GOAL.depth}"
     began = f"{plans.index[-1].isoformat()}Z"
-    settings = (
-        "--start-time",
-        began,
-        "--speed=0.3",
-        "--depth=300",
-        "--surface-time=240",
-        "--tolerance=100",
-    )
-    done = succeed(["plan", str(out), start, goal, *settings, "--json", "-"])
+    dives = "--speed=0.3 --depth=300 --surface-time=240 --tolerance=100"
+    done = succeed(f"plan {out} {start} {goal} --start-time {began} {dives} --json -")
     said = json.loads(done.stdout)
     samples = said["samples"]
     stated = [samples[name] for name in ("count", "reached", "reached_held", "safe")]

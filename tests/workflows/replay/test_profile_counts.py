@@ -13,35 +13,21 @@ PROFILES = synthetic.random_profiles(synthetic.ensemble(n_members=2).grid, 5)
 
 
 def test_a_group_counts_as_its_profiles_do():
-    rng, one_by_one, total, dive_innovations, members = (
-        np.random.default_rng(0),
-        Sums(bins=3),
-        Sums(bins=3),
-        [],
-        [],
-    )
+    rng, names = np.random.default_rng(0), ("innovation", "residual", "prior_innovation")
+    one_by_one, dive_innovations, members = Sums(bins=3), [], []
     for profile in PROFILES:
         shape = (profile.depth.size, 2)
-        values = {
-            name: rng.standard_normal(shape)
-            for name in ("innovation", "residual", "prior_innovation")
-        }
+        values = {name: rng.standard_normal(shape) for name in names}
         blank = unused_innovation(profile, profile.flags, profile.reasons)
-        members.append(
-            replace(
-                blank, nis=float(rng.random()), dof=2 * profile.depth.size, accepted=True, **values
-            )
-        )
+        told = {"nis": float(rng.random()), "dof": 2 * profile.depth.size, "accepted": True}
+        members.append(replace(blank, **told, **values))
         dive_innovations.append(rng.standard_normal(shape))
         one_by_one = one_by_one.with_profile(members[-1], dive_innovations[-1])
-    squares = [
-        float(sum(np.sum(getattr(each, name) ** 2) for each in members))
-        for name in ("innovation", "residual", "prior_innovation")
-    ]
+    squares = [float(sum(np.sum(getattr(each, name) ** 2) for each in members)) for name in names]
     totals = GroupTotals(sum(profile.depth.size for profile in PROFILES), *squares)
     nis, dof = sum(each.nis for each in members), sum(each.dof for each in members)
     group = replace(members[0], nis=nis, dof=dof, profiles=len(members), totals=totals)
-    total = total.with_profile(group, np.concatenate(dive_innovations))
+    total = Sums(bins=3).with_profile(group, np.concatenate(dive_innovations))
     np.testing.assert_allclose(astuple(total), astuple(one_by_one), rtol=1e-12)
     assert total.profiles == 5
     assert total.rms(total.before) == np.sqrt(total.before / dof)

@@ -33,22 +33,15 @@ def folder(tmp_path_factory) -> Path:
     return folder
 
 
-def run(*arguments) -> int:
-    return invoke(["replay", *map(str, arguments)]).exit_code
+def run(folder: Path, arguments: str) -> int:
+    return invoke(f"replay {folder}/glider.mcap {arguments}").exit_code
 
 
 @pytest.mark.full
 def test_the_referee_compares_what_each_forecast_made_of_the_same_dives(folder):
     out, table = folder / "out.mcap", folder / "out.json"
-    given = [
-        "--ensemble",
-        folder / "ensemble.nc",
-        "--against",
-        folder / "fewer.nc",
-        "--without",
-        "dives:1",
-    ]
-    assert run(folder / "glider.mcap", *given, "-o", out, "--json", table) == 0
+    given, against = f"--ensemble {folder}/ensemble.nc --without dives:1", folder / "fewer.nc"
+    assert run(folder, f"{given} --against {against} -o {out} --json {table}") == 0
     answer = json.loads(table.read_text())
     (against,) = answer["referee"]["against"]
     assert (answer["referee"]["ensemble"], against["ensemble"]) == ("ensemble.nc", "fewer.nc")
@@ -63,36 +56,14 @@ def test_the_referee_compares_what_each_forecast_made_of_the_same_dives(folder):
         if "left out" in reason
     )
     alone = folder / "alone.json"
-    assert (
-        run(
-            folder / "glider.mcap",
-            *given[:2],
-            *given[4:],
-            "-o",
-            folder / "alone.mcap",
-            "--json",
-            alone,
-        )
-        == 0
-    )
+    assert run(folder, f"{given} -o {folder}/alone.mcap --json {alone}") == 0
     assert json.loads(alone.read_text())["evidence"] == answer["evidence"]
     assert verify(out, [folder], planner_of).same
 
 
 def test_a_rule_that_leaves_nothing_out_has_no_result(folder):
     out = folder / "none.mcap"
-    assert (
-        run(
-            folder / "glider.mcap",
-            "--ensemble",
-            folder / "fewer.nc",
-            "--without",
-            "dives:400",
-            "-o",
-            out,
-        )
-        == 3
-    )
+    assert run(folder, f"--ensemble {folder}/fewer.nc --without dives:400 -o {out}") == 3
     assert not out.exists()
 
 

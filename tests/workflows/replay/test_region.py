@@ -131,15 +131,6 @@ def test_all_is_recorded_as_the_earth():
     assert load_config(None, {"forecast": {"region": ["all"]}}).forecast.region == EVERYWHERE
 
 
-def test_a_log_of_another_place_is_refused_before_anything_is_read(strip, tmp_path):
-    elsewhere = written(tmp_path / "elsewhere.mcap", [fix(k, 20.0 + k, -40.0) for k in range(3)])
-    with pytest.raises(
-        ForecastError,
-        match=r"no position of the log lies there: they lie in 20\.\.22 E, -40\.\.-40 N",
-    ):
-        forecasts_of(ReplayJob((elsewhere,), strip / "ensemble.nc"), CONFIG)
-
-
 @pytest.mark.parametrize(
     ("settings", "words"),
     [

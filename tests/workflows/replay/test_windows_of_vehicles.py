@@ -134,7 +134,8 @@ def test_following_logs_of_which_one_is_late_ends_with_the_bytes_of_one_replay(b
     options = FollowOptions(tmp_path / "states", tmp_path / "s.html", 0.1, 0.0, tell=lambda _: None)
     assert list(follow(job, settings, planner_of, options).vehicles) == ["a", "c"]
     shutil.copy(basin / "b.mcap", folders["b"])
-    follow(job, settings, planner_of, options)
+    assert list(follow(job, settings, planner_of, options).vehicles) == list(TRACKS)
+    assert "s.b.html" in options.status.read_text()
     first = forecasts_of(job_of(basin, names="ac"), SETTINGS).region
     replay(job_of(basin, tmp_path / "at_once.mcap", region=first), settings)
     assert contents(tmp_path / "out.mcap") == contents(tmp_path / "at_once.mcap")

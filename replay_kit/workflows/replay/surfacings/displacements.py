@@ -20,14 +20,19 @@ from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Measurement, Observation, VehicleState
 from replay_kit.core.surfacing import Basis, DiveForecast, DiveOutcome, forecast_place
-from replay_kit.estimator.next_dive.filter import FIXES_STD, DiveMean, DiveModel, DiveState
-from replay_kit.estimator.next_dive.mixtures import Persistence
+from replay_kit.estimator.next_dive.mixture import Persistence
+from replay_kit.estimator.next_dive.process import (
+    FIXES_STD,
+    DiveMean,
+    MeanCurrentProcess,
+    ProcessState,
+)
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.measurements.vehicle.dead_reckoning import Path, at_depth, begin, extend, path_mean
 from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.surfacings.outcomes import Before
 
-_MODEL = DiveModel.over_ground(1)
+_PROCESS = MeanCurrentProcess(n_backgrounds=1)
 #: Returns the estimate for a time [ns, UTC].
 FlowAt = Callable[[int], FlowEstimate]
 
@@ -89,7 +94,7 @@ class GroundState:
         concluded: Outcome of the last dive, until the next one begins.
     """
 
-    model: DiveState | None = None
+    model: ProcessState | None = None
     persistence: Persistence = field(default_factory=Persistence)
     detection: SurfacingState = field(default_factory=SurfacingState)
     latest: VehicleState | None = None
@@ -103,7 +108,7 @@ class GroundState:
     def before(self) -> Before:
         """What is known before the next dive."""
         return Before(
-            _MODEL, _MODEL.initial() if self.model is None else self.model, self.persistence
+            _PROCESS, _PROCESS.initial() if self.model is None else self.model, self.persistence
         )
 
 
@@ -174,7 +179,6 @@ def concluded(state: GroundState) -> GroundState:
         time_ns=(start.time_ns + fix.time_ns) // 2,
         seconds=seconds,
         way=np.zeros(2),
-        surface_share=0.0,
         velocity=velocity,
         backgrounds=current[None],
         position_std=FIXES_STD,

@@ -20,8 +20,8 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.as_flown import FlightCorrection
 from replay_kit.core.observation import Observation, PathMean
-from replay_kit.estimator.next_dive.filter import DiveMean
 from replay_kit.estimator.next_dive.flight import FlightBias
+from replay_kit.estimator.next_dive.process import DiveMean
 from replay_kit.measurements.events import Event
 from replay_kit.workflows.replay.surfacings.forecasts import ForecastState, dive_mean, with_profile
 

@@ -13,14 +13,14 @@ import numpy as np
 from replay_kit.core.arrays import Array, replace
 from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation, PathMean, VehicleState, usable
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome
-from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH, DiveMean, DiveState
-from replay_kit.estimator.next_dive.flight import local_step
-from replay_kit.estimator.next_dive.mixtures import Persistence
-from replay_kit.estimator.next_dive.process import MeanCurrentProcess, ProcessState
+from replay_kit.estimator.next_dive.local import local_step
+from replay_kit.estimator.next_dive.mixture import Persistence
+from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessState
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 from replay_kit.workflows.replay.surfacings.displacements import (
@@ -36,7 +36,7 @@ from replay_kit.workflows.replay.surfacings.outcomes import Before
 # The ensemble alone, and the estimate before the dive.
 _BACKGROUNDS = 2
 _UNKNOWN = np.full((_BACKGROUNDS, 2), np.nan)
-_MODEL = MeanCurrentProcess.default(_BACKGROUNDS)
+_PROCESS = MeanCurrentProcess(n_backgrounds=_BACKGROUNDS)
 # m; cells in which a dive's profiles are averaged
 _CELL = 10.0
 
@@ -64,7 +64,7 @@ class ForecastState:
     last: DiveMean | None = None
     ground: GroundState = field(default_factory=GroundState)
     outcomes: tuple[DiveOutcome, ...] = ()
-    local: DiveState | None = None
+    local: LocalCurrent | None = None
     dives: tuple[FlownDive, ...] = ()
 
     @property
@@ -155,8 +155,8 @@ def forecast_mean(
     if mean.kind != "dac" or mean.fixes is None:
         return state, ()
     dive = dive_mean(state, mean, _UNKNOWN if backgrounds is None else backgrounds)
-    before = _MODEL.initial() if state.model is None else state.model
-    of_dives = Before(_MODEL, before, state.persistence)
+    before = _PROCESS.initial() if state.model is None else state.model
+    of_dives = Before(_PROCESS, before, state.persistence)
     outcome, model = of_dives.outcome(dive, mean.fixes, mean.dive)
     # dives without a mean current are known less well
     known = replace(state, dives=()) if state.model is None else state
@@ -195,7 +195,7 @@ def next_surfacing(
         backgrounds=_UNKNOWN,
         inverted=None,
     )
-    return Before(_MODEL, state.model, state.persistence).forecast(
+    return Before(_PROCESS, state.model, state.persistence).forecast(
         coming, fix, state.outcomes[-1].forecast.dive + 1
     )
 
@@ -214,7 +214,6 @@ def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveM
         time_ns=(start.time_ns + end.time_ns) // 2,
         seconds=seconds,
         way=way,
-        surface_share=float(mean.weight @ np.exp(-mean.depth / SURFACE_DEPTH)),
         velocity=velocity,
         inverted=_along(state.sums, mean) if state.dive == mean.dive else None,
         backgrounds=backgrounds,

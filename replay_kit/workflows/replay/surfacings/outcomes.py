@@ -1,7 +1,6 @@
 """An expected surfacing from what a model of dives says of the next one, and its score when the fix has come."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -14,8 +13,8 @@ from replay_kit.core.surfacing import (
     ellipse_of,
     forecast_place,
 )
-from replay_kit.estimator.next_dive.filter import DiveMean
-from replay_kit.estimator.next_dive.mixtures import Mixture, Persistence
+from replay_kit.estimator.next_dive.mixture import Mixture, Persistence
+from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,14 +22,13 @@ class Before:
     """What is known before a dive.
 
     Attributes:
-        model: Of the dives: a ``DiveModel``, or the ``MeanCurrentProcess``.
+        model: Of the dives.
         state: Of the model, after the dives so far.
         persistence: The baseline.
     """
 
-    # Any: each of both has states of its own
-    model: Any
-    state: Any
+    model: MeanCurrentProcess
+    state: ProcessState
     persistence: Persistence
 
     def forecast(
@@ -69,7 +67,7 @@ class Before:
 
     def outcome(
         self, dive: DiveMean, fixes: tuple[Fix, Fix], number: int, basis: Basis = "mean_currents"
-    ) -> tuple[DiveOutcome, Any]:
+    ) -> tuple[DiveOutcome, ProcessState]:
         """Return where a dive was expected to end and how good that was, and the model's state after it.
 
         Args:
@@ -79,8 +77,7 @@ class Before:
             basis: What it was expected from.
         """
         start, end = fixes
-        seen = self.model.seen(self.state, dive)
-        expected = self.model.mixture(seen)
+        expected = self.model.forecast(self.state, dive)
         last = self.persistence.velocity
         off = np.nan if last is None else float(np.hypot(*(dive.velocity - last)))
         outcome = DiveOutcome(
@@ -90,4 +87,4 @@ class Before:
             persistent_log_score=self.persistence.log_density(dive.velocity),
             persistent_distance=off * dive.seconds,
         )
-        return outcome, self.model.after(seen)
+        return outcome, self.model.step(self.state, dive)
