@@ -152,20 +152,6 @@ def _interval(gains: Sequence[float]) -> tuple[float, float]:
     )
 
 
-def normalised_square(innovation: Array, cov: Array) -> tuple[float, float]:
-    """Return e' S^-1 e and half the log-determinant of S, from one Cholesky factor.
-
-    Args:
-        innovation: shape (m,), e.
-        cov: shape (m, m), S.
-    """
-    from scipy.linalg import solve_triangular
-
-    lower = np.linalg.cholesky(cov)
-    whitened = solve_triangular(lower, innovation, lower=True)
-    return float(whitened @ whitened), float(np.log(np.diag(lower)).sum())
-
-
 def coverage(error: Array, std: Array, share: float, scatter: Array | None = None) -> float:
     """Return the share of errors inside the central interval that has a probability of ``share``.
 

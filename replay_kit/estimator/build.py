@@ -80,7 +80,7 @@ def build(
         averages = config.mean_variance is None
         few = members.leading()
         evidence = Evidence(parts, few, settings, config.dropped_std, made, averages)
-    relative = 1.0 if basis.error_field is None else basis.error_field.relative
+    relative = 1.0 if basis.relative_error is None else basis.relative_error
     representation = basis.representation_std(config)[:, None] * relative
     return ReducedBasisEstimator(
         Observer(

@@ -31,8 +31,7 @@ from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed, embedding
 from replay_kit.estimator.basis.shifts import (
     SHIFT_WEIGHTS,
-    ErrorField,
-    error_field,
+    relative_error,
     shifted_copies,
     shifted_residual,
 )
@@ -73,7 +72,7 @@ class Basis:
         member_weights: shape (E, Z, r).
         mean_weights: shape (Z, r), of the ensemble mean, as far as the modes span it; None where its amplitude is certain.
         truncation_std: shape (Z,) [m/s], RMS over the nodes of what the basis leaves of currents like the members.
-        error_field: How that varies over the nodes; None where it is the same everywhere, or stated.
+        relative_error: shape (Z, N), that at each node over its RMS at the level; None where it is the same everywhere, or stated.
         potential: shape (M, Z), latent values whose gradient is what the basis loses of the ensemble mean: no flow of it diverges; None
             where that counts for nothing.
     """
@@ -87,15 +86,8 @@ class Basis:
     member_weights: Array
     truncation_std: Array
     mean_weights: Array | None = None
-    error_field: ErrorField | None = None
+    relative_error: Array | None = None
     potential: Array | None = None
-
-    @property
-    def member_anomalies(self) -> Array:
-        """The members' weights less their mean, shape (E, Z, r); of a basis without members as many."""
-        if not len(self.member_weights):
-            return self.member_weights
-        return np.asarray(self.member_weights - self.member_weights.mean(axis=0))
 
     @property
     def n_modes(self) -> int:
@@ -105,18 +97,6 @@ class Basis:
     def depth_weights(self, depth: Array) -> Array:
         """Return the weights of the levels at depths [m], shape (n, Z)."""
         return depth_weights(self.depth_functions, depth, self.grid.levels)
-
-    def at_place(self, place: Array) -> tuple[Array, Array]:
-        """Return the velocity [m/s] at a place of the offset at each level, shape (2, Z), and of each mode, shape (2, r).
-
-        Args:
-            place: shape (2,) [m], local east and north.
-        """
-        offset, modes = (
-            self.horizontal.velocity(place[None], latent)[:, 0]
-            for latent in (self.offset, self.modes)
-        )
-        return offset, modes
 
     def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array:
         """Return a velocity minus its least-squares fit by the basis, shape (P, 2) [m/s].
@@ -136,17 +116,6 @@ class Basis:
             modes = self.horizontal.velocity(points[here], self.modes).reshape(-1, self.n_modes)
             out[here] = fit_residual(modes, velocity[here].T.ravel() - offset).reshape(2, -1).T
         return out
-
-    def local_error(self, places: Array, error_std: Array) -> Array:
-        """Return the representation error at places by level, shape (P, Z) [m/s].
-
-        Args:
-            places: shape (P, 2) [m], local east and north.
-            error_std: shape (Z,) [m/s], its root mean square over the nodes.
-        """
-        if self.error_field is None:
-            return np.broadcast_to(error_std, (len(places), error_std.size))
-        return np.asarray(error_std * self.error_field.at(places))
 
     def representation_std(self, config: EstimatorConfig) -> Array:
         """Return the representation error by level, shape (Z,) [m/s]: the configured one, else that of the truncation."""
@@ -331,7 +300,7 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
         weights,
         np.sqrt(np.mean(error**2, axis=1)),
         found.products[-n_levels:] / mean_scale if mean_scale else None,
-        error_field(error, nodes) if config.representation_error_std is None else None,
+        relative_error(error) if config.representation_error_std is None else None,
         potential,
     )
 

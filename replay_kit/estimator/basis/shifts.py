@@ -12,7 +12,6 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Ensemble
@@ -110,39 +109,10 @@ def shift_sources(nodes: Array, shift: float) -> NDArray[np.intp]:
 _MEMBERS, _LEVELS = 12, 8
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ErrorField:
-    """How the representation error varies over a region.
-
-    Attributes:
-        relative: shape (Z, N), the error at each node over its root mean square at the level.
-        nodes: shape (N, 2) [m].
-    """
-
-    relative: Array
-    nodes: Array
-
-    def at(self, places: Array) -> Array:
-        """Return the error over the level's root mean square at places, that of the nearest node: shape (P, Z).
-
-        Args:
-            places: shape (P, 2) [m], local east and north.
-        """
-        nearest = cdist(places, self.nodes, "sqeuclidean").argmin(axis=1)
-        return np.asarray(self.relative[:, nearest].T)
-
-
-def error_field(error_std: Array, nodes: Array) -> ErrorField:
-    """Return how an error varies over the nodes.
-
-    Args:
-        error_std: shape (Z, N) [m/s].
-        nodes: shape (N, 2) [m].
-    """
+def relative_error(error_std: Array) -> Array:
+    """Return an error at each node over its root mean square at the level, shape (Z, N); ``error_std`` alike [m/s]."""
     level = np.sqrt(np.mean(error_std**2, axis=1, keepdims=True))
-    return ErrorField(
-        np.divide(error_std, level, out=np.ones_like(error_std), where=level > 0.0), nodes
-    )
+    return np.divide(error_std, level, out=np.ones_like(error_std), where=level > 0.0)
 
 
 def shifted_residual(ensemble: Ensemble, mean: Array, velocity_modes: Array, shift: float) -> Array:

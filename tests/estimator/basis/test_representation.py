@@ -1,11 +1,13 @@
 """The representation error: of shifted copies, node by node, and where it is used."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build
-from replay_kit.estimator.basis.shifts import error_field, shifted_residual
+from replay_kit.estimator.basis.shifts import relative_error, shifted_residual
 from replay_kit.estimator.basis.slices import correlation_length, ensemble_slices
 from tests import synthetic
 
@@ -19,9 +21,8 @@ def slow_residual(fields, modes, nodes, shift):
     for field in fields:
         for step in ([shift, 0.0], [-shift, 0.0], [0.0, shift], [0.0, -shift]):
             nearest = [int(np.argmin(np.hypot(*(nodes - (node + step)).T))) for node in nodes]
-            copy = np.concatenate(
-                [field[:, : len(nodes)][:, nearest], field[:, len(nodes) :][:, nearest]], axis=1
-            )
+            halves = np.split(field, 2, axis=1)
+            copy = np.concatenate([half[:, nearest] for half in halves], axis=1)
             left = copy.T - modes @ np.linalg.lstsq(modes, copy.T, rcond=None)[0]
             square, copies = square + left.T**2, copies + 1
     return np.sqrt(0.5 * (square[:, : len(nodes)] + square[:, len(nodes) :]) / copies)
@@ -34,13 +35,10 @@ def test_it_is_what_least_squares_leaves_of_shifted_copies():
     np.testing.assert_allclose(found, slow_residual(slices - mean, modes, NODES, 1.2e4), rtol=1e-9)
 
 
-def test_the_nearest_node_s_error_counts_with_the_level_s_size():
+def test_a_node_s_error_counts_with_the_level_s_size():
     std = np.abs(np.random.default_rng(1).standard_normal((3, len(NODES)))) + 0.01
-    field = error_field(std, NODES)
-    np.testing.assert_allclose(
-        field.at(NODES + 10.0).T * np.sqrt(np.mean(std**2, axis=1))[:, None], std
-    )
-    np.testing.assert_array_equal(error_field(np.zeros((3, len(NODES))), NODES).at(NODES[:2]), 1.0)
+    np.testing.assert_allclose(relative_error(std) * np.sqrt(np.mean(std**2, axis=1))[:, None], std)
+    np.testing.assert_array_equal(relative_error(np.zeros((3, len(NODES)))), 1.0)
 
 
 @pytest.mark.parametrize("stated", [None, 0.07])
@@ -51,5 +49,10 @@ def test_an_estimate_errs_by_what_the_basis_leaves_at_each_place(stated):
     modes = basis.horizontal.velocity(NODES, basis.modes).reshape(2 * len(NODES), -1)
     mean = ensemble_slices(SMALL).mean(axis=0)
     expected = shifted_residual(SMALL, mean, modes, correlation_length(SMALL))
-    error = estimator.flow(estimator.initial()).unknowns.error
+    flow = estimator.flow(estimator.initial())
+    error = flow.unknowns.error
+    # nothing else is uncertain: beside a node the error is that of the nearest one
+    sure = replace(flow, unknowns=replace(flow.unknowns, p=0.0 * flow.unknowns.p))
+    found = sure.standard_error(*(0.999 * NODES).T, flow.levels[:, None])
+    np.testing.assert_allclose(found, np.stack([error, error], axis=2))
     np.testing.assert_allclose(error, expected if stated is None else stated, rtol=1e-9)
