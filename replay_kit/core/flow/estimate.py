@@ -282,11 +282,7 @@ class FlowEstimate:
 
     def by_level(self, places: Array) -> Array:
         """Return the velocity at the levels over places, shape (2, P, Z) [m/s], local axes; ``places`` of shape (P, 2) [m]."""
-        if self.potential is None:
-            return self.horizontal.velocity(places, self.latent)
-        both = self.horizontal.velocity(places, np.hstack([self.latent, self.potential]))
-        flow, turned = np.split(both, [self.latent.shape[1]], axis=2)
-        return flow + gradient(turned)
+        return with_potential(self.horizontal, places, self.latent, self.potential)
 
     def standard_error(
         self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
@@ -582,6 +578,24 @@ class FlowEstimate:
         from replay_kit.core.flow.file import save
 
         save(self, as_path(path, "estimate"))
+
+
+def with_potential(
+    horizontal: HorizontalFunctions, places: Array, latent: Array, potential: Array | None
+) -> Array:
+    """Return the velocity of latent values and of the part with divergence beside it, shape (2, P, n) [m/s], local axes.
+
+    Args:
+        horizontal: The horizontal functions; M of them.
+        places: shape (P, 2) [m].
+        latent: shape (M, n).
+        potential: shape (M, n), or (M, 1) for all; None without one.
+    """
+    if potential is None:
+        return horizontal.velocity(places, latent)
+    both = horizontal.velocity(places, np.hstack([latent, potential]))
+    flow, turned = np.split(both, [latent.shape[1]], axis=2)
+    return flow + gradient(turned)
 
 
 def gradient(turned: Array) -> Array:

@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import gradient, nearest_node
+from replay_kit.core.flow.estimate import nearest_node, with_potential
 from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
@@ -70,9 +70,8 @@ def hand_over(
     lost = change - kept
     # what is lost is as smooth as the combinations, not white from point to point: all of it lies in as many unknowns as there are of them
     missed = np.sum(lost**2, axis=0) / across.shape[1]
-    unheld = np.mean(
-        after.observer.error(begun.scale)[:, nearest_node(after.grid, points)] ** 2, axis=1
-    )
+    nearest = nearest_node(after.grid, points)
+    unheld = np.mean(after.observer.error(begun.scale, nearest) ** 2, axis=1)
     error = np.repeat(vertical**2 @ (unheld + missed), across.shape[1])
     lower = np.linalg.cholesky(np.diag((1.0 - share) / share) + (directions * error) @ directions.T)
     known = [
@@ -120,9 +119,8 @@ def overlap(one: Grid, other: Grid) -> Array:
 def _velocities(observer: Observer, points: Array) -> tuple[Array, Array]:
     """Return the velocities at points of the modes, shape (2P, r), and of the flow without weights, shape (2P, Z)."""
     basis = observer.basis
-    modes, offset = (basis.horizontal.velocity(points, v) for v in (basis.modes, basis.offset))
-    if observer.potential is not None:
-        offset = offset + gradient(basis.horizontal.velocity(points, observer.potential))
+    modes = basis.horizontal.velocity(points, basis.modes)
+    offset = with_potential(basis.horizontal, points, basis.offset, observer.potential)
     return modes.reshape(2 * len(points), -1), offset.reshape(2 * len(points), -1)
 
 

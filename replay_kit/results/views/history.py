@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import FlowEstimate, gradient
+from replay_kit.core.flow.estimate import FlowEstimate, with_potential
 from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
@@ -198,14 +198,12 @@ def mean_to_depth(slices: CurrentSlices, history: EstimateHistory, depth: float)
             return np.asarray(mean)
         means.append(flow.latent @ weights)
     latent = np.column_stack(means)
+    potential = None if last.potential is None else (last.potential @ weights)[:, None]
     points = np.column_stack([axis[deep] for axis in np.meshgrid(slices.east, slices.north)])
     for first in range(0, len(points), _CHUNK):
         part = tuple(each[first : first + _CHUNK] for each in np.nonzero(deep))
         places = points[first : first + _CHUNK]
-        velocity = last.horizontal.velocity(places, latent)
-        if last.potential is not None:
-            turned = last.horizontal.velocity(places, (last.potential @ weights)[:, None])
-            velocity = velocity + gradient(turned)
+        velocity = with_potential(last.horizontal, places, latent, potential)
         mean[:, :2, part[0], part[1]] = np.moveaxis(velocity, 2, 0)
     return np.asarray(mean)
 
