@@ -1,0 +1,91 @@
+"""What a block of messages measured, in columns a kind: what passes from measurements to checks and to the estimator.
+
+A row of a kind is one event. Rows do not depend on how the stream is cut into blocks: a ping that waits for a position is a row of the
+block in which that position comes.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.observation import LinearMeasurement, Reason
+from replay_kit.core.table import Columns, Integers
+
+#: Kinds of events, as in ``Block.events``.
+POSITION, PING, MEAN, LINEAR = range(4)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Test:
+    """The result of one quality test of the pings of a block.
+
+    Attributes:
+        name: As in the settings.
+        reason: What a bin is marked with that it finds suspect or fails.
+        flags: shape (n, m) int8, QARTOD flags; ``Flag.NOT_EVALUATED`` where it could not be made.
+        why_not: shape (n,), why it could not be made of a ping, in words; empty where it was.
+    """
+
+    name: str
+    reason: Reason
+    flags: NDArray[np.int8]
+    why_not: NDArray[np.object_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Events of a block of messages, in columns.
+
+    All kinds but ``linear`` have the columns ``time`` [ns, UTC], ``dive`` (0 before the first), and of the message that an event came from
+    ``input`` (number of the log), ``topic`` (number in ``topics``), ``ordinal`` (in the log) and ``order`` (place in the stream); times,
+    numbers and orders are int64. What is not known is NaN. Further columns, with shapes after (n,):
+
+    * position, one row a position: longitude, latitude [degrees], depth (of the vehicle, by this or the last message that states one) [m],
+      dead_reckoned, submerged (bool).
+    * ping, one row a profile of m bins; of pings with fewer, the bins from ``bins`` on are NaN with ``Flag.MISSING`` and no reason:
+      longitude, latitude [degrees]; position_std [m], 0 near a position;
+      bins (int64), how many; depth (m) [m], positive down; velocity (m, 2) [m/s], true east and north; error_std (m) [m/s];
+      flags (m) int8, reasons (m) int32, as ``Flag`` and ``Reason``;
+      common_std [m/s], error that all bins share, inf where the velocity is relative to the platform (``Observation.reference``);
+      correlation_depth [m]; platform (2) [m/s], true east and north, what was added to the velocities, NaN where that is not known;
+      transducer_depth [m]; distance (m) [m], vertical, from the transducer; up (bool), whether the instrument looks up;
+      vehicle_depth [m], by messages before; pressure_depth [m], of the transducer by the ping's own pressure; heading [degrees];
+      error_velocity [m/s], mean over solved beams; raw (m, k) [m/s], velocities before any rotation; components (int64), how many of k
+      there are; along_beams (bool), whether ``raw`` is along beams; messages (int64), of how many the ping was made.
+    * mean, one row a mean current along a path of p points; of shorter paths the points from ``points`` on have weight 0:
+      velocity (2) [m/s], true east and north; error_std [m/s]; points (int64); path_time (p) [ns], path_longitude, path_latitude (p)
+      [degrees], path_depth (p) [m], weight (p), shares of the time, sum 1; start_time, end_time [ns], start, end (2), longitude and
+      latitude of the fixes; deepest [m]; reckoned (2) [m/s], by dead reckoning; beside_profiles (bool); source_time [ns].
+
+    Attributes:
+        events: shape (N, 3) int64, in order: place in the stream of the message that completes the event, its kind, its row.
+        position: Positions.
+        ping: Profiles.
+        mean: Mean currents along paths.
+        linear: Measurements of other sources: geostrophic shear, radars, drifters, sensors.
+        topics: Names of topics.
+        outcomes: shape (M, 3) int64, in order, one row a message: place in the stream at which its use was decided, number of its topic,
+            number of the reason for which it is not used, or -1 for one that is.
+        reasons: Why messages are not used, in words.
+        tests: Results of the quality tests of ``ping``.
+    """
+
+    events: Integers
+    position: Columns
+    ping: Columns
+    mean: Columns
+    linear: Sequence[LinearMeasurement]
+    topics: Sequence[str]
+    outcomes: Integers
+    reasons: Sequence[str]
+    tests: Sequence[Test] = ()
+
+    def counts(self) -> Mapping[tuple[str, str], int]:
+        """Return the number of messages by topic and reason, the empty reason for those that are used."""
+        pairs, numbers = np.unique(self.outcomes[:, 1:], axis=0, return_counts=True)
+        return {
+            (self.topics[topic], self.reasons[reason] if reason >= 0 else ""): int(number)
+            for (topic, reason), number in zip(pairs.tolist(), numbers.tolist(), strict=True)
+        }
