@@ -5,7 +5,7 @@ are not true east and north: the angle between them is the meridian convergence,
 """
 
 from functools import lru_cache
-from math import atan, cos, radians, sin, tan
+from math import atan, cos, radians, sin, sqrt, tan
 from typing import Any
 
 import numpy as np
@@ -237,3 +237,11 @@ def outline(grid: Grid) -> Array:
     """Return the grid points around the grid, shape (n, 2) [m], local east and north, the first not repeated."""
     points = np.stack([grid.east, grid.north], axis=-1)
     return np.concatenate([points[0, :-1], points[:-1, -1], points[-1, :0:-1], points[:0:-1, 0]])
+
+
+def metres_per_degree(latitude: float) -> tuple[float, float]:
+    """Return the lengths of a degree of longitude and of latitude on WGS84 [m] at a latitude [degrees north]: exact for short ways."""
+    squared = 1.0 - _ELLIPSOID.es * sin(radians(latitude)) ** 2
+    across = _ELLIPSOID.a / sqrt(squared)
+    along = across * (1.0 - _ELLIPSOID.es) / squared
+    return radians(across) * cos(radians(latitude)), radians(along)

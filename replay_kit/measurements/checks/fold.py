@@ -1,0 +1,114 @@
+"""What every check is made of: rows of a block, what is remembered between blocks, and the first row at which a criterion holds.
+
+A check is a fold: from what it remembers, arrays by name, and the rows of a block, to what it remembers after them and what it found. A
+criterion is evaluated at every row, by sums and windows that go on from what was remembered, so that neither a finding nor a mark depends
+on where a log is cut into blocks.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.block import Block
+from replay_kit.core.errors import Finding
+
+#: What a check remembers: arrays by name, whose shapes its docstring states.
+Memory = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A finding.
+
+    Attributes:
+        event: With which it was established: its place in ``Block.events``.
+        finding: The finding.
+        unless: Names of findings that explain it, or say more: after any of them it is none.
+        of_believed: Whether it is one only of an instrument whose profiles are used.
+    """
+
+    event: int
+    finding: Finding
+    unless: frozenset[str] = frozenset()
+    of_believed: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Rows of one kind, in the order of their events.
+
+    Attributes:
+        topic: Of the pings; empty of positions and means.
+        event: shape (n,), place of each in ``Block.events``.
+        row: shape (n,), place of each in the columns of its kind.
+        columns: As of ``Block``, of these rows.
+    """
+
+    topic: str
+    event: NDArray[np.int64]
+    row: NDArray[np.int64]
+    columns: Mapping[str, NDArray[Any]]
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.event)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a column."""
+        return self.columns[name]
+
+    def take(self, at: NDArray[Any] | slice) -> "Rows":
+        """Return some of the rows."""
+        columns = {name: values[at] for name, values in self.columns.items()}
+        return Rows(self.topic, self.event[at], self.row[at], columns)
+
+    def time(self, at: int) -> int:
+        """Return the time of a row [ns, UTC]."""
+        return int(self.columns["time"][at])
+
+
+def rows_of(block: Block, kind: int, events: slice = slice(None), topic: int | None = None) -> Rows:
+    """Return the rows of a kind among some events, or the pings of the topic of a number."""
+    columns = (block.position, block.ping, block.mean)[kind]
+    event = np.flatnonzero(block.events[events, 1] == kind) + (events.start or 0)
+    if topic is not None:
+        event = event[columns["topic"][block.events[event, 2]] == topic]
+    row = block.events[event, 2]
+    name = "" if topic is None else block.topics[topic]
+    return Rows(name, event, row, {key: values[row] for key, values in columns.items()})
+
+
+def carried(memory: Memory, name: str, new: NDArray[Any], most: int) -> NDArray[Any]:
+    """Return the rows that are remembered, ``most`` at most, and the new ones after them; only new ones where the shapes differ."""
+    old = memory.get(name)
+    if old is None or old.shape[1:] != new.shape[1:]:
+        return new
+    return np.concatenate([old[len(old) - min(most, len(old)) :], new])
+
+
+def first(holds: Iterable[Any]) -> int | None:
+    """Return the first row at which a criterion holds; None where it does at none."""
+    at = np.flatnonzero(holds)
+    return int(at[0]) if at.size else None
+
+
+def total(values: Array) -> Array:
+    """Return sums along the second axis, one value after the other: what is padded with zeros has the same sum to the last bit."""
+    return np.asarray(np.cumsum(values, axis=1)[:, -1])
+
+
+def upper_median(values: Array, known: NDArray[np.bool_]) -> Array:
+    """Return the upper median of the known values of each row, shape (n,); infinity of a row without any."""
+    ordered, number = np.sort(np.where(known, values, np.inf), axis=1), known.sum(axis=1)
+    return np.asarray(
+        ordered[np.arange(len(ordered)), np.minimum(number // 2, values.shape[1] - 1)]
+    )
+
+
+def mean_of(values: Array, known: NDArray[np.bool_]) -> Array:
+    """Return the mean of the known values of each row, shape (n,); 0 of a row without any."""
+    return np.asarray(total(np.where(known, values, 0.0)) / np.maximum(known.sum(axis=1), 1))

@@ -1,0 +1,371 @@
+"""The instrument's own depth and heading against the vehicle's: a wrong unit, a sensor that is stuck, a clock that is late.
+
+The instrument's depths p at the times t of its pings, and the vehicle's D, interpolated between its positions, are one depth but for a
+small offset. Each unit, p = s D(t), and each lag, p = D(t - lag), leaves residuals whose mean square Q, with a variance that is not
+known, gives the log-likelihood ratio
+
+    (n / 2) ln[(Q of equality + floor) / (Q of the hypothesis + floor)],
+
+n being half the number of pings, 32 at most, as neighbouring residuals are alike. About the turns of the vehicle, where the depth between
+two positions is not known, nothing is compared. A vehicle that dives alike again and again has many lags that fit: the least is given.
+
+A vehicle that moves heads along its course but for a constant turn. With headings h and courses c(t) between its positions, the mean of
+exp(i (h - c(t - lag))) has a length of 1 where the lag is right; what it lacks counts as the mean square of what a lag leaves. A vehicle
+that holds its course, or drifts, says nothing.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import Finding
+from replay_kit.core.geodesy import metres_per_degree
+from replay_kit.measurements.checks.fold import Memory, Rows
+from replay_kit.measurements.checks.likelihood import LEAST_GAIN
+
+DEPTHS = "depth of the instrument and depth of the vehicle"
+CLOCK = "clock of the instrument"
+# s between depths that are remembered, and their number: of the vehicle for a day, of the instrument for four hours at least.
+_SPACING, MOST_OF_VEHICLE, MOST_OF_PINGS = 60.0, 1500, 256
+# Pings before which nothing is said, and after how many more of the first ones it is asked again.
+_LEAST, _EVERY = 12, 8
+# m; changes of one depth that show that the vehicle dives, and those of a sensor that is stuck; error of two sound sensors.
+_DIVES, _STUCK, _ERROR = 20.0, 1.0, 0.5
+# s; positions farther apart say nothing of what is between them.
+_LONGEST = 1800.0
+# Factor by which a fault reduces the squares, pings that count at most, and by how many standard errors and seconds a lag differs from none.
+_RATIO, _COUNTED, _SIGMAS, _LEAST_LAG = 4.0, 32.0, 4.0, 10.0
+# s; lags that are tried, and those of which it is asked whether they would show.
+_LAGS = np.arange(-46_800.0, 46_801.0, _SPACING)
+_ASKED = _SPACING * 2.0 ** np.arange(10)
+# m/s of a vehicle whose heading is its course; mean square error of the two, of 10 degrees; share by which courses must differ.
+_MOVES, _HEADING_ERROR, _TURNS = 0.5, 0.03, 0.1
+# How many times as deep the instrument is as the vehicle, and the cause.
+_UNITS = (
+    (0.1, "the pressure of the pings is in bar, taken for dbar"),
+    (10.0, "the pressure of the pings is in kPa, taken for dbar"),
+    (3.28084, "the depth of the pings is in feet"),
+    (1.4504, "the pressure of the pings is in psi, taken for dbar"),
+    (0.3048, "the depth of the vehicle is in feet"),
+    (0.01, "the depth of the vehicle is in cm, or the pressure of the pings in units of 100 dbar"),
+)
+
+
+class Series(NamedTuple):
+    """Values some time apart.
+
+    Attributes:
+        time: shape (n,) [ns, UTC].
+        value: shape (n, c): a depth [m], and of a vehicle whether its position was dead-reckoned; a heading; longitude and latitude
+            [degrees].
+        event: shape (n,), place of each in ``Block.events``; -1 of those that are remembered.
+        number: How many there have been with each of them, shape (n,).
+    """
+
+    time: NDArray[np.int64]
+    value: Array
+    event: NDArray[np.int64]
+    number: NDArray[np.int64]
+
+    @property
+    def seconds(self) -> Array:
+        """Times since 1970, shape (n,) [s]."""
+        return self.time * 1e-9
+
+    def before(self, event: int, most: int) -> "Series":
+        """Return the latest values until an event."""
+        end = int(np.searchsorted(self.event, event, side="right"))
+        return Series(*(each[max(end - most, 0) : end] for each in self))
+
+    @property
+    def due(self) -> NDArray[np.intp]:
+        """The new values with which an instrument is to be judged: not every one."""
+        each = np.where(self.number <= 8 * _EVERY, _EVERY, 4 * _EVERY)
+        asked = (self.event >= 0) & (self.number >= _LEAST) & (self.number % each == 0)
+        return np.flatnonzero(asked)
+
+    def remembered(self, most: int) -> "dict[str, NDArray[Any]]":
+        """Return what is remembered of it: the latest values, and how many there have been."""
+        return {name: getattr(self, name)[-most:] for name in ("time", "value", "number")}
+
+
+def spaced(memory: Memory, rows: Rows, value: Array, changes: bool = False) -> Series:
+    """Return the remembered values and the new ones that are known and late enough after the last.
+
+    Args:
+        memory: As of ``Series.remembered``.
+        rows: The new ones.
+        value: shape (n, c), of these.
+        changes: Whether a change of the second value is late enough, too; else 60 s are.
+    """
+    known, chosen, apart = np.isfinite(value[:, 0]).tolist(), list[int](), int(_SPACING * 1e9)
+    times, old = memory.get("time", np.empty(0, np.int64)), memory.get("value", value[:0])
+    last_ns = int(times[-1]) if len(times) else None
+    state = old[-1, -1] if len(old) else math.nan
+    for i, (now, new) in enumerate(zip(rows["time"].tolist(), value[:, -1].tolist(), strict=True)):
+        if known[i] and (
+            last_ns is None
+            or now - last_ns >= apart
+            or (changes and now > last_ns and new != state)
+        ):
+            chosen.append(i)
+            last_ns, state = now, new
+    before = memory.get("number", np.empty(0, np.int64))
+    number = np.arange(1, len(chosen) + 1) + (before[-1] if len(before) else 0)
+    return Series(
+        np.concatenate([times, rows["time"][chosen]]),
+        np.concatenate([old, value[chosen]]),
+        np.concatenate([np.full(len(times), -1), rows.event[chosen]]),
+        np.concatenate([before, number]),
+    )
+
+
+def series(memory: Memory) -> Series:
+    """Return remembered values."""
+    return Series(
+        memory["time"], memory["value"], np.full(len(memory["time"]), -1), memory["number"]
+    )
+
+
+def can_compare(own: Series, vehicle: Series) -> bool:
+    """Return whether a log has both depths, and one of them changes by as much as a dive."""
+    if len(vehicle.time) < _LEAST or len(own.time) < _LEAST:
+        return False
+    return max(float(np.ptp(each.value[:, 0])) for each in (own, vehicle)) >= _DIVES
+
+
+def found_of_depths(own: Series, vehicle: Series, topic: str) -> Finding | None:
+    """Return what the instrument's depths and the vehicle's contradict each other in, if anything.
+
+    Args:
+        own: Of the instrument, by its pressure.
+        vehicle: Of the vehicle.
+        topic: Of the pings.
+    """
+    if not can_compare(own, vehicle):
+        return None
+    return _stuck(own, vehicle, topic) or _wrong(own, vehicle, topic)
+
+
+def _stuck(own: Series, vehicle: Series, topic: str) -> Finding | None:
+    """Return that one of the sensors is stuck while the other dives."""
+    t, p, times, depths = own.seconds, own.value[:, 0], vehicle.seconds, vehicle.value[:, 0]
+    known = (vehicle.value[:, 1] > 0.0) & (times >= t[0]) & (times <= t[-1])
+    for name, at, values, others_at, others in (
+        (f"the depth of the pings of {topic}", t, p, times[known], depths[known]),
+        ("the depth of the vehicle", times[known], depths[known], t, p),
+    ):
+        if len(values) < _LEAST:
+            continue
+        moved = np.flatnonzero(np.abs(values - values[-1]) > _STUCK)
+        begin = int(moved[-1]) + 1 if moved.size else 0
+        during = others[(others_at >= at[begin]) & (others_at <= at[-1])]
+        if len(values) - begin >= _LEAST and during.size > 1 and np.ptp(during) > _DIVES:
+            return Finding(
+                DEPTHS,
+                int(at[begin] * 1e9),
+                f"{name} stays at {values[-1]:.1f} m while the other one goes from {during.min():.0f} to {during.max():.0f} m",
+                "a pressure sensor that is stuck, or a logger that repeats its last depth",
+                "correct or leave out the depth that is stuck; profiles are placed by the pings' pressure where they have one",
+            )
+    return None
+
+
+def _wrong(own: Series, vehicle: Series, topic: str) -> Finding | None:
+    """Return that the instrument's depths are in another unit, or late, if that explains them much better than equality."""
+    t, p, times, depths = own.seconds, own.value[:, 0], vehicle.seconds, vehicle.value[:, 0]
+    none = _misfit(p, _depth_at(t, times, depths))
+    if none is None or none[0] < _RATIO * _ERROR**2 * none[1]:
+        return None
+    best = (0.0, math.nan, "", "")
+    for scale, cause in _UNITS:
+        # errors are those of the deeper of the two
+        unit = _misfit(p / max(scale, 1.0), _depth_at(t, times, depths) * min(scale, 1.0))
+        if unit is not None and (gain := _gain(none, unit, np.log(max(scale, 1.0)))) > best[0]:
+            words = f"{topic}: the pings are {scale:.3g} times as deep as the vehicle"
+            best = gain, unit[0], f"{words} ({none[1]:.0f} pings, likelihood ratio e^{gain:.0f})", cause  # fmt: skip
+    lag, late = _best_lag(t, p, times, depths)
+    if late is not None and (gain := _gain(none, late)) > best[0]:
+        best = gain, late[0], "", ""
+    gain, left, evidence, cause = best
+    if gain < LEAST_GAIN or none[0] < _RATIO * left:
+        return None
+    if cause:
+        advice = "correct the pressure of the pings, or the depth of the vehicle; profiles are placed by the pings' pressure"
+        return Finding(DEPTHS, int(t[-1] * 1e9), evidence, cause, advice)
+    assert late is not None, "nothing else has no cause"
+    return _late(f"{topic}: the depths of the pings", int(t[-1] * 1e9), lag, late[1], gain)
+
+
+def _late(what: str, time_ns: int, lag: float, pings: float, gain: float) -> Finding:
+    """Return the finding of an instrument whose depths or headings are those of the vehicle some time before.
+
+    Args:
+        what: Of the pings.
+        time_ns: Of the last one.
+        lag: By how much the clock is ahead [s].
+        pings: Their number.
+        gain: Log-likelihood ratio.
+    """
+    size = abs(lag)
+    apart = f"{size / 3600.0:.3g} h" if size >= 3600.0 else f"{size:.0f} s"
+    return Finding(
+        CLOCK,
+        time_ns,
+        f"{what} are those of the vehicle {apart} {'earlier' if lag > 0.0 else 'later'} ({pings:.0f} pings, likelihood ratio e^{gain:.0f}; "
+        "a vehicle that does alike again leaves other lags possible)",
+        f"the clock of the instrument is {apart} {'late' if lag < 0.0 else 'ahead'}, or that of the vehicle the other way",
+        "correct the clock of one log; --clock chooses among the times that a log states",
+    )
+
+
+def _depth_at(t: Array, times: Array, depths: Array) -> Array:
+    """Return the vehicle's depths at some times [m]; NaN beyond its positions, between those far apart, and about its turns."""
+    after = np.clip(np.searchsorted(times, t), 1, len(times) - 1)
+    rate = np.diff(depths) / np.maximum(np.diff(times), 1e-3)
+    leg = rate[after - 1]
+    others = rate[np.maximum(after - 2, 0)], rate[np.minimum(after, len(rate) - 1)]
+    turns = np.maximum(*(np.abs(leg - other) for other in others)) > 0.3 * np.abs(leg) + 0.01
+    far = times[after] - times[after - 1] > _LONGEST
+    outside = (t < times[0]) | (t > times[-1])
+    return np.where(turns | far | outside, np.nan, np.interp(t, times, depths))
+
+
+def _misfit(p: Array, d: Array) -> tuple[float, float] | None:
+    """Return the sum of squares of p - d less its median, and the number of depths compared; None with too few."""
+    left = (p - d)[np.isfinite(d)]
+    if left.size < _LEAST or np.ptp(d[np.isfinite(d)]) < 1.0:
+        return None
+    return float(np.sum((left - np.median(left)) ** 2)), float(left.size)
+
+
+def _gain(none: tuple[float, float], other: tuple[float, float], log_scale: float = 0.0) -> float:
+    """Return the log-likelihood ratio of misfits; the numbers of depths may differ."""
+    n = min(none[1], other[1], 2.0 * _COUNTED) / 2.0
+    ratio = (none[0] / none[1] + _ERROR**2) / (other[0] / other[1] + _ERROR**2)
+    return 0.5 * n * math.log(ratio) - n * log_scale
+
+
+def _best_lag(
+    t: Array, p: Array, times: Array, depths: Array
+) -> tuple[float, tuple[float, float] | None]:
+    """Return the least lag [s] that explains the depths about as well as any, and its misfit; None where none differs from zero."""
+    each = ((lag, _misfit(p, _depth_at(t - lag, times, depths))) for lag in _LAGS.tolist())
+    found = [(lag, *misfit) for lag, misfit in each if misfit and misfit[1] >= len(t) / 2.0]
+    if not found:
+        return 0.0, None
+    least = min(squares / number for _, squares, number in found)
+    # half of a step beside the best lag the depths differ by so much
+    rates = np.diff(depths) / np.maximum(np.diff(times), 1e-3)
+    most = 2.0 * least + 2.0 * float(np.mean((0.5 * _SPACING * rates) ** 2)) + _ERROR**2
+    lag = min((abs(lag), lag) for lag, squares, number in found if squares / number <= most)[1]
+    # between the lags tried the residuals are linear in the lag
+    known = math.inf
+    for _ in range(3):
+        step, known = _lag_step(t - lag, p, times, depths)
+        lag -= float(np.clip(step, -60.0, 60.0))
+    if abs(lag) < known:
+        return 0.0, None
+    return lag, _misfit(p, _depth_at(t - lag, times, depths))
+
+
+def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, float]:
+    """Return by how much the times are late by the depths' slopes, and the least lag that differs from none [s]: inf without slopes."""
+    d, later = _depth_at(t, times, depths), _depth_at(t + 1.0, times, depths)
+    known = np.isfinite(d) & np.isfinite(later)
+    slope, left = (later - d)[known], (p - d)[known]
+    if known.sum() < _LEAST:
+        return 0.0, math.inf
+    slope, left = slope - slope.mean(), left - left.mean()
+    if (squares := float(slope @ slope)) == 0.0:
+        return 0.0, math.inf
+    error = math.sqrt((float(left @ left) / left.size + _ERROR**2) / squares)
+    return float(slope @ left) / squares, max(_LEAST_LAG, _SIGMAS * error)
+
+
+def found_of_headings(own: Series, places: Series, topic: str) -> Finding | None:
+    """Return that the instrument's clock is late, if that explains its headings much better than none.
+
+    Args:
+        own: Headings of the instrument.
+        places: Of the vehicle.
+        topic: Of the pings.
+    """
+    if len(places.time) < _LEAST or len(own.time) < _LEAST:
+        return None
+    t, heading = own.seconds, np.exp(1j * np.radians(own.value[:, 0]))
+    courses = _courses(places)
+    none = _turns(t, heading, courses)
+    if none is None or none[0] < 4.0 * _HEADING_ERROR:
+        return None
+    each = ((lag, _turns(t - lag, heading, courses)) for lag in _LAGS.tolist())
+    known = [(lag, left) for lag, left in each if left and left[1] >= 0.5 * t.size]
+    if not known:
+        return None
+    # of lags that explain as much the least
+    most = min(left[0] for _, left in known) + 0.1 * _HEADING_ERROR
+    lag, late = min((one for one in known if one[1][0] <= most), key=lambda one: abs(one[0]))
+    gain = _gain_of_turns(none, late)
+    if lag == 0.0 or gain < LEAST_GAIN or none[0] < 4.0 * late[0]:
+        return None
+    return _late(f"{topic}: the headings of the pings", int(t[-1] * 1e9), lag, late[1], gain)
+
+
+def least_lag(depths: Series, headings: Series, vehicle: Series, places: Series) -> float:
+    """Return the least lag of an instrument's clock that its depths or headings would show [s]; inf where they show none.
+
+    Args:
+        depths: Of the instrument.
+        headings: Of the instrument.
+        vehicle: Depths of the vehicle.
+        places: Of the vehicle.
+    """
+    found, (t, p) = math.inf, (depths.seconds, depths.value[:, 0])
+    if can_compare(depths, vehicle):
+        found = _lag_step(t, p, vehicle.seconds, vehicle.value[:, 0])[1]
+    if len(places.time) < _LEAST or len(headings.time) < _LEAST:
+        return found
+    t, courses = headings.seconds, _courses(places)
+    heading = _course_at(t, courses)
+    for lag in _ASKED.tolist():
+        none = _turns(t - lag, heading, courses)
+        if none is not None and _gain_of_turns(none, (0.0, none[1])) >= LEAST_GAIN:
+            return min(found, float(lag))
+    return found
+
+
+def _courses(places: Series) -> tuple[Array, NDArray[np.complex128]]:
+    """Return times [s], and the direction from each position to the next; 0 where the vehicle hardly moves or it is not known."""
+    times, (longitude, latitude) = places.seconds, places.value.T
+    east, north = metres_per_degree(float(latitude[0]))
+    way = north * np.diff(latitude) + 1j * east * ((np.diff(longitude) + 180.0) % 360.0 - 180.0)
+    seconds = np.maximum(np.diff(times), 1e-3)
+    moves = (np.abs(way) >= _MOVES * seconds) & (seconds <= 2.0 * _LONGEST)
+    return times, np.where(moves, way / np.maximum(np.abs(way), 1e-9), 0.0)
+
+
+def _course_at(t: Array, courses: tuple[Array, NDArray[np.complex128]]) -> NDArray[np.complex128]:
+    times, course = courses
+    at = np.searchsorted(times, t, side="right") - 1
+    inside = (at >= 0) & (at < course.size)
+    return np.where(inside, course[np.clip(at, 0, course.size - 1)], 0.0)
+
+
+def _turns(
+    t: Array, heading: NDArray[np.complex128], courses: tuple[Array, NDArray[np.complex128]]
+) -> tuple[float, float] | None:
+    """Return the mean square of what headings and courses differ in, less a constant turn, and their number; None where few turn."""
+    course = _course_at(t, courses)
+    known = (course != 0.0) & (heading != 0.0)
+    number = int(known.sum())
+    if number < _LEAST or abs(course[known].mean()) > 1.0 - _TURNS:
+        return None
+    return 2.0 - 2.0 * abs(complex(np.mean(heading[known] * course[known].conj()))), float(number)
+
+
+def _gain_of_turns(none: tuple[float, float], late: tuple[float, float]) -> float:
+    number = min(none[1], late[1], 2.0 * _COUNTED)
+    return 0.25 * number * math.log((none[0] + _HEADING_ERROR) / (late[0] + _HEADING_ERROR))
