@@ -12,21 +12,32 @@ from numpy.typing import NDArray
 
 from replay_kit.core.block import MEAN, PING, POSITION, Block
 from replay_kit.core.errors import Finding
+from replay_kit.core.extensions import additions
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.measurements.checks import instrument, pairs, place, profile, sensors
-from replay_kit.measurements.checks.fold import Found, Memory, Rows, rows_of
-from replay_kit.measurements.checks.likelihood import (
-    TURNED,
-    explanation,
-    undecided,
-)
+from replay_kit.measurements.checks.fold import Context, Fold, Found, Memory, Rows, rows_of
+from replay_kit.measurements.checks.likelihood import KINDS, TURNED, causes, explanation
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.checks.sensors import Series
 
 # Mean currents in a row, equal to the last digit, which no two dives have.
 _EQUAL = 3
-_OF_DEPTHS = frozenset({profile.SURFACE, sensors.DEPTHS, sensors.CLOCK})
+# Logarithm of the odds of a cause to none below which it is excluded.
+_EXCLUDED = -1.0
 
+#: The checks of pings that are neither dead nor stale, by name, in the order in which findings are reported: to add one is to write its
+#: fold and its line here.
+CHECKS: Mapping[str, Fold] = {
+    "surface": profile.above_surface,
+    "speeds": profile.speeds,
+    "twice": instrument.duplicates,
+    "noise": profile.noise,
+    "beams": instrument.beams,
+    "shape": profile.one_shape,
+    "motion": pairs.moved,
+    "sensors": sensors.of_sensors,
+    "means": pairs.beside_means,
+}
 #: What is remembered of each check, by its name and the topic of its instrument; an empty one for the vehicle.
 Memories = dict[tuple[str, str], Memory]
 
@@ -37,13 +48,15 @@ class Checked:
 
     Attributes:
         memory: Of each check, by its name and the topic that it is of, empty for the vehicle.
-        named: Names of what was found, by topic.
-        distrusted: Topics whose profiles are not used.
+        instruments: Topic of each instrument, by its name.
+        named: Names of what was found, by instrument; an empty one for the vehicle.
+        distrusted: Instruments whose profiles are not used.
         pings: Pings judged, and those that are not relative to a platform of unknown velocity.
         findings: What was found, in order.
     """
 
     memory: Memories = field(default_factory=dict)
+    instruments: Mapping[str, str] = field(default_factory=dict)
     named: Mapping[str, frozenset[str]] = field(default_factory=dict)
     distrusted: frozenset[str] = frozenset()
     pings: tuple[int, int] = (0, 0)
@@ -64,22 +77,8 @@ class Checked:
         return any(
             self.named.get(topic, frozenset()) & {pairs.COMPASS, *pairs.OF_SOURCES}
             or pairs.show_directions(self.memory, topic)
-            for topic in self.topics
+            for topic in self.instruments
         )
-
-    def without(self, topic: str) -> "Checked":
-        """Return the state as if an instrument had not been there."""
-        return replace(
-            self,
-            memory={key: value for key, value in self.memory.items() if key[1] != topic},
-            named={key: value for key, value in self.named.items() if key != topic},
-            distrusted=self.distrusted - {topic},
-        )
-
-    @property
-    def topics(self) -> list[str]:
-        """The topics of instruments."""
-        return [topic for name, topic in self.memory if name == "dead"]
 
 
 def check(
@@ -96,72 +95,48 @@ def check(
         ensemble: Speeds of the ensemble's currents; None compares none.
         through_water: Whether positions under water are dead-reckoned without a current.
     """
-    flags = {name: block.ping[name].copy() for name in ("flags", "reasons")} if block.ping else {}
-    new, start = list[tuple[int, Finding]](), 0
-    for end, topic in [*_exchanged(state, block), (len(block.events), "")]:
-        state, more = _checked(state, block, slice(start, end), (flags, ensemble, through_water))
-        new += more
-        # with other beams it is another instrument on the same topic, of which nothing is known yet
-        state, start = (state.without(topic) if topic else state), end
-    return state, replace(block, ping={**block.ping, **flags}), tuple(new)
-
-
-def _exchanged(state: Checked, block: Block) -> list[tuple[int, str]]:
-    """Return the events with which an instrument has another number of beams than before, each with its topic."""
-    found = list[tuple[int, str]]()
-    for number in np.unique(block.ping["topic"]).tolist() if block.ping else []:
-        pings = rows_of(block, PING, topic=number)
-        told = profile.has_texture(pings)
-        beams = np.where(pings["along_beams"], pings["components"], 0)[told]
-        before = state.memory.get(("beams", pings.topic), {}).get("number", beams[:1])
-        changes = np.flatnonzero(np.diff(np.concatenate([before, beams])))
-        changes = changes if len(before) else changes + 1
-        found += [(event, pings.topic) for event in pings.event[told][changes].tolist()]
-    return sorted(found)
-
-
-_Context = tuple[Mapping[str, NDArray[Any]], EnsembleSpeeds | None, bool]
-
-
-def _checked(
-    state: Checked, block: Block, events: slice, context: _Context
-) -> tuple[Checked, list[tuple[int, Finding]]]:
-    """Return the state after some events of a block, and what was found; pings that must not be used are flagged in place."""
-    (flags, ensemble, through_water), memory = context, dict(state.memory)
-    positions, means = rows_of(block, POSITION, events), rows_of(block, MEAN, events)
+    memory, found = dict(state.memory), list[tuple[str, Found]]()
+    positions, means = rows_of(block, POSITION), rows_of(block, MEAN)
     vehicle, unusable, of_vehicle = _of_vehicle(memory, positions, means, block.topics)
-    found = [("", each) for each in of_vehicle]
-    numbers = np.unique(block.ping["topic"]).tolist() if block.ping else []
-    pings = [rows_of(block, PING, events, number) for number in numbers]
-    with_pings = [each for each in pings if len(each)]
-    wrong = list[tuple[Rows, NDArray[np.int32]]]()
-    for each in with_pings:
-        reasons, more = _of_pings(
-            memory,
-            each,
-            means,
-            vehicle,
-            (ensemble, through_water, state.named.get(each.topic, frozenset())),
-        )
-        bad = unusable(each.event)
-        reasons[bad] |= np.int32(Reason.INCONSISTENT)
-        wrong.append((each, reasons))
-        found += [(each.topic, one) for one in more]
-    absent = [topic for topic in state.topics if topic not in {each.topic for each in with_pings}]
-    for topic in absent:
-        held = memory.get(("sources", topic), {})
-        memory["sources", topic], more = pairs.beside_means(
-            held, topic, None, means, through_water, state.named.get(topic, frozenset())
-        )
-        found += [(topic, one) for one in more]
+    found += [("", each) for each in of_vehicle]
+    pings, wrong = _instruments(block), list[NDArray[np.int32]]()
+    context = Context(ensemble, through_water, vehicle, means, state.named)
+    for each in pings:
+        reasons, more = _of_pings(memory, each, context)
+        reasons[unusable(each.event)] |= np.int32(Reason.INCONSISTENT)
+        wrong.append(reasons)
+        found += [(each.instrument, one) for one in more]
+    for one in set(state.instruments) - {each.instrument for each in pings}:
+        held = memory.get(("means", one), {})
+        memory["means", one], more = pairs.beside_means(held, None, context, (one, state.instruments[one]))
+        found += [(one, each) for each in more]
     after, new, since = _named(replace(state, memory=memory), found)
-    for each, reasons in wrong:
-        if each.topic in since:
-            reasons[each.event >= since[each.topic]] |= np.int32(Reason.INCONSISTENT)
+    flags = {name: block.ping[name].copy() for name in ("flags", "reasons")} if pings else {}
+    for each, reasons in zip(pings, wrong, strict=True):
+        if each.instrument in since:
+            reasons[each.event >= since[each.instrument]] |= np.int32(Reason.INCONSISTENT)
         _mark(flags, each, reasons)
-    absolute = sum(int(np.isfinite(each["common_std"]).sum()) for each in with_pings)
-    number = sum(len(each) for each in with_pings)
-    return replace(after, pings=(state.pings[0] + number, state.pings[1] + absolute)), new
+    number = state.pings[0] + sum(map(len, pings))
+    absolute = state.pings[1] + sum(int(np.isfinite(each["common_std"]).sum()) for each in pings)
+    checked = replace(block, ping={**block.ping, **flags})
+    known = {**state.instruments, **{each.instrument: each.topic for each in pings}}
+    return replace(after, instruments=known, pings=(number, absolute)), checked, tuple(new)
+
+
+def _instruments(block: Block) -> list[Rows]:
+    """Return the pings of each instrument: of a topic, and with other beams it is another one."""
+    if not block.ping:
+        return []
+    beams = np.where(block.ping["along_beams"], block.ping["components"], 0)
+    keys = np.unique(np.column_stack([block.ping["topic"], beams]), axis=0)
+    found = list[Rows]()
+    for topic, number in keys.tolist():
+        pings = rows_of(block, PING, topic)
+        own = pings.take(np.where(pings["along_beams"], pings["components"], 0) == number)
+        found.append(
+            replace(own, instrument=f"{own.topic} along {number} beams" if number else own.topic)
+        )
+    return found
 
 
 def _mark(flags: Mapping[str, NDArray[Any]], pings: Rows, reasons: NDArray[np.int32]) -> None:
@@ -205,8 +180,15 @@ def _of_vehicle(
     """Return depths and places of the vehicle, at which events pings are not to be used, and what was found; memories become new."""
     depth = np.column_stack([positions["depth"], positions["dead_reckoned"]])
     where = np.column_stack([positions["longitude"], positions["latitude"]])
-    depths = sensors.spaced(memory.get(("depths", ""), {}), positions, depth, changes=True)
-    places = sensors.spaced(memory.get(("places", ""), {}), positions, where)
+    depths, places = (
+        sensors.spaced(
+            sensors.series(memory.get((name, ""), {}), columns=2),
+            positions,
+            value,
+            name == "depths",
+        )
+        for name, value in (("depths", depth), ("places", where))
+    )
     memory["depths", ""], memory["places", ""] = (
         each.remembered(sensors.MOST_OF_VEHICLE) for each in (depths, places)
     )
@@ -218,7 +200,7 @@ def _of_vehicle(
         if len(positions):
             memory[name, ""], more = one(memory.get((name, ""), {}), positions)
             found += more
-    memory["means", ""], more = _of_means_alone(memory.get(("means", ""), {}), means, topics)
+    memory["alone", ""], more = _of_means_alone(memory.get(("alone", ""), {}), means, topics)
 
     def unusable(event: NDArray[np.int64]) -> NDArray[np.bool_]:
         return np.asarray(bad[np.searchsorted(positions.event, event)])
@@ -276,91 +258,45 @@ def _of_means_alone(
 
 
 def _of_pings(
-    memory: Memories,
-    pings: Rows,
-    means: Rows,
-    vehicle: tuple[Series, Series],
-    context: tuple[EnsembleSpeeds | None, bool, frozenset[str]],
+    memory: Memories, pings: Rows, context: Context
 ) -> tuple[NDArray[np.int32], list[Found]]:
     """Return for which reasons bins of an instrument must not be used, shape (n, m), and what was found; memories become new."""
-    topic, (ensemble, through_water, named) = pings.topic, context
-
-    def held(name: str) -> Memory:
-        return memory.get((name, topic), {})
-
+    name = pings.instrument
     reasons = np.zeros(pings["flags"].shape, np.int32)
-    told = profile.has_texture(pings)
-    if told.any():
-        beams = np.where(pings["along_beams"], pings["components"], 0)[told]
-        memory["beams", topic] = {"number": beams[-1:]}
-    memory["dead", topic], (wrong, found) = instrument.dead(held("dead"), pings)
+    memory["dead", name], (wrong, found) = instrument.dead(memory.get(("dead", name), {}), pings)
     reasons[wrong > 0] |= np.int32(Reason.DEAD)
     living = pings.take(wrong == 0)
-    if not len(living):
-        memory["sources", topic], more = pairs.beside_means(
-            held("sources"), topic, None, means, through_water, named
-        )
-        return reasons, [*found, *more]
-    memory["stuck", topic], more, stuck = instrument.stuck_cells(held("stuck"), living)
-    of_stuck = np.where(stuck, np.int32(Reason.DEAD), np.int32(0))
-    reasons[wrong == 0] |= of_stuck
-    living = replace(living, columns={**living.columns, "reasons": living["reasons"] | of_stuck})
-    found = [*found, *more]
-    for name, (after, more) in {
-        "surface": profile.above_surface(held("surface"), living),
-        "speeds": profile.speeds(held("speeds"), living, ensemble),
-        "twice": instrument.duplicates(held("twice"), living),
-        "noise": profile.noise(held("noise"), living),
-        "beam": instrument.beams(held("beam"), living),
-        "shape": profile.one_shape(held("shape"), living, stuck),
-    }.items():
-        memory[name, topic] = after
-        found += more
-    near = pairs.near_means(living)
-    if len(near.time):
-        memory["moved", topic], more = pairs.moved(held("moved"), near, through_water, topic, named)
-        found += more
-    found += _of_sensors(memory, living, vehicle)
-    memory["sources", topic], more = pairs.beside_means(
-        held("sources"), topic, living, means, through_water, named
+    memory["stuck", name], more, stuck = instrument.stuck_cells(
+        memory.get(("stuck", name), {}), living
     )
-    return reasons, [*found, *more]
+    reasons[wrong == 0] |= np.where(stuck, np.int32(Reason.DEAD), np.int32(0))
+    living = replace(
+        living, columns={**living.columns, "reasons": living["reasons"] | reasons[wrong == 0]}
+    )
+    found = [*found, *more]
+    for check_name, one in {**CHECKS, **added_checks()}.items():
+        memory[check_name, name], more = one(memory.get((check_name, name), {}), living, context)
+        found += more
+    return reasons, found
 
 
-def _of_sensors(memory: Memories, pings: Rows, vehicle: tuple[Series, Series]) -> list[Found]:
-    """Return what an instrument's depths establish beside the vehicle's, or of a vehicle that does not dive its headings."""
-    (vehicle_depths, places), own = vehicle, dict[str, Series]()
-    for name, column in (("depth", "pressure_depth"), ("heading", "heading")):
-        own[name] = sensors.spaced(
-            memory.get((name, pings.topic), {}), pings, pings[column][:, None]
-        )
-        memory[name, pings.topic] = own[name].remembered(sensors.MOST_OF_PINGS)
-    asked = {(int(each.event[k]), name) for name, each in own.items() for k in each.due.tolist()}
-    for event, name in sorted(asked):
-        depths = own["depth"].before(event, sensors.MOST_OF_PINGS)
-        diving = vehicle_depths.before(event, sensors.MOST_OF_VEHICLE)
-        if name == "depth":
-            found = sensors.found_of_depths(depths, diving, pings.topic)
-        elif sensors.can_compare(depths, diving):
-            found = None
-        else:
-            headings = own["heading"].before(event, sensors.MOST_OF_PINGS)
-            way = places.before(event, sensors.MOST_OF_VEHICLE)
-            found = sensors.found_of_headings(headings, way, pings.topic)
-        if found is not None:
-            return [Found(event, found, _OF_DEPTHS)]
-    return []
+def added_checks() -> dict[str, Fold]:
+    """Return the checks of pings that installed packages add, by name."""
+    return additions("checks", callable, "a check")
 
 
 def unknowable(state: Checked) -> tuple[str, ...]:
     """Return which faults of the profiles nothing in a log shows, and what would, as sentences; none for a log without profiles."""
-    if not state.topics:
+    if not state.instruments:
         return ()
-    said, current = list[str](), list[NDArray[np.float64]]()
-    for topic in state.topics:
-        of_topic = state.memory.get(("sources", topic), {}).get("current", np.empty((0, 6)))
-        current += [of_topic] if len(of_topic) >= pairs.LEAST_MEANS else []
-    names = frozenset().union(*(state.named.get(topic, frozenset()) for topic in state.topics))
+    said, current = list[str](), list[dict[str, float]]()
+    for topic in state.instruments:
+        of_topic = state.memory.get(("means", topic), {}).get("current", ())
+        if len(of_topic) >= pairs.LEAST_MEANS:
+            current.append(
+                causes(of_topic, pairs.CURRENT_FLOOR, KINDS, pairs.LEAST_MEANS, by_fit=True)
+            )
+    names = frozenset().union(*(state.named.get(topic, frozenset()) for topic in state.instruments))
     if not current:
         said.append(
             "an offset, a drift or a scale of the profiles (an offset cancels in profiles relative to the platform)"
@@ -368,14 +304,17 @@ def unknowable(state: Checked) -> tuple[str, ...]:
             else f"an offset, a drift or a scale of the profiles ({pairs.LEAST_MEANS} mean currents of dives beside them would tell)"
         )
     elif not (pairs.OF_SOURCES | {pairs.COMPASS}) & names:
-        open_causes = min((undecided(each, pairs.CURRENT_FLOOR) for each in current), key=len)
+        # what is neither established nor excluded
+        open_causes = min(
+            ({name: gain for name, gain in each.items() if gain > _EXCLUDED} for each in current),
+            key=len,
+        )
         if open_causes:
             listed = ", ".join(f"{name} e^{gain:z.0f}" for name, gain in open_causes.items())
             said.append(
-                f"some faults of the profiles (likelihood ratios to none by {max(map(len, current))} mean currents or "
-                f"drifts: {listed}; more of them, or other currents, would tell)"
+                f"some faults of the profiles (odds to none by mean currents or drifts: {listed}; more of them, or other currents, would tell)"
             )
-    lag = min(_least_lag(state, topic) for topic in state.topics)
+    lag = min(_least_lag(state, topic) for topic in state.instruments)
     if lag == np.inf:
         said.append(
             "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell; "
@@ -383,7 +322,7 @@ def unknowable(state: Checked) -> tuple[str, ...]:
         )
     else:
         said.append(f"a lag of the instrument's clock below {lag:.0f} s")
-    if any(state.memory.get(("beam", topic)) for topic in state.topics):
+    if any(state.memory.get(("beams", topic)) for topic in state.instruments):
         said.append(
             "directions across the heading (beams 1 and 2 exchanged, the sign of roll), along which the vehicle hardly moves"
         )
@@ -392,7 +331,11 @@ def unknowable(state: Checked) -> tuple[str, ...]:
 
 def _least_lag(state: Checked, topic: str) -> float:
     """Return the least lag of an instrument's clock that would show [s]."""
-    held = [("depth", topic), ("heading", topic), ("depths", ""), ("places", "")]
-    if any(key not in state.memory for key in held):
-        return np.inf
-    return sensors.least_lag(*(sensors.series(state.memory[key]) for key in held))
+    own = state.memory.get(("sensors", topic), {})
+    held = own, own, state.memory["depths", ""], state.memory["places", ""]
+    return sensors.least_lag(
+        *(
+            sensors.series(one, name)
+            for one, name in zip(held, ("depth", "heading", "", ""), strict=True)
+        )
+    )

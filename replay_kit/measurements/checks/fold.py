@@ -5,7 +5,7 @@ criterion is evaluated at every row, by sums and windows that go on from what wa
 on where a log is cut into blocks.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +43,7 @@ class Rows:
 
     Attributes:
         topic: Of the pings; empty of positions and means.
+        instrument: By which the pings of one are known; alike.
         event: shape (n,), place of each in ``Block.events``.
         row: shape (n,), place of each in the columns of its kind.
         columns: As of ``Block``, of these rows.
@@ -52,6 +53,7 @@ class Rows:
     event: NDArray[np.int64]
     row: NDArray[np.int64]
     columns: Mapping[str, NDArray[Any]]
+    instrument: str = ""
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -64,17 +66,44 @@ class Rows:
     def take(self, at: NDArray[Any] | slice) -> "Rows":
         """Return some of the rows."""
         columns = {name: values[at] for name, values in self.columns.items()}
-        return Rows(self.topic, self.event[at], self.row[at], columns)
+        return Rows(self.topic, self.event[at], self.row[at], columns, self.instrument)
 
     def time(self, at: int) -> int:
         """Return the time of a row [ns, UTC]."""
         return int(self.columns["time"][at])
 
 
-def rows_of(block: Block, kind: int, events: slice = slice(None), topic: int | None = None) -> Rows:
-    """Return the rows of a kind among some events, or the pings of the topic of a number."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Context:
+    """What a check of pings is told beside them.
+
+    Attributes:
+        ensemble: Speeds of the ensemble's currents; None where nothing is compared.
+        through_water: Whether positions under water are dead-reckoned without a current.
+        vehicle: Depths and places of the vehicle.
+        means: Mean currents of the block.
+        named: Names of what was found before the block, by instrument.
+    """
+
+    ensemble: Any
+    through_water: bool
+    vehicle: tuple[Any, Any]
+    means: Rows
+    named: Mapping[str, frozenset[str]]
+
+    def known(self, instrument: str) -> frozenset[str]:
+        """Return what was found of an instrument before."""
+        return self.named.get(instrument, frozenset())
+
+
+#: A check of pings: memory, pings of one instrument in order, and what it is told, to memory and what it found.
+Fold = Callable[[Memory, Rows, Context], tuple[Memory, list[Found]]]
+
+
+def rows_of(block: Block, kind: int, topic: int | None = None) -> Rows:
+    """Return the rows of a kind, or the pings of the topic of a number."""
     columns = (block.position, block.ping, block.mean)[kind]
-    event = np.flatnonzero(block.events[events, 1] == kind) + (events.start or 0)
+    event = np.flatnonzero(block.events[:, 1] == kind)
     if topic is not None:
         event = event[columns["topic"][block.events[event, 2]] == topic]
     row = block.events[event, 2]
@@ -90,7 +119,7 @@ def carried(memory: Memory, name: str, new: NDArray[Any], most: int) -> NDArray[
     return np.concatenate([old[len(old) - min(most, len(old)) :], new])
 
 
-def first(holds: Iterable[Any]) -> int | None:
+def first(holds: NDArray[Any]) -> int | None:
     """Return the first row at which a criterion holds; None where it does at none."""
     at = np.flatnonzero(holds)
     return int(at[0]) if at.size else None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
-from replay_kit.measurements.checks.fold import Found, Memory, Rows, carried, first
+from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, carried, first
 
 DEAD = "dead or stale instrument"
 STUCK = "stuck cells"
@@ -109,6 +109,8 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], NDArr
         pings: Of one topic, neither dead nor stale, in order.
     """
     raw, n = pings["raw"], len(pings)
+    if not n:
+        return memory, [], np.zeros(raw.shape[:2], np.bool_)
     before = carried(memory, "last", raw, 1)
     fresh = len(before) == n
     equal = np.zeros(raw.shape[:2], np.bool_)
@@ -143,13 +145,18 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], NDArr
     return {"last": raw[-1:], "run": run[-1:], "counts": counts[-1]}, found, stuck
 
 
-def duplicates(memory: Memory, rows: Rows) -> tuple[Memory, list[Found]]:
+def duplicates(
+    memory: Memory, rows: Rows, context: Context | None = None
+) -> tuple[Memory, list[Found]]:
     """Return that pings or positions come twice, equal, at one time, from one log: a third of the last 30.
 
     Args:
         memory: ``last`` (1, c), the row before: time, log, place and velocities; ``repeats`` (up to 30,), of the latest.
-        rows: Of one topic, or positions.
+        rows: Of one instrument, or positions.
+        context: Is not asked.
     """
+    if not len(rows):
+        return memory, []
     columns = [
         rows[name].astype(np.float64) for name in ("input", "topic", "longitude", "latitude")
     ]
@@ -188,13 +195,14 @@ def duplicates(memory: Memory, rows: Rows) -> tuple[Memory, list[Found]]:
     return {"time": times[-1:], "last": both[-1:], "repeats": repeats[-_LEAST:]}, found
 
 
-def beams(memory: Memory, pings: Rows) -> tuple[Memory, list[Found]]:
+def beams(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
     """Return that one beam scatters unlike the others, by the second differences along it, or that the beams contradict each other.
 
     Args:
         memory: ``variances`` (up to 30, k) of the beams [m^2/s^2] and ``errors`` (up to 30,), mean error velocities [m/s], of the latest
             pings that tell.
-        pings: Of one topic.
+        pings: Of one instrument.
+        context: Is not asked.
     """
     texture, along = np.diff(pings["raw"], 2, axis=1), pings["along_beams"].astype(np.bool_)
     along = along & (pings["bins"] >= LEAST_CELLS) & np.isfinite(texture).all(axis=2).any(axis=1)

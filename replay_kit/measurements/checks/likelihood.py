@@ -74,8 +74,8 @@ _BIAS, _ADDED, _ODD_BIAS = 0.03, {"offset": 0.3, "drift": 0.03}, 0.02
 _LEAST_OFFSET = 0.12
 # Share of the pairs that must agree with an explanation, and by what factor it reduces the squares of the differences.
 _MAJORITY, _LEAST_RATIO = 2.0 / 3.0, 4.0
-# Alternatives whose gains differ by less explain the pairs as well, and a gain below which one is excluded.
-_ALIKE, _EXCLUDED = 3.0, 1.0
+# Alternatives whose gains differ by less explain the pairs as well.
+_ALIKE = 3.0
 # Names of slips, by kind and degrees.
 _SIGNS = {
     ("turn", 180): "turned by +180 degrees clockwise, both signs wrong",
@@ -101,43 +101,31 @@ class Family(NamedTuple):
 
 @cache
 def family(kind: str) -> Family:
-    """Return the alternatives of a kind: ``turn``, ``mirror``, ``scale`` or ``unit``."""
+    """Return the alternatives of a kind: ``turn``, ``mirror``, ``scale``, or ``unit`` of the scales that are no vehicle's error."""
     if kind in ("scale", "unit"):
-        # a slip is one step of the grid, either source being in its unit
-        units = {
-            int(np.argmin(np.abs(_SCALES - sign * math.log(factor)))): name
-            for name, factor in UNITS.items()
-            for sign in (1.0, -1.0)
-        }
-        free = np.where(
-            np.abs(_SCALES) < _LEAST_SCALE, 0.0, np.exp(-0.5 * (_SCALES / _SCALE_SPREAD) ** 2)
-        )
-        slips = np.isin(np.arange(len(_SCALES)), list(units))
-        shares = (1.0 - _SLIPS) * free / free.sum() + _SLIPS * slips / slips.sum()
-        names = tuple(units.get(k, "") for k in range(len(_SCALES)))
-        exact = np.exp(_SCALES)
-        exact[slips] = [
-            UNITS[name] ** math.copysign(1.0, log)
-            for name, log in zip(names, _SCALES, strict=True)
-            if name
-        ]
-        used = (shares > 0.0) & ((kind == "scale") | (np.log(exact) > _LEAST_UNIT))
-        with np.errstate(divide="ignore"):
-            prior = np.log(_OF_CAUSE["a wrong scale"] * shares[used])
+        # either source may be in a unit; between units any scale is likelier the nearer it is to 1
+        odd = _SCALES[np.abs(_SCALES) >= _LEAST_SCALE]
+        shares = np.exp(-0.5 * (odd / _SCALE_SPREAD) ** 2)
+        units = np.log(np.array([*UNITS.values()]))
+        logs = np.concatenate([odd, units, -units])
+        names = (*[""] * len(odd), *UNITS, *UNITS)
+        of_units = np.full(2 * len(units), 0.5 * _SLIPS / len(units))
+        shares = np.concatenate([(1.0 - _SLIPS) * shares / shares.sum(), of_units])
+        used = np.flatnonzero((kind == "scale") | (logs > _LEAST_UNIT))
         return Family(
-            exact[used] + 0j,
-            prior,
-            tuple(name for name, use in zip(names, used, strict=True) if use),
+            np.exp(logs[used]) + 0j,
+            np.log(_OF_CAUSE[CAUSES[kind]] * shares[used]),
+            tuple(names[k] for k in used),
         )
     first = _LEAST_TURN if kind == "turn" else 0
     degrees = np.arange(first, 361 - max(first, _STEP), _STEP)
     names = tuple(_SIGNS.get((kind, angle), "") for angle in degrees.tolist())
     slips = np.array([bool(name) for name in names])
-    odd = _ODD_MIRRORS if kind == "mirror" else 1.0 - _SLIPS - _ODD_MIRRORS
-    shares = np.where(slips, _SLIPS / len(_SIGNS), odd / (~slips).sum())
+    odd_share = _ODD_MIRRORS if kind == "mirror" else 1.0 - _SLIPS - _ODD_MIRRORS
+    shares = np.where(slips, _SLIPS / len(_SIGNS), odd_share / (~slips).sum())
     # what was turned clockwise; a mirror's axis is at half of its angle from east to north
     factor = np.exp(np.radians(degrees) * (1j if kind == "mirror" else -1j))
-    return Family(factor, np.log(_OF_CAUSE["wrong directions"] * shares), names)
+    return Family(factor, np.log(_OF_CAUSE[CAUSES[kind]] * shares), names)
 
 
 @dataclass(frozen=True, slots=True)
@@ -414,18 +402,14 @@ def _best(sums: Sums, kind: str, least_pairs: int) -> tuple[float, Explanation] 
 def _name(kind: str, value: complex, slip: str) -> str:
     """Return what the first vectors are."""
     degrees = math.degrees(math.atan2(value.imag, value.real))
-    if kind in ("scale", "unit"):
-        size = abs(value)
-        return (f"in {slip}" if slip else f"{size:.3g} times as fast") + (
-            ", of the other source" if slip and size < 1.0 else ""
-        )
-    if slip:
-        return slip
     if kind == "turn":
-        return f"turned by {-degrees:+.0f} degrees clockwise"
+        return slip or f"turned by {-degrees:+.0f} degrees clockwise"
     if kind == "mirror":
-        return f"mirrored about the bearing {(90.0 - 0.5 * degrees) % 180.0:g} degrees"
-    return f"off by {CAUSES[kind]}"
+        return slip or f"mirrored about the bearing {(90.0 - 0.5 * degrees) % 180.0:g} degrees"
+    if kind not in ("scale", "unit"):
+        return f"off by {CAUSES[kind]}"
+    of_other = ", of the other source" if abs(value) < 1.0 else ""
+    return f"in {slip}{of_other}" if slip else f"{abs(value):.3g} times as fast"
 
 
 def odds(causes: Mapping[str, float]) -> list[tuple[str, float]]:
@@ -437,20 +421,6 @@ def odds(causes: Mapping[str, float]) -> list[tuple[str, float]]:
     return [
         (name, float(share / shares.sum())) for (name, _), share in zip(ranked, shares, strict=True)
     ]
-
-
-def undecided(pairs: Array, floor: float) -> dict[str, float]:
-    """Return what all pairs neither establish nor exclude, causes and slips of axes, with their log-likelihood ratios to equality."""
-    found, sums = dict[str, float](), Sums.of(pairs, floor)
-    for kind in KINDS:
-        gains = (sums.added(kind)[0][:, None] if kind in _ADDED else sums.gains(kind))[0]
-        if kind in TURNED:
-            slips = zip(family(kind).slip, gains.tolist(), strict=True)
-            found |= {f"{CAUSES[kind]} ({name})": gain for name, gain in slips if name}
-        else:
-            more = sums.cost(kind)[0] if kind == "scale" else 0.0
-            found[CAUSES[kind]] = float(np.max(gains + more))
-    return {name: gain for name, gain in found.items() if gain > -_EXCLUDED}
 
 
 def tell_directions(pairs: Array, floor: float, least_pairs: int) -> bool:

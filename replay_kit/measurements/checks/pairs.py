@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding, Severity
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.measurements.checks.fold import Found, Memory, Rows, carried, total
+from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, carried, total
 from replay_kit.measurements.checks.likelihood import (
     CAUSES,
     KINDS,
@@ -157,20 +157,19 @@ def pairs_of(
     return np.column_stack(columns)
 
 
-def moved(
-    memory: Memory, near: Near, through_water: bool, topic: str, named: frozenset[str]
-) -> tuple[Memory, list[Found]]:
+def moved(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
     """Return what changes of motion, and the platform's stated velocity beside that of its positions, establish.
 
     Args:
-        memory: ``time`` (1,) and ``value`` (1, 8), the ping from which the next motion is counted, ``before`` (4,), relative velocity
+        memory: ``time`` (1,) and ``value`` (1, 8), the ping from which the next motion is counted, ``before`` (2,), relative velocity
             and the platform's at the one before it, NaN without; ``motion`` and ``track`` (up to 128, 6), pairs; ``number`` (2,) of both
             so far.
-        near: Pings of one topic.
-        through_water: Whether positions under water are dead-reckoned without a current.
-        topic: Of the pings.
-        named: What was found of the instrument before, which is not looked for again.
+        pings: Of one instrument.
+        context: Says whether positions under water are dead-reckoned without a current.
     """
+    near, topic, named = near_means(pings), pings.topic, context.known(pings.instrument)
+    if not len(near.time):
+        return memory, []
     old = Near(
         memory.get("time", near.time[:0]),
         np.full(len(memory.get("time", ())), -1),
@@ -194,7 +193,7 @@ def moved(
     platform = np.where(stated, start.platform, over_ground)
     of_track = np.flatnonzero(known & stated)
     relative = np.where(
-        known & ~start.relative & (not through_water), start.velocity - platform, np.nan
+        known & ~start.relative & (not context.through_water), start.velocity - platform, np.nan
     )
     before = memory.get("before", np.full(2, np.nan + 0j))
     earlier = (
@@ -374,24 +373,19 @@ def _blocks(near: Near) -> list[tuple[Near, complex]]:
 
 
 def beside_means(
-    memory: Memory,
-    topic: str,
-    pings: Rows | None,
-    means: Rows,
-    through_water: bool,
-    named: frozenset[str],
+    memory: Memory, pings: Rows | None, context: Context, absent: tuple[str, str] = ("", "")
 ) -> tuple[Memory, list[Found]]:
     """Return what mean currents establish beside the profiles of one instrument.
 
     Args:
         memory: As of ``dives_of``; ``time`` (up to 1024,) and ``value`` (up to 1024, 8), the latest pings, as of ``Near``; ``current``,
             ``vehicle`` and ``blocks`` (up to 128, 6), pairs.
-        topic: Of the pings.
-        pings: Of one topic, neither dead nor stale; None without.
-        means: Mean currents.
-        through_water: Whether positions under water are dead-reckoned without a current.
-        named: What was found of the instrument before, which is not looked for again.
+        pings: Of one instrument; None without.
+        context: Has the mean currents.
+        absent: Name and topic of the instrument where it has no pings.
     """
+    name, topic = absent if pings is None else (pings.instrument, pings.topic)
+    means, known = context.means, bool(KNOWN & context.known(name))
     times = memory.get("time", np.empty(0, np.int64))
     near = Near(times, np.full(len(times), -1), memory.get("value", np.empty((0, 8))))
     if pings is not None:
@@ -406,10 +400,10 @@ def beside_means(
         until = near.take(slice(0, int(np.searchsorted(near.event, event)))).take(
             slice(-_PINGS, None)
         )
-        for name, new in compared(after, until, means, at, through_water).items():
+        for name, new in compared(after, until, means, at, context.through_water).items():
             after[name] = np.concatenate([after.get(name, new[:0]), new])[-MOST:]
         other = "drifts at the surface" if means["drift"][at] else "mean currents of dives"
-        finding = None if KNOWN & named else cause_of_pairs(after, time_ns, other, topic)
+        finding = None if known else cause_of_pairs(after, time_ns, other, topic)
         if finding is not None:
             found.append(Found(event, finding, KNOWN, of_believed=True))
     if pings is not None:
@@ -606,7 +600,7 @@ def _odds(rivals: Sequence[tuple[str, float]]) -> str:
 
 def show_directions(memories: Mapping[tuple[str, str], Memory], topic: str) -> bool:
     """Return whether pairs of an instrument would show wrong directions."""
-    held = {**memories.get(("sources", topic), {}), **memories.get(("moved", topic), {})}
+    held = {**memories.get(("means", topic), {}), **memories.get(("motion", topic), {})}
     return any(
         name in held and tell_directions(held[name], floor, least)
         for name, floor, least in (

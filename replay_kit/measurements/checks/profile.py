@@ -12,6 +12,7 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.core.observation import Reason
 from replay_kit.measurements.checks.fold import (
+    Context,
     Found,
     Memory,
     Rows,
@@ -92,7 +93,7 @@ def repairable(pings: Rows) -> NDArray[np.bool_]:
     return np.asarray(known & ((pings["reasons"] & ~np.int32(REPAIRABLE)) == 0))
 
 
-def above_surface(memory: Memory, pings: Rows) -> tuple[Memory, list[Found]]:
+def above_surface(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
     """Return that bins are above the surface where no geometry puts them.
 
     An instrument that looks up from less deep than its middle bin is far has bins above the surface, in which it measures echoes. Such a
@@ -100,9 +101,12 @@ def above_surface(memory: Memory, pings: Rows) -> tuple[Memory, list[Found]]:
 
     Args:
         memory: ``counts`` (4,): pings, those with most bins above the surface, pings whose bins are there by geometry, and those like water.
-        pings: Of one topic.
+        pings: Of one instrument.
+        context: Is not asked.
     """
     velocity, depth = pings["velocity"], pings["depth"]
+    if not len(pings):
+        return memory, []
     measured = np.isfinite(velocity[..., 0]) & ((pings["reasons"] & Reason.AT_SURFACE) == 0)
     high = measured & (depth < 0.0)
     told, above = measured.any(axis=1), 2 * high.sum(axis=1) > measured.sum(axis=1)
@@ -142,18 +146,17 @@ def _water(pings: Rows, high: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDA
     return known.sum(axis=1) >= 3, scatter < 2.0 * _MEDIAN * math.sqrt(6.0) * stated
 
 
-def speeds(
-    memory: Memory, pings: Rows, ensemble: EnsembleSpeeds | None
-) -> tuple[Memory, list[Found]]:
+def speeds(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
     """Return that the speeds are no current's, or that they contradict the ensemble's; a ping counts by the median of its bins.
 
     Args:
         memory: ``counts`` (4,): absolute pings, those faster than eight times the ensemble, those slower than an eighth of it, and those
             of both that no current explains; ``log_ratio`` (1,), sum of the logarithms of how many times as fast they are.
-        pings: Of one topic.
-        ensemble: None compares none.
+        pings: Of one instrument.
+        context: Has the ensemble's speeds.
     """
-    if ensemble is None:
+    ensemble = context.ensemble
+    if ensemble is None or not len(pings):
         return memory, []
     squared, error_std = np.square(pings["velocity"]).sum(axis=2), pings["error_std"]
     good = repairable(pings) & np.isfinite(squared + error_std)
@@ -214,7 +217,7 @@ def ensemble_contradicts(evidence: str, time_ns: int = 0) -> Finding:
     )
 
 
-def noise(memory: Memory, pings: Rows) -> tuple[Memory, list[Found]]:
+def noise(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
     """Return that neighbouring bins scatter far more, or less, than their stated errors, in the median of 40 pings.
 
     Second differences along a profile leave the current out; of white noise they have six times its variance. Bins whose errors are
@@ -222,10 +225,11 @@ def noise(memory: Memory, pings: Rows) -> tuple[Memory, list[Found]]:
 
     Args:
         memory: ``log_ratio`` (up to 40,), logarithm of scatter over stated error of the latest pings that tell.
-        pings: Of one topic.
+        pings: Of one instrument.
+        context: Is not asked.
     """
     second = np.abs(np.diff(pings["velocity"], 2, axis=1))
-    if not second.shape[1]:
+    if not second.size:
         return memory, []
     good = np.isfinite(second).all(axis=2) & ~(pings["correlation_depth"] > 0.0)[:, None]
     size = upper_median(second.reshape(len(second), -1), np.repeat(good, 2, axis=1))
@@ -258,7 +262,7 @@ def noise(memory: Memory, pings: Rows) -> tuple[Memory, list[Found]]:
     return after, [Found(int(pings.event[row]), found, frozenset({UNIT, BEAM}))]
 
 
-def one_shape(memory: Memory, pings: Rows, stuck: NDArray[np.bool_]) -> tuple[Memory, list[Found]]:
+def one_shape(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
     """Return that profiles keep one shape while the instrument moves through other water: it repeats itself, with some noise.
 
     Second differences of eight profiles in a row are correlated by .7 and more, each with those before it 20 m or 1 km away, and what
@@ -268,9 +272,10 @@ def one_shape(memory: Memory, pings: Rows, stuck: NDArray[np.bool_]) -> tuple[Me
         memory: ``profile`` (1, m, k), the one with which the next is compared; ``place`` (3,), its depth [m], longitude and latitude;
             ``products`` (up to 30, 6) of the latest comparisons: time, products of one with the other and of each with itself, mean square
             of the second differences of what differs and what white noise would give.
-        pings: Of one topic.
-        stuck: shape (n, m), cells that are left out.
+        pings: Of one instrument; stuck cells are left out.
+        context: Is not asked.
     """
+    stuck = (pings["reasons"] & Reason.DEAD) != 0
     raw, found = pings["raw"], list[Found]()
     before, place = memory.get("profile"), memory.get("place")
     times = list(memory.get("times", np.empty(0, np.int64)))

@@ -23,13 +23,16 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.measurements.checks.fold import Memory, Rows
+from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows
 from replay_kit.measurements.checks.likelihood import LEAST_GAIN
+from replay_kit.measurements.checks.profile import SURFACE
 
 DEPTHS = "depth of the instrument and depth of the vehicle"
 CLOCK = "clock of the instrument"
+# After any of these the instrument's depth is known to be wrong, or its time.
+_EXPLAINED = frozenset({SURFACE, DEPTHS, CLOCK})
 # s between depths that are remembered, and their number: of the vehicle for a day, of the instrument for four hours at least.
-_SPACING, MOST_OF_VEHICLE, MOST_OF_PINGS = 60.0, 1500, 256
+_SPACING, MOST_OF_VEHICLE, _MOST_OF_PINGS = 60.0, 1500, 256
 # Pings before which nothing is said, and after how many more of the first ones it is asked again.
 _LEAST, _EVERY = 12, 8
 # m; changes of one depth that show that the vehicle dives, and those of a sensor that is stuck; error of two sound sensors.
@@ -87,47 +90,68 @@ class Series(NamedTuple):
         asked = (self.event >= 0) & (self.number >= _LEAST) & (self.number % each == 0)
         return np.flatnonzero(asked)
 
-    def remembered(self, most: int) -> "dict[str, NDArray[Any]]":
-        """Return what is remembered of it: the latest values, and how many there have been."""
-        return {name: getattr(self, name)[-most:] for name in ("time", "value", "number")}
+    def remembered(self, most: int, name: str = "") -> "dict[str, NDArray[Any]]":
+        """Return what is remembered of it by a name: the latest values, and how many there have been."""
+        return {f"{name}{one}": getattr(self, one)[-most:] for one in ("time", "value", "number")}
 
 
-def spaced(memory: Memory, rows: Rows, value: Array, changes: bool = False) -> Series:
-    """Return the remembered values and the new ones that are known and late enough after the last.
+def spaced(before: Series, rows: Rows, value: Array, changes: bool = False) -> Series:
+    """Return values that are remembered and the new ones that are known and late enough after the last.
 
     Args:
-        memory: As of ``Series.remembered``.
+        before: What is remembered.
         rows: The new ones.
         value: shape (n, c), of these.
         changes: Whether a change of the second value is late enough, too; else 60 s are.
     """
     known, chosen, apart = np.isfinite(value[:, 0]).tolist(), list[int](), int(_SPACING * 1e9)
-    times, old = memory.get("time", np.empty(0, np.int64)), memory.get("value", value[:0])
-    last_ns = int(times[-1]) if len(times) else None
-    state = old[-1, -1] if len(old) else math.nan
+    last_ns = int(before.time[-1]) if len(before.time) else None
+    state = before.value[-1, -1] if len(before.time) else math.nan
     for i, (now, new) in enumerate(zip(rows["time"].tolist(), value[:, -1].tolist(), strict=True)):
-        if known[i] and (
-            last_ns is None
-            or now - last_ns >= apart
-            or (changes and now > last_ns and new != state)
-        ):
+        late = last_ns is None or now - last_ns >= apart
+        if known[i] and (late or (changes and now > last_ns and new != state)):
             chosen.append(i)
             last_ns, state = now, new
-    before = memory.get("number", np.empty(0, np.int64))
-    number = np.arange(1, len(chosen) + 1) + (before[-1] if len(before) else 0)
-    return Series(
-        np.concatenate([times, rows["time"][chosen]]),
-        np.concatenate([old, value[chosen]]),
-        np.concatenate([np.full(len(times), -1), rows.event[chosen]]),
-        np.concatenate([before, number]),
-    )
+    number = np.arange(1, len(chosen) + 1) + (before.number[-1] if len(before.number) else 0)
+    new_ones = rows["time"][chosen], value[chosen], rows.event[chosen], number
+    return Series(*(np.concatenate(each) for each in zip(before, new_ones, strict=True)))
 
 
-def series(memory: Memory) -> Series:
-    """Return remembered values."""
-    return Series(
-        memory["time"], memory["value"], np.full(len(memory["time"]), -1), memory["number"]
-    )
+def series(memory: Memory, name: str = "", columns: int = 1) -> Series:
+    """Return values that are remembered by a name."""
+    time = memory.get(f"{name}time", np.empty(0, np.int64))
+    value = memory.get(f"{name}value", np.empty((0, columns)))
+    return Series(time, value, np.full(len(time), -1), memory.get(f"{name}number", time))
+
+
+def of_sensors(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+    """Return what an instrument's depths establish beside the vehicle's, or of a vehicle that does not dive its headings.
+
+    Args:
+        memory: Depths and headings, up to 256, as of ``Series``.
+        pings: Of one instrument.
+        context: Has the vehicle's depths and places.
+    """
+    (vehicle, places), own, after = context.vehicle, dict[str, Series](), dict[str, NDArray[Any]]()
+    for name, column in (("depth", "pressure_depth"), ("heading", "heading")):
+        own[name] = spaced(series(memory, name), pings, pings[column][:, None])
+        after |= own[name].remembered(_MOST_OF_PINGS, name)
+    asked = {(int(each.event[k]), name) for name, each in own.items() for k in each.due.tolist()}
+    for event, name in sorted(asked) if not _EXPLAINED & context.known(pings.instrument) else ():
+        depths, diving = (
+            own["depth"].before(event, _MOST_OF_PINGS),
+            vehicle.before(event, MOST_OF_VEHICLE),
+        )
+        if name == "depth":
+            found = found_of_depths(depths, diving, pings.topic)
+        elif can_compare(depths, diving):
+            found = None
+        else:
+            headings = own["heading"].before(event, _MOST_OF_PINGS)
+            found = found_of_headings(headings, places.before(event, MOST_OF_VEHICLE), pings.topic)
+        if found is not None:
+            return after, [Found(event, found, _EXPLAINED)]
+    return after, []
 
 
 def can_compare(own: Series, vehicle: Series) -> bool:
