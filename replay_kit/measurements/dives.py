@@ -134,6 +134,11 @@ class Depths:
         )
 
     @property
+    def known(self) -> NDArray[np.bool_]:
+        """Which of the depths the way of a dive goes down to."""
+        return np.ones(self.order.size, np.bool_)
+
+    @property
     def end(self) -> Diving:
         """At the end of the block."""
         depth, under, dive = self.at(np.array([np.iinfo(np.int64).max]))

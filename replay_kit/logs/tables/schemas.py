@@ -8,6 +8,7 @@ its own. Messages of IMC written as JSON (LSTS/imc, IMC.xml) have angles in radi
 import math
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Any
@@ -49,7 +50,12 @@ def tables_of(raw: Raw, config: MeasurementConfig) -> list[Table]:
             taken = set(own)
             left = [k for k in left if k not in taken]
             found += mapped(some(raw, own), entry, config)
-    return found + _known(some(raw, left), config) if left else found
+    if not left:
+        return found
+    sender, known = sender_of(raw), _known(some(raw, left), config)
+    if sender is not None:
+        known = [replace(one, fixed={**one.fixed, "sender": sender}) for one in known]
+    return found + known
 
 
 def _known(raw: Raw, config: MeasurementConfig) -> list[Table]:
