@@ -16,7 +16,7 @@ from replay_kit.measurements.dives import Depths, depth_of
 from replay_kit.measurements.ledger import Ledger
 from replay_kit.measurements.navigation import rows_of
 from replay_kit.measurements.positions import WINDOW, as_of, beside, placed, vessel_velocity
-from replay_kit.measurements.quality import tested
+from replay_kit.measurements.qartod import tested
 
 RELATIVE = "velocity relative to the platform, whose motion is unknown"
 NO_POSITION = "no position within"

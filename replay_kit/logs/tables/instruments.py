@@ -289,11 +289,10 @@ def _bottom(stated: Sequence[Any]) -> dict[str, Array]:
         blank = np.full((len(parts), 4), np.nan)
         return {"bottom": blank, "bottom_std": blank[:, 0], "bottom_range": blank[:, 0]}
     velocity = [listed(part.get("velocity")) for part in parts]
-    width = max(4, *map(len, velocity))
-    bottom = columns.rows(
-        [each if each.size >= 3 else np.full(1, np.nan) for each in velocity]
-        + [np.full(width, np.nan)]
-    )[:-1]
+    bottom = np.full((len(parts), max(4, *map(len, velocity))), np.nan)
+    for k, each in enumerate(velocity):
+        if each.size >= 3:
+            bottom[k, : each.size] = each
     ranges = [listed(part.get("distance")) for part in parts]
     nearest = [
         float(np.nanmin(each)) if np.isfinite(each).any() else math.nan for each in ranges

@@ -7,7 +7,7 @@ its own. Messages of IMC written as JSON (LSTS/imc, IMC.xml) have angles in radi
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
@@ -18,6 +18,7 @@ from replay_kit.core.extensions import additions
 from replay_kit.core.table import Kind, Raw, Table
 from replay_kit.logs.tables import profiles, vehicle, water
 from replay_kit.logs.tables.columns import Payload, field, read_each, some, unused
+from replay_kit.logs.tables.frames import SCHEMA, Open, joined
 from replay_kit.logs.tables.mapped import mapped
 
 #: The reason of a message of a kind that is not known.
@@ -30,15 +31,40 @@ _INVERTED = "inverted from the dive's pings and mean current, which are used ins
 Reader = Callable[[Raw, MeasurementConfig], list[Table]]
 
 
-def tables_of(raw: Raw, config: MeasurementConfig) -> list[Table]:
-    """Return the tables of a topic's messages; each message is in one of them.
+def tables_of(
+    raws: Sequence[Raw], config: MeasurementConfig, pending: Open = MappingProxyType({})
+) -> tuple[list[Table], Open]:
+    """Return the tables of a block of messages, and the frames of MAVLink's pings that are not complete.
 
-    A mapping of the settings goes before a known schema. The frames of MAVLink's pings are read by ``frames.joined``.
+    Each message is in one table. A mapping of the settings goes before a known schema.
 
     Args:
-        raw: The messages.
+        raws: The messages, by topic.
         config: The mappings, and what holds for payloads that do not say it.
+        pending: Frames of the blocks before.
     """
+    found: list[Table] = []
+    framed: list[Raw] = []
+    for raw in raws:
+        mapped_tables, rest = _mapped(raw, config)
+        found += mapped_tables
+        if rest is None:
+            continue
+        if rest.schema == SCHEMA:
+            framed.append(rest)
+            continue
+        sender, known = sender_of(rest), _known(rest, config)
+        if sender is not None:
+            known = [replace(one, fixed={**one.fixed, "sender": sender}) for one in known]
+        found += known
+    if framed:
+        pending, pings = joined(pending, framed, config)
+        found += pings
+    return found, pending
+
+
+def _mapped(raw: Raw, config: MeasurementConfig) -> tuple[list[Table], Raw | None]:
+    """Return the tables of messages with a mapping, and the other messages."""
     found: list[Table] = []
     left = [*range(len(raw.time))]
     for entry in config.map:
@@ -50,12 +76,7 @@ def tables_of(raw: Raw, config: MeasurementConfig) -> list[Table]:
             taken = set(own)
             left = [k for k in left if k not in taken]
             found += mapped(some(raw, own), entry, config)
-    if not left:
-        return found
-    sender, known = sender_of(raw), _known(some(raw, left), config)
-    if sender is not None:
-        known = [replace(one, fixed={**one.fixed, "sender": sender}) for one in known]
-    return found + known
+    return found, some(raw, left) if left else None
 
 
 def _known(raw: Raw, config: MeasurementConfig) -> list[Table]:

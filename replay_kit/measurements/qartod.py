@@ -57,6 +57,7 @@ def tested(
         if not off:
             flags = graded(values, (suspect, fail), least)
             flags = np.where((why == "")[:, None], flags, _NOT_EVALUATED)
+            flags = np.broadcast_to(flags, (n, m))
         shown = correlation if name == "correlation" else name
         found.append(BinTest(shown, _REASONS[name], flags, np.full(n, OFF, object) if off else why))
     # each bin against those around it that no other test failed
