@@ -59,10 +59,13 @@ def taken(
 
 
 def blocks(
-    messages: Iterable[Message], config: MeasurementConfig, size: int = 4096
+    messages: Iterable[Message],
+    config: MeasurementConfig,
+    size: int = 4096,
+    stream: Stream | None = None,
 ) -> Iterator[Block]:
     """Yield what the blocks of a stream of messages measured; the last one when the stream has ended."""
-    stream, rest = Stream(), iter(messages)
+    stream, rest = stream or Stream(), iter(messages)
     while part := list(islice(rest, size)):
         stream, block = taken(stream, part, config)
         yield block

@@ -141,7 +141,7 @@ def _wait(in_dive: NDArray[np.bool_], config: MeasurementConfig) -> Integers:
     """Return how long pings wait for a position [ns]; of those in a dive the fix after it may come hours later."""
     longest = max(config.position_max_gap, config.position_max_age)
     seconds = np.where(in_dive, longest, config.position_max_age)
-    return np.minimum(seconds * 1e9, _FOREVER).astype(np.int64)
+    return np.asarray(1e9 * np.minimum(seconds, _FOREVER / 1e9), np.int64)
 
 
 def _due(
@@ -261,7 +261,9 @@ def _with_motion(
     columns["added"] = np.where(known[:, None], motion, columns["added"])
     columns["absolute"] = columns["absolute"] | known
     velocity = columns["velocity"].copy()
-    velocity[known, :, :2] += motion[known, None, :2]
+    whole = np.isfinite(velocity[..., :2]).all(axis=2)[..., None]
+    together = np.where(whole, velocity[..., :2] + motion[:, None, :2], np.nan)
+    velocity[..., :2] = np.where(known[:, None, None], together, velocity[..., :2])
     columns["velocity"] = velocity
     next_one = np.searchsorted(fixes["time"], time, side="right")
     at = (
@@ -304,7 +306,7 @@ def _profile(
     tests, flags, reasons = tested(columns, fixed, config)
     added, errors = columns["added"], columns["error_velocities"].reshape(n, -1)
     known = np.isfinite(errors)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         error = np.where(known, errors, 0.0).sum(axis=1) / known.sum(axis=1)
     own, beam = fixed["correlation_depth"], fixed["frame"] == "beam"
     kept = ("longitude", "latitude", "position_std", "depth", "error_std", "transducer_depth", "distance")
@@ -321,9 +323,9 @@ def _profile(
         "velocity": columns["velocity"][..., :2],
         "flags": flags,
         "reasons": reasons,
-        "common_std": np.where(absolute, np.nan_to_num(added[:, 2]), np.inf),
+        "common_std": np.where(absolute, np.where(np.isfinite(added).all(axis=1), added[:, 2], 0.0), np.inf),
         "correlation_depth": np.full(n, own if own >= 0.0 else config.correlation_depth),
-        "platform": np.where(absolute[:, None], added[:, :2], np.nan),
+        "platform": np.where((absolute & np.isfinite(added).all(axis=1))[:, None], added[:, :2], np.nan),
         "up": np.full(n, up),
         "pressure_depth": np.where(np.isfinite(columns["pressure"]), columns["transducer_depth"], np.nan),
         "error_velocity": error if beam else np.full(n, np.nan),

@@ -119,7 +119,12 @@ def pings(
                 [(places and places[k]) or (math.nan,) * 3 for k in rows[part]]
             ).reshape(-1, 3)
             found.append(columns.table(raw, "ping", rows[part], own_columns, fixed))
-    return columns.unused(raw, reasons) + found
+    at = np.repeat(np.arange(len(reasons)), [1] * len(reasons) if messages is None else messages)
+    bad = np.array([k for k in at if reasons[k]], np.intp)
+    if bad.size:
+        words = np.array([reasons[k] for k in bad], object)
+        found.append(columns.table(raw, "unused", bad, {"reason": words}))
+    return found
 
 
 class _Alike:

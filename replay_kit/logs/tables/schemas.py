@@ -17,7 +17,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.extensions import additions
 from replay_kit.core.table import Kind, Raw, Table
 from replay_kit.logs.tables import profiles, vehicle, water
-from replay_kit.logs.tables.columns import Payload, field, read_each, some, unused
+from replay_kit.logs.tables.columns import Payload, field, malformed, read_each, some, unused
 from replay_kit.logs.tables.frames import SCHEMA, Open, joined
 from replay_kit.logs.tables.mapped import mapped
 
@@ -46,6 +46,8 @@ def tables_of(
     found: list[Table] = []
     framed: list[Raw] = []
     for raw in raws:
+        raw, odd = _with_fields(raw)
+        found += odd
         mapped_tables, rest = _mapped(raw, config)
         found += mapped_tables
         if rest is None:
@@ -61,6 +63,16 @@ def tables_of(
         pending, pings = joined(pending, framed, config)
         found += pings
     return found, pending
+
+
+def _with_fields(raw: Raw) -> tuple[Raw, list[Table]]:
+    """Return the messages that have fields, and the table of those that have none."""
+    if {*map(type, raw.payloads)} <= {dict}:
+        return raw, []
+    known = [isinstance(payload, Mapping) for payload in raw.payloads]
+    reason = malformed(AttributeError())
+    rest = some(raw, [k for k, has_fields in enumerate(known) if has_fields])
+    return rest, unused(raw, ["" if has_fields else reason for has_fields in known])
 
 
 def _mapped(raw: Raw, config: MeasurementConfig) -> tuple[list[Table], Raw | None]:
