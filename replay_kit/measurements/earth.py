@@ -295,7 +295,6 @@ def _solved(
         velocity = frames.solve_beams(beams, vectors)
     if velocity.shape[2] == 4:
         error = velocity[..., 3:]
-        error = np.where(error == 0.0, np.nan, error) if solves else error
     return frames.turned(velocity, rotation), error
 
 

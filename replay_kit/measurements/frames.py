@@ -43,7 +43,7 @@ def solve_beams(beams: Array, vectors: Array) -> Array:
 
     Four beams are solved by least squares, which for a Janus head is Teledyne's matrix; the error velocity is the part that no
     velocity explains, scaled to have the noise of a horizontal component. With one beam missing the other three are solved
-    exactly, which sets the error velocity to zero (three-beam solution). With fewer the cell is NaN.
+    exactly, without an error velocity (three-beam solution). With fewer the cell is NaN.
 
     Args:
         beams: shape (n, m, b) [m/s], along the beams' vectors; NaN where missing.
@@ -64,6 +64,8 @@ def solve_beams(beams: Array, vectors: Array) -> Array:
         weights[present, :3] = np.linalg.pinv(vectors[present]).T
         if present.all() and b == 4:
             weights[:, 3] = error_weights(vectors)
+        else:
+            weights[:, 3] = np.nan
         found = beams[cells]
         result[cells] = sum(found[:, k, None] * weights[k] for k in np.flatnonzero(present))
     return result

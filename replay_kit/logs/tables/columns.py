@@ -128,6 +128,16 @@ def field(payloads: Iterable[Payload], name: str) -> list[Any]:
     return [*map(methodcaller("get", name), payloads)]
 
 
+def each(read: Callable[[Any], Any], values: Sequence[Any]) -> list[Any]:
+    """Return what a function makes of values, of which most are the same."""
+    keys = [*zip(map(type, values), values, strict=True)]
+    try:
+        known = {key: read(key[1]) for key in {*keys}}
+    except TypeError:
+        return [*map(read, values)]
+    return [*map(known.__getitem__, keys)]
+
+
 def numbers(values: Sequence[Any]) -> Array:
     """Return values as numbers, shape (n,); NaN for what is none and for anything infinite."""
     try:
@@ -219,7 +229,7 @@ def velocity_cells(
         payloads: ``velocity``, ``n_cells`` and ``coordinate_system`` of them are read.
         systems: The coordinate systems that are known.
     """
-    values, counts = field(payloads, "velocity"), {*map(whole_number, field(payloads, "n_cells"))}
+    values, counts = field(payloads, "velocity"), {*each(whole_number, field(payloads, "n_cells"))}
     try:
         # of nested lists NumPy would ask for every length twice
         cells = [*chain(*values)]

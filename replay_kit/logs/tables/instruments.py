@@ -84,16 +84,19 @@ def pings(
         messages: Number of messages that make each ping; None for one.
         places: Longitude, latitude and depth of the instrument; None for one on the vehicle.
     """
-    reasons = [payload if isinstance(payload, str) else "" for payload in payloads]
-    good = [k for k, reason in enumerate(reasons) if not reason]
-    held = [payload for payload in payloads if not isinstance(payload, str)]
+    reasons, good, held = [""] * len(payloads), [*range(len(payloads))], payloads
+    if str in {*map(type, payloads)}:
+        reasons = [payload if isinstance(payload, str) else "" for payload in payloads]
+        good = [k for k, reason in enumerate(reasons) if not reason]
+        held = [payloads[k] for k in good]
     velocities = columns.velocity_cells(held, SYSTEMS)
     groups: list[tuple[Any, list[int]]] = []
     at: list[int] = []
     known: Any = None
     stated = zip(*(field(held, name) for name in _INSTRUMENT), strict=True)
+    faulty = MeasurementError in {*map(type, velocities)}
     for k, (own, velocity) in enumerate(zip(stated, velocities, strict=True)):
-        if isinstance(velocity, MeasurementError):
+        if faulty and isinstance(velocity, MeasurementError):
             reasons[good[k]] = str(velocity)
             continue
         own = (*own, velocity.shape)
@@ -112,12 +115,13 @@ def pings(
                     reasons[k] = made
                 continue
             own_columns, fixed = made
-            own_columns["messages"] = np.array(
-                [messages[k] if messages else 1 for k in rows[part]], np.int64
-            )
-            own_columns["place"] = np.array(
-                [(places and places[k]) or (math.nan,) * 3 for k in rows[part]]
-            ).reshape(-1, 3)
+            own_columns["messages"] = np.ones(part.size, np.int64)
+            if messages is not None:
+                own_columns["messages"] = np.array([messages[k] for k in rows[part]], np.int64)
+            own_columns["place"] = np.full((part.size, 3), np.nan)
+            if places is not None:
+                known_places = [places[k] or (math.nan,) * 3 for k in rows[part]]
+                own_columns["place"] = np.array(known_places)
             found.append(columns.table(raw, "ping", rows[part], own_columns, fixed))
     at = np.repeat(np.arange(len(reasons)), [1] * len(reasons) if messages is None else messages)
     bad = np.array([k for k in at if reasons[k]], np.intp)
@@ -176,7 +180,7 @@ class _Alike:
         payloads, (n, m, _) = self.payloads, self.velocity.shape
         found: dict[str, NDArray[Any]] = {name: numbers(field(payloads, name)) for name in _NUMBERS}
         found["declination"] = numbers(field(payloads, "magnetic_declination"))
-        found["dive"] = np.array([*map(columns.dive_number, field(payloads, "dive"))], np.int64)
+        found["dive"] = np.array(columns.each(columns.dive_number, field(payloads, "dive")), np.int64)
         found["velocity"] = self.velocity * _factor(config)
         found["distance"] = _distance(payloads, n, m)
         found["error_std"] = _believed(field(payloads, "velocity_std"), m)
@@ -245,10 +249,11 @@ def _believed(values: Sequence[Any], m: int) -> Array:
     Raises:
         MeasurementError: Numbers are neither one nor m.
     """
-    lists = [isinstance(value, list | tuple) for value in values]
-    if not any(lists):
+    kinds = {*map(type, values)}
+    if not kinds & {list, tuple}:
         found = numbers(values)[:, None]
     else:
+        lists = [isinstance(value, list | tuple) for value in values]
         sizes = {len(value) or 1 if is_list else 1 for value, is_list in zip(values, lists, strict=True)}
         if len(values) > 1 and (len(sizes) > 1 or not all(lists)):
             raise ValueError("pings state errors in unlike ways")
@@ -289,7 +294,7 @@ def _distance(payloads: Sequence[Payload], n: int, m: int) -> Array:
 
 def _bottom(stated: Sequence[Any]) -> dict[str, Array]:
     """Return the columns of the bottom track; NaN where none gives a velocity of three components, or a distance."""
-    parts = [part if isinstance(part, Mapping) else {} for part in stated]
+    parts = _parts(stated)
     if not any(parts):
         blank = np.full((len(parts), 4), np.nan)
         return {"bottom": blank, "bottom_std": blank[:, 0], "bottom_range": blank[:, 0]}
@@ -309,8 +314,15 @@ def _bottom(stated: Sequence[Any]) -> dict[str, Array]:
     }
 
 
+def _parts(stated: Sequence[Any]) -> Sequence[Payload]:
+    """Return the fields of parts of messages, none where a message has no such part."""
+    if {*map(type, stated)} == {dict}:
+        return stated
+    return [part if part is not None and isinstance(part, Mapping) else {} for part in stated]
+
+
 def _platform(stated: Sequence[Any]) -> dict[str, Array]:
-    parts = [part if isinstance(part, Mapping) else {} for part in stated]
+    parts = _parts(stated)
     east, north, std = (numbers(field(parts, name)) for name in ("east", "north", "velocity_std"))
     return {"platform": np.column_stack([east, north]), "platform_std": std}
 
@@ -324,7 +336,10 @@ def _by_cell(
         ValueError: Pings have unlike numbers of beams.
     """
     none, why = f"the ping has no {name}", np.full(n, "", object)
-    given = [isinstance(each, list | tuple) and len(each) > 0 for each in stated]
+    if not {*map(type, stated)} & {list, tuple}:
+        why[:] = none
+        return None, why
+    given = [bool(each) and isinstance(each, list | tuple) for each in stated]
     if not any(given):
         why[:] = none
         return None, why

@@ -48,7 +48,7 @@ def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
         if cells == 0 and raw.payloads[k].get("bottom_track"):
             payloads[k] = _BOTTOM_ALONE
     for k, stated in enumerate(field(raw.payloads, "place")):
-        if not isinstance(stated, Mapping) or isinstance(payloads[k], str):
+        if stated is None or not isinstance(stated, Mapping) or isinstance(payloads[k], str):
             continue
         place = checked(stated.get("lon"), stated.get("lat"), 0.0, False)
         places = places or [None] * len(payloads)

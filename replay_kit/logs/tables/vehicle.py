@@ -17,6 +17,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.table import Raw, Table
 from replay_kit.logs.tables.columns import (
     Payload,
+    each,
     field,
     number,
     numbers,
@@ -56,8 +57,15 @@ def location_fixes(raw: Raw, config: MeasurementConfig) -> list[Table]:
     bad |= (np.abs(latitude) > 90.0) | (longitude < -180.0) | (longitude > 360.0)
     if bad.any():
         return read_each(raw, "position", _NAMES, _location_fix)
-    extra = [*map(_metadata, field(payloads, "metadata"))]
-    reckoned = [str(one).strip().lower() in _TRUE for one in field(extra, "dead_reckoned")]
+    try:
+        # as most encodings write it
+        extra = [
+            {pair["key"]: pair["value"] for pair in pairs} if pairs else {}
+            for pairs in field(payloads, "metadata")
+        ]
+    except (TypeError, LookupError):
+        extra = [*map(_metadata, field(payloads, "metadata"))]
+    reckoned = each(lambda said: str(said).strip().lower() in _TRUE, field(extra, "dead_reckoned"))
     columns = longitude, latitude, numbers(field(extra, "depth")), np.array(reckoned)
     return [table(raw, "position", slice(None), dict(zip(_NAMES, columns, strict=True)))]
 
