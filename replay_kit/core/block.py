@@ -18,7 +18,7 @@ POSITION, PING, MEAN, LINEAR = range(4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Test:
+class BinTest:
     """The result of one quality test of the pings of a block.
 
     Attributes:
@@ -80,7 +80,7 @@ class Block:
     topics: Sequence[str]
     outcomes: Integers
     reasons: Sequence[str]
-    tests: Sequence[Test] = ()
+    tests: Sequence[BinTest] = ()
 
     def counts(self) -> Mapping[tuple[str, str], int]:
         """Return the number of messages by topic and reason, the empty reason for those that are used."""

@@ -197,6 +197,24 @@ def distance(
     return np.asarray(metres, dtype=np.float64)
 
 
+def offset(
+    longitude: Array, latitude: Array, to_longitude: Array, to_latitude: Array
+) -> tuple[Array, Array]:
+    """Return east and north [m], shapes (n,), of places in the local frames about others: ``to_local`` with a projection a row."""
+    azimuth, _, metres = _ELLIPSOID.inv(longitude, latitude, to_longitude, to_latitude)
+    angle = np.deg2rad(azimuth)
+    return np.asarray(metres * np.sin(angle)), np.asarray(metres * np.cos(angle))
+
+
+def moved(longitude: Array, latitude: Array, east: Array, north: Array) -> tuple[Array, Array]:
+    """Return longitudes and latitudes [degrees], shapes (n,), of local points [m] about places: ``to_geographic`` with one a row."""
+    azimuth = np.rad2deg(np.arctan2(east, north))
+    to_longitude, to_latitude, _ = _ELLIPSOID.fwd(
+        longitude, latitude, azimuth, np.hypot(east, north)
+    )
+    return np.asarray(to_longitude), np.asarray(to_latitude)
+
+
 def heading_deg(east: ArrayLike, north: ArrayLike) -> Array:
     """Return the compass direction [degrees clockwise from north, in [0, 360)] that a vector points to."""
     return np.mod(np.rad2deg(np.arctan2(east, north)), 360.0)

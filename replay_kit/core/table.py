@@ -12,8 +12,20 @@ Integers = NDArray[np.int64]
 
 #: What the rows of a table are. The columns of each kind, with their shapes and units, are those of ``Table``.
 Kind = Literal[
-    *("position", "gps", "origin", "pose", "depth", "attitude", "dvl", "ping", "mean"),
-    *("ctd", "radar", "drifter", "sensor", "unused"),
+    "position",
+    "gps",
+    "origin",
+    "pose",
+    "depth",
+    "attitude",
+    "dvl",
+    "ping",
+    "mean",
+    "ctd",
+    "radar",
+    "drifter",
+    "sensor",
+    "unused",
 ]
 
 

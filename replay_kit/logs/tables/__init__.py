@@ -1,0 +1,1 @@
+"""A topic's messages to tables of rows in SI units."""

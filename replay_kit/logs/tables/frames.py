@@ -1,0 +1,162 @@
+"""ADCP pings carried by MAVLink: ``DEBUG_FLOAT_ARRAY`` frames joined to the payload of a ``replay_kit.AdcpPing``.
+
+Five frames make a ping: they belong together when topic, ``array_id`` and ``time_usec`` agree. The layout of ``ADCP_CFG`` is in
+``ADCP_PING.md``. NaN means unknown.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import chain, repeat
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.table import Raw, Table
+from replay_kit.logs.tables.columns import Payload, table, unused, whole_number
+from replay_kit.logs.tables.instruments import pings
+
+SCHEMA = "DEBUG_FLOAT_ARRAY"
+_PARTS = ("ADCP_CFG", "ADCP_E", "ADCP_N", "ADCP_U", "ADCP_STD")
+_CONFIGURATION = (
+    "n_cells",
+    "cell_size",
+    "bin0_distance",
+    "coordinate_system",
+    "reference",
+    "orientation",
+    "bin_mapped",
+    "heading",
+    "pitch",
+    "roll",
+    "pressure",
+    "sound_speed",
+    "temperature",
+    "magnetic_declination",
+    "declination_applied",
+    "n_components",
+    "transducer_depth",
+)
+_WORDS = ("coordinate_system", "reference", "orientation")
+# Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
+_OPEN_PINGS = 8
+_INCOMPLETE, _REPEATED = "part of an incomplete ping", "repeated frame of a ping"
+_NO_KEY = "frame of a ping: expected array_id and time_usec to be integers and data to be a list"
+
+#: Numbers of the frames of pings that are not complete, by name of the frame, of each topic, ``array_id`` and ``time_usec``.
+Open = Mapping[tuple[str, int, int], Mapping[str, Sequence[Any]]]
+
+
+def joined(
+    pending: Open, raws: Sequence[Raw], config: MeasurementConfig
+) -> tuple[Open, list[Table]]:
+    """Return the frames of pings that are not complete, and the tables of those that are and of frames that cannot be used.
+
+    Args:
+        pending: Frames of pings that were not complete before.
+        raws: Frames.
+        config: As of ``pings``.
+    """
+    order = sorted((place, r, k) for r, raw in enumerate(raws) for k, place in enumerate(raw.order.tolist()))
+    pending, made = dict(pending), [list[tuple[int, Payload | str, int]]() for _ in raws]
+    for _, r, k in order:
+        raw = raws[r]
+        payload, name = raw.payloads[k], str(raw.payloads[k].get("name"))
+        array_id, time_usec = (whole_number(payload.get(part)) for part in ("array_id", "time_usec"))
+        if name not in _PARTS:
+            made[r].append((k, "", 1))
+        elif array_id is None or time_usec is None or not isinstance(payload.get("data"), list | tuple):
+            made[r].append((k, _NO_KEY, 1))
+        else:
+            made[r] += _taken(pending, (raw.topic, array_id, time_usec), name, payload["data"], k)
+    found: list[Table] = []
+    for raw, rows in zip(raws, made, strict=True):
+        found += _tables(raw, rows, config)
+    return pending, found
+
+
+def _taken(
+    pending: dict[Any, Any], key: tuple[str, int, int], name: str, data: Sequence[Any], k: int
+) -> list[tuple[int, Payload | str, int]]:
+    """Take in a frame; return the ping that it completes, or the frames that can be part of none."""
+    frames = pending.get(key, {})
+    if name in frames:
+        return [(k, _REPEATED, 1)]
+    frames = {**frames, name: data}
+    configuration = frames.get("ADCP_CFG")
+    flat = configuration is not None and _configuration(configuration)["n_components"] == 2
+    if configuration is not None and all(p in frames for p in _PARTS if p != "ADCP_U" or not flat):
+        pending.pop(key, None)
+        return [(k, _assembled(frames), len(frames))]
+    pending[key] = frames
+    if len(pending) <= _OPEN_PINGS:
+        return []
+    oldest = next(iter(pending))
+    return [(k, _INCOMPLETE, len(pending.pop(oldest)))]
+
+
+def _tables(
+    raw: Raw, rows: Sequence[tuple[int, Payload | str, int]], config: MeasurementConfig
+) -> list[Table]:
+    """Return the tables of what became of frames: number of the message, ping or reason, number of frames."""
+    from replay_kit.logs.tables.schemas import NOT_A_KIND
+
+    if not rows:
+        return []
+    at = np.array([k for k, _, _ in rows])
+    part = Raw(
+        *(raw.topic, raw.schema, raw.input, raw.time[at], raw.order[at], raw.position[at]),
+        [raw.payloads[k] for k in at],
+    )
+    whole = [payload if isinstance(payload, str) else "" for _, payload, _ in rows]
+    good = np.array([not isinstance(payload, str) for _, payload, _ in rows])
+    counts = [number for _, _, number in rows]
+    repeated = np.repeat(np.flatnonzero(~good), [n for n, g in zip(counts, good, strict=True) if not g])
+    found = []
+    if repeated.size:
+        reasons = np.array([whole[k] or NOT_A_KIND for k in repeated], object)
+        found.append(table(part, "unused", repeated, {"reason": reasons}))
+    if good.any():
+        at = np.flatnonzero(good)
+        pinged = Raw(
+            *(raw.topic, raw.schema, raw.input),
+            *(part.time[at], part.order[at], part.position[at]),
+            [],
+        )
+        found += pings(pinged, [rows[k][1] for k in at], config, [counts[k] for k in at])
+    return found
+
+
+def lost(pending: Open, order: int) -> list[Table]:
+    """Return the tables of the frames whose pings are not complete when the log ends, at a place in the stream."""
+    return [
+        Table(
+            "unused",
+            topic,
+            0,
+            *(np.full(len(frames), value, np.int64) for value in (0, order, 0)),
+            {"reason": np.full(len(frames), _INCOMPLETE, object)},
+        )
+        for (topic, _, _), frames in pending.items()
+    ]
+
+
+def _assembled(frames: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
+    """Return the ping's payload, as if it had come as JSON; what a frame is too short for is left for the ping's own checks."""
+    payload = _configuration(frames["ADCP_CFG"])
+    n_cells = max(whole_number(payload["n_cells"]) or 0, 0)
+    columns = [frames[part][:n_cells] for part in ("ADCP_E", "ADCP_N", "ADCP_U") if part in frames]
+    payload["n_cells"] = n_cells
+    payload["velocity"] = [list(cell) for cell in zip(*columns, strict=False)]
+    payload["velocity_std"] = list(frames["ADCP_STD"])[:n_cells]
+    return payload
+
+
+def _configuration(data: Sequence[Any]) -> dict[str, Any]:
+    """Return the named values of ``ADCP_CFG``; none where the frame is too short for one, or holds NaN."""
+    values = zip(_CONFIGURATION, chain(data, repeat(math.nan)), strict=False)
+    # NaN is no number that two pings could have in common
+    return {
+        name: None if name not in _WORDS and isinstance(value, float) and math.isnan(value) else value
+        for name, value in values
+    }

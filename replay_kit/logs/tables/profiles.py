@@ -1,0 +1,192 @@
+"""Current profiles in messages of several packages, as the payloads of ``replay_kit.AdcpPing``.
+
+What a message does not state stays out: ``reference`` above all, which the configuration may give. Definitions read:
+``ds_sensor_msgs/Adcp`` (Field-Robotics-Lab/ds_msgs), the Nortek Nucleus driver's ``CurrentProfile`` (NortekSupport/nucleus_driver),
+``CurrentProfile`` of IMC (LSTS/imc, messages 1014 to 1016).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.table import Raw, Table
+from replay_kit.logs.tables.columns import (
+    MALFORMED,
+    Payload,
+    field,
+    malformed,
+    number,
+    whole_number,
+)
+from replay_kit.logs.tables.instruments import SYSTEMS, pings
+from replay_kit.logs.tables.vehicle import checked
+
+_NUCLEUS_BEAMS, _MM_PER_M, _INT16_MISSING = 3, 1000.0, -32768
+_WHOLE_METRES = (
+    "cell_depth is 0: this message holds whole metres only, so that the size of cells below 1 m is lost; "
+    "state it with a [[measurements.map]] entry for the topic"
+)
+# of the coordinate systems of IMC: by number and by name, ours, and where in a cell east, north and up are, with their signs
+_ENU, _NED = ((0, 1.0), (1, 1.0), (2, 1.0)), ((1, 1.0), (0, 1.0), (2, -1.0))
+_IMC_SYSTEMS = {1: "XYZ", 2: "NED", 4: "BEAMS", 8: "ENU"}
+_IMC_COORDINATES = {
+    "XYZ": ("instrument", None),
+    "BEAMS": ("beam", None),
+    "NED": ("earth", _NED),
+    "ENU": ("earth", _ENU),
+}
+_BOTTOM_ALONE = "bottom track alone: how the vehicle moves, and no current"
+_Vector = tuple[float, float, float]
+
+
+def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
+    """Return the tables of ``replay_kit.AdcpPing`` messages; those with ``place`` were measured by a mooring or a drifter."""
+    payloads: list[Payload | str] = [*raw.payloads]
+    places: list[tuple[float, float, float] | None] | None = None
+    for k, cells in enumerate(field(raw.payloads, "n_cells")):
+        if cells == 0 and raw.payloads[k].get("bottom_track"):
+            payloads[k] = _BOTTOM_ALONE
+    for k, stated in enumerate(field(raw.payloads, "place")):
+        if stated is None or not isinstance(stated, Mapping) or isinstance(payloads[k], str):
+            continue
+        place = checked(stated.get("lon"), stated.get("lat"), 0.0, False)
+        places = places or [None] * len(payloads)
+        if isinstance(place, str):
+            payloads[k] = place
+        else:
+            places[k] = place[0], place[1], 0.0
+    return pings(raw, payloads, config, places=places)
+
+
+def _of(
+    read: Callable[[Payload], Payload | str],
+) -> Callable[[Raw, MeasurementConfig], list[Table]]:
+    """Return the reader of profiles whose payloads are rewritten one by one."""
+
+    def reader(raw: Raw, config: MeasurementConfig) -> list[Table]:
+        return pings(raw, [guarded(read, payload) for payload in raw.payloads], config)
+
+    return reader
+
+
+def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
+    """Return what a function reads of a payload, or in words why it cannot."""
+    try:
+        return read(payload)
+    except MeasurementError as error:
+        return str(error)
+    except MALFORMED as error:
+        return malformed(error)
+
+
+def _ds_adcp(payload: Payload) -> Payload | str:
+    """Return the profile of a ``ds_sensor_msgs/Adcp``, or why there is none.
+
+    A cell holds one vector, or in beam coordinates one vector along each beam; zeros mean no solution. The message does not say
+    what the velocities are relative to, nor whether the instrument looks up: down is taken, as a DVL's water track does.
+    """
+    mode, cells = whole_number(payload.get("coordinate_mode")), payload["vel_bin_beams"]
+    if mode is None or not 0 <= mode < len(SYSTEMS):
+        return "coordinate_mode is none of 0 (beam), 1 (instrument), 2 (ship), 3 (earth)"
+    cell_size = number(payload.get("cell_depth"))
+    if cell_size == 0.0:
+        return _WHOLE_METRES
+    directions = [_vector(unit) for unit in payload["beam_unit_vec"]]
+    read = _along_beams if SYSTEMS[mode] == "beam" else _first_vector
+    return {
+        "coordinate_system": SYSTEMS[mode],
+        "orientation": "down",
+        "n_cells": len(cells),
+        "cell_size": cell_size,
+        "bin0_distance": payload.get("bin0_distance"),
+        "beam_unit_vectors": directions,
+        "velocity": [
+            read([_vector(item) for item in cell["velocity_bin_beam"]], directions)
+            for cell in cells
+        ],
+    }
+
+
+def _current_profile(payload: Payload) -> Payload | str:
+    """Return the profile of a ``CurrentProfile``, of Nortek's Nucleus or of IMC by what it holds, or why there is none."""
+    if "velocity_data" in payload:
+        return _nucleus(payload)
+    if isinstance(payload.get("profile"), list | tuple):
+        return _imc(payload)
+    return "CurrentProfile has neither velocity_data (Nortek Nucleus) nor profile (IMC)"
+
+
+ds_adcps, current_profiles = _of(_ds_adcp), _of(_current_profile)
+
+
+def _nucleus(payload: Payload) -> Payload | str:
+    """Return the profile of a Nucleus: int16 [mm/s] along three beams, cell after cell, -32768 for none.
+
+    Its pressure is left out, because the message does not state the unit; the vehicle's depth is used.
+    """
+    n, flat = whole_number(payload.get("number_of_cells")), list(payload["velocity_data"])
+    if n is None or n * _NUCLEUS_BEAMS != len(flat):
+        return "velocity_data does not hold three beams for each of number_of_cells"
+    values = [None if value == _INT16_MISSING else number(value) / _MM_PER_M for value in flat]
+    cell_size = number(payload.get("cell_size"))
+    return {
+        "coordinate_system": "beam",
+        "reference": "platform",
+        "orientation": "down",
+        "n_cells": n,
+        "cell_size": cell_size,
+        # blanking ends where the first cell begins
+        "bin0_distance": number(payload.get("blanking")) + 0.5 * cell_size,
+        "velocity": _rows(values, _NUCLEUS_BEAMS),
+        "amplitude": _rows(payload.get("amplitude_data"), _NUCLEUS_BEAMS),
+        "correlation": _rows(payload.get("correlation_data"), _NUCLEUS_BEAMS),
+    }
+
+
+def _imc(payload: Payload) -> Payload | str:
+    """Return the profile of an IMC message in JSON: velocities relative to the vehicle, cells at stated distances."""
+    code, profile = payload.get("coord_sys"), payload["profile"]
+    name = _IMC_SYSTEMS.get(whole_number(code) or 0, str(code).upper())
+    if name not in _IMC_COORDINATES:
+        return "coord_sys is none of XYZ, NED, BEAMS, ENU"
+    system, axes = _IMC_COORDINATES[name]
+    cells = [[number(beam.get("vel")) for beam in cell["beams"]] for cell in profile]
+    if axes is not None:
+        if any(len(cell) < len(axes) for cell in cells):
+            return f"fewer than three components in a cell of {name} coordinates"
+        cells = [[sign * cell[at] for at, sign in axes] for cell in cells]
+    return {
+        "coordinate_system": system,
+        "reference": "platform",
+        "orientation": "down",
+        "n_cells": len(cells),
+        "cell_distances": [abs(number(cell.get("cell_position"))) for cell in profile],
+        "velocity": cells,
+        "amplitude": [[beam.get("amp") for beam in cell["beams"]] for cell in profile],
+        "correlation": [[beam.get("cor") for beam in cell["beams"]] for cell in profile],
+    }
+
+
+def _vector(value: Payload) -> _Vector:
+    return number(value.get("x")), number(value.get("y")), number(value.get("z"))
+
+
+def _first_vector(vectors: list[_Vector], _: list[_Vector]) -> list[float | None]:
+    """Return a cell's only vector; zeros are no solution."""
+    return list(vectors[0]) if vectors and any(vectors[0]) else [None, None, None]
+
+
+def _along_beams(vectors: list[_Vector], directions: list[_Vector]) -> list[float | None]:
+    """Return the velocity along each beam; zeros are no solution."""
+    return [
+        sum(v * d for v, d in zip(vector, unit, strict=True)) if any(vector) else None
+        for vector, unit in zip(vectors, directions, strict=True)
+    ]
+
+
+def _rows(values: Any, width: int) -> list[Sequence[Any]] | None:
+    """Return a flat list cut into rows; None for what is no list."""
+    if not isinstance(values, list | tuple | bytes):
+        return None
+    return [list(values[i : i + width]) for i in range(0, len(values), width)]

@@ -1,0 +1,201 @@
+"""Pressures to depths, and depths to dives, surfacings and legs.
+
+Where a dive begins and ends is one rule for profiles, mean currents, surfacings and legs. A leg lies between two turns: the vehicle turns
+where it comes back by a stated length, so that noise and waves smaller than that make none.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import gsw
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.table import Integers
+
+# degrees; gravity there is the mean of the equator's and the pole's, so that a depth is off by 0.27 % at most
+_LATITUDE_ASSUMED = 45.0
+# surface depths; below that many a dive begins, so that waves at the surface make no dives
+_DIVE_BEGINS = 2.0
+Numbers = NDArray[np.int32]
+
+
+def depth_of(pressure: Array, latitude: Array) -> Array:
+    """Return the depths at sea pressures, shape (n,) [m]; NaN for a pressure that has none.
+
+    Args:
+        pressure: shape (n,) [dbar], 0 at the surface.
+        latitude: shape (n,) [degrees north]; NaN where none is known, for which 45 degrees are taken.
+
+    References:
+        TEOS-10, through gsw, for standard salinity and 0 degrees Celsius.
+    """
+    with np.errstate(all="ignore"):
+        at = np.where(np.isfinite(latitude), latitude, _LATITUDE_ASSUMED)
+        depth = -gsw.z_from_p(np.asarray(pressure, np.float64), at)
+    return np.where(np.isfinite(depth), depth, np.nan)
+
+
+def dive_begins(depth: Array, surface_depth: float) -> NDArray[np.bool_]:
+    """Return whether depths [m] are deep enough to begin a dive: below twice the surface depth [m]; NaN never is."""
+    return np.asarray(depth > _DIVE_BEGINS * surface_depth)
+
+
+def submerged(depth: Array, surface_depth: float, before: bool) -> NDArray[np.bool_]:
+    """Return whether the vehicle is in a dive at each of its depths, shape (n,).
+
+    A dive begins below twice the surface depth and ends at the surface depth; with NaN none begins or goes on.
+
+    Args:
+        depth: shape (n,) [m], in order.
+        surface_depth: Shallower than this the vehicle is at the surface [m].
+        before: Whether it was in a dive before the first.
+    """
+    begins = dive_begins(depth, surface_depth)
+    changes = begins | ~(depth > surface_depth)
+    last = np.maximum.accumulate(np.where(changes, np.arange(depth.size), -1))
+    return np.where(last < 0, before, begins[last])
+
+
+@dataclass(frozen=True, slots=True)
+class Diving:
+    """The vehicle's depth and dive at the end of a block.
+
+    Attributes:
+        depth: Last stated [m]; NaN before the first.
+        submerged: Whether it is in a dive.
+        dive: Number of dives begun.
+    """
+
+    depth: float = np.nan
+    submerged: bool = False
+    dive: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Depths:
+    """The vehicle's depths of a block of messages, in order, with the dives that they make.
+
+    Attributes:
+        before: At the end of the block before.
+        order: shape (n,), place in the stream of the messages that state them.
+        depth: shape (n,) [m].
+        stated: shape (n,), whether by the vehicle; else by the pressure of a ping, of a log that states no other depth so far.
+        submerged: shape (n,), whether the vehicle is in a dive.
+        dive: shape (n,), number of dives begun.
+    """
+
+    before: Diving
+    order: Integers
+    depth: Array
+    stated: NDArray[np.bool_]
+    submerged: NDArray[np.bool_]
+    dive: Integers
+
+    @classmethod
+    def of(
+        cls, before: Diving, rows: list[tuple[Integers, Array, bool]], surface_depth: float
+    ) -> "Depths":
+        """Return the depths of a block.
+
+        Args:
+            before: At the end of the block before.
+            rows: Orders, depths [m], and whether the vehicle states them, of each source.
+            surface_depth: [m].
+        """
+        order = np.concatenate([np.empty(0, np.int64), *(one[0] for one in rows)])
+        depth = np.concatenate([np.empty(0), *(one[1] for one in rows)])
+        stated = np.concatenate([np.full(one[0].size, one[2], np.bool_) for one in rows] or [np.empty(0, bool)])
+        known = np.isfinite(depth)
+        at = np.flatnonzero(known)[np.argsort(order[known], kind="stable")]
+        under = submerged(depth[at], surface_depth, before.submerged)
+        begun = under & ~np.append(before.submerged, under[:-1]) if under.size else under
+        dive = before.dive + np.cumsum(begun)
+        return cls(before, order[at], depth[at], stated[at], under, dive.astype(np.int64))
+
+    def at(self, order: Integers) -> tuple[Array, NDArray[np.bool_], Integers]:
+        """Return depth, whether in a dive, and number of the dive after messages at places in the stream, shapes (n,)."""
+        before = self.before
+        if not self.order.size:
+            shape = order.shape
+            return (
+                np.full(shape, before.depth),
+                np.full(shape, before.submerged),
+                np.full(shape, before.dive, np.int64),
+            )
+        at = np.searchsorted(self.order, order, side="right") - 1
+        first, at = at < 0, np.maximum(at, 0)
+        depth = np.where(self.stated, self.depth, before.depth)[at]
+        return (
+            np.where(first, before.depth, depth),
+            np.where(first, before.submerged, self.submerged[at]),
+            np.where(first, before.dive, self.dive[at]),
+        )
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Which of the depths the way of a dive goes down to."""
+        return np.ones(self.order.size, np.bool_)
+
+    @property
+    def end(self) -> Diving:
+        """At the end of the block."""
+        depth, under, dive = self.at(np.array([np.iinfo(np.int64).max]))
+        return Diving(float(depth[0]), bool(under[0]), int(dive[0]))
+
+
+def legs_of(time_ns: Integers, depth: Array, surface_depth: float, leg: float, gap: float) -> Numbers:
+    """Return the number of the leg of each sample of a track, shape (n,), from 1; 0 in none.
+
+    ``submerged`` is the rule for where a dive begins and ends; no leg goes on over its ends, over a gap in time or a step back. A sample
+    without a depth, or not later than the one before it, is left out.
+
+    Args:
+        time_ns: shape (n,) [ns], in the order of the samples.
+        depth: shape (n,) [m], positive down; NaN where not known.
+        surface_depth: [m], shallower than this the vehicle is at the surface.
+        leg: [m], least length of a leg, and by how much a vehicle comes back before it counts as turned.
+        gap: [s], longest time between samples of one leg.
+    """
+    later = np.diff(time_ns, prepend=time_ns[:1] - 1) > 0
+    sound = np.flatnonzero(np.isfinite(depth) & later)
+    under, steps = submerged(depth[sound], surface_depth, False), np.diff(time_ns[sound])
+    begun = under & ~np.append(False, under[:-1]) if under.size else under
+    dive = np.where(under, np.cumsum(begun), 0)
+    cuts = np.flatnonzero((steps > gap * 1e9) | (steps <= 0) | (np.diff(dive) != 0)) + 1
+    numbers, count = np.zeros(len(depth), np.int32), 0
+    for part in np.split(np.arange(sound.size), cuts):
+        if part.size == 0 or dive[part[0]] == 0:
+            continue
+        for first, last in _legs(depth[sound[part]], leg):
+            # the sample at a turn is of the leg that it ends
+            inside = sound[part[first : last + 1]]
+            count += 1
+            numbers[inside[numbers[inside] == 0]] = count
+    return numbers
+
+
+def _legs(depth: Array, leg: float) -> Iterator[tuple[int, int]]:
+    """Yield first and last sample of each leg, in their order; neighbours share the sample at the turn.
+
+    The last of equal extremes is the turn. What comes before the first leg or after the last turn and is shorter than a leg is in none.
+    """
+    values = depth.tolist()
+    low = high = start = way = 0
+    for k, value in enumerate(values):
+        # a first leg begins at the first of equal extremes, as nothing before it claims them
+        if way >= 0 and (value > values[high] or (way and value == values[high])):
+            high = k
+        if way <= 0 and (value < values[low] or (way and value == values[low])):
+            low = k
+        if way >= 0 and values[high] - value >= leg:
+            if way:
+                yield start, high
+            way, start, low = -1, high, k
+        elif way <= 0 and value - values[low] >= leg:
+            if way:
+                yield start, low
+            way, start, high = 1, low, k
+    if way:
+        yield start, high if way > 0 else low

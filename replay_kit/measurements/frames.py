@@ -1,0 +1,243 @@
+"""Velocities from beams to the instrument's axes and to east, north, up: pure maths on arrays of n pings.
+
+A beam's velocity is the component along the beam's unit vector, given in the instrument's axes; a vector that points towards the
+transducer makes velocities towards it positive (Teledyne), one that points away makes them negative (Nortek). The geometry is
+all in these vectors, so that convex and concave heads, and beams at any angle, are one case. Sums are written out, so that a ping's values
+do not depend on those that are turned with it.
+
+Sources: Teledyne RD Instruments, "ADCP Coordinate Transformation: Formulas and Calculations" (P/N 951-6079-00, 2010), sections 5
+and 6; Nortek, "Signature Principles of Operation" and "Signature Integrators Guide, AD2CP" (N3015-007), coordinate transformations.
+"""
+
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+
+Chosen = NDArray[np.bool_]
+
+
+def turned(velocity: Array, rotation: Array) -> Array:
+    """Return velocities along east, north, up, shape (n, m, 3) [m/s].
+
+    A turn about the vertical alone needs no vertical velocity, which may be missing.
+
+    Args:
+        velocity: shape (n, m, at least 3) [m/s], along the axes of the rotation.
+        rotation: shape (n, 3, 3), from these axes to east, north, up.
+    """
+    x, y, z = (velocity[..., k] for k in range(3))
+    r = rotation[:, None]
+    level = (rotation[:, 2] == (0.0, 0.0, 1.0)).all(axis=1)[:, None]
+    flat = [r[..., k, 0] * x + r[..., k, 1] * y for k in range(3)]
+    east, north, up = (flat[k] + r[..., k, 2] * z for k in range(3))
+    return np.stack(
+        [np.where(level, flat[0], east), np.where(level, flat[1], north), np.where(level, z, up)],
+        axis=-1,
+    )
+
+
+def solve_beams(beams: Array, vectors: Array) -> Array:
+    """Return x, y, z and the error velocity of each cell, shape (n, m, 4) [m/s].
+
+    Four beams are solved by least squares, which for a Janus head is Teledyne's matrix; the error velocity is the part that no
+    velocity explains, scaled to have the noise of a horizontal component. With one beam missing the other three are solved
+    exactly, without an error velocity (three-beam solution). With fewer the cell is NaN.
+
+    Args:
+        beams: shape (n, m, b) [m/s], along the beams' vectors; NaN where missing.
+        vectors: shape (b, 3), the beams' unit vectors in the instrument's axes.
+
+    References:
+        Teledyne, sections 5.3 (beam to instrument) and 5.5 (three-beam solutions).
+    """
+    n, m, b = beams.shape
+    result, good = np.full((n, m, 4), np.nan), np.isfinite(beams)
+    # the sets of beams that occur are few: one matrix for each, not for each cell
+    sets = good @ (1 << np.arange(b))
+    for each in np.unique(sets):
+        present = (each >> np.arange(b)) & 1 == 1
+        if present.sum() < 3 or np.linalg.matrix_rank(vectors[present]) < 3:
+            continue
+        cells, weights = sets == each, np.zeros((b, 4))
+        weights[present, :3] = np.linalg.pinv(vectors[present]).T
+        if present.all() and b == 4:
+            weights[:, 3] = error_weights(vectors)
+        else:
+            weights[:, 3] = np.nan
+        found = beams[cells]
+        result[cells] = sum(found[:, k, None] * weights[k] for k in np.flatnonzero(present))
+    return result
+
+
+def error_weights(vectors: Array) -> Array:
+    """Return the weights of four beams in the error velocity, shape (4,); positive for the first beam.
+
+    They are orthogonal to the beams of every velocity, and as long as those of the x component: Teledyne's d = a / sqrt(2).
+    """
+    weights = np.linalg.svd(vectors.T)[2][3]
+    return np.asarray(weights * noise_gain(vectors) * np.sign(weights[0]))
+
+
+def noise_gain(vectors: Array) -> float:
+    """Return how many times the error of a beam is in a horizontal component of the solution."""
+    return float(np.linalg.norm(np.linalg.pinv(vectors)[0]))
+
+
+def beams_of(velocity: Array, vectors: Array) -> Array:
+    """Return beam velocities, shape (n, m, b) [m/s], of x, y, z and, for four beams, the error velocity: the inverse of ``solve_beams``.
+
+    Args:
+        velocity: shape (n, m, 3) or (n, m, 4) [m/s].
+        vectors: shape (b, 3), the beams' unit vectors.
+    """
+    beams = sum(velocity[..., k, None] * vectors[:, k] for k in range(3))
+    if velocity.shape[2] == 4 and len(vectors) == 4:
+        weights = error_weights(vectors)
+        beams = beams + velocity[..., 3:] * (weights / (weights @ weights))
+    return np.asarray(beams)
+
+
+def teledyne_rotation(
+    heading_deg: Array, pitch_deg: Array, roll_deg: Array, up: bool, gimbal: Chosen
+) -> Array:
+    """Return the matrices, shape (n, 3, 3), from Teledyne's instrument axes to east, north, up.
+
+    With pitch and roll 0 they turn ship axes (x starboard, y forward) too.
+
+    Args:
+        heading_deg: shape (n,), of the y axis (beam 3), clockwise from north.
+        pitch_deg: shape (n,), positive when beam 3 is higher than beam 4, whether the instrument looks down or up. The pitch of the
+            internal tilt sensor, which is corrected here to what a gimbal would measure (equation 18), unless ``gimbal`` is set.
+        roll_deg: shape (n,), positive when the ship's starboard side is down: beam 1 is then higher than beam 2 on an instrument that
+            looks down, and beam 2 higher than beam 1 on one that looks up.
+        up: Whether the instrument looks up. Roll counts from the ship's axes, from which the axes of an instrument that looks up
+            are half a turn away about y.
+        gimbal: shape (n,), whether the pitch is already that of a gimbal: an Euler angle, as of a gyro or an inertial unit.
+
+    References:
+        Teledyne, section 5.6, matrix M, and equation 18; the signs of the angles also in the WorkHorse's "Commands and Output Data
+        Format", variable leader, pitch (tilt 1) and roll (tilt 2).
+    """
+    heading, pitch, roll = np.deg2rad(heading_deg), np.deg2rad(pitch_deg), np.deg2rad(roll_deg)
+    pitch = np.where(gimbal, pitch, np.arctan(np.tan(pitch) * np.cos(roll)))
+    roll = roll + np.pi if up else roll
+    (ch, sh), (cp, sp), (cr, sr) = (
+        (np.cos(angle), np.sin(angle)) for angle in (heading, pitch, roll)
+    )
+    return _matrices(
+        (ch * cr + sh * sp * sr, sh * cp, ch * sr - sh * sp * cr),
+        (-sh * cr + ch * sp * sr, ch * cp, -sh * sr - ch * sp * cr),
+        (-cp * sr, sp, cp * cr),
+    )
+
+
+def nortek_rotation(heading_deg: Array, pitch_deg: Array, roll_deg: Array, down: bool) -> Array:
+    """Return the matrices, shape (n, 3, 3), from Nortek's instrument axes to east, north, up.
+
+    Args:
+        heading_deg: shape (n,), of the x axis, clockwise from north.
+        pitch_deg: shape (n,), positive when the x axis points up.
+        roll_deg: shape (n,), about the x axis, right-handed.
+        down: Whether the instrument's status says that it looks down: y and z are then reversed.
+
+    References:
+        Nortek, Integrators Guide, coordinate transformations: H P R with heading - 90 degrees.
+    """
+    heading, pitch, roll = (
+        np.deg2rad(90.0 - heading_deg),
+        np.deg2rad(pitch_deg),
+        np.deg2rad(roll_deg),
+    )
+    (ch, sh), (cp, sp), (cr, sr) = (
+        (np.cos(angle), np.sin(angle)) for angle in (heading, pitch, roll)
+    )
+    matrix = _matrices(
+        (ch * cp, -ch * sp * sr - sh * cr, sh * sr - ch * cr * sp),
+        (sh * cp, ch * cr - sh * sp * sr, -sh * cr * sp - ch * sr),
+        (sp, sr * cp, cp * cr),
+    )
+    return matrix * np.array([1.0, -1.0, -1.0]) if down else matrix
+
+
+def _matrices(*rows: tuple[Array, Array, Array]) -> Array:
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def vertical_stretch(vectors: Array, rotation: Array) -> Array:
+    """Return by how much a tilt changes the vertical distance of each beam's cells, shape (n, b); 1 without tilt, 0 for a level beam.
+
+    Args:
+        vectors: shape (b, 3), the beams' unit vectors in the instrument's axes.
+        rotation: shape (n, 3, 3), from the instrument's axes to east, north, up.
+    """
+    untilted = np.abs(vectors[:, 2])
+    down = sum(rotation[:, 2, k, None] * vectors[:, k] for k in range(3))
+    return np.divide(np.abs(down), untilted, out=np.zeros(down.shape), where=untilted > 0.0)
+
+
+def map_bins(beams: Array, stretch: Array, first: Array, cell_size: Array) -> Array:
+    """Return each beam's velocities at the vertical distances that the cells have without tilt, shape (n, m, b) [m/s].
+
+    Linear through the two cells nearest to a distance, so exact for a velocity that is linear in depth. Where one of the two is
+    missing the nearer cell is taken as it is, which is Teledyne's own mapping. NaN more than half a cell beyond a beam's ends.
+
+    Args:
+        beams: shape (n, m, b) [m/s], cell after cell along each beam; NaN where missing.
+        stretch: shape (n, b), see ``vertical_stretch``.
+        first: shape (n,), vertical distance of the first cell without tilt [m].
+        cell_size: shape (n,), vertical size of a cell without tilt [m].
+
+    References:
+        Teledyne, section 6 (bin mapping).
+    """
+    m = beams.shape[1]
+    first, size = first[:, None, None], cell_size[:, None, None]
+    wanted = first + size * np.arange(m)[:, None]
+    factor = np.where(stretch > 0.0, stretch, np.nan)[:, None, :]
+    place = (wanted / factor - first) / size
+    inside = (place >= -0.5) & (place <= m - 0.5)
+    place = np.where(inside, place, 0.0)
+    nearest = np.clip(np.round(place).astype(np.intp), 0, m - 1)
+    lower = np.clip(np.floor(place).astype(np.intp), 0, max(m - 2, 0))
+    below, above, near = (
+        np.take_along_axis(beams, at, axis=1) for at in (lower, np.minimum(lower + 1, m - 1), nearest)
+    )
+    between = below + (place - lower) * (above - below)
+    return np.where(inside, np.where(np.isfinite(between), between, near), np.nan)
+
+
+# of a quaternion that is one
+_LEAST_NORM, _MOST_NORM = 0.9, 1.1
+
+
+def attitude_of(quaternion: Array, ned: Chosen) -> Array:
+    """Return heading of the nose, clockwise from north, pitch, nose up, and roll, starboard down, shape (n, 3) [degrees].
+
+    NaN where a quaternion is unset, not a number, or not of unit length.
+
+    Args:
+        quaternion: shape (n, 4), x, y, z, w; turns vectors from the body (x forward, y left, z up) to the frame (x east, y north, z up), as
+            in ROS REP-103.
+        ned: shape (n,), whether the body is forward, right, down and the frame north, east, down instead.
+    """
+    norm = np.sqrt(sum(quaternion[:, k] ** 2 for k in range(4)))
+    norm = np.where((norm > _LEAST_NORM) & (norm < _MOST_NORM), norm, np.nan)
+    x, y, z, w = (quaternion[:, k] / norm for k in range(4))
+    yaw = np.degrees(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    tilt = np.degrees(np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)))
+    roll = np.degrees(np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)))
+    heading = np.where(ned, yaw, 90.0 - yaw) % 360.0
+    # the remainder of a tiny negative angle rounds to 360 itself; about an axis to the left a positive turn lowers the nose
+    return np.column_stack(
+        [np.where(heading == 360.0, 0.0, heading), np.where(ned, tilt, -tilt), roll]
+    )
+
+
+def tilt(pitch_deg: Array, roll_deg: Array) -> Array:
+    """Return the angles between instruments' axes and the vertical [degrees], whichever way they look; NaN where not known."""
+    cosine = np.cos(np.deg2rad(pitch_deg)) * np.cos(np.deg2rad(roll_deg))
+    return np.asarray(np.degrees(np.arccos(np.abs(cosine)))) if cosine.size else cosine
+
+

@@ -1,0 +1,168 @@
+"""Messages to blocks, and the rows of blocks as observations: what a script loops over."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.block import LINEAR, MEAN, PING, Block
+from replay_kit.core.message import Message
+from replay_kit.core.observation import (
+    Fix,
+    Measurement,
+    Observation,
+    PathMean,
+    RawValues,
+    Source,
+    VehicleState,
+)
+from replay_kit.core.table import Columns
+from replay_kit.logs.tables.columns import raws_of
+from replay_kit.logs.tables.frames import Open, lost
+from replay_kit.logs.tables.schemas import tables_of
+from replay_kit.measurements.consistency.raw import raw_values
+from replay_kit.measurements.measure import Memory, measure
+
+_LAST = np.iinfo(np.int64).max
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stream:
+    """What is carried from block to block.
+
+    Attributes:
+        memory: Of the measurements.
+        pending: Frames of MAVLink's pings that are not complete.
+        order: Number of messages so far.
+    """
+
+    memory: Memory = field(default_factory=Memory)
+    pending: Open = field(default_factory=dict)
+    order: int = 0
+
+
+def taken(
+    stream: Stream, messages: list[Message], config: MeasurementConfig, last: bool = False
+) -> tuple[Stream, Block]:
+    """Return what is carried on after some messages, and what they measured; ``last`` says that the log ends with them."""
+    tables, pending = tables_of(raws_of(messages, stream.order), config, stream.pending)
+    order = stream.order + len(messages)
+    if last:
+        tables, pending = [*tables, *lost(pending, _LAST)], {}
+    times = np.array([message.time_ns for message in messages], np.int64)
+    clock = np.arange(stream.order, order), times
+    memory, block = measure(stream.memory, tables, clock, config, last)
+    return Stream(memory, pending, order), block
+
+
+def blocks(
+    messages: Iterable[Message],
+    config: MeasurementConfig,
+    size: int = 4096,
+    stream: Stream | None = None,
+) -> Iterator[Block]:
+    """Yield what the blocks of a stream of messages measured; the last one when the stream has ended."""
+    stream, rest = stream or Stream(), iter(messages)
+    while part := list(islice(rest, size)):
+        stream, block = taken(stream, part, config)
+        yield block
+    yield taken(stream, [], config, last=True)[1]
+
+
+def rows(block: Block) -> Iterator[VehicleState | Measurement]:
+    """Yield the events of a block in order, each as a value of its own."""
+    for _, kind, row in block.events.tolist():
+        if kind == LINEAR:
+            yield block.linear[row]
+        elif kind == PING:
+            yield observation(block, row)
+        else:
+            yield path_mean(block, row) if kind == MEAN else vehicle_state(block, row)
+
+
+def _source(columns: Columns, row: int, topics: Any, time: str = "time") -> Source:
+    return Source(
+        int(columns["input"][row]),
+        topics[columns["topic"][row]],
+        int(columns["ordinal"][row]),
+        int(columns[time][row]),
+    )
+
+
+def _floats(columns: Columns, row: int, *names: str) -> Iterator[float]:
+    return (float(columns[name][row]) for name in names)
+
+
+def vehicle_state(block: Block, row: int) -> VehicleState:
+    """Return a position of a block."""
+    columns = block.position
+    return VehicleState(
+        int(columns["time"][row]),
+        *_floats(columns, row, "longitude", "latitude", "depth"),
+        bool(columns["dead_reckoned"][row]),
+        _source(columns, row, block.topics),
+    )
+
+
+def observation(block: Block, row: int) -> Observation:
+    """Return a profile of a block."""
+    columns, bins = block.ping, slice(0, int(block.ping["bins"][row]))
+    common_std, correlation = _floats(columns, row, "common_std", "correlation_depth")
+    platform = columns["platform"][row]
+    return Observation(
+        int(columns["time"][row]),
+        *_floats(columns, row, "longitude", "latitude"),
+        *(columns[name][row, bins] for name in ("depth", "velocity", "error_std")),
+        "platform" if np.isinf(common_std) else "earth",
+        *(columns[name][row, bins] for name in ("flags", "reasons")),
+        int(columns["dive"][row]),
+        _source(columns, row, block.topics),
+        common_std,
+        correlation,
+        None if np.isnan(platform).any() else (float(platform[0]), float(platform[1])),
+        raw=_raw(columns, row, bins),
+        position_std=float(columns["position_std"][row]),
+    )
+
+
+def _raw(columns: Columns, row: int, bins: slice) -> RawValues:
+    velocity = columns["raw"][row, bins, : columns["components"][row]]
+    (raw,) = raw_values(np.ascontiguousarray(velocity)[None], bool(columns["along_beams"][row]))
+    depth, error, heading = _floats(columns, row, "pressure_depth", "error_velocity", "heading")
+    return RawValues(raw.kind, raw.digest, raw.texture, raw.along_beams, depth, error, heading)
+
+
+def path_mean(block: Block, row: int) -> PathMean:
+    """Return a mean current of a block."""
+    columns, points = block.mean, slice(0, int(block.mean["points"][row]))
+    path = (columns[f"path_{name}"][row, points] for name in ("time", "longitude", "latitude", "depth"))
+    velocity, reckoned = columns["velocity"][row].tolist(), columns["reckoned"][row].tolist()
+    start, end = (
+        Fix(int(columns[f"{name}_time"][row]), *columns[name][row].tolist()) for name in ("start", "end")
+    )
+    return PathMean(
+        int(columns["time"][row]),
+        *path,
+        columns["weight"][row, points],
+        (velocity[0], velocity[1]),
+        float(columns["error_std"][row]),
+        "dac",
+        int(columns["dive"][row]),
+        _source(columns, row, block.topics, "source_time"),
+        (start, end),
+        beside_profiles=bool(columns["beside_profiles"][row]),
+        deepest=float(columns["deepest"][row]),
+        reckoned=None if np.isnan(reckoned[0]) else (reckoned[0], reckoned[1]),
+    )
+
+
+def counts(found: Iterable[Block]) -> Mapping[tuple[str, str], int]:
+    """Return the number of messages by topic and reason, the empty reason for those that are used."""
+    total: dict[tuple[str, str], int] = {}
+    for block in found:
+        for key, number in block.counts().items():
+            total[key] = total.get(key, 0) + number
+    return total

@@ -1,0 +1,304 @@
+"""Tests of ADCP profiles' bins: functions of arrays, one a test, each giving the QARTOD flag of each bin.
+
+What is said of one profile does not depend on the others. A flag is good, suspect, fail, or not evaluated where the test's input is absent:
+a test never fails what it cannot judge. Limits are (suspect, fail); None is no limit. A bin's own flag is the worst that a test gave.
+
+Sources: U.S. IOOS, "Manual for Real-Time Quality Control of In-Situ Current Observations" (QARTOD), which names the tests and leaves
+their numbers to the operator; Teledyne's commands WC, WE and its percent good; the toolbox of IMOS (side lobe, error velocity, tilt).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.block import BinTest
+from replay_kit.core.observation import Flag, Reason
+from replay_kit.measurements.frames import tilt
+
+Flags = NDArray[np.int8]
+Words = NDArray[np.object_]
+_GOOD, _NOT_EVALUATED, _SUSPECT, _FAIL, _MISSING = (
+    np.int8(flag) for flag in (Flag.GOOD, Flag.NOT_EVALUATED, Flag.SUSPECT, Flag.FAIL, Flag.MISSING)
+)
+# a solution needs so many beams
+_BEAMS = 3
+# scales a median deviation to the standard deviation of a normal distribution
+_MAD = 1.4826
+# bins; fewer have no median that one of them could not move
+_FEWEST = 4
+OFF = "switched off"
+Profiles = Mapping[str, NDArray[Any]]
+
+
+@np.errstate(all="ignore")
+def tested(
+    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
+) -> tuple[list[BinTest], Flags, NDArray[np.int32]]:
+    """Return the results of each test, and the flags and reasons of bins after all of them, shapes (n, m).
+
+    Args:
+        profiles: Columns of pings of one layout, as ``earth.to_earth`` returns them, with depth, transducer_depth, vehicle_depth and dive.
+        fixed: What is the instrument's.
+        config: The limits.
+    """
+    quality, (n, m) = config.quality, profiles["depth"].shape
+    limited = {name: quality.limits(name) for name in _LIMITED}
+    correlation = "nortek_correlation" if fixed["convention"] == "nortek" else "correlation"
+    limited["correlation"] = quality.limits(correlation)
+    found: list[BinTest] = []
+    for name, values, why, (suspect, fail), least in _inputs(profiles, fixed, config, limited):
+        off = suspect is None and fail is None
+        flags = np.full((n, m), _NOT_EVALUATED)
+        if not off:
+            flags = graded(values, (suspect, fail), least)
+            flags = np.where((why == "")[:, None], flags, _NOT_EVALUATED)
+            flags = np.broadcast_to(flags, (n, m))
+        shown = correlation if name == "correlation" else name
+        found.append(BinTest(shown, _REASONS[name], flags, np.full(n, OFF, object) if off else why))
+    # each bin against those around it that no other test failed
+    failed = np.any([test.flags == _FAIL for test in found], axis=0) | ~np.isfinite(profiles["depth"])
+    velocity = np.where(failed[..., None], np.nan, profiles["velocity"][..., :2])
+    floor = np.maximum(profiles["error_std"], quality.outlier_floor)
+    ratio, limits = outlyingness(velocity, floor, quality.outlier_window), quality.limits("outlier")
+    why = np.where(np.isfinite(ratio).any(axis=1), "", "too few bins").astype(object)
+    if limits == (None, None):
+        why[:] = OFF
+    found.append(BinTest("outlier", Reason.OUTLIER, graded(ratio, limits, False), why))
+    return found, *_rolled_up(found, profiles, quality.use_suspect)
+
+
+_LIMITED = ("amplitude", "snr", "percent_good", "error_velocity", "speed", "tilt")
+_REASONS = {
+    "above_surface": Reason.ABOVE_SURFACE,
+    "max_speed": Reason.GROSS_RANGE,
+    "bottom": Reason.BELOW_BOTTOM,
+    "correlation": Reason.LOW_CORRELATION,
+    "amplitude": Reason.LOW_AMPLITUDE,
+    "snr": Reason.LOW_SNR,
+    "percent_good": Reason.LOW_PERCENT_GOOD,
+    "error_velocity": Reason.ERROR_VELOCITY,
+    "speed": Reason.HIGH_SPEED,
+    "tilt": Reason.TILT,
+    "sidelobe": Reason.SIDELOBE,
+    "at_surface": Reason.AT_SURFACE,
+}
+Limit = float | Array | None
+
+
+def _inputs(
+    profiles: Profiles,
+    fixed: Mapping[str, Any],
+    config: MeasurementConfig,
+    limits: Mapping[str, tuple[Limit, Limit]],
+) -> Iterator[tuple[str, Array, Words, tuple[Limit, Limit], bool]]:
+    """Yield of each test its name, numbers that broadcast to (n, m), why pings have none, limits, and whether these are the least that is good."""
+    n, velocity, none = len(profiles["depth"]), profiles["velocity"][..., :2], _words(len(profiles["depth"]))
+    yield "above_surface", profiles["depth"], none, (None, 0.0), True
+    yield "max_speed", np.abs(velocity).max(axis=2), none, (None, config.max_speed), False
+    reach, cosine = _reach(profiles, fixed, config)
+    bottom = profiles["bottom_range"]
+    unknown = _words(n, ~np.isfinite(bottom), "no bottom track")
+    yield "bottom", reach, unknown, (None, (bottom * cosine)[:, None]), False
+    for name in ("correlation", "amplitude"):
+        yield name, *_beams(profiles, name), limits[name], True
+    yield "snr", *_snr(profiles, fixed), limits["snr"], True
+    yield "percent_good", *_percent_good(profiles, fixed), limits["percent_good"], True
+    yield (
+        *("error_velocity", profiles["error_size"], profiles["no_error_velocity"]),
+        *(limits["error_velocity"], False),
+    )
+    relative = _words(n, ~profiles["absolute"], "velocity is relative to the platform")
+    yield "speed", np.hypot(velocity[..., 0], velocity[..., 1]), relative, limits["speed"], False
+    angle = tilt(profiles["pitch"], profiles["roll"])
+    # how an instrument is mounted in a glider, level in the glide or not, no ping says
+    why = _words(n, profiles["dive"] > 0, "not evaluated for a gliding vehicle")
+    why[~np.isfinite(angle)] = "the ping has no pitch and roll"
+    yield "tilt", angle[:, None], why, limits["tilt"], False
+    why = none if fixed["orientation"] == "up" else _words(n, True, "the instrument looks down")
+    why = why if config.quality.sidelobe else _words(n, True, OFF)
+    yield "sidelobe", reach, why, (None, (profiles["transducer_depth"] * cosine)[:, None]), False
+    yield "at_surface", *_at_surface(profiles, fixed, config), True
+
+
+def _words(n: int, at: Any = False, words: str = "") -> Words:
+    """Return words for some of n pings, and none for the others."""
+    return np.where(np.broadcast_to(at, n), words, "").astype(object)
+
+
+def _beams(profiles: Profiles, name: str) -> tuple[Array, Words]:
+    """Return the number on which each cell's solution hangs, of a field with one a beam, shape (n, m), and why pings have none."""
+    if name not in profiles:
+        return np.full(profiles["depth"].shape, np.nan), profiles[f"no_{name}"]
+    return worst_needed(profiles[name]), profiles[f"no_{name}"]
+
+
+def _snr(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, Words]:
+    """Return the stated ratio of signal to noise, else the echo over the noise's [dB]."""
+    values, why = _beams(profiles, "snr")
+    amplitude, floor, why = profiles.get("amplitude"), fixed["noise_floor"], why.copy()
+    lacks = why != ""
+    if not lacks.any():
+        return values, why
+    if amplitude is None or not np.isfinite(floor).any():
+        why[lacks] = "the ping has neither snr nor noise_floor with amplitude"
+        return values, why
+    if floor.size not in (1, amplitude.shape[2]):
+        why[lacks] = "noise_floor is neither one number nor one a beam"
+    else:
+        values = np.where(lacks[:, None], worst_needed(amplitude - floor), values)
+        why[lacks] = ""
+    why[lacks & (profiles["no_amplitude"] != "")] = (
+        "the ping has neither snr nor noise_floor with amplitude"
+    )
+    return values, why
+
+
+def _percent_good(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, Words]:
+    """Return the percentage of solutions in each cell: one number a cell, one a beam, or the sum of Teledyne's first and last.
+
+    Teledyne's four, of velocities that the instrument turned, are three-beam solutions, rejected ones, cells with too few beams,
+    four-beam solutions.
+    """
+    values, why = profiles.get("percent_good"), profiles["no_percent_good"]
+    # of the makers whose instruments turn velocities only Teledyne writes four numbers
+    turned = fixed["frame"] != "beam" and fixed["convention"] != "nortek"
+    if values is not None and turned and values.shape[2] == 4:
+        return values[..., 0] + values[..., 3], why
+    return _beams(profiles, "percent_good")
+
+
+def _reach(
+    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
+) -> tuple[Array, float]:
+    """Return how far bins reach from the transducer, shape (n, m) [m], and the share of a boundary's distance that is not spoiled.
+
+    A beam's side lobe meets the boundary straight ahead before the beam itself does, so that the last part of the range,
+    1 - cos(beam angle) of it, is spoiled: of the widest beam, or of the configured angle where the ping does not say.
+    """
+    distance, size = profiles["distance"], np.full(len(profiles["distance"]), fixed["cell_size"])
+    if not np.isfinite(fixed["cell_size"]) and distance.shape[1] > 1:
+        steps = np.abs(np.diff(distance, axis=1))
+        known = np.isfinite(steps).any(axis=1)
+        size[known] = np.nanmedian(steps[known], axis=1)
+    vectors = fixed["vectors"]
+    if vectors is not None and vectors.size and np.isfinite(vectors[:, 2]).all():
+        lowest = float(np.abs(vectors[:, 2]).min())
+    else:
+        lowest = 0.0
+    cosine = lowest if 0.0 < lowest <= 1.0 else float(np.cos(np.deg2rad(config.quality.beam_angle)))
+    return distance + np.where(np.isfinite(size), 0.5 * size, 0.0)[:, None], cosine
+
+
+def _at_surface(
+    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
+) -> tuple[Array, Words, tuple[Limit, Limit]]:
+    """Return the depth and the limits of a vehicle that dives: at the surface it rolls in the waves with its bubbles."""
+    word, n = config.quality.at_surface, len(profiles["dive"])
+    limits = (config.surface_depth, None) if word == "suspect" else (None, config.surface_depth)
+    # the depth of the vehicle may be an older one than the ping's own
+    depth = np.fmax(profiles["vehicle_depth"], profiles["transducer_depth"])[:, None]
+    if word == "off":
+        return depth, _words(n, True, OFF), limits
+    why = _words(n, fixed["derived"], "derived from many pings")
+    why[profiles["dive"] == 0] = "no dive yet"
+    return depth, why, limits
+
+
+def graded(values: Array, limits: tuple[Limit, Limit], least: bool) -> Flags:
+    """Return the flags of values against limits; not evaluated where a value is NaN, or without any limit.
+
+    Args:
+        values: Of any shape.
+        limits: Suspect and fail; numbers, or arrays that broadcast to the values.
+        least: Whether the limits are the least that is good, else the most.
+    """
+    flags = np.where(np.isfinite(values), _GOOD, _NOT_EVALUATED)
+    if all(limit is None for limit in limits):
+        return np.full(values.shape, _NOT_EVALUATED)
+    for limit, flag in zip(limits, (_SUSPECT, _FAIL), strict=True):
+        if limit is not None:
+            flags = np.where(values < limit if least else values > limit, flag, flags)
+    return flags
+
+
+def worst_needed(beams: Array) -> Array:
+    """Return the number on which each cell's solution hangs, shape (..., m): that of the third best beam, or of the worst of fewer.
+
+    A single bad beam of four is for the error velocity to find; NaN where fewer beams than are needed have a number.
+
+    Args:
+        beams: shape (..., m, b), correlation, echo or the like of each beam.
+    """
+    needed = min(_BEAMS, beams.shape[-1])
+    # NaN sorts last, so beams without a number stand behind all others
+    return np.asarray(-np.sort(-beams, axis=-1)[..., needed - 1])
+
+
+def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
+    """Return how far each bin is from the median of those around it, in median deviations, shape (..., m): Hampel's filter.
+
+    The deviations are scaled to standard deviations, and are those of the window or of the whole profile, whichever are larger; of
+    both components the worse counts. At a profile's ends the window is moved inwards. A straight profile gives 1.4 at most, however
+    strong its shear, and a step between two layers gives 0. NaN where the bin or all but three of its window are missing.
+
+    Args:
+        velocity: shape (..., m, 2) [m/s]; NaN where missing or failed.
+        floor: shape (..., m) [m/s], the least deviation that counts, so that the noise of a smooth profile is no outlier.
+        window: Bins in a window, odd; of a shorter profile all.
+    """
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(velocity).all(axis=-1))
+    n_finite = np.count_nonzero(finite, axis=-1)
+    at = _windows(velocity.shape[-2], window)
+    count = np.count_nonzero(finite[..., at], axis=-1)
+    # components first, so that a window's bins are neighbours in memory
+    of_each, known = np.ascontiguousarray(velocity.swapaxes(-1, -2)), finite[..., None, :]
+    around = np.where(known, of_each, np.nan)[..., at]
+    middle = _median(around, count[..., None, :])
+    apart = np.abs(of_each - middle)
+    # the few bins of a window often lie close together by chance: what is usual in the profile counts too
+    usual = _median(np.where(known, apart, np.nan), n_finite[..., None])[..., None]
+    spread = _median(np.abs(around - middle[..., None]), count[..., None, :])
+    scale = np.maximum(_MAD * np.maximum(spread, usual), floor[..., None, :])
+    ratio = (apart / scale).max(axis=-2)
+    return np.where(finite & (count >= _FEWEST) & (n_finite >= _FEWEST)[..., None], ratio, np.nan)
+
+
+@lru_cache(maxsize=64)
+def _windows(m: int, window: int) -> NDArray[np.intp]:
+    """Return the bins about each of m, shape (m, window) or, of a shorter profile, (m, m)."""
+    width = min(window, m)
+    first = np.clip(np.arange(m) - window // 2, 0, m - width)
+    return np.asarray(first[:, None] + np.arange(width))
+
+
+def _median(values: Array, count: NDArray[np.intp]) -> Array:
+    """Return medians of the ``count`` numbers along the last axis, the others NaN; numpy's own take far longer."""
+    ordered, width = np.sort(values, axis=-1), values.shape[-1]
+    at = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, width - 1)], axis=-1)
+    return np.asarray(0.5 * np.take_along_axis(ordered, at, axis=-1).sum(axis=-1))
+
+
+def _rolled_up(
+    tests: Sequence[BinTest], profiles: Profiles, use_suspect: bool
+) -> tuple[Flags, NDArray[np.int32]]:
+    """Return each bin's flag, the worst that a test gave, and the reasons of all tests that found it suspect or failed it.
+
+    A bin without a number is missing, whatever the tests say. Suspect bins fail where they are not to be used.
+    """
+    present = np.isfinite(profiles["velocity"][..., :2]).all(axis=2)
+    reasons = np.where(np.isfinite(profiles["depth"]), np.int32(0), np.int32(Reason.MALFORMED))
+    reasons |= np.where(present, np.int32(0), np.int32(Reason.MISSING))
+    flags, missing = np.full(reasons.shape, _GOOD), reasons != 0
+    for test in tests:
+        bad = test.flags >= _SUSPECT
+        flags = np.where(bad, np.maximum(flags, test.flags), flags)
+        reasons |= np.where(bad, np.int32(test.reason), np.int32(0))
+    if not use_suspect:
+        flags[flags == _SUSPECT] = _FAIL
+    flags[missing] = _MISSING
+    return flags, reasons
