@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.core.errors import Finding
 from replay_kit.core.observation import LinearMeasurement, Reason
 from replay_kit.core.table import Columns, Integers
 
@@ -70,6 +71,7 @@ class Block:
             number of the reason for which it is not used, or -1 for one that is.
         reasons: Why messages are not used, in words.
         tests: Results of the quality tests of ``ping``.
+        findings: What measuring found, each with its place in the stream.
     """
 
     events: Integers
@@ -81,6 +83,7 @@ class Block:
     outcomes: Integers
     reasons: Sequence[str]
     tests: Sequence[BinTest] = ()
+    findings: Sequence[tuple[int, Finding]] = ()
 
     def counts(self) -> Mapping[tuple[str, str], int]:
         """Return the number of messages by topic and reason, the empty reason for those that are used."""

@@ -34,6 +34,7 @@ from replay_kit.measurements.positions import (
     joined,
     kept_fixes,
 )
+from replay_kit.measurements.reach import THROWN, Reach, within_reach
 
 _NONE = np.empty(0, np.int64)
 _NEVER = np.iinfo(np.int64).max
@@ -49,6 +50,7 @@ class Memory:
             position.
         diving: The vehicle's depth and dive.
         places: Its last positions.
+        reach: What its positions so far say of those that it can reach.
         attitudes: Its last attitude, of at most one row.
         motions: Its last velocity by a DVL, of at most one row.
         waiting: Pings that wait for a position, in the order of their times.
@@ -61,6 +63,7 @@ class Memory:
     sender: Sender = (None, None)
     diving: Diving = field(default_factory=Diving)
     places: Places = field(default_factory=Places)
+    reach: Reach = field(default_factory=Reach)
     attitudes: Attitudes = field(default_factory=lambda: Attitudes(_NONE, _NONE, np.empty((0, 4)), np.empty(0, np.bool_)))
     motions: Motions = field(default_factory=lambda: Motions(_NONE, _NONE, np.empty((0, 3))))
     waiting: tuple[Table, ...] = ()
@@ -96,6 +99,10 @@ def measure(
     for one in of.get("unused", ()):
         ledger.add(one.order, one.topic, one["reason"])
     where = located(memory.places, tables, config, ledger)
+    reach, reached, thrown, findings = within_reach(memory.reach, where.positions, last)
+    for topic in np.unique(thrown["topic"]).tolist():
+        ledger.add(thrown["order"][thrown["topic"] == topic], ledger.topics[topic], THROWN)
+    where = replace(where, positions=reached)
     attitudes = attitudes_of(memory.attitudes, tables, ledger)
     motions, water = motions_of(memory.motions, of.get("dvl", ()), attitudes, config, ledger)
     turned = [to_earth(one, attitudes, motions, config) for one in (*of.get("ping", ()), *water)]
@@ -128,6 +135,7 @@ def measure(
         sender,
         depths.end,
         replace(where.places, last=chosen(way.positions, slice(-1, None)), fixes=kept_fixes(fixes)),
+        reach,
         Attitudes(*(column[-1:] for column in (attitudes.time, attitudes.order, attitudes.quaternion, attitudes.ned))),
         Motions(*(column[-1:] for column in (motions.time, motions.order, motions.velocity))),
         waiting,
@@ -139,7 +147,7 @@ def measure(
     measured = [one for _, one in linear]
     for name in ("due", "rank"):
         profiles.pop(name, None)
-    block = Block(events, positions, profiles, means, measured, ledger.topics, ledger.outcomes(), ledger.reasons, tests)
+    block = Block(events, positions, profiles, means, measured, ledger.topics, ledger.outcomes(), ledger.reasons, tests, tuple(findings))
     return after, without(block, config.without) if config.without else block
 
 

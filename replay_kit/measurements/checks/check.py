@@ -99,6 +99,9 @@ def check(
     positions, means = rows_of(block, POSITION), rows_of(block, MEAN)
     vehicle, unusable, of_vehicle = _of_vehicle(memory, positions, means, block.topics)
     found += [("", each) for each in of_vehicle]
+    for order, finding in block.findings:
+        # with the first event of the message that tells
+        found.append(("", Found(int(np.searchsorted(block.events[:, 0], order)), finding)))
     pings, wrong = _instruments(block), list[NDArray[np.int32]]()
     context = Context(ensemble, through_water, vehicle, means, state.named)
     for each in pings:
@@ -108,7 +111,9 @@ def check(
         found += [(each.instrument, one) for one in more]
     for one in set(state.instruments) - {each.instrument for each in pings}:
         held = memory.get(("means", one), {})
-        memory["means", one], more = pairs.beside_means(held, None, context, (one, state.instruments[one]))
+        memory["means", one], more = pairs.beside_means(
+            held, None, context, (one, state.instruments[one])
+        )
         found += [(one, each) for each in more]
     after, new, since = _named(replace(state, memory=memory), found)
     flags = {name: block.ping[name].copy() for name in ("flags", "reasons")} if pings else {}
@@ -227,20 +232,19 @@ def _of_means_alone(
     for at in range(len(means)):
         velocity, topic = means["velocity"][at], topics[int(means["topic"][at])]
         time_ns, event = means.time(at), int(means.event[at])
-        if not means["drift"][at]:
-            number = number + 1 if (velocity == last).all() else 1
-            since_ns = since_ns if number > 1 else time_ns
-            last = velocity
-            if number == _EQUAL:
-                east, north = velocity
-                finding = Finding(
-                    pairs.MEANS,
-                    since_ns,
-                    f"{topic}: {number} dives in a row have the mean current {east:g} east, {north:g} north m/s",
-                    "a mean current that was never computed, and is logged as zero or as the last one",
-                    "withhold them (--without dac), or compute them from dead reckoning",
-                )
-                found.append(Found(event, finding))
+        number = number + 1 if (velocity == last).all() else 1
+        since_ns = since_ns if number > 1 else time_ns
+        last = velocity
+        if number == _EQUAL:
+            east, north = velocity
+            finding = Finding(
+                pairs.MEANS,
+                since_ns,
+                f"{topic}: {number} dives in a row have the mean current {east:g} east, {north:g} north m/s",
+                "a mean current that was never computed, and is logged as zero or as the last one",
+                "withhold them (--without dac), or compute them from dead reckoning",
+            )
+            found.append(Found(event, finding))
         reckoned = means["reckoned"][at]
         if np.isfinite(reckoned).all() and (reckoned != velocity).any():
             began = means["path_time"][at, :1]

@@ -1,8 +1,7 @@
 """Pairs of two measurements of one vector: profiles against mean currents, and against the platform's motion.
 
 * ``current``: the mean along a dive's path of its own profiles, and its mean current. Profiles are averaged in cells of 10 m of depth; a
-  dive of which they cover less than three quarters makes no pair: its mean current is of other water. Of a drift at the surface they are
-  averaged over its time.
+  dive of which they cover less than three quarters makes no pair: its mean current is of other water.
 * ``vehicle``: both relative to the vehicle. Most of that is the vehicle's motion through water, which shows a compass that is wrong where
   the current itself is weak. A dive is one pair: its mean current has one error, however many profiles it has.
 * ``blocks``: the same of profiles relative to a platform of unknown velocity, half an hour each, whose velocity dead reckoning limits.
@@ -89,9 +88,9 @@ class Near(NamedTuple):
     Attributes:
         time: shape (n,) [ns, UTC].
         event: shape (n,), place of each in ``Block.events``; -1 of those that are remembered.
-        value: shape (n, 8): longitude, latitude [degrees], depth of the bin nearest to the instrument [m], mean velocity east and north
-            [m/s], that of the platform that was added to it, NaN where it is not stated, and whether the mean is relative to a platform
-            whose velocity is not stated.
+        value: shape (n, 9): longitude, latitude [degrees], depth of the bin nearest to the instrument [m], mean velocity east and north
+            [m/s], that of the platform that was added to it, NaN where it is not stated, whether the mean is relative to a platform whose
+            velocity is not stated, and the dive.
     """
 
     time: NDArray[np.int64]
@@ -134,6 +133,7 @@ def near_means(pings: Rows) -> Near:
             mean,
             pings["platform"][at],
             ~np.isfinite(pings["common_std"][at]),
+            pings["dive"][at],
         ]
     )
     return Near(pings["time"][at], pings.event[at], value)
@@ -161,7 +161,7 @@ def moved(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[F
     """Return what changes of motion, and the platform's stated velocity beside that of its positions, establish.
 
     Args:
-        memory: ``time`` (1,) and ``value`` (1, 8), the ping from which the next motion is counted, ``before`` (2,), relative velocity
+        memory: ``time`` (1,) and ``value`` (1, 9), the ping from which the next motion is counted, ``before`` (2,), relative velocity
             and the platform's at the one before it, NaN without; ``motion`` and ``track`` (up to 128, 6), pairs; ``number`` (2,) of both
             so far.
         pings: Of one instrument.
@@ -292,27 +292,19 @@ def along(memory: Memory, near: Near, mean: Rows, at: int) -> complex | None:
     """
     number = int(mean["points"][at])
     depth, weight = mean["path_depth"][at, :number], mean["weight"][at, :number]
-    of_dive = np.flatnonzero(memory.get("dives", np.full(_DIVES, -1)) == mean["dive"][at])
-    if bool(mean["drift"][at]) or not of_dive.size:
-        if not len(near.time):
-            return None
-        order = np.argsort(near.time, kind="stable")
-        begin = mean["path_time"][at, 0]
-        t, seconds = (
-            (mean["path_time"][at, :number] - begin) * 1e-9,
-            (near.time[order] - begin) * 1e-9,
-        )
-        here, east, north = (np.interp(t, seconds, near.value[order, k]) for k in (2, 3, 4))
-        covered = np.where(np.abs(here - depth) <= _COVERED, weight, 0.0)
-    else:
-        sums = memory["sums"][of_dive[-1]]
-        sums = sums[sums[:, 0] > 0]
-        cells = sums[:, 1:] / sums[:, :1]
-        z = cells[:, 2]
-        after = np.clip(np.searchsorted(z, depth), 0, len(z) - 1)
-        apart = np.minimum(np.abs(z[after] - depth), np.abs(z[np.maximum(after - 1, 0)] - depth))
-        covered = np.where(apart <= _COVERED, weight, 0.0)
-        east, north = (np.interp(depth, z, cells[:, k]) for k in (0, 1))
+    numbers = near.value[near.value[:, 8] > 0, 8]
+    if not len(numbers):
+        return None
+    dive = np.bincount(numbers.astype(np.int64)).argmax()
+    sums = memory["sums"][memory["dives"] == dive].reshape(-1, 4)
+    sums = sums[sums[:, 0] > 0]
+    if not len(sums):
+        return None
+    east_north, z = sums[:, 1:3] / sums[:, :1], sums[:, 3] / sums[:, 0]
+    after = np.clip(np.searchsorted(z, depth), 0, len(z) - 1)
+    apart = np.minimum(np.abs(z[after] - depth), np.abs(z[np.maximum(after - 1, 0)] - depth))
+    covered = np.where(apart <= _COVERED, weight, 0.0)
+    east, north = (np.interp(depth, z, each) for each in east_north.T)
     if (share := float(covered.sum())) < _LEAST_COVERED:
         return None
     return complex(float(east @ covered), float(north @ covered)) / share
@@ -378,7 +370,7 @@ def beside_means(
     """Return what mean currents establish beside the profiles of one instrument.
 
     Args:
-        memory: As of ``dives_of``; ``time`` (up to 1024,) and ``value`` (up to 1024, 8), the latest pings, as of ``Near``; ``current``,
+        memory: As of ``dives_of``; ``time`` (up to 1024,) and ``value`` (up to 1024, 9), the latest pings, as of ``Near``; ``current``,
             ``vehicle`` and ``blocks`` (up to 128, 6), pairs.
         pings: Of one instrument; None without.
         context: Has the mean currents.
@@ -387,7 +379,7 @@ def beside_means(
     name, topic = absent if pings is None else (pings.instrument, pings.topic)
     means, known = context.means, bool(KNOWN & context.known(name))
     times = memory.get("time", np.empty(0, np.int64))
-    near = Near(times, np.full(len(times), -1), memory.get("value", np.empty((0, 8))))
+    near = Near(times, np.full(len(times), -1), memory.get("value", np.empty((0, 9))))
     if pings is not None:
         near = _apart(near, near_means(pings))
     after, start, found = dict(memory), 0, list[Found]()
@@ -402,8 +394,7 @@ def beside_means(
         )
         for name, new in compared(after, until, means, at, context.through_water).items():
             after[name] = np.concatenate([after.get(name, new[:0]), new])[-MOST:]
-        other = "drifts at the surface" if means["drift"][at] else "mean currents of dives"
-        finding = None if known else cause_of_pairs(after, time_ns, other, topic)
+        finding = None if known else cause_of_pairs(after, time_ns, topic)
         if finding is not None:
             found.append(Found(event, finding, KNOWN, of_believed=True))
     if pings is not None:
@@ -426,13 +417,12 @@ def _apart(near: Near, new: Near) -> Near:
     )
 
 
-def cause_of_pairs(pairs: Memory, mean_time_ns: int, other: str, topic: str) -> Finding | None:
+def cause_of_pairs(pairs: Memory, mean_time_ns: int, topic: str) -> Finding | None:
     """Return what a mean current established: of all causes the likeliest, once it is likely enough or there are many pairs.
 
     Args:
         pairs: ``current``, ``vehicle`` and ``blocks``, shapes (up to 128, 6).
         mean_time_ns: Of the mean current [ns, UTC].
-        other: Its source, in words.
         topic: Of the profiles.
     """
     current, vehicle, blocks = (pairs[name] for name in ("current", "vehicle", "blocks"))
@@ -475,8 +465,8 @@ def cause_of_pairs(pairs: Memory, mean_time_ns: int, other: str, topic: str) -> 
         return None
     since_ns = _since(best, of, mean_time_ns)
     if share < _LIKELY:
-        return _undecided(best, rivals, since_ns, other, topic)
-    return _of_sources(best, rivals, since_ns, other, topic)
+        return _undecided(best, rivals, since_ns, topic)
+    return _of_sources(best, rivals, since_ns, topic)
 
 
 def _best(current: Array, vehicle: Array, cause: str) -> tuple[Explanation | None, Array]:
@@ -543,54 +533,50 @@ def of_reckoning(explained: Explanation, pairs: Array, time_ns: int, topic: str)
 
 
 def _undecided(
-    best: Explanation, rivals: Sequence[tuple[str, float]], since_ns: int, other: str, topic: str
+    best: Explanation, rivals: Sequence[tuple[str, float]], since_ns: int, topic: str
 ) -> Finding:
     return Finding(
         UNDECIDED,
         since_ns,
-        f"profiles of {topic} and {other}: {best.pairs} pairs are not of one current (likelihood ratio e^{best.gain:.0f})",
+        f"profiles of {topic} and mean currents of dives: {best.pairs} pairs are not of one current (likelihood ratio e^{best.gain:.0f})",
         f"not known yet, as the current and the heading hardly change; {_odds(rivals)}",
-        f"the gate is relaxed for both; check both, and withhold the wrong one ({_without(other)})",
+        "the gate is relaxed for both; check both, and withhold the wrong one (--without dac, or profiles)",
     )
 
 
 def _of_sources(
-    best: Explanation, rivals: Sequence[tuple[str, float]], since_ns: int, other: str, topic: str
+    best: Explanation, rivals: Sequence[tuple[str, float]], since_ns: int, topic: str
 ) -> Finding:
     """Return the finding of profiles and mean currents, or drifts, of which either may be wrong."""
     severity: Severity = "inconsistent"
     if best.kind in TURNED:
         name, evidence = (
             CONTRADICTION,
-            f"profiles of {topic} and {other}: the profiles look {best.names}",
+            f"profiles of {topic} and mean currents of dives: the profiles look {best.names}",
         )
-        cause = f"the axes or signs of the profiles, or those of the {other}"
-        advice = f"the gate is relaxed for both; check their frames and withhold the wrong one ({_without(other)})"
+        cause = "the axes or signs of the profiles, or those of the mean currents of dives"
+        advice = "the gate is relaxed for both; check their frames and withhold the wrong one (--without dac, or profiles)"
     elif best.kind in ("scale", "unit"):
         size = abs(best.value)
         gross = size >= _GROSS
         name, severity = (UNIT, "unusable") if gross else (SCALE, severity)
-        evidence = f"{topic}: the profiles are {size:.3g} (x/ {math.exp(best.spread):.2f}) times as fast as the {other}"
-        cause = f"a wrong unit or scale of the profiles, or of the {other}"
+        evidence = f"{topic}: the profiles are {size:.3g} (x/ {math.exp(best.spread):.2f}) times as fast as the mean currents of dives"
+        cause = "a wrong unit or scale of the profiles, or of the mean currents of dives"
         units = [unit for unit in (best.slip, *best.alike) if unit]
         if units:
-            of = "velocities" if size > 1.0 else other
+            of = "velocities" if size > 1.0 else "mean currents of dives"
             cause = f"the {of} are in {' or '.join(dict.fromkeys(units))}, taken for m/s"
         stated = f' = "{best.slip}"' if best.slip in _STATED and size > 1.0 else ""
         advice = f"state measurements.velocity_unit{stated}, or check both sources"
     else:
         name, unit = _NAMES[best.kind], "m/s" if best.kind == "offset" else "m/s an hour"
         east, north = best.value.real, best.value.imag
-        evidence = f"profiles of {topic} less {other}: {east:+.3f} east, {north:+.3f} north {unit}"
-        cause = f"the velocity of the platform that is in the profiles, an instrument's offset, or the flight model behind the {other}"
-        advice = f"the gate is relaxed for both; check both, and withhold the wrong one ({_without(other)})"
+        evidence = f"profiles of {topic} less mean currents of dives: {east:+.3f} east, {north:+.3f} north {unit}"
+        cause = "the velocity of the platform that is in the profiles, an instrument's offset, or the flight model behind the mean currents of dives"
+        advice = "the gate is relaxed for both; check both, and withhold the wrong one (--without dac, or profiles)"
     if rivals[0][1] < _SURE:
         cause = f"{cause}; {_odds(rivals)}"
     return Finding(name, since_ns, f"{evidence} ({best.strength})", cause, advice, severity)
-
-
-def _without(other: str) -> str:
-    return f"--without {'drift' if 'drift' in other else 'dac'}, or profiles"
 
 
 def _odds(rivals: Sequence[tuple[str, float]]) -> str:

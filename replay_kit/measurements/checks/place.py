@@ -4,21 +4,20 @@ A vehicle's steps are nearly all short: those that anything makes are passed ove
 one by one.
 """
 
-import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.errors import Finding
-from replay_kit.core.geodesy import distance, metres_per_degree
+from replay_kit.core.geodesy import distance
 from replay_kit.core.text import place_text, time_text
 from replay_kit.measurements.checks.fold import Found, Memory, Rows, first
+from replay_kit.measurements.reach import COLUMNS, Place, places, short_steps
 
 FROZEN = "frozen positions"
 REPEATED = "the last fix repeated under water"
-DISPLACED = "displaced positions"
 PLACES = "positions of several missions"
 # s, m and positions for which an unchanged position is that of a dead receiver.
 _FROZEN_TIME, _FROZEN_DEPTH, _FROZEN_FIXES = 600.0, 20.0, 4
@@ -27,29 +26,6 @@ _FROZEN_TIME, _FROZEN_DEPTH, _FROZEN_FIXES = 600.0, 20.0, 4
 _FAR, _FASTEST, _LONGEST, _LEAST = 100e3, 10.0, 366 * 86_400.0, 5
 # Degrees of latitude and of longitude at any latitude within which two places are certainly not so far apart.
 _NEAR = 0.5
-# s and degrees; from one position to the next, within which a vehicle always reaches it.
-_STEP_TIME, _STEP = 59.0, 0.001
-# m, m/s and s: error of two positions, least speed that a vehicle reaches, how many times as fast as its steps so far, and the longest time
-# over which it is judged.
-_ERROR, _LEAST_SPEED, _FASTER, _LONGEST_STEP = 300.0, 2.0, 4.0, 6 * 3600.0
-# m; by how much a fix may put right what was dead-reckoned for hours.
-_MOVED = 15e3
-# Times that positions were out of reach before which nothing is said, steps and gaps that are remembered, and gaps that show how well
-# positions are reckoned.
-_LEAST_DISPLACED, _REMEMBERED, _LEAST_GAPS = 3, 32, 3
-
-
-def short_steps(columns: Rows) -> NDArray[np.bool_]:
-    """Return of which positions the one before them is of the same log and kind, shortly before, and near, shape (n,)."""
-    if not len(columns):
-        return np.zeros(0, np.bool_)
-    seconds = np.diff(columns["time"]) * 1e-9
-    short = (seconds > 0.0) & (seconds < _STEP_TIME)
-    for name, most in (("longitude", _STEP), ("latitude", _STEP)):
-        short &= np.abs(np.diff(columns[name])) < most
-    for name in ("dead_reckoned", "input"):
-        short &= columns[name][1:] == columns[name][:-1]
-    return np.concatenate([[False], short])
 
 
 def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], NDArray[np.bool_]]:
@@ -115,39 +91,11 @@ def _frozen(positions: Rows, at: int, name: str, evidence: str) -> Found:
     return Found(int(positions.event[at]), finding)
 
 
-class Place(NamedTuple):
-    """A position: time [ns, UTC], longitude, latitude [degrees], whether it was dead-reckoned, and its log."""
-
-    time_ns: int
-    longitude: float
-    latitude: float
-    reckoned: bool
-    log: int
-
-    def seconds(self, other: "Place") -> float:
-        """Return the time to another position [s]."""
-        return (other.time_ns - self.time_ns) * 1e-9
-
-    def way(self, other: "Place") -> float:
-        """Return how far away another position is [m], to a few percent."""
-        east, north = metres_per_degree(0.5 * (self.latitude + other.latitude))
-        degrees = (other.longitude - self.longitude + 180.0) % 360.0 - 180.0
-        return math.hypot(east * degrees, north * (other.latitude - self.latitude))
-
-
-_COLUMNS = ("time", "longitude", "latitude", "dead_reckoned", "input")
-
-
-def places(rows: Mapping[str, NDArray[Any]]) -> list[Place]:
-    """Return positions one by one."""
-    return [Place(*each) for each in zip(*(rows[name].tolist() for name in _COLUMNS), strict=True)]
-
-
 def remembered(some: Sequence[Place]) -> dict[str, NDArray[Any]]:
     """Return positions as arrays that are remembered; ``places`` gives them back."""
-    columns = list(zip(*some, strict=True)) or [()] * len(_COLUMNS)
+    columns = list(zip(*some, strict=True)) or [()] * len(COLUMNS)
     kinds = (np.int64, np.float64, np.float64, np.bool_, np.int64)
-    return {n: np.array(c, kind) for n, c, kind in zip(_COLUMNS, columns, kinds, strict=True)}
+    return {n: np.array(c, kind) for n, c, kind in zip(COLUMNS, columns, kinds, strict=True)}
 
 
 def separate(memory: Memory, positions: Rows) -> tuple[Memory, list[Found]]:
@@ -165,7 +113,7 @@ def separate(memory: Memory, positions: Rows) -> tuple[Memory, list[Found]]:
     )
     found, short, all_places = (
         list[Found](),
-        short_steps(positions).tolist(),
+        short_steps(positions.columns).tolist(),
         places(positions.columns),
     )
     for i, (here, quick) in enumerate(zip(all_places, short, strict=True)):

@@ -29,8 +29,9 @@ ENSEMBLE = "log and ensemble contradict each other"
 ERRORS = "stated errors"
 #: Bins bad only in a way that a wrong unit or axis could have made them.
 REPAIRABLE = Reason.GROSS_RANGE | Reason.HIGH_SPEED | Reason.OUTLIER
-# Pings above the surface, and the share of them, from which depths are wrong; the share of those with an echo that look like water.
-_LEAST_ABOVE, _MOST_ABOVE, _MOST_WATER = 5, 0.1, 0.5
+# Pings above the surface, and the share of them, from which depths are wrong; the share of those with an
+# echo that look like water, and up to how many times the scatter of water does.
+_LEAST_ABOVE, _MOST_ABOVE, _MOST_WATER, _LIKE_WATER = 5, 0.1, 0.5, 1.5
 # Pings after which speeds are judged, the factor beyond which they contradict the ensemble, and m/s: faster is no model's, slower lacks
 # even the noise of an instrument.
 _LEAST_PINGS, _ODD, MOST_SPEED, _LEAST_SPEED = 30, 8.0, 4.0, 0.01
@@ -134,16 +135,17 @@ def above_surface(memory: Memory, pings: Rows, context: Context) -> tuple[Memory
 
 
 def _water(pings: Rows, high: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return of which pings bins above the surface tell, and of which they scatter as little as water, shapes (n,)."""
+    """Return of which pings bins above the surface tell, and of which they scatter as little as the water below it, shapes (n,)."""
     if high.shape[1] < 3:
         return np.zeros(len(high), np.bool_), np.zeros(len(high), np.bool_)
     second = np.abs(np.diff(pings["velocity"], 2, axis=1))
-    known = high[:, 2:] & high[:, :-2] & np.isfinite(second).all(axis=2)
-    both = np.repeat(known, 2, axis=1)
-    scatter = upper_median(second.reshape(len(second), -1), both)
-    error = pings["error_std"]
-    stated = mean_of(error, np.isfinite(error))
-    return known.sum(axis=1) >= 3, scatter < 2.0 * _MEDIAN * math.sqrt(6.0) * stated
+    finite, error = np.isfinite(second).all(axis=2), pings["error_std"]
+    scatter = [_MEDIAN * math.sqrt(6.0) * mean_of(error, np.isfinite(error))]
+    for known in (finite & ~high[:, 2:] & ~high[:, :-2], finite & high[:, 2:] & high[:, :-2]):
+        size = upper_median(second.reshape(len(second), -1), np.repeat(known, 2, axis=1))
+        scatter.append(np.where(known.sum(axis=1) >= 3, size, np.inf))
+    stated, below, above = scatter
+    return np.isfinite(above), above < _LIKE_WATER * np.minimum(stated, below)
 
 
 def speeds(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:

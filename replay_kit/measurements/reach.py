@@ -1,0 +1,201 @@
+"""Positions that the vehicle cannot have reached: a few, after which the track goes on, or all from some time on.
+
+A position out of reach waits for those after it. Where one of them is within reach again, those that waited were thrown, and are left out;
+where five follow each other, the vehicle is there. A fix is judged by the dead-reckoned position before it, as far as those before were
+right, and else by the fix before it.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.errors import Finding, Severity
+from replay_kit.core.geodesy import metres_per_degree
+from replay_kit.core.table import Columns
+from replay_kit.measurements.positions import chosen, joined, no_rows
+
+DISPLACED = "displaced positions"
+#: Why messages of positions are not used.
+THROWN = "position out of the vehicle's reach"
+# s and degrees; from one position to the next of its kind, within which a vehicle always reaches it.
+_STEP_TIME, _STEP = 59.0, 0.001
+# m, m/s and s: error of two positions, the least and the greatest speed that a vehicle reaches, how many times as fast as its steps so
+# far, and the longest time over which it is judged.
+_ERROR, _SLOWEST, _FASTEST, _FASTER, _LONGEST = 300.0, 2.0, 10.0, 4.0, 6 * 3600.0
+# m; by how much a fix may put right what was dead-reckoned for hours.
+_MOVED = 15e3
+# Positions in a row that show where the vehicle is, steps and gaps that are remembered, and gaps that show how well positions are reckoned.
+_LEAST, _REMEMBERED, _LEAST_GAPS = 5, 32, 3
+COLUMNS = ("time", "longitude", "latitude", "dead_reckoned", "input")
+
+
+class Place(NamedTuple):
+    """A position: time [ns, UTC], longitude, latitude [degrees], whether it was dead-reckoned, and its log."""
+
+    time_ns: int
+    longitude: float
+    latitude: float
+    reckoned: bool
+    log: int
+
+    def seconds(self, other: "Place") -> float:
+        """Return the time to another position [s]."""
+        return (other.time_ns - self.time_ns) * 1e-9
+
+    def way(self, other: "Place") -> float:
+        """Return how far away another position is [m], to a few percent."""
+        east, north = metres_per_degree(0.5 * (self.latitude + other.latitude))
+        degrees = (other.longitude - self.longitude + 180.0) % 360.0 - 180.0
+        return math.hypot(east * degrees, north * (other.latitude - self.latitude))
+
+
+def places(rows: Mapping[str, NDArray[Any]]) -> list[Place]:
+    """Return positions one by one."""
+    return [Place(*each) for each in zip(*(rows[name].tolist() for name in COLUMNS), strict=True)]
+
+
+def short_steps(rows: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+    """Return of which positions the one before them is of the same log and kind, shortly before, and near, shape (n,)."""
+    if not len(rows["time"]):
+        return np.zeros(0, np.bool_)
+    seconds = np.diff(rows["time"]) * 1e-9
+    short = (seconds > 0.0) & (seconds < _STEP_TIME)
+    for name in ("longitude", "latitude"):
+        short &= np.abs(np.diff(rows[name])) < _STEP
+    for name in ("dead_reckoned", "input"):
+        short &= rows[name][1:] == rows[name][:-1]
+    return np.concatenate([[False], short])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reach:
+    """What is remembered of positions.
+
+    Attributes:
+        last: Last one that was reached.
+        fix: Last measured one.
+        speeds: Of the latest steps [m/s].
+        gaps: From dead-reckoned positions to the fixes after them, beyond the way in between [m].
+        held: Rows that wait.
+        number: Of positions that were reached.
+    """
+
+    last: Place | None = None
+    fix: Place | None = None
+    speeds: tuple[float, ...] = ()
+    gaps: tuple[float, ...] = ()
+    held: Columns = field(default_factory=no_rows)
+    number: int = 0
+
+    @property
+    def fastest(self) -> float:
+        """The speed that the vehicle reaches [m/s]."""
+        typical = sorted(self.speeds)[len(self.speeds) // 2] if self.speeds else _FASTEST
+        return min(max(_FASTER * typical, _SLOWEST), _FASTEST)
+
+    def reaches(self, start: Place, end: Place) -> bool:
+        """Return whether the vehicle can have come from one position to another."""
+        error = _ERROR
+        if start.reckoned and not end.reckoned:
+            if len(self.gaps) < _LEAST_GAPS:
+                return self.fix is None or self.reaches(self.fix, end)
+            error += _FASTER * sorted(self.gaps)[len(self.gaps) // 2]
+        return start.way(end) <= error + self.fastest * abs(start.seconds(end))
+
+    def on(self, here: Place) -> "Reach":
+        """Return what is remembered once a position is reached; nothing is learnt of another log, of the past, or after a pause."""
+        last, speeds, gaps = self.last, self.speeds, self.gaps
+        fix, number = self.fix if here.reckoned else here, self.number + 1
+        if last is None or last.log != here.log:
+            return Reach(here, None if here.reckoned else here, number=1)
+        seconds = last.seconds(here)
+        if seconds > _LONGEST:
+            return replace(self, last=here, fix=None if here.reckoned else here, number=number)
+        if seconds >= 60.0:
+            speeds = (*speeds, last.way(here) / seconds)[-_REMEMBERED:]
+        if last.reckoned and not here.reckoned:
+            gaps = (*gaps, max(last.way(here) - self.fastest * seconds, 0.0))[-_REMEMBERED:]
+        return replace(self, last=here, fix=fix, speeds=speeds, gaps=gaps, number=number)
+
+
+def within_reach(
+    before: Reach, positions: Columns, ends: bool
+) -> tuple[Reach, Columns, Columns, list[tuple[int, Finding]]]:
+    """Return what is remembered, the positions that count, those that were thrown, and what was found with its place in the stream.
+
+    ``order`` of both is the place in the stream of the message with which that is known.
+
+    Args:
+        before: Remembered.
+        positions: Rows, in order.
+        ends: Whether the log ends with them: what waits then has nothing that supports it.
+    """
+    rows = joined(before.held, positions)
+    every, order, quick = places(rows), rows["order"].copy(), short_steps(rows)
+    state, found, use = before, list[tuple[int, Finding]](), np.ones(len(every), np.bool_)
+    held, i = list(range(len(before.held["order"]))), len(before.held["order"])
+    turns = np.append(np.flatnonzero(~quick), len(every))
+    while i < len(every):
+        last, here = state.last, every[i]
+        if last is not None and quick[i] and not held and last is every[i - 1]:
+            # the vehicle makes such steps anyway
+            i = int(turns[np.searchsorted(turns, i)])
+            here = every[i - 1]
+            fix = state.fix if here.reckoned else here
+            state = replace(state, last=here, fix=fix, number=state.number + 1)
+            continue
+        if last is None or last.log != here.log or last.seconds(here) > _LONGEST:
+            order[held], held, state = order[i], [], state.on(here)
+        elif last.seconds(here) > 0.0 and state.reaches(last, here):
+            if held:
+                found.append(_thrown(last, [every[k] for k in held], int(order[i])))
+                use[held], order[held], held = False, order[i], []
+            state = state.on(here)
+        elif last.seconds(here) > 0.0:
+            held.append(i)
+            if not state.reaches(every[held[-2]], here) if len(held) > 1 else False:
+                use[held[:-1]], order[held[:-1]], held = False, order[i], held[-1:]
+            elif len(held) == _LEAST:
+                order[held] = order[i]
+                if state.number >= _LEAST and last.way(every[held[0]]) >= _MOVED:
+                    found.append(_moved(last, every[held[0]], int(order[i])))
+                state, held = Reach(here, None, state.speeds, state.gaps, number=_LEAST), []
+        i += 1
+    if ends and held:
+        use[held], held = False, []
+    done = np.ones(len(every), np.bool_)
+    done[held] = False
+    rows["order"] = order
+    at = np.flatnonzero(done & use)
+    at = at[np.argsort(order[at], kind="stable")]
+    after = replace(state, held=chosen(rows, ~done))
+    return after, chosen(rows, at), chosen(rows, done & ~use), found
+
+
+def _thrown(last: Place, thrown: Sequence[Place], order: int) -> tuple[int, Finding]:
+    far = max(last.way(one) for one in thrown) / 1e3
+    return order, _finding(
+        thrown[0],
+        f"{len(thrown)} in a row are up to {far:.3g} km out of the vehicle's reach, and the track comes back",
+        "they are not used; check the receiver",
+        "warning",
+    )
+
+
+def _moved(last: Place, first: Place, order: int) -> tuple[int, Finding]:
+    far = last.way(first) / 1e3
+    return order, _finding(
+        first,
+        f"the track goes on {far:.3g} km away, farther than the vehicle reaches, and does not come back",
+        "check the receiver, and give a log with the right positions",
+        "inconsistent",
+    )
+
+
+def _finding(first: Place, evidence: str, advice: str, severity: Severity) -> Finding:
+    cause = "a receiver that errs, a wrong datum, or positions of another vehicle"
+    return Finding(DISPLACED, first.time_ns, evidence, cause, advice, severity)
