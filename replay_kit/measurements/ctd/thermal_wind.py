@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
-from replay_kit.measurements.ctd.sections import GRAVITY, RHO0, Section
 from replay_kit.measurements.ctd.noise import (
     Regime,
     Statistics,
@@ -20,6 +19,7 @@ from replay_kit.measurements.ctd.noise import (
     garrett_munk,
     rossby_radius,
 )
+from replay_kit.measurements.ctd.sections import GRAVITY, RHO0, Section
 
 #: Degrees from the equator, within which there is no geostrophic balance to use.
 EQUATOR = 5.0
