@@ -119,10 +119,7 @@ def to_earth(
         motion = _believed(motion, config.max_speed)
     moves = relative & (bottom | np.isfinite(motion[:, 0]))
     declination = _declination(columns["declination"], fixed, config)
-    # what is not used needs no turning, which may lack an attitude
-    stays = ~moves & (
-        (fixed["frame"] == "earth") & (declination == 0.0) | relative & (not config.use_relative)
-    )
+    stays = ~moves & (fixed["frame"] == "earth") & (declination == 0.0)
     columns["added"] = np.where((moves | (not relative))[:, None], motion, np.nan)
     columns["absolute"] = moves | (not relative)
     if stays.all():

@@ -78,7 +78,8 @@ def arrived(
         recent = (at >= 0) & (ping.time - fixes["time"][at] <= WINDOW)
     waits = recent & ~(absolute | under | elsewhere)
     why = why.copy()
-    why[(why == "") & ~absolute & ~waits & (not config.use_relative)] = RELATIVE
+    # what is not used needs no turning, which may lack an attitude
+    why[~absolute & ~waits & (not config.use_relative)] = RELATIVE
     columns = {
         **ping.columns,
         "dive": np.where(stated >= 0, stated, np.where(elsewhere, 0, dive)),

@@ -1,4 +1,4 @@
-"""Blocks in columns against one message at a time, as the rest of the program reads them, and against themselves in blocks of other sizes."""
+"""Blocks in columns against one message at a time, as the rest of the program reads them, and against blocks of other sizes."""
 
 from collections import Counter
 from collections.abc import Sequence
