@@ -58,20 +58,22 @@ class Table:
 
     A number that a message does not state is NaN. Columns by kind, with shapes after (n,):
 
-    * position: longitude, latitude [degrees], depth [m], dead_reckoned (bool). ``fixed["system"]``: MAVLink system whose GPS says whether
-      they are dead-reckoned; ``fixed["beside"]``: True where the same messages are pings and count as those.
-    * gps: has_fix (bool), of ``fixed["system"]``.
+    * position: longitude, latitude [degrees], depth [m] or pressure [dbar], dead_reckoned (bool). ``fixed["system"]``: MAVLink system whose
+      GPS says whether they are dead-reckoned; ``fixed["beside"]``: True where the same messages are pings and count as those.
+    * gps: no_fix (text), why the GPS of ``fixed["system"]`` has no fix; empty where it has one.
     * origin: longitude, latitude [degrees], of the local frame of ``fixed["system"]``.
-    * pose: east, north, depth [m] in a local frame, quaternion (4); ``fixed`` has ``ned``, ``oriented`` and ``system``, empty outside MAVLink.
+    * pose: east, north, depth [m] in a local frame, quaternion (4), ned (bool: axes forward, starboard, down); ``fixed`` has ``oriented``,
+      whether a quaternion is stated, and ``system``, empty outside MAVLink.
     * depth: depth [m], or pressure [dbar] above that of the atmosphere; ``fixed["by"]`` says which is stated.
-    * attitude: quaternion (4), x, y, z, w, from the body's axes to the frame's; ``fixed["ned"]``: axes forward, starboard, down.
-    * dvl: velocity (3) [m/s], error_std [m/s]; ``fixed`` has ``mode``, bottom or water, and ``axes``.
+    * attitude: quaternion (4), x, y, z, w, from the body's axes to the frame's, ned (bool).
+    * dvl: velocity (3) [m/s], error_std [m/s], bottom (bool: relative to it, else to a layer of water), axes (0 not stated, 1 forward,
+      starboard, down, 2 forward, left, up).
     * ping: see ``logs.tables.instruments``.
-    * mean: velocity (2), error_std [m/s], start, end (3: s from the message, longitude, latitude), start_time, end_time [ns], dive (-1 for
-      none), deepest [m], inverted (bool).
+    * mean: velocity (2), error_std [m/s], start, end (2: longitude, latitude of the fixes), start_time, end_time [ns, UTC], long ago where
+      not stated, dive (-1 for none), deepest [m], inverted (bool: profiles were computed from it, among other things).
     * ctd: depth [m], temperature [degrees C], salinity, conductivity [S/m], pressure [dbar].
-    * radar: one row a table: longitude, latitude, value (v, c), error_std, direction (v), suspect (v); ``fixed`` has depth, averaged,
-      error_length and what they are, ``of``.
+    * radar: arrays of v vectors as objects: longitude, latitude, value (v, c), error_std, direction (or None), suspect; depth [m],
+      averaged [s], error_length [m], kind (radar or sensors).
     * drifter: name (text), longitude, latitude, depth, error [m].
     * sensor: measurement (``LinearMeasurement``).
     * unused: reason (text), why the message cannot be used.
@@ -84,7 +86,7 @@ class Table:
         order: shape (n,), place of the message, or of the one that completes the row, in the stream.
         position: shape (n,), ordinal or byte offset in the log.
         columns: By name.
-        fixed: What is the same for all rows.
+        fixed: What is the same for all rows; ``sender`` is the MAVLink system and component of messages of which one sender counts.
     """
 
     kind: Kind

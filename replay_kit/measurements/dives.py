@@ -106,7 +106,9 @@ class Depths:
         """
         order = np.concatenate([np.empty(0, np.int64), *(one[0] for one in rows)])
         depth = np.concatenate([np.empty(0), *(one[1] for one in rows)])
-        stated = np.concatenate([np.full(one[0].size, one[2], np.bool_) for one in rows] or [np.empty(0, bool)])
+        stated = np.concatenate(
+            [np.full(one[0].size, one[2], np.bool_) for one in rows] or [np.empty(0, bool)]
+        )
         known = np.isfinite(depth)
         at = np.flatnonzero(known)[np.argsort(order[known], kind="stable")]
         under = submerged(depth[at], surface_depth, before.submerged)
@@ -134,18 +136,15 @@ class Depths:
         )
 
     @property
-    def known(self) -> NDArray[np.bool_]:
-        """Which of the depths the way of a dive goes down to."""
-        return np.ones(self.order.size, np.bool_)
-
-    @property
     def end(self) -> Diving:
         """At the end of the block."""
         depth, under, dive = self.at(np.array([np.iinfo(np.int64).max]))
         return Diving(float(depth[0]), bool(under[0]), int(dive[0]))
 
 
-def legs_of(time_ns: Integers, depth: Array, surface_depth: float, leg: float, gap: float) -> Numbers:
+def legs_of(
+    time_ns: Integers, depth: Array, surface_depth: float, leg: float, gap: float
+) -> Numbers:
     """Return the number of the leg of each sample of a track, shape (n,), from 1; 0 in none.
 
     ``submerged`` is the rule for where a dive begins and ends; no leg goes on over its ends, over a gap in time or a step back. A sample

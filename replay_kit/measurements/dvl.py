@@ -1,9 +1,10 @@
-"""A vehicle's attitudes, and its motion by a DVL: over the ground for pings that lack it, through a layer of water as a ping of one cell."""
+"""A vehicle's attitudes, and its motion by a DVL: over the ground for pings that lack it, through water as a ping of one cell."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
@@ -31,14 +32,21 @@ def attitudes_of(before: Attitudes, tables: Sequence[Table], ledger: Ledger) -> 
             parts.append(Attitudes(one.time, one.order, one["quaternion"], ned))
     if len(parts) == 1:
         return before
-    names = ("time", "order", "quaternion", "ned")
-    whole = [np.concatenate([getattr(part, name) for part in parts]) for name in names]
-    at = np.argsort(whole[1], kind="stable")
-    return Attitudes(*(column[at] for column in whole))
+    whole = Attitudes(
+        np.concatenate([part.time for part in parts]),
+        np.concatenate([part.order for part in parts]),
+        np.concatenate([part.quaternion for part in parts]),
+        np.concatenate([part.ned for part in parts]),
+    )
+    return whole.part(np.argsort(whole.order, kind="stable"))
 
 
 def motions_of(
-    before: Motions, tables: Sequence[Table], attitudes: Attitudes, config: MeasurementConfig, ledger: Ledger
+    before: Motions,
+    tables: Sequence[Table],
+    attitudes: Attitudes,
+    config: MeasurementConfig,
+    ledger: Ledger,
 ) -> tuple[Motions, list[Table]]:
     """Return the velocities over the ground after the last one before a block, and those through the water as pings.
 
@@ -61,10 +69,12 @@ def motions_of(
         parts.append(Motions(one.time[at], one.order[at], velocity[at]))
         if ((why == "") & ~bottom).any():
             water.append((_rows(one, (why == "") & ~bottom), velocity[(why == "") & ~bottom]))
-    names = ("time", "order", "velocity")
-    whole = [np.concatenate([getattr(part, name) for part in parts]) for name in names]
-    at = np.argsort(whole[1], kind="stable")
-    motions, found = Motions(*(column[at] for column in whole)), []
+    whole = Motions(
+        np.concatenate([part.time for part in parts]),
+        np.concatenate([part.order for part in parts]),
+        np.concatenate([part.velocity for part in parts]),
+    )
+    motions, found = whole.part(np.argsort(whole.order, kind="stable")), list[Table]()
     for one, velocity in water:
         moves = motions.at(one.time, one.order)
         known = np.isfinite(moves[:, 0])
@@ -76,7 +86,7 @@ def motions_of(
 
 def _velocity(
     table: Table, attitudes: Attitudes, config: MeasurementConfig
-) -> tuple[Array, np.ndarray]:
+) -> tuple[Array, NDArray[np.object_]]:
     """Return true east, true north and error of velocities, shape (n, 3) [m/s], and in words why they are not known."""
     angles, declination = attitudes.at(table.time, table.order), config.magnetic_declination
     why = np.where(np.isfinite(angles[:, 0]), "", _NO_ATTITUDE).astype(object)
@@ -90,10 +100,14 @@ def _velocity(
     return np.column_stack([ground, table["error_std"]]), why
 
 
-def _rows(table: Table, at: np.ndarray) -> Table:
+def _rows(table: Table, at: NDArray[np.bool_]) -> Table:
     columns: Columns = {name: column[at] for name, column in table.columns.items()}
     return replace(
-        table, time=table.time[at], order=table.order[at], position=table.position[at], columns=columns
+        table,
+        time=table.time[at],
+        order=table.order[at],
+        position=table.position[at],
+        columns=columns,
     )
 
 
@@ -103,7 +117,9 @@ def _ping(table: Table, velocity: Array, config: MeasurementConfig) -> Table:
     blank, std, distance = np.full(n, _NAN), velocity[:, 2], config.water_track_distance
     believed = (std >= _STD_BELIEVED[0]) & (std <= _STD_BELIEVED[1])
     cells = np.column_stack([-velocity[:, :2], blank])[:, None]
-    columns = dict.fromkeys(("heading", "pitch", "roll", "declination", "pressure", "transducer_depth"), blank)
+    columns = dict.fromkeys(
+        ("heading", "pitch", "roll", "declination", "pressure", "transducer_depth"), blank
+    )
     columns |= dict.fromkeys(("bottom_std", "bottom_range", "platform_std"), blank)
     columns |= {
         "velocity": cells,

@@ -5,7 +5,7 @@ by the declination where the heading is magnetic; then the platform's velocity o
 ping has it, else what the ping states, else a DVL's. That velocity's error is one for all bins, so it does not enter the bins' own.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from reprlib import repr as shorten
 from typing import Any
 
@@ -26,7 +26,9 @@ _BOTTOM_AGE, _ATTITUDE_AGE = 3_000_000_000, 1_000_000_000
 # vectors written with three digits are still unit vectors, and distances written with few digits evenly spaced
 _UNIT, _UNEVEN = 0.01, 0.01
 NO_DECLINATION = "heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination"
-_NO_VECTORS = "velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam"
+_NO_VECTORS = (
+    "velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam"
+)
 _NO_UNIT_VECTORS = "beam_unit_vectors: expected vectors of length 1"
 _UNLIKE = "malformed: a field is missing or of the wrong kind (IndexError)"
 
@@ -42,10 +44,14 @@ class Attitudes:
         ned: shape (n,).
     """
 
-    time: Integers
-    order: Integers
-    quaternion: Array
-    ned: NDArray[np.bool_]
+    time: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+    order: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+    quaternion: Array = field(default_factory=lambda: np.empty((0, 4)))
+    ned: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
+
+    def part(self, at: NDArray[Any] | slice) -> "Attitudes":
+        """Return some of them."""
+        return Attitudes(self.time[at], self.order[at], self.quaternion[at], self.ned[at])
 
     def at(self, time: Integers, order: Integers) -> Array:
         """Return heading, pitch and roll at messages, shape (n, 3) [degrees]; NaN without an attitude in the second before."""
@@ -68,9 +74,13 @@ class Motions:
         velocity: shape (n, 3) [m/s], true east, true north and the error of each.
     """
 
-    time: Integers
-    order: Integers
-    velocity: Array
+    time: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+    order: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+    velocity: Array = field(default_factory=lambda: np.empty((0, 3)))
+
+    def part(self, at: NDArray[Any] | slice) -> "Motions":
+        """Return some of them."""
+        return Motions(self.time[at], self.order[at], self.velocity[at])
 
     def at(self, time: Integers, order: Integers) -> Array:
         """Return the velocity at messages, shape (n, 3) [m/s]; NaN without one within three seconds."""
@@ -109,8 +119,7 @@ def to_earth(
         motion = _believed(motion, config.max_speed)
     moves = relative & (bottom | np.isfinite(motion[:, 0]))
     declination = _declination(columns["declination"], fixed, config)
-    # what is not used needs no turning, which may lack an attitude
-    stays = ~moves & ((fixed["frame"] == "earth") & (declination == 0.0) | relative & (not config.use_relative))
+    stays = ~moves & (fixed["frame"] == "earth") & (declination == 0.0)
     columns["added"] = np.where((moves | (not relative))[:, None], motion, np.nan)
     columns["absolute"] = moves | (not relative)
     if stays.all():
@@ -135,7 +144,9 @@ def to_earth(
         added = np.column_stack([-ground[:, :2], std])
         columns["added"] = np.where((bottom & moves)[:, None], added, columns["added"])
     add = (moves & ok)[:, None]
-    velocity[..., :2] = np.where(add[..., None], velocity[..., :2] + columns["added"][:, None, :2], velocity[..., :2])
+    velocity[..., :2] = np.where(
+        add[..., None], velocity[..., :2] + columns["added"][:, None, :2], velocity[..., :2]
+    )
     gain = frames.noise_gain(vectors) if along_beams and vectors is not None and ok.any() else 1.0
     columns["error_std"] = np.where(ok[:, None], columns["error_std"] * gain, columns["error_std"])
     columns["velocity"] = np.where(stays[:, None, None], columns["raw"][..., :3], velocity)
@@ -163,7 +174,9 @@ def _with_error(
         fourth = ~known & ~solved & stays & np.isfinite(raw).any(axis=(1, 2))
         size, known = np.where(fourth[:, None], np.abs(raw[..., 3]), size), known | fourth
     columns["error_size"] = size
-    columns["no_error_velocity"] = np.where(known, "", "the ping has no error velocity").astype(object)
+    columns["no_error_velocity"] = np.where(known, "", "the ping has no error velocity").astype(
+        object
+    )
     return columns
 
 
@@ -179,14 +192,15 @@ def _with_attitude(
     known = lacks & np.isfinite(angles[:, 0]) & np.isnan(columns["place"][:, 0])
     for k, name in enumerate(("heading", "pitch", "roll")):
         columns[name] = np.where(known, angles[:, k], columns[name])
-    return gimbal | known
+    return np.asarray(gimbal | known)
 
 
 def _found_bottom(velocity: Array, frame: str) -> NDArray[np.bool_]:
     """Return which bottom tracks give a velocity: one beam of four may be missing, but no axis."""
     if frame == "beam":
         return np.asarray(np.isfinite(velocity).sum(axis=1) >= 3)
-    return np.isfinite(velocity[:, : 2 if frame in ("ship", "earth") else 3]).all(axis=1)
+    axes = 2 if frame in ("ship", "earth") else 3
+    return np.asarray(np.isfinite(velocity[:, :axes]).all(axis=1))
 
 
 def _stated_motion(columns: dict[str, NDArray[Any]], max_speed: float) -> Array:
@@ -196,7 +210,9 @@ def _stated_motion(columns: dict[str, NDArray[Any]], max_speed: float) -> Array:
 
 def _believed(motion: Array, max_speed: float) -> Array:
     """Return velocities with errors, shape (n, 3) [m/s]; NaN without one, or with an error above the fastest motion."""
-    good = np.isfinite(motion[:, :2]).all(axis=1) & (motion[:, 2] > 0.0) & (motion[:, 2] <= max_speed)
+    good = (
+        np.isfinite(motion[:, :2]).all(axis=1) & (motion[:, 2] > 0.0) & (motion[:, 2] <= max_speed)
+    )
     return np.where(good[:, None], motion, np.nan)
 
 
@@ -308,7 +324,9 @@ def _turned_bottom(
     return frames.turned(velocity, rotation)[:, 0, :2]
 
 
-def horizontal(velocity: Array, angles: Array, declination: float, left_up: NDArray[np.bool_]) -> Array:
+def horizontal(
+    velocity: Array, angles: Array, declination: float, left_up: NDArray[np.bool_]
+) -> Array:
     """Return the velocities of a DVL along true east and north, shape (n, 2) [m/s].
 
     Args:
@@ -321,5 +339,3 @@ def horizontal(velocity: Array, angles: Array, declination: float, left_up: NDAr
     # Nortek's angles are those of an attitude: nose up, starboard down
     turn = frames.nortek_rotation(angles[:, 0] + declination, angles[:, 1], angles[:, 2], True)
     return frames.turned((velocity * signs)[:, None], turn)[:, 0, :2]
-
-

@@ -9,7 +9,6 @@ Sources: Teledyne RD Instruments, "ADCP Coordinate Transformation: Formulas and 
 and 6; Nortek, "Signature Principles of Operation" and "Signature Integrators Guide, AD2CP" (N3015-007), coordinate transformations.
 """
 
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -173,8 +172,9 @@ def vertical_stretch(vectors: Array, rotation: Array) -> Array:
         rotation: shape (n, 3, 3), from the instrument's axes to east, north, up.
     """
     untilted = np.abs(vectors[:, 2])
-    down = sum(rotation[:, 2, k, None] * vectors[:, k] for k in range(3))
-    return np.divide(np.abs(down), untilted, out=np.zeros(down.shape), where=untilted > 0.0)
+    down = np.asarray(sum(rotation[:, 2, k, None] * vectors[:, k] for k in range(3)))
+    stretch = np.zeros(down.shape)
+    return np.asarray(np.divide(np.abs(down), untilted, out=stretch, where=untilted > 0.0))
 
 
 def map_bins(beams: Array, stretch: Array, first: Array, cell_size: Array) -> Array:
@@ -202,7 +202,8 @@ def map_bins(beams: Array, stretch: Array, first: Array, cell_size: Array) -> Ar
     nearest = np.clip(np.round(place).astype(np.intp), 0, m - 1)
     lower = np.clip(np.floor(place).astype(np.intp), 0, max(m - 2, 0))
     below, above, near = (
-        np.take_along_axis(beams, at, axis=1) for at in (lower, np.minimum(lower + 1, m - 1), nearest)
+        np.take_along_axis(beams, at, axis=1)
+        for at in (lower, np.minimum(lower + 1, m - 1), nearest)
     )
     between = below + (place - lower) * (above - below)
     return np.where(inside, np.where(np.isfinite(between), between, near), np.nan)
@@ -239,5 +240,3 @@ def tilt(pitch_deg: Array, roll_deg: Array) -> Array:
     """Return the angles between instruments' axes and the vertical [degrees], whichever way they look; NaN where not known."""
     cosine = np.cos(np.deg2rad(pitch_deg)) * np.cos(np.deg2rad(roll_deg))
     return np.asarray(np.degrees(np.arccos(np.abs(cosine)))) if cosine.size else cosine
-
-

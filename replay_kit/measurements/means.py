@@ -1,9 +1,9 @@
 """Mean currents between fixes, and the paths that they are means over.
 
 A depth-averaged current is how far a vehicle surfaced from where its motion through the water alone would have brought it, over the
-time between the fixes; it is the mean of the current along the path. Dead-reckoned positions are joined by straight lines at constant speed.
-Each stretch counts at its middle with the time that it took, which is exact for whatever is linear along it, and neighbours are merged at
-their common middle when they become many: the weights always sum to the whole time, and the mean depth stays that of the lines.
+time between the fixes; it is the mean of the current along the path. Dead-reckoned positions are joined by straight lines at constant
+speed. Each stretch counts at its middle with the time that it took, which is exact for whatever is linear along it, and neighbours are
+merged at their common middle when they become many: the weights sum to the whole time, and the mean depth stays that of the lines.
 """
 
 import math
@@ -91,7 +91,9 @@ def extended(path: Path, positions: Columns, depth: Array) -> Path:
     """
     time, below = positions["time"], positions["depth"]
     sound = np.isfinite(below)
-    latest = np.maximum.accumulate(np.concatenate([[path.last.time], np.where(sound, time, _LONG_AGO)]))
+    latest = np.maximum.accumulate(
+        np.concatenate([[path.last.time], np.where(sound, time, _LONG_AGO)])
+    )
     at = np.flatnonzero(sound & (time > latest[:-1]))
     deepest = np.fmax.reduce(np.concatenate([[path.deepest], depth, below[at]]))
     if not at.size:
@@ -125,7 +127,9 @@ def _stretches(start: Spot, when: Integers, places: Array) -> tuple[Array, Integ
     pieces = np.maximum(np.ceil(np.minimum(wanted, _MOST_PIECES)).astype(np.int64), 1)
     pieces = np.where(seconds > 0.0, pieces, 0)
     way = np.repeat(np.arange(pieces.size), pieces)
-    share = (np.arange(way.size) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[way]
+    share = (np.arange(way.size) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[
+        way
+    ]
     since = (when[:-1] - start.time) * 1e-9
     turned = unwrap_longitude(places[:, 0], start.longitude)
     columns = [seconds[way] / pieces[way], since[way] + share * seconds[way]]
@@ -163,7 +167,9 @@ def drift(path: Path, end: Spot) -> tuple[float, float]:
     return float(east) / seconds, float(north) / seconds
 
 
-def path_mean(path: Path, end: Spot, velocity: tuple[float, float], error_std: float) -> dict[str, Any]:
+def path_mean(
+    path: Path, end: Spot, velocity: tuple[float, float], error_std: float
+) -> dict[str, Any]:
     """Return a mean current with the path that it belongs to, moved so that it ends at a fix: the columns of ``Block.mean`` for one row.
 
     The way from the dead-reckoned end to the fix is spread over the path linearly in time, as is usual practice: it is what a
@@ -214,7 +220,13 @@ def _closed(path: Path, end: Spot) -> Array:
     middles = (np.arange(_V_PIECES) + 0.5) / _V_PIECES
     depths, still = deepest * (1.0 - np.abs(2.0 * middles - 1.0)), np.ones(_V_PIECES)
     return np.column_stack(
-        [total / _V_PIECES * still, middles * total, start.longitude * still, start.latitude * still, depths]
+        [
+            total / _V_PIECES * still,
+            middles * total,
+            start.longitude * still,
+            start.latitude * still,
+            depths,
+        ]
     )
 
 
@@ -333,7 +345,10 @@ class _Walk:
         assert path is not None, "it has begun"
         if row > self.row or depth_row > self.depth_row:
             at = self.row + np.flatnonzero(self.on_path[self.row : row])
-            rows = {name: self.positions[name][at] for name in ("time", "longitude", "latitude", "depth")}
+            rows = {
+                name: self.positions[name][at]
+                for name in ("time", "longitude", "latitude", "depth")
+            }
             extension = extended(path, rows, self.depth[self.depth_row : depth_row])
             self.ways = replace(self.ways, path=extension)
             self.row, self.depth_row = max(row, self.row), max(depth_row, self.depth_row)
@@ -363,14 +378,20 @@ class _Walk:
             return TOO_FAST
         self.ways = replace(self.ways, stated=True)
         ways, end_time = self.ways, int(row["end_time"])
-        if end_time != _LONG_AGO and ways.computed != _LONG_AGO and end_time <= ways.computed + _SAME_FIX:
+        if (
+            end_time != _LONG_AGO
+            and ways.computed != _LONG_AGO
+            and end_time <= ways.computed + _SAME_FIX
+        ):
             return _COMPUTED
         found = _path_of(ways, row)
         if found is None:
             return _NO_DEPTH
         path, end = found
         std = float(row["error_std"])
-        mean = path_mean(path, end, velocity, std if math.isfinite(std) else _error(path, end, config))
+        mean = path_mean(
+            path, end, velocity, std if math.isfinite(std) else _error(path, end, config)
+        )
         if not _is_path(mean):
             return _NO_PATH
         if ways.done is not None and ways.done[1].time <= end.time:

@@ -64,8 +64,8 @@ class Memory:
     diving: Diving = field(default_factory=Diving)
     places: Places = field(default_factory=Places)
     reach: Reach = field(default_factory=Reach)
-    attitudes: Attitudes = field(default_factory=lambda: Attitudes(_NONE, _NONE, np.empty((0, 4)), np.empty(0, np.bool_)))
-    motions: Motions = field(default_factory=lambda: Motions(_NONE, _NONE, np.empty((0, 3))))
+    attitudes: Attitudes = field(default_factory=Attitudes)
+    motions: Motions = field(default_factory=Motions)
     waiting: tuple[Table, ...] = ()
     ways: Ways = field(default_factory=Ways)
     line: SectionLine | None = None
@@ -123,7 +123,9 @@ def measure(
     line = Sampled(memory.line, way, depths, config, ledger)
     if line.line is not None or "ctd" in of:
         line.take(of.get("ctd", ()), _surfacings(of.get("position", ()), positions))
-    drifters, linear = sources.of_drifters(memory.drifters, of.get("drifter", ()), depths, config, ledger)
+    drifters, linear = sources.of_drifters(
+        memory.drifters, of.get("drifter", ()), depths, config, ledger
+    )
     linear = line.found + linear
     for one in of.get("radar", ()):
         linear += sources.of_radar(one, depths, config, ledger)
@@ -136,8 +138,8 @@ def measure(
         depths.end,
         replace(where.places, last=chosen(way.positions, slice(-1, None)), fixes=kept_fixes(fixes)),
         reach,
-        Attitudes(*(column[-1:] for column in (attitudes.time, attitudes.order, attitudes.quaternion, attitudes.ned))),
-        Motions(*(column[-1:] for column in (motions.time, motions.order, motions.velocity))),
+        attitudes.part(slice(-1, None)),
+        motions.part(slice(-1, None)),
         waiting,
         ways,
         line.line,
@@ -147,7 +149,18 @@ def measure(
     measured = [one for _, one in linear]
     for name in ("due", "rank"):
         profiles.pop(name, None)
-    block = Block(events, positions, profiles, means, measured, ledger.topics, ledger.outcomes(), ledger.reasons, tests, tuple(findings))
+    block = Block(
+        events,
+        positions,
+        profiles,
+        means,
+        measured,
+        ledger.topics,
+        ledger.outcomes(),
+        ledger.reasons,
+        tests,
+        tuple(findings),
+    )
     return after, without(block, config.without) if config.without else block
 
 
@@ -168,11 +181,16 @@ def _depths(
             latitude = beside(positions, as_of(one.order, positions["order"]))[2]
             depth = depth_of(depth, latitude)
         known = np.isfinite(depth)
-        ledger.add(one.order, one.topic, np.where(known, "", f"{by} is not a number").astype(object))
+        ledger.add(
+            one.order, one.topic, np.where(known, "", f"{by} is not a number").astype(object)
+        )
         rows.append((one.order, depth, True))
     if np.isfinite(memory.diving.depth):
         return Depths.of(memory.diving, rows, config.surface_depth)
-    first = min((int(order[np.isfinite(depth)].min(initial=_NEVER)) for order, depth, _ in rows), default=_NEVER)
+    first = min(
+        (int(order[np.isfinite(depth)].min(initial=_NEVER)) for order, depth, _ in rows),
+        default=_NEVER,
+    )
     for one, why in arrivals:
         counts = (one.order < first) & (why == "") & np.isnan(one["place"][:, 0])
         counts &= one["absolute"] | config.use_relative
@@ -196,12 +214,14 @@ def _alike(decided: Sequence[tuple[Table, Columns]]) -> list[tuple[Table, Column
     for parts in groups.values():
         first, when = parts[0]
         if len(parts) > 1:
-            rows = {
-                name: np.concatenate([getattr(part, name) for part, _ in parts])
+            time, order, ordinal = (
+                np.concatenate([getattr(part, name) for part, _ in parts])
                 for name in ("time", "order", "position")
+            )
+            columns = {
+                name: np.concatenate([part[name] for part, _ in parts]) for name in first.columns
             }
-            columns = {name: np.concatenate([part[name] for part, _ in parts]) for name in first.columns}
-            first = replace(first, columns=columns, **rows)
+            first = replace(first, columns=columns, time=time, order=order, position=ordinal)
             when = {name: np.concatenate([own[name] for _, own in parts]) for name in when}
         found.append((first, when))
     return found
@@ -216,17 +236,35 @@ def _means(
     ledger: Ledger,
 ) -> tuple[Ways, dict[str, NDArray[Any]], list[tuple[int, int]]]:
     """Return the way after a block, the columns of its mean currents, and the place in the stream and rank of each."""
-    rows = sorted((int(order), t, k) for t, one in enumerate(tables) for k, order in enumerate(one.order))
+    rows = sorted(
+        (int(order), t, k) for t, one in enumerate(tables) for k, order in enumerate(one.order)
+    )
     stated = [
-        {"order": np.int64(order), **{name: column[k] for name, column in tables[t].columns.items()}}
+        {
+            "order": np.int64(order),
+            **{name: column[k] for name, column in tables[t].columns.items()},
+        }
         for order, t, k in rows
     ]
-    ways, computed, found = means_of(ways, positions, (depths.order[depths.known], depths.depth[depths.known]), stated, config)
+    ways, computed, found = means_of(ways, positions, (depths.order, depths.depth), stated, config)
     made: list[tuple[tuple[int, int], dict[str, Any]]] = []
     for order, row, mean in computed:
         assert not isinstance(mean, str), "it was computed"
-        own = {name: positions[name][row] for name in ("input", "topic", "ordinal", "order", "dive")}
-        made.append(((order, COMPUTED), {**mean, **own, "time": mean["end_time"], "source_time": mean["end_time"], "beside_profiles": False}))
+        own = {
+            name: positions[name][row] for name in ("input", "topic", "ordinal", "order", "dive")
+        }
+        made.append(
+            (
+                (order, COMPUTED),
+                {
+                    **mean,
+                    **own,
+                    "time": mean["end_time"],
+                    "source_time": mean["end_time"],
+                    "beside_profiles": False,
+                },
+            )
+        )
     for (order, t, k), (_, _, mean) in zip(rows, found, strict=True):
         table = tables[t]
         ledger.add(np.array([order]), table.topic, mean if isinstance(mean, str) else "")
@@ -250,7 +288,9 @@ def _means(
     columns = {}
     for name in made[0][1]:
         values = [np.asarray(row[name])[None] for _, row in made]
-        columns[name] = padded(values, 0.0 if name == "weight" else np.nan if values[0].dtype.kind == "f" else 0)
+        columns[name] = padded(
+            values, 0.0 if name == "weight" else np.nan if values[0].dtype.kind == "f" else 0
+        )
     columns["points"] = np.array([len(row["weight"]) for _, row in made])
     return ways, columns, [due for due, _ in made]
 
@@ -267,10 +307,16 @@ def _events(
 ) -> Integers:
     """Return the events in order, as in ``Block``."""
     n, rows = len(positions["order"]), []
-    rows.append(np.column_stack([positions["order"], np.full(n, pings.POSITION), np.full(n, POSITION), np.arange(n)]))
+    rows.append(
+        np.column_stack(
+            [positions["order"], np.full(n, pings.POSITION), np.full(n, POSITION), np.arange(n)]
+        )
+    )
     if profiles:
         n = len(profiles["due"])
-        rows.append(np.column_stack([profiles["due"], profiles["rank"], np.full(n, PING), np.arange(n)]))
+        rows.append(
+            np.column_stack([profiles["due"], profiles["rank"], np.full(n, PING), np.arange(n)])
+        )
     rows += [np.array([[due, rank, MEAN, k]]) for k, (due, rank) in enumerate(means)]
     rows += [np.array([[due, OWN, LINEAR, k]]) for k, due in enumerate(linear)]
     whole = np.concatenate(rows).astype(np.int64)
@@ -282,12 +328,20 @@ def kind_of(block: Block, kind: int, row: int) -> tuple[str, int]:
     if kind == LINEAR:
         one: LinearMeasurement = block.linear[row]
         return one.label.kind, one.dive
-    return ("profiles", int(block.ping["dive"][row])) if kind == PING else ("dac", int(block.mean["dive"][row]))
+    return (
+        ("profiles", int(block.ping["dive"][row]))
+        if kind == PING
+        else ("dac", int(block.mean["dive"][row]))
+    )
 
 
 def without(block: Block, rules: Sequence[str]) -> Block:
     """Return a block without the measurements that rules leave out, whose messages are noted as not used."""
-    outcomes, reasons, kept = block.outcomes.copy(), list(block.reasons), np.ones(len(block.events), np.bool_)
+    outcomes, reasons, kept = (
+        block.outcomes.copy(),
+        list(block.reasons),
+        np.ones(len(block.events), np.bool_),
+    )
     for k, (due, kind, row) in enumerate(block.events.tolist()):
         if kind == POSITION:
             continue

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +36,15 @@ Sender = tuple[str | None, str | None]
 Depth = tuple[Integers, Array]
 
 
-def rows_of(table: Table, at: NDArray | slice) -> Table:
+def rows_of(table: Table, at: NDArray[Any] | slice) -> Table:
     """Return some rows of a table."""
     columns = {name: column[at] for name, column in table.columns.items()}
     return replace(
-        table, time=table.time[at], order=table.order[at], position=table.position[at], columns=columns
+        table,
+        time=table.time[at],
+        order=table.order[at],
+        position=table.position[at],
+        columns=columns,
     )
 
 
@@ -94,7 +99,9 @@ class Located:
     depths: list[Depth]
 
 
-def located(places: Places, tables: Sequence[Table], config: MeasurementConfig, ledger: Ledger) -> Located:
+def located(
+    places: Places, tables: Sequence[Table], config: MeasurementConfig, ledger: Ledger
+) -> Located:
     """Return the positions of a block in order, and note its messages.
 
     Args:
@@ -111,19 +118,19 @@ def located(places: Places, tables: Sequence[Table], config: MeasurementConfig, 
     for one in sorted(stated, key=lambda table: int(table.order[0])):
         if "system" in one.fixed:
             navigated.setdefault(one.fixed["system"], int(one.order[0]))
-    local, origins_of = _local(places.local, [one for one in tables if one.kind == "origin"], ledger)
+    local, origins_of = _local(
+        places.local, [one for one in tables if one.kind == "origin"], ledger
+    )
     poses = _Poses(places, direct, navigated, origins_of, config)
     posed = poses.rows([one for one in tables if one.kind == "pose"], ledger)
     positions = _in_order(joined(direct, *posed))
     measured = (~direct["dead_reckoned"]).any()
     origins = poses.origins if measured else {**places.origins, **poses.origins}
-    after = replace(
-        places, gps=gps, navigated=frozenset(navigated), local=local, origins=origins
-    )
+    after = replace(places, gps=gps, navigated=frozenset(navigated), local=local, origins=origins)
     return Located(after, positions, [(positions["order"], positions["depth"]), *poses.depths])
 
 
-def _in_order(rows: Columns) -> dict[str, NDArray]:
+def _in_order(rows: Columns) -> dict[str, NDArray[Any]]:
     at = np.argsort(rows["order"], kind="stable")
     return {name: column[at] for name, column in rows.items()}
 
@@ -138,7 +145,9 @@ def _gps(
         ledger.add(one.order, one.topic, one["no_fix"])
         by_system.setdefault(one.fixed["system"], []).append(one)
     for system, parts in by_system.items():
-        order, time = (np.concatenate([getattr(one, name) for one in parts]) for name in ("order", "time"))
+        order, time = (
+            np.concatenate([getattr(one, name) for one in parts]) for name in ("order", "time")
+        )
         fix = np.concatenate([one["no_fix"] == "" for one in parts])
         at = np.argsort(order)
         times = gps_times(time[at], fix[at], known.get(system))
@@ -151,7 +160,7 @@ def _direct(
     gps: Mapping[str, int],
     status: Mapping[str, tuple[Integers, Integers]],
     ledger: Ledger,
-) -> dict[str, NDArray]:
+) -> dict[str, NDArray[Any]]:
     """Return the rows of a table of positions."""
     reckoned, system = table["dead_reckoned"].astype(np.bool_), table.fixed.get("system")
     if system is not None:
@@ -169,8 +178,13 @@ def _direct(
 
 
 def _rows(
-    table: Table, longitude: Array, latitude: Array, depth: Array, reckoned: NDArray[np.bool_], ledger: Ledger
-) -> dict[str, NDArray]:
+    table: Table,
+    longitude: Array,
+    latitude: Array,
+    depth: Array,
+    reckoned: NDArray[np.bool_],
+    ledger: Ledger,
+) -> dict[str, NDArray[Any]]:
     n = len(table)
     return {
         "time": table.time,
@@ -221,14 +235,18 @@ class _Poses:
         self.fixes = direct["order"][~direct["dead_reckoned"]]
         self.origins: dict[str, tuple[float, float, float, float]] = {}
         self.depths: list[Depth] = []
-        self.made: list[dict[str, NDArray]] = []
+        self.made: list[dict[str, NDArray[Any]]] = []
 
-    def rows(self, tables: Sequence[Table], ledger: Ledger) -> list[dict[str, NDArray]]:
+    def rows(self, tables: Sequence[Table], ledger: Ledger) -> list[dict[str, NDArray[Any]]]:
         """Return the positions of poses, and note their messages."""
         runs: list[tuple[int, int, Table]] = []
         for table in tables:
             system = table.fixed["system"]
-            beside = table.order > self.navigated.get(system, _NEVER) if system else np.zeros(len(table), bool)
+            beside = (
+                table.order > self.navigated.get(system, _NEVER)
+                if system
+                else np.zeros(len(table), bool)
+            )
             ledger.add(table.order[beside], table.topic, NAVIGATED)
             rest = rows_of(table, ~beside)
             runs_of = np.searchsorted(self.fixes, rest.order)
@@ -254,16 +272,17 @@ class _Poses:
         if run == self.fixes.size:
             self.origins[table.topic] = origin
         table = rows_of(table, ~lacks)
-        start = (np.full(len(table), value) for value in origin[:2])
-        east, north = table["east"] - origin[2], table["north"] - origin[3]
-        longitude, latitude = moved(*start, east, north)
+        x, y = np.full(len(table), origin[0]), np.full(len(table), origin[1])
+        longitude, latitude = moved(x, y, table["east"] - origin[2], table["north"] - origin[3])
         reasons = np.full(len(table), "", object)
         reasons[(np.abs(latitude) > 90.0) | (longitude < -180.0) | (longitude > 360.0)] = _OUTSIDE
         reasons[(longitude == 0.0) & (latitude == 0.0)] = _NO_FIX
         reasons[~np.isfinite(longitude + latitude)] = _NO_NUMBER
         ledger.add(table.order, table.topic, reasons)
         good = reasons == ""
-        rows = _rows(table, longitude, latitude, table["depth"], np.ones(len(table), np.bool_), ledger)
+        rows = _rows(
+            table, longitude, latitude, table["depth"], np.ones(len(table), np.bool_), ledger
+        )
         self.made.append({name: column[good] for name, column in rows.items()})
 
     def _origin(self, table: Table) -> tuple[tuple[float, float, float, float] | None, int]:
@@ -272,7 +291,9 @@ class _Poses:
         if not system:
             k, last = 0, self._last(int(table.order[0]))
             if last is None and config.origin is None:
-                begun = [rows["order"][0] for rows in (self.direct, *self.made) if len(rows["order"])]
+                begun = [
+                    rows["order"][0] for rows in (self.direct, *self.made) if len(rows["order"])
+                ]
                 k = int(np.searchsorted(table.order, min(begun, default=_NEVER), side="right"))
                 last = self._last(int(table.order[k])) if k < len(table) else None
             if last is not None:
@@ -297,4 +318,8 @@ class _Poses:
             at = int(np.searchsorted(rows["order"], order)) - 1
             if at >= 0 and (best is None or rows["order"][at] > best[0]):
                 best = int(rows["order"][at]), rows, at
-        return None if best is None else (float(best[1]["longitude"][best[2]]), float(best[1]["latitude"][best[2]]))
+        return (
+            None
+            if best is None
+            else (float(best[1]["longitude"][best[2]]), float(best[1]["latitude"][best[2]]))
+        )

@@ -92,16 +92,14 @@ def _source(columns: Columns, row: int, topics: Any, time: str = "time") -> Sour
     )
 
 
-def _floats(columns: Columns, row: int, *names: str) -> Iterator[float]:
-    return (float(columns[name][row]) for name in names)
-
-
 def vehicle_state(block: Block, row: int) -> VehicleState:
     """Return a position of a block."""
     columns = block.position
     return VehicleState(
         int(columns["time"][row]),
-        *_floats(columns, row, "longitude", "latitude", "depth"),
+        float(columns["longitude"][row]),
+        float(columns["latitude"][row]),
+        float(columns["depth"][row]),
         bool(columns["dead_reckoned"][row]),
         _source(columns, row, block.topics),
     )
@@ -110,18 +108,22 @@ def vehicle_state(block: Block, row: int) -> VehicleState:
 def observation(block: Block, row: int) -> Observation:
     """Return a profile of a block."""
     columns, bins = block.ping, slice(0, int(block.ping["bins"][row]))
-    common_std, correlation = _floats(columns, row, "common_std", "correlation_depth")
+    common_std = float(columns["common_std"][row])
     platform = columns["platform"][row]
     return Observation(
         int(columns["time"][row]),
-        *_floats(columns, row, "longitude", "latitude"),
-        *(columns[name][row, bins] for name in ("depth", "velocity", "error_std")),
+        float(columns["longitude"][row]),
+        float(columns["latitude"][row]),
+        columns["depth"][row, bins],
+        columns["velocity"][row, bins],
+        columns["error_std"][row, bins],
         "platform" if np.isinf(common_std) else "earth",
-        *(columns[name][row, bins] for name in ("flags", "reasons")),
+        columns["flags"][row, bins],
+        columns["reasons"][row, bins],
         int(columns["dive"][row]),
         _source(columns, row, block.topics),
         common_std,
-        correlation,
+        float(columns["correlation_depth"][row]),
         None if np.isnan(platform).any() else (float(platform[0]), float(platform[1])),
         raw=_raw(columns, row, bins),
         position_std=float(columns["position_std"][row]),
@@ -131,21 +133,25 @@ def observation(block: Block, row: int) -> Observation:
 def _raw(columns: Columns, row: int, bins: slice) -> RawValues:
     velocity = columns["raw"][row, bins, : columns["components"][row]]
     (raw,) = raw_values(np.ascontiguousarray(velocity)[None], bool(columns["along_beams"][row]))
-    depth, error, heading = _floats(columns, row, "pressure_depth", "error_velocity", "heading")
+    names = ("pressure_depth", "error_velocity", "heading")
+    depth, error, heading = (float(columns[name][row]) for name in names)
     return RawValues(raw.kind, raw.digest, raw.texture, raw.along_beams, depth, error, heading)
 
 
 def path_mean(block: Block, row: int) -> PathMean:
     """Return a mean current of a block."""
     columns, points = block.mean, slice(0, int(block.mean["points"][row]))
-    path = (columns[f"path_{name}"][row, points] for name in ("time", "longitude", "latitude", "depth"))
     velocity, reckoned = columns["velocity"][row].tolist(), columns["reckoned"][row].tolist()
     start, end = (
-        Fix(int(columns[f"{name}_time"][row]), *columns[name][row].tolist()) for name in ("start", "end")
+        Fix(int(columns[f"{name}_time"][row]), *columns[name][row].tolist())
+        for name in ("start", "end")
     )
     return PathMean(
         int(columns["time"][row]),
-        *path,
+        columns["path_time"][row, points],
+        columns["path_longitude"][row, points],
+        columns["path_latitude"][row, points],
+        columns["path_depth"][row, points],
         columns["weight"][row, points],
         (velocity[0], velocity[1]),
         float(columns["error_std"][row]),

@@ -49,7 +49,12 @@ class Way:
 
 
 def arrived(
-    ping: Table, why: NDArray[np.object_], way: Way, depths: Depths, config: MeasurementConfig, ledger: Ledger
+    ping: Table,
+    why: NDArray[np.object_],
+    way: Way,
+    depths: Depths,
+    config: MeasurementConfig,
+    ledger: Ledger,
 ) -> Table:
     """Return the pings that can be used, with what is known of the vehicle when they came; the others are noted.
 
@@ -73,7 +78,8 @@ def arrived(
         recent = (at >= 0) & (ping.time - fixes["time"][at] <= WINDOW)
     waits = recent & ~(absolute | under | elsewhere)
     why = why.copy()
-    why[(why == "") & ~absolute & ~waits & (not config.use_relative)] = RELATIVE
+    # what is not used needs no turning, which may lack an attitude
+    why[~absolute & ~waits & (not config.use_relative)] = RELATIVE
     columns = {
         **ping.columns,
         "dive": np.where(stated >= 0, stated, np.where(elsewhere, 0, dive)),
@@ -87,7 +93,11 @@ def arrived(
 
 
 def _refuse(
-    ping: Table, at: NDArray[np.bool_], due: Integers, why: NDArray[np.object_] | str, ledger: Ledger
+    ping: Table,
+    at: NDArray[np.bool_],
+    due: Integers,
+    why: NDArray[np.object_] | str,
+    ledger: Ledger,
 ) -> None:
     """Note pings that are not used, once for each message that made them."""
     if at.any():
@@ -107,7 +117,11 @@ def decided(
     old = [part for part in waiting if len(part)]
     now, first = way.clock[1][-1:], old[0] if old else None
     calm = not way.last and way.positions["time"].size == way.new
-    if calm and (first is None or not now.size or now[0] <= first.time[0] + _wait(first["in_dive"][:1], config)[0]):
+    if calm and (
+        first is None
+        or not now.size
+        or now[0] <= first.time[0] + _wait(first["in_dive"][:1], config)[0]
+    ):
         # nothing that came decides what waits
         kept, active = old, parts
     else:
@@ -117,7 +131,10 @@ def decided(
     time, order = (np.concatenate([getattr(p, name) for p in active]) for name in ("time", "order"))
     until, in_dive, elsewhere = (
         np.concatenate(columns)
-        for columns in zip(*((p["until"], p["in_dive"], np.isfinite(p["place"][:, 0])) for p in active), strict=True)
+        for columns in zip(
+            *((p["until"], p["in_dive"], np.isfinite(p["place"][:, 0])) for p in active),
+            strict=True,
+        )
     )
     due, rank = _due(time, order, until, elsewhere, way)
     expired = np.full(time.size, _NEVER)
@@ -125,7 +142,7 @@ def decided(
         expired = _expired(time, order, due, _wait(in_dive, config), way)
     due, rank = np.minimum(due, expired), np.where(expired <= due, EXPIRED, rank)
     ready = (due < _NEVER) | way.last
-    found, begin = [], 0
+    found, begin = list[tuple[Table, Columns]](), 0
     for part in active:
         own = slice(begin, begin + len(part))
         begin += len(part)
@@ -209,7 +226,9 @@ def profiled(
         ledger: Of the block.
     """
     columns, longitude, latitude, std, moving = _placed(ping, when, way, config)
-    why = np.where(np.isfinite(longitude), "", f"{NO_POSITION} {config.position_max_age:g} s").astype(object)
+    why = np.where(
+        np.isfinite(longitude), "", f"{NO_POSITION} {config.position_max_age:g} s"
+    ).astype(object)
     why[moving & ~columns["absolute"] & (not config.use_relative)] = RELATIVE
     columns["transducer_depth"], no_depth = _transducer(columns, ping.fixed, latitude)
     why = np.where(why == "", no_depth, why)
@@ -271,7 +290,10 @@ def _with_motion(
         np.where(moving & (next_one < upto), np.maximum(next_one, first), -1),
     )
     return columns, tuple(
-        tuple(np.where(own >= 0, one, other) for one, other in zip(beside(fixes, own), others, strict=True))
+        tuple(
+            np.where(own >= 0, one, other)
+            for one, other in zip(beside(fixes, own), others, strict=True)
+        )
         for own, others in zip(at, near, strict=True)
     )  # type: ignore[return-value]
 
@@ -284,7 +306,9 @@ def _transducer(
     A transducer is at the depth of the ping's pressure, or at the vehicle's where it has none, plus its own below that; a log that never
     states a depth is a surface vessel's.
     """
-    pressure, vehicle, below = (columns[name] for name in ("pressure", "vehicle_depth", "transducer_depth"))
+    pressure, vehicle, below = (
+        columns[name] for name in ("pressure", "vehicle_depth", "transducer_depth")
+    )
     stated = np.isfinite(pressure)
     vehicle = vehicle if fixed["needs_depth"] else np.where(np.isfinite(vehicle), vehicle, 0.0)
     depth = np.where(stated, depth_of(pressure, latitude), vehicle)
@@ -309,8 +333,18 @@ def _profile(
     with np.errstate(over="ignore", invalid="ignore"):
         error = np.where(known, errors, 0.0).sum(axis=1) / known.sum(axis=1)
     own, beam = fixed["correlation_depth"], fixed["frame"] == "beam"
-    kept = ("longitude", "latitude", "position_std", "depth", "error_std", "transducer_depth", "distance")
-    return {name: columns[name] for name in (*kept, "vehicle_depth", "heading", "messages", "raw")} | {
+    kept = (
+        "longitude",
+        "latitude",
+        "position_std",
+        "depth",
+        "error_std",
+        "transducer_depth",
+        "distance",
+    )
+    return {
+        name: columns[name] for name in (*kept, "vehicle_depth", "heading", "messages", "raw")
+    } | {
         "due": columns["due"],
         "rank": columns["rank"],
         "time": ping.time,
@@ -323,11 +357,17 @@ def _profile(
         "velocity": columns["velocity"][..., :2],
         "flags": flags,
         "reasons": reasons,
-        "common_std": np.where(absolute, np.where(np.isfinite(added).all(axis=1), added[:, 2], 0.0), np.inf),
+        "common_std": np.where(
+            absolute, np.where(np.isfinite(added).all(axis=1), added[:, 2], 0.0), np.inf
+        ),
         "correlation_depth": np.full(n, own if own >= 0.0 else config.correlation_depth),
-        "platform": np.where((absolute & np.isfinite(added).all(axis=1))[:, None], added[:, :2], np.nan),
+        "platform": np.where(
+            (absolute & np.isfinite(added).all(axis=1))[:, None], added[:, :2], np.nan
+        ),
         "up": np.full(n, up),
-        "pressure_depth": np.where(np.isfinite(columns["pressure"]), columns["transducer_depth"], np.nan),
+        "pressure_depth": np.where(
+            np.isfinite(columns["pressure"]), columns["transducer_depth"], np.nan
+        ),
         "error_velocity": error if beam else np.full(n, np.nan),
         "components": np.full(n, columns["raw"].shape[2]),
         "along_beams": np.full(n, beam),
@@ -360,7 +400,10 @@ def stacked(
     if not parts:
         return {}, ()
     columns = {
-        name: padded([one[name] for one, _ in parts], _MISSING.get(name, np.nan if parts[0][0][name].dtype.kind == "f" else 0))
+        name: padded(
+            [one[name] for one, _ in parts],
+            _MISSING.get(name, np.nan if parts[0][0][name].dtype.kind == "f" else 0),
+        )
         for name in parts[0][0]
     }
     at = np.lexsort((columns["order"], columns["time"], columns["rank"], columns["due"]))

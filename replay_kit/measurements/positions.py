@@ -6,6 +6,7 @@ its motion waits for the fixes after it, which give that. Messages come in the o
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,17 +44,17 @@ _NEVER = np.iinfo(np.int64).max
 _LONG_AGO = np.iinfo(np.int64).min // 2
 
 
-def no_rows() -> dict[str, NDArray]:
+def no_rows() -> dict[str, NDArray[Any]]:
     """Return no positions."""
     return {name: np.empty(0, kind) for name, kind in ROW.items()}
 
 
-def joined(*parts: Columns) -> dict[str, NDArray]:
+def joined(*parts: Columns) -> dict[str, NDArray[Any]]:
     """Return the rows of some positions after those of others."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def chosen(rows: Columns, at: NDArray | slice) -> dict[str, NDArray]:
+def chosen(rows: Columns, at: NDArray[Any] | slice) -> dict[str, NDArray[Any]]:
     """Return some rows."""
     return {name: column[at] for name, column in rows.items()}
 
@@ -103,18 +104,16 @@ def without_gps(
     orders, times = status
     last = np.append(times, _LONG_AGO if known is None else known)[as_of(order, orders)]
     told = (as_of(order, orders) >= 0) | (known is not None)
-    return told & (time - last > _FIX_AGE)
+    return np.asarray(told & (time - last > _FIX_AGE))
 
 
-def gps_times(
-    time: Integers, has_fix: NDArray[np.bool_], known: int | None
-) -> Integers:
+def gps_times(time: Integers, has_fix: NDArray[np.bool_], known: int | None) -> Integers:
     """Return the time of the last fix up to each of what a GPS says, shape (n,) [ns, UTC]."""
     times = np.where(has_fix, time, _LONG_AGO if known is None else known)
     return np.maximum.accumulate(times)
 
 
-def fixes_after(known: Columns, positions: Columns) -> dict[str, NDArray]:
+def fixes_after(known: Columns, positions: Columns) -> dict[str, NDArray[Any]]:
     """Return the fixes at the surface, each later than those before it: ``known`` ones and those among new positions."""
     at_surface = chosen(positions, ~(positions["dead_reckoned"] | positions["submerged"]))
     time, last = at_surface["time"], known["time"][-1:]
@@ -123,7 +122,7 @@ def fixes_after(known: Columns, positions: Columns) -> dict[str, NDArray]:
     return joined(known, chosen(at_surface, later))
 
 
-def kept_fixes(fixes: Columns) -> dict[str, NDArray]:
+def kept_fixes(fixes: Columns) -> dict[str, NDArray[Any]]:
     """Return the fixes that may still give the velocity at a ping: those of two windows before the last but one, and the last."""
     time = fixes["time"]
     first = 0 if time.size < 2 else np.searchsorted(time, time[-2] - 2 * WINDOW, side="right")
@@ -140,8 +139,10 @@ def beside(rows: Columns, at: NDArray[np.intp]) -> Beside:
     if not known.any():
         none = np.full(at.shape, np.nan)
         return np.zeros(at.shape, np.int64), none, none
-    places = (np.where(known, rows[name][at], np.nan) for name in ("longitude", "latitude"))
-    return rows["time"][at], *places
+    longitude, latitude = (
+        np.where(known, rows[name][at], np.nan) for name in ("longitude", "latitude")
+    )
+    return rows["time"][at], longitude, latitude
 
 
 def placed(
@@ -186,11 +187,13 @@ def placed(
     return np.where(known, longitude, np.nan), np.where(known, latitude, np.nan), std
 
 
-def vessel_velocity(time: Integers, fixes: Columns, first: NDArray, last: NDArray) -> Array:
+def vessel_velocity(
+    time: Integers, fixes: Columns, first: NDArray[np.intp], last: NDArray[np.intp]
+) -> Array:
     """Return a vessel's velocity over the ground at times, true east and north, and its error, shape (n, 3) [m/s].
 
-    NaN where fewer than three fixes are within 20 s, or all on one side. The slope of a straight line through these fixes, by least squares;
-    its error comes from how far the fixes lie from the line, so that a turning vessel's is larger.
+    NaN where fewer than three fixes are within 20 s, or all on one side. The slope of a straight line through these fixes, by least
+    squares; its error comes from how far the fixes lie from the line, so that a turning vessel's is larger.
 
     Args:
         time: shape (n,) [ns, UTC].

@@ -61,7 +61,9 @@ def tested(
         shown = correlation if name == "correlation" else name
         found.append(BinTest(shown, _REASONS[name], flags, np.full(n, OFF, object) if off else why))
     # each bin against those around it that no other test failed
-    failed = np.any([test.flags == _FAIL for test in found], axis=0) | ~np.isfinite(profiles["depth"])
+    failed = np.any([test.flags == _FAIL for test in found], axis=0) | ~np.isfinite(
+        profiles["depth"]
+    )
     velocity = np.where(failed[..., None], np.nan, profiles["velocity"][..., :2])
     floor = np.maximum(profiles["error_std"], quality.outlier_floor)
     ratio, limits = outlyingness(velocity, floor, quality.outlier_window), quality.limits("outlier")
@@ -96,8 +98,12 @@ def _inputs(
     config: MeasurementConfig,
     limits: Mapping[str, tuple[Limit, Limit]],
 ) -> Iterator[tuple[str, Array, Words, tuple[Limit, Limit], bool]]:
-    """Yield of each test its name, numbers that broadcast to (n, m), why pings have none, limits, and whether these are the least that is good."""
-    n, velocity, none = len(profiles["depth"]), profiles["velocity"][..., :2], _words(len(profiles["depth"]))
+    """Yield of each test its name, numbers that broadcast to (n, m), why pings have none, limits, and whether these are the least."""
+    n, velocity, none = (
+        len(profiles["depth"]),
+        profiles["velocity"][..., :2],
+        _words(len(profiles["depth"])),
+    )
     yield "above_surface", profiles["depth"], none, (None, 0.0), True
     yield "max_speed", np.abs(velocity).max(axis=2), none, (None, config.max_speed), False
     reach, cosine = _reach(profiles, fixed, config)
@@ -186,10 +192,8 @@ def _reach(
         known = np.isfinite(steps).any(axis=1)
         size[known] = np.nanmedian(steps[known], axis=1)
     vectors = fixed["vectors"]
-    if vectors is not None and vectors.size and np.isfinite(vectors[:, 2]).all():
-        lowest = float(np.abs(vectors[:, 2]).min())
-    else:
-        lowest = 0.0
+    stated = vectors is not None and vectors.size and np.isfinite(vectors[:, 2]).all()
+    lowest = float(np.abs(vectors[:, 2]).min()) if stated else 0.0
     cosine = lowest if 0.0 < lowest <= 1.0 else float(np.cos(np.deg2rad(config.quality.beam_angle)))
     return distance + np.where(np.isfinite(size), 0.5 * size, 0.0)[:, None], cosine
 

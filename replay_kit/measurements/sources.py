@@ -192,7 +192,9 @@ def of_drifters(
 ) -> tuple[dict[str, DrifterFix], Found]:
     """Return the fixes from which drifters' displacements are counted, by name, and the mean currents since them."""
     fixes, found = dict(known), Found()
-    rows = sorted((int(order), t, k) for t, one in enumerate(tables) for k, order in enumerate(one.order))
+    rows = sorted(
+        (int(order), t, k) for t, one in enumerate(tables) for k, order in enumerate(one.order)
+    )
     for order, t, k in rows:
         table = tables[t]
         source = sources_of(table)[k]
@@ -249,7 +251,10 @@ def linear_mean(mean: Mapping[str, Any], label: Label, time: int) -> LinearMeasu
     """Return a mean along a path as a measurement of one value."""
     return LinearMeasurement(
         time,
-        *(mean[name] for name in ("path_time", "path_longitude", "path_latitude", "path_depth")),
+        mean["path_time"],
+        mean["path_longitude"],
+        mean["path_latitude"],
+        mean["path_depth"],
         mean["weight"][None],
         np.array([mean["velocity"]]),
         np.array([mean["error_std"]]),

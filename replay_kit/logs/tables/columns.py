@@ -51,11 +51,8 @@ def some(raw: Raw, at: Sequence[int]) -> Raw:
     if len(at) == len(raw.time):
         return raw
     rows = np.array(at, np.intp)
-    payloads = [raw.payloads[k] for k in at]
-    return Raw(
-        *(raw.topic, raw.schema, raw.input),
-        *(raw.time[rows], raw.order[rows], raw.position[rows], payloads),
-    )
+    at_rows = raw.time[rows], raw.order[rows], raw.position[rows]
+    return Raw(raw.topic, raw.schema, raw.input, *at_rows, [raw.payloads[k] for k in at])
 
 
 def table(

@@ -13,7 +13,7 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import Payload, table, unused, whole_number
+from replay_kit.logs.tables.columns import Payload, table, whole_number
 from replay_kit.logs.tables.instruments import pings
 
 SCHEMA = "DEBUG_FLOAT_ARRAY"
@@ -57,15 +57,23 @@ def joined(
         raws: Frames.
         config: As of ``pings``.
     """
-    order = sorted((place, r, k) for r, raw in enumerate(raws) for k, place in enumerate(raw.order.tolist()))
+    order = sorted(
+        (place, r, k) for r, raw in enumerate(raws) for k, place in enumerate(raw.order.tolist())
+    )
     pending, made = dict(pending), [list[tuple[int, Payload | str, int]]() for _ in raws]
     for _, r, k in order:
         raw = raws[r]
         payload, name = raw.payloads[k], str(raw.payloads[k].get("name"))
-        array_id, time_usec = (whole_number(payload.get(part)) for part in ("array_id", "time_usec"))
+        array_id, time_usec = (
+            whole_number(payload.get(part)) for part in ("array_id", "time_usec")
+        )
         if name not in _PARTS:
             made[r].append((k, "", 1))
-        elif array_id is None or time_usec is None or not isinstance(payload.get("data"), list | tuple):
+        elif (
+            array_id is None
+            or time_usec is None
+            or not isinstance(payload.get("data"), list | tuple)
+        ):
             made[r].append((k, _NO_KEY, 1))
         else:
             made[r] += _taken(pending, (raw.topic, array_id, time_usec), name, payload["data"], k)
@@ -111,7 +119,9 @@ def _tables(
     whole = [payload if isinstance(payload, str) else "" for _, payload, _ in rows]
     good = np.array([not isinstance(payload, str) for _, payload, _ in rows])
     counts = [number for _, _, number in rows]
-    repeated = np.repeat(np.flatnonzero(~good), [n for n, g in zip(counts, good, strict=True) if not g])
+    repeated = np.repeat(
+        np.flatnonzero(~good), [n for n, g in zip(counts, good, strict=True) if not g]
+    )
     found = []
     if repeated.size:
         reasons = np.array([whole[k] or NOT_A_KIND for k in repeated], object)
@@ -123,22 +133,19 @@ def _tables(
             *(part.time[at], part.order[at], part.position[at]),
             [],
         )
-        found += pings(pinged, [rows[k][1] for k in at], config, [counts[k] for k in at])
+        chosen = at.tolist()
+        found += pings(pinged, [rows[k][1] for k in chosen], config, [counts[k] for k in chosen])
     return found
 
 
 def lost(pending: Open, order: int) -> list[Table]:
     """Return the tables of the frames whose pings are not complete when the log ends, at a place in the stream."""
-    return [
-        Table(
-            "unused",
-            topic,
-            0,
-            *(np.full(len(frames), value, np.int64) for value in (0, order, 0)),
-            {"reason": np.full(len(frames), _INCOMPLETE, object)},
-        )
-        for (topic, _, _), frames in pending.items()
-    ]
+    found = []
+    for (topic, _, _), frames in pending.items():
+        zero, at = np.zeros(len(frames), np.int64), np.full(len(frames), order, np.int64)
+        columns = {"reason": np.full(len(frames), _INCOMPLETE, object)}
+        found.append(Table("unused", topic, 0, zero, at, zero, columns))
+    return found
 
 
 def _assembled(frames: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
@@ -157,6 +164,8 @@ def _configuration(data: Sequence[Any]) -> dict[str, Any]:
     values = zip(_CONFIGURATION, chain(data, repeat(math.nan)), strict=False)
     # NaN is no number that two pings could have in common
     return {
-        name: None if name not in _WORDS and isinstance(value, float) and math.isnan(value) else value
+        name: None
+        if name not in _WORDS and isinstance(value, float) and math.isnan(value)
+        else value
         for name, value in values
     }

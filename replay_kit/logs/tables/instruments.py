@@ -20,7 +20,7 @@ be joined.
 import math
 from collections.abc import Mapping, Sequence
 from reprlib import repr as shorten
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,19 +84,18 @@ def pings(
         messages: Number of messages that make each ping; None for one.
         places: Longitude, latitude and depth of the instrument; None for one on the vehicle.
     """
-    reasons, good, held = [""] * len(payloads), [*range(len(payloads))], payloads
+    reasons = [""] * len(payloads)
     if str in {*map(type, payloads)}:
         reasons = [payload if isinstance(payload, str) else "" for payload in payloads]
-        good = [k for k, reason in enumerate(reasons) if not reason]
-        held = [payloads[k] for k in good]
+    good = [k for k, reason in enumerate(reasons) if not reason]
+    held = cast(Sequence[Payload], [payloads[k] for k in good])
     velocities = columns.velocity_cells(held, SYSTEMS)
     groups: list[tuple[Any, list[int]]] = []
     at: list[int] = []
     known: Any = None
     stated = zip(*(field(held, name) for name in _INSTRUMENT), strict=True)
-    faulty = MeasurementError in {*map(type, velocities)}
     for k, (own, velocity) in enumerate(zip(stated, velocities, strict=True)):
-        if faulty and isinstance(velocity, MeasurementError):
+        if isinstance(velocity, MeasurementError):
             reasons[good[k]] = str(velocity)
             continue
         own = (*own, velocity.shape)
@@ -106,9 +105,9 @@ def pings(
                 groups.append((own, at))
         at.append(k)
     found: list[Table] = []
-    for _, at in groups:
-        one = _Alike([held[k] for k in at], np.array([velocities[k] for k in at]))
-        rows = np.array([good[k] for k in at])
+    for _, own_rows in groups:
+        one = _Alike([held[k] for k in own_rows], np.array([velocities[k] for k in own_rows]))
+        rows = np.array([good[k] for k in own_rows])
         for part, made in one.tables(config):
             if isinstance(made, str):
                 for k in rows[part]:
@@ -123,8 +122,8 @@ def pings(
                 known_places = [places[k] or (math.nan,) * 3 for k in rows[part]]
                 own_columns["place"] = np.array(known_places)
             found.append(columns.table(raw, "ping", rows[part], own_columns, fixed))
-    at = np.repeat(np.arange(len(reasons)), [1] * len(reasons) if messages is None else messages)
-    bad = np.array([k for k in at if reasons[k]], np.intp)
+    times = [1] * len(reasons) if messages is None else messages
+    bad = np.array([k for k in np.repeat(np.arange(len(reasons)), times) if reasons[k]], np.intp)
     if bad.size:
         words = np.array([reasons[k] for k in bad], object)
         found.append(columns.table(raw, "unused", bad, {"reason": words}))
@@ -180,7 +179,9 @@ class _Alike:
         payloads, (n, m, _) = self.payloads, self.velocity.shape
         found: dict[str, NDArray[Any]] = {name: numbers(field(payloads, name)) for name in _NUMBERS}
         found["declination"] = numbers(field(payloads, "magnetic_declination"))
-        found["dive"] = np.array(columns.each(columns.dive_number, field(payloads, "dive")), np.int64)
+        found["dive"] = np.array(
+            columns.each(columns.dive_number, field(payloads, "dive")), np.int64
+        )
         found["velocity"] = self.velocity * _factor(config)
         found["distance"] = _distance(payloads, n, m)
         found["error_std"] = _believed(field(payloads, "velocity_std"), m)
@@ -254,7 +255,9 @@ def _believed(values: Sequence[Any], m: int) -> Array:
         found = numbers(values)[:, None]
     else:
         lists = [isinstance(value, list | tuple) for value in values]
-        sizes = {len(value) or 1 if is_list else 1 for value, is_list in zip(values, lists, strict=True)}
+        sizes = {
+            len(value) or 1 if is_list else 1 for value, is_list in zip(values, lists, strict=True)
+        }
         if len(values) > 1 and (len(sizes) > 1 or not all(lists)):
             raise ValueError("pings state errors in unlike ways")
         if sizes not in ({1}, {m}):
@@ -304,9 +307,7 @@ def _bottom(stated: Sequence[Any]) -> dict[str, Array]:
         if each.size >= 3:
             bottom[k, : each.size] = each
     ranges = [listed(part.get("distance")) for part in parts]
-    nearest = [
-        float(np.nanmin(each)) if np.isfinite(each).any() else math.nan for each in ranges
-    ]
+    nearest = [float(np.nanmin(each)) if np.isfinite(each).any() else math.nan for each in ranges]
     return {
         "bottom": bottom,
         "bottom_std": numbers(field(parts, "velocity_std")),

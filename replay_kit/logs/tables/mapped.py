@@ -35,10 +35,11 @@ def mapped(raw: Raw, entry: TopicMap, config: MeasurementConfig) -> list[Table]:
         return read_each(raw, "depth", [by], lambda payload: (_depth(payload, entry),), {"by": by})
     if isinstance(entry, PositionMap):
         return _positions(raw, entry, {})
-    read = _profile if isinstance(entry, ProfileMap) else _velocity
-    found = [guarded(lambda payload: read(payload, entry), payload) for payload in raw.payloads]
+    found = [guarded(lambda one: _stated(one, entry), payload) for payload in raw.payloads]
     places = [None if isinstance(one, str) else one[1] for one in found]
-    tables = pings(raw, [one if isinstance(one, str) else one[0] for one in found], config, places=places)
+    tables = pings(
+        raw, [one if isinstance(one, str) else one[0] for one in found], config, places=places
+    )
     located = [k for k, one in enumerate(found) if not isinstance(one, str) and one[2]]
     if not located:
         return tables
@@ -126,6 +127,13 @@ def _sign(entry: TopicMap) -> float:
 
 #: The fields of a ping, the place of a mooring, and whether the message states the vehicle's position.
 _Stated = tuple[dict[str, Any], tuple[float, float, float] | None, bool]
+
+
+def _stated(payload: Payload, entry: TopicMap) -> _Stated | str:
+    if isinstance(entry, ProfileMap):
+        return _profile(payload, entry)
+    assert isinstance(entry, VelocityMap), "the others are no pings"
+    return _velocity(payload, entry)
 
 
 def _profile(payload: Payload, entry: ProfileMap) -> _Stated | str:

@@ -5,7 +5,6 @@ ROS 1, ROS 2 and other spellings of a name count as one: ``sensor_msgs/NavSatFix
 its own. Messages of IMC written as JSON (LSTS/imc, IMC.xml) have angles in radians and offsets north, east, down.
 """
 
-import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -93,7 +92,9 @@ def _mapped(raw: Raw, config: MeasurementConfig) -> tuple[list[Table], Raw | Non
 
 def _known(raw: Raw, config: MeasurementConfig) -> list[Table]:
     """Return the tables of messages without a mapping."""
-    mark, reason = ("also_in", _ALSO_INVERTED) if config.use_inverted else ("computed_from", _INVERTED)
+    mark, reason = (
+        ("also_in", _ALSO_INVERTED) if config.use_inverted else ("computed_from", _INVERTED)
+    )
     marked = field(raw.payloads, mark)
     if any(marked):
         found = unused(raw, [reason if mark else "" for mark in marked])
@@ -106,9 +107,7 @@ def _known(raw: Raw, config: MeasurementConfig) -> list[Table]:
     outside = reader_of(raw.schema, raw.topic)
     for k, name in enumerate(field(raw.payloads, "abbrev")):
         kinds.setdefault(outside or _IMC.get(str(name)), []).append(k)
-    return [
-        table for read, at in kinds.items() for table in _by(read, some(raw, at), config)
-    ]
+    return [table for read, at in kinds.items() for table in _by(read, some(raw, at), config)]
 
 
 def _by(reader: Reader | str | None, raw: Raw, config: MeasurementConfig) -> list[Table]:
@@ -158,7 +157,9 @@ _SCHEMAS: Mapping[str, Reader | str] = MappingProxyType(
         "foxglove.LocationFix": vehicle.location_fixes,
         "foxglove_msgs.LocationFix": vehicle.location_fixes,
         "sensor_msgs.NavSatFix": _each("position", _PLACE, vehicle.nav_sat_fix),
-        "sensor_msgs.FluidPressure": _each("depth", "pressure", vehicle.fluid_pressure, by="pressure"),
+        "sensor_msgs.FluidPressure": _each(
+            "depth", "pressure", vehicle.fluid_pressure, by="pressure"
+        ),
         "sensor_msgs.Imu": _each("attitude", "quaternion ned", vehicle.imu),
         "nav_msgs.Odometry": _each("pose", _POSE, vehicle.odometry, system="", oriented=True),
         "geometry_msgs.PoseStamped": _each(
@@ -174,9 +175,7 @@ _SCHEMAS: Mapping[str, Reader | str] = MappingProxyType(
         "dataflash.CTUN": _each("depth", "depth", vehicle.dataflash_depth, by="depth"),
         "GLOBAL_POSITION_INT": _of_system("position", _PLACE, vehicle.global_position_int),
         "GPS_RAW_INT": _of_system("gps", "no_fix", vehicle.gps_raw_int),
-        "LOCAL_POSITION_NED": _of_system(
-            "pose", _POSE, vehicle.local_position_ned, oriented=False
-        ),
+        "LOCAL_POSITION_NED": _of_system("pose", _POSE, vehicle.local_position_ned, oriented=False),
         "GPS_GLOBAL_ORIGIN": _of_system("origin", "longitude latitude", vehicle.gps_global_origin),
     }
 )
@@ -217,9 +216,7 @@ def reader_of(schema: str, topic: str) -> Reader | str | None:
     return reader
 
 
-def _sensor(
-    added: Callable[[Payload], Any], raw: Raw, config: MeasurementConfig
-) -> list[Table]:
+def _sensor(added: Callable[[Payload], Any], raw: Raw, config: MeasurementConfig) -> list[Table]:
     """Return the measurements that the function of another package reads."""
     del config
 

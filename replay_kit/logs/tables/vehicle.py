@@ -23,7 +23,6 @@ from replay_kit.logs.tables.columns import (
     numbers,
     read_each,
     table,
-    unused,
     whole_number,
 )
 
@@ -64,7 +63,7 @@ def location_fixes(raw: Raw, config: MeasurementConfig) -> list[Table]:
             for pairs in field(payloads, "metadata")
         ]
     except (TypeError, LookupError):
-        extra = [*map(_metadata, field(payloads, "metadata"))]
+        extra = [dict(_metadata(pairs)) for pairs in field(payloads, "metadata")]
     reckoned = each(lambda said: str(said).strip().lower() in _TRUE, field(extra, "dead_reckoned"))
     columns = longitude, latitude, numbers(field(extra, "depth")), np.array(reckoned)
     return [table(raw, "position", slice(None), dict(zip(_NAMES, columns, strict=True)))]
@@ -84,7 +83,9 @@ def _location_fix(payload: Payload) -> Place | str:
 def _metadata(pairs: Any) -> Payload:
     """Return key-value pairs as a dict; a plain mapping is read too, and what is no pair says nothing."""
     if isinstance(pairs, list | tuple):
-        return {str(pair.get("key")): pair.get("value") for pair in pairs if isinstance(pair, Mapping)}
+        return {
+            str(pair.get("key")): pair.get("value") for pair in pairs if isinstance(pair, Mapping)
+        }
     return {str(key): value for key, value in pairs.items()} if isinstance(pairs, Mapping) else {}
 
 
@@ -210,8 +211,9 @@ def dvl(payload: Payload) -> tuple[tuple[float, float, float], float, bool, int]
     if not math.isfinite(forward + starboard + down) or not any((forward, starboard, down)):
         return "DVL: no velocity"
     covariance = payload.get("velocity_covar")
-    stated = isinstance(covariance, list | tuple) and len(covariance) > 4
-    variances = [number(covariance[k]) for k in (0, 4)] if stated else []
+    variances = []
+    if isinstance(covariance, list | tuple) and len(covariance) > 4:
+        variances = [number(covariance[k]) for k in (0, 4)]
     known = bool(variances) and all(variance > 0.0 for variance in variances)
     std = math.sqrt(sum(variances) / 2.0) if known else _DVL_STD
     frame = _frame(payload)

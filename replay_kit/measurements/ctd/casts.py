@@ -33,7 +33,7 @@ class Cast:
     Attributes:
         source: Of the first sample; None before it.
         start: Last fix before the first sample; None without.
-        layers: shape (l, 8), layer after layer as they were passed: time since the first sample [s], longitude, latitude [degrees], depth [m],
+        layers: shape (l, 8), layer after layer as passed: time since the first sample [s], longitude, latitude [degrees], depth [m],
             temperature [degrees C], salinity, conductivity [S/m], pressure [dbar].
         sums: shape (9,), of the layer that is being passed: number of samples, and sums of a layer's columns; empty before the first.
         last_ns: Of the last [ns, UTC].
@@ -77,7 +77,9 @@ class Cast:
             # added one by one, so that sums do not depend on how samples are cut
             held = np.concatenate([sums[None], part]) if sums.size else part
             sums = np.cumsum(held, axis=0)[-1]
-        return Cast(first, start, np.concatenate(layers), sums, int(time[-1]), self.samples + time.size)
+        return Cast(
+            first, start, np.concatenate(layers), sums, int(time[-1]), self.samples + time.size
+        )
 
     def profiles(self, end: Spot | None, surface_depth: float) -> list[Profile]:
         """Return the profile of each leg; salinity is computed from conductivity where none is stated.
@@ -88,7 +90,9 @@ class Cast:
         """
         if not self.sums.size:
             return []
-        time, longitude, latitude, depth, temperature, salinity, conductivity, pressure = self.whole.T
+        time, longitude, latitude, depth, temperature, salinity, conductivity, pressure = (
+            self.whole.T
+        )
         start = self.start
         if end is not None and start is not None and end.time > start.time:
             share = (time * 1e9 + self.first_ns - start.time) / (end.time - start.time)
@@ -122,7 +126,7 @@ class Cast:
 
 
 def _mean(sums: Array) -> Array:
-    return sums[1:] / sums[0]
+    return np.asarray(sums[1:] / sums[0])
 
 
 def without_spikes(profile: Profile) -> tuple[Profile, float]:

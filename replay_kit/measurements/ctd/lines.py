@@ -248,7 +248,13 @@ class Sampled:
         ledger: Ledger,
     ) -> None:
         """Begin with what is remembered; ``line`` and ``found`` hold what is at the end."""
-        self.line, self.way, self.depths, self.config, self.ledger = line, way, depths, config, ledger
+        self.line, self.way, self.depths, self.config, self.ledger = (
+            line,
+            way,
+            depths,
+            config,
+            ledger,
+        )
         self.found: list[tuple[int, LinearMeasurement]] = []
 
     def take(self, tables: Sequence[Table], surfacings: Integers) -> None:
@@ -294,7 +300,14 @@ class Sampled:
                 why[:] = left_out_reason(("shear",))
             good = why == ""
             self.ledger.add(table.order[~good], table.topic, why[~good])
-            columns = table.order, table.time, values, before, np.full(len(table), number), table.position
+            columns = (
+                table.order,
+                table.time,
+                values,
+                before,
+                np.full(len(table), number),
+                table.position,
+            )
             found.append([column[good] for column in columns])
         if not found:
             none = np.empty(0, np.int64)
