@@ -25,7 +25,7 @@ from replay_kit.estimator import smooth as smoothed
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.reader import reading
-from replay_kit.measurements.consistency.tracks import LogTracks
+from replay_kit.measurements.checks.tracks import LogTracks
 from replay_kit.measurements.interpret import events_of
 from replay_kit.measurements.steps.water import for_region
 from replay_kit.results.mcap_writer import ResultWriter

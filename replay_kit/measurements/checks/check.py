@@ -63,15 +63,6 @@ class Checked:
     findings: tuple[Finding, ...] = ()
 
     @property
-    def sources_contradict(self) -> bool:
-        """Whether two sources of the current contradict each other, and none of them is known to be wrong."""
-        return any(
-            pairs.OF_SOURCES & names
-            for topic, names in self.named.items()
-            if topic and topic not in self.distrusted
-        )
-
-    @property
     def can_tell_directions(self) -> bool:
         """Whether anything in the log shows, or has shown, that directions are right or wrong."""
         return any(
@@ -86,8 +77,10 @@ def check(
     block: Block,
     ensemble: EnsembleSpeeds | None = None,
     through_water: bool = False,
-) -> tuple[Checked, Block, tuple[tuple[int, Finding], ...]]:
-    """Return the state after a block, the block as it may be used, and what was found, each with the place of its event.
+) -> tuple[Checked, Block, tuple[tuple[int, Finding, bool], ...]]:
+    """Return the state after a block, the block as it may be used, and what was found.
+
+    That comes with the place of its event, and with whether two sources of the current contradict each other since.
 
     Args:
         state: Before the block.
@@ -97,6 +90,8 @@ def check(
     """
     memory, found = dict(state.memory), list[tuple[str, Found]]()
     positions, means = rows_of(block, POSITION), rows_of(block, MEAN)
+    # profiles may have been computed from a mean current
+    means = means.take(~means["beside_profiles"].astype(np.bool_)) if len(means) else means
     vehicle, unusable, of_vehicle = _of_vehicle(memory, positions, means, block.topics)
     found += [("", each) for each in of_vehicle]
     for order, finding in block.findings:
@@ -154,10 +149,10 @@ def _mark(flags: Mapping[str, NDArray[Any]], pings: Rows, reasons: NDArray[np.in
 
 def _named(
     state: Checked, found: list[tuple[str, Found]]
-) -> tuple[Checked, list[tuple[int, Finding]], dict[str, int]]:
+) -> tuple[Checked, list[tuple[int, Finding, bool]], dict[str, int]]:
     """Return the state with what is found for the first time and not explained, that, and from which event on a topic is not believed."""
     named, distrusted = dict(state.named), set(state.distrusted)
-    new, since = list[tuple[int, Finding]](), dict.fromkeys(state.distrusted, -1)
+    new, since = list[tuple[int, Finding, bool]](), dict.fromkeys(state.distrusted, -1)
     before, last = dict(named), -1
     for topic, each in sorted(found, key=lambda one: one[1].event):
         if each.event != last:
@@ -167,11 +162,12 @@ def _named(
         if name in known or explained or (each.of_believed and topic in distrusted):
             continue
         named[topic] = known | {name}
-        new.append((each.event, each.finding))
         if each.finding.distrusts and topic not in distrusted:
             distrusted.add(topic)
             since[topic] = each.event
-    findings = state.findings + tuple(finding for _, finding in new)
+        believed = (names for one, names in named.items() if one and one not in distrusted)
+        new.append((each.event, each.finding, any(pairs.OF_SOURCES & names for names in believed)))
+    findings = state.findings + tuple(finding for _, finding, _ in new)
     return (
         replace(state, named=named, distrusted=frozenset(distrusted), findings=findings),
         new,

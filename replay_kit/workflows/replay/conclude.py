@@ -121,7 +121,7 @@ def counted(session: Session | ArraySession, inputs: Prepared) -> ReplaySummary:
 
 def findings_so_far(session: Session | ArraySession) -> tuple[Finding, ...]:
     """Return the contradictions found so far, of all vehicles."""
-    return tuple(found for one in session.vehicles for found in one.monitoring.checks.findings)
+    return tuple(found for one in session.vehicles for found in one.monitoring.findings)
 
 
 def _useless(session: Session | ArraySession, inputs: Prepared) -> dict[str, str]:

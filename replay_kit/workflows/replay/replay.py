@@ -30,10 +30,9 @@ from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
-from replay_kit.measurements.consistency.summary import EnsembleSpeeds
-from replay_kit.measurements.events import Event
-from replay_kit.measurements.interpret import finish, initial_state, interpret_block
-from replay_kit.measurements.steps.state import MeasurementState
+from replay_kit.measurements.checks.profile import EnsembleSpeeds
+from replay_kit.measurements.measure import Memory
+from replay_kit.measurements.observed import Stream, taken
 from replay_kit.measurements.steps.water import for_region
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.from_run import failed
@@ -69,7 +68,7 @@ from replay_kit.workflows.replay.inputs.provenance import (
 from replay_kit.workflows.replay.inputs.scan import check_span, next_block
 from replay_kit.workflows.replay.inputs.vehicles import by_tracks, first_windows, identified
 from replay_kit.workflows.replay.scoring import check_against, rival_inputs, rivals
-from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.session import Given, Session
 from replay_kit.workflows.replay.shared import SharedEstimate
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
@@ -365,15 +364,13 @@ def _loop(
     stream: _Stream,
     on_message: Callable[[], None],
 ) -> None:
-    """Pass the logs' messages, those after the checkpoint, through the sessions of their vehicles."""
+    """Pass the logs' messages, those after the checkpoint, through the sessions of their vehicles.
+
+    After each block of messages no observation waits, so that there is a state from which another run can go on.
+    """
     checkpoint, sessions = stream.checkpoint, session.vehicles
-    states, count = (
-        [
-            initial_state(session.config.logs.system, session.config.logs.component)
-            for _ in sessions
-        ],
-        0,
-    )
+    logs, count = session.config.logs, 0
+    states = [Stream(Memory(sender=(logs.system, logs.component))) for _ in sessions]
     if checkpoint is not None:
         states, count = list(checkpoint.measurement), checkpoint.messages
     measurements = for_region(session.config, inputs.forecasts.ensemble).measurements
@@ -385,53 +382,51 @@ def _loop(
             break
         if not count:
             _begin_result(session, inputs, block[0].time_ns)
-        with session.clock.stage("measure"):
-            steps = _interpreted(states, block, inputs, measurements)
-        by_vehicle: dict[int, list[Event]] = {}
-        for number, _, events in steps:
-            by_vehicle.setdefault(number, []).extend(events)
-        pings = {of: sessions[of].summarised(events) for of, events in by_vehicle.items()}
-        for message, (number, states[number], events) in zip(block, steps, strict=True):
+        for number, message, events in _taken(states, block, inputs, session, measurements):
             count += 1
             session.last_ns = message.time_ns
-            sessions[number].take_message(message.time_ns, events, pings[number])
+            sessions[number].take_message(message.time_ns, events)
             if message.schema == END:
                 session.shared.end(number)
-            if checkpoints is not None:
-                checkpoints.write_when_due(session, tuple(states), count)
             on_message()
+        session.shared.assimilate()
+        if checkpoints is not None:
+            checkpoints.write_when_due(session, tuple(states), count)
     if checkpoints is not None:
         checkpoints.write_last()
     if not inputs.job.vehicles:
-        sessions[0].take(finish(states[0], measurements))
+        _, rest = taken(states[0], [], measurements, last=True)
+        for events in sessions[0].take_block(rest).values():
+            sessions[0].take_message(session.last_ns, events)
     session.shared.assimilate(last=True)
     for one, merged, readers in zip(sessions, stream.merged, inputs.by_vehicle, strict=True):
         one.statistics = one.statistics.with_order(merged, readers[0].input)
 
 
-def _interpreted(
-    states: Sequence[MeasurementState],
+def _taken(
+    states: list[Stream],
     block: Sequence[Message],
     inputs: Prepared,
+    session: AnySession,
     config: MeasurementConfig,
-) -> list[tuple[int, MeasurementState, Sequence[Event]]]:
-    """Return for each message of a block the number of its vehicle, the vehicle's state after it and its events."""
-    if not inputs.job.vehicles:
-        (state,) = states
-        return [(0, *one) for one in interpret_block(state, block, config)]
-    by_vehicle: dict[int, list[int]] = {}
-    for k, message in enumerate(block):
-        by_vehicle.setdefault(inputs.owners[message.input], []).append(k)
-    found: dict[int, tuple[int, MeasurementState, Sequence[Event]]] = {}
-    for number, own in by_vehicle.items():
-        state = states[number]
-        read = [k for k in own if block[k].schema != END]
-        steps = interpret_block(state, [block[k] for k in read], config)
-        for k, (after, events) in zip(read, steps, strict=True):
-            state, found[k] = after, (number, after, events)
-        for k in own[len(read) :]:
-            found[k] = (number, state, finish(state, config))
-    return [found[k] for k in range(len(block))]
+) -> list[tuple[int, Message, list[Given]]]:
+    """Return the messages of a block, each with the number of its vehicle and its events; the vehicles' states become those after it."""
+    own: dict[int, list[Message]] = {}
+    numbers = [inputs.owners[one.input] if inputs.job.vehicles else 0 for one in block]
+    for number, message in zip(numbers, block, strict=True):
+        own.setdefault(number, []).append(message)
+    given: dict[int, list[list[Given]]] = {}
+    for number, messages in own.items():
+        read = [one for one in messages if one.schema != END]
+        first = states[number].order
+        with session.clock.stage("measure"):
+            states[number], found = taken(states[number], read, config, len(read) < len(messages))
+        by_message = session.vehicles[number].take_block(found)
+        given[number] = [by_message.pop(first + k, []) for k in range(len(read))]
+        # what waited for the end of the logs
+        given[number] += [[one for rest in by_message.values() for one in rest]] * (len(messages) - len(read))
+    each = {number: iter(events) for number, events in given.items()}
+    return [(number, message, next(each[number])) for number, message in zip(numbers, block, strict=True)]
 
 
 def _begin_result(session: AnySession, inputs: Prepared, time_ns: int) -> None:

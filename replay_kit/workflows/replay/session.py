@@ -8,24 +8,24 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import groupby, repeat
+from itertools import groupby
 from typing import Any
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array, replace
 from replay_kit.core.as_flown import FlownDive
+from replay_kit.core.block import Block
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import Observation, PathMean, VehicleState
+from replay_kit.core.observation import Measurement, PathMean, VehicleState
 from replay_kit.core.progress import Stopwatch
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
-from replay_kit.measurements.consistency.monitor import Checked
-from replay_kit.measurements.consistency.summary import EnsembleSpeeds, PingSummary, summaries
-from replay_kit.measurements.events import Event, Skipped, Used
+from replay_kit.measurements.checks.profile import EnsembleSpeeds
+from replay_kit.measurements.observed import rows
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.inputs.estimator import flow_at
-from replay_kit.workflows.replay.shared import BUFFERED, SharedEstimate
+from replay_kit.workflows.replay.shared import SharedEstimate
 from replay_kit.workflows.replay.stages import consistency, plans
 from replay_kit.workflows.replay.stages.consistency import MonitoringState
 from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, inputs_of, kept
@@ -50,6 +50,8 @@ from replay_kit.workflows.replay.surfacings.forecasts import (
     forecast_track,
 )
 
+# An event as it may be used, and what was found with it, each with whether two sources contradict each other since.
+Given = tuple[VehicleState | Measurement, Sequence[tuple[Finding, bool]]]
 # where a result is of one vehicle, its name begins nothing
 _ONLY = nullcontext()
 
@@ -118,10 +120,6 @@ class Session:
         self.writer: ResultWriter | None = None
         self._levels = levels
         self._inputs = inputs_of(estimator)
-        self._uncounted: list[Event] = []
-        # positions and profiles that are checked together, when their block is complete, each with the time of its message
-        self._unchecked: list[tuple[int, VehicleState | Observation, PingSummary | None]] = []
-        self._n_profiles = 0
         self.name = name
         self.shared = shared or SharedEstimate(Stopwatch())
         self.clock = self.shared.clock
@@ -132,7 +130,7 @@ class Session:
     @property
     def state(self) -> ReplayState | None:
         """The states of all stages; None while observations wait, for which there is no state yet."""
-        return None if self.shared.has_block or self._unchecked else self.between_blocks
+        return None if self.shared.has_block else self.between_blocks
 
     @property
     def between_blocks(self) -> ReplayState:
@@ -153,16 +151,6 @@ class Session:
     def vehicles(self) -> tuple["Session", ...]:
         """The sessions of the vehicles that share the estimate: this one."""
         return (self,)
-
-    @property
-    def statistics(self) -> RunStatistics:
-        """What was counted."""
-        self._count()
-        return self._statistics
-
-    @statistics.setter
-    def statistics(self, counted: RunStatistics) -> None:
-        self._statistics, self._uncounted = counted, []
 
     @property
     def problem(self) -> PlanningProblem | None:
@@ -191,66 +179,41 @@ class Session:
         self.first_ns: int | None = state.first_ns
         self.estimator = consistency.trusting(self.built, self.monitoring)
 
-    def summarised(self, events: Iterable[Event]) -> Iterator[PingSummary]:
-        """Return what the consistency checks need of the profiles among some events: many take little more time than one."""
-        if self.config.consistency.on_failure == "ignore":
-            return repeat(PingSummary())
+    def take_block(self, block: Block) -> dict[int, list[Given]]:
+        """Check what a block of messages measured, count the messages, and return the events by the place of their message in the stream."""
         with self.clock.stage("check"):
-            profiles = [event for event in events if isinstance(event, Observation)]
-            return iter(summaries(profiles, self._speeds))
+            self.monitoring, block, found = consistency.checked(
+                self.monitoring, block, self.config, self._speeds
+            )
+        self.statistics = self.statistics.after_messages(block.counts())
+        given: dict[int, list[Given]] = {}
+        for k, (due, event) in enumerate(
+            zip(block.events[:, 0].tolist(), rows(block), strict=True)
+        ):
+            given.setdefault(due, []).append((event, found.get(k, ())))
+        return given
 
-    def take_message(
-        self, time_ns: int, events: Sequence[Event], pings: Iterator[PingSummary]
-    ) -> None:
-        """Take the events of a message; arguments as of ``take``."""
+    def take_message(self, time_ns: int, given: Sequence[Given]) -> None:
+        """Take the events of a message, as of ``take_block``."""
         self.last_ns = time_ns
         self.shared.begin(self._number, time_ns)
-        self.take(events, pings)
-
-    def take(self, events: Sequence[Event], pings: Iterator[PingSummary] | None = None) -> None:
-        """Count the messages used and skipped, and assimilate positions and measurements as soon as a block of them is complete.
-
-        Args:
-            events: Of a message.
-            pings: What ``summarised`` gives of its profiles and those that follow; None for these events alone.
-        """
-        pings = self.summarised(events) if pings is None else pings
-        if len(self._uncounted) >= BUFFERED:
-            self._count()
-        for given in events:
-            if isinstance(given, Used | Skipped):
-                self._uncounted.append(given)
-                continue
-            first_ns = given.time_ns if self.first_ns is None else self.first_ns
-            self.first_ns = min(first_ns, given.time_ns)
-            if isinstance(given, VehicleState | Observation):
-                summary = next(pings) if isinstance(given, Observation) else None
-                self._n_profiles += summary is not None
-                self._unchecked.append((self.last_ns, given, summary))
-                if self.shared.is_due(self._number, self._n_profiles, len(self._unchecked)):
-                    self.check()
+        for event, found in given:
+            first_ns = event.time_ns if self.first_ns is None else self.first_ns
+            self.first_ns = min(first_ns, event.time_ns)
+            means = self.monitoring.means
+            self.monitoring = consistency.noted(self.monitoring, event, found, self.config)
+            if found:
+                self._act_on([finding for finding, _ in found], means, time_ns)
+            if (
+                isinstance(event, PathMean)
+                and event.beside_profiles
+                and not self.config.measurements.flight_bias
+            ):
+                self._expect(forecast_mean(self.forecasts, event))
             else:
-                self.check()
-                if isinstance(given, PathMean):
-                    if given.beside_profiles and not self.config.measurements.flight_bias:
-                        self._expect(forecast_mean(self.forecasts, given))
-                        continue
-                    given = self._monitored(given, None, self.last_ns)
-                self._use(given)
+                self._use(event)
 
-    def check(self) -> None:
-        """Check the positions and profiles that wait for it, and give them to the estimate: together, or else one by one."""
-        waiting, self._unchecked, self._n_profiles = self._unchecked, [], 0
-        if not waiting:
-            return
-        with self.clock.stage("check"):
-            run = [(event, summary) for _, event, summary in waiting]
-            after = consistency.monitor_quiet(self.monitoring, run, self.config)
-        self.monitoring = after or self.monitoring
-        for time_ns, event, summary in waiting:
-            self._use(event if after else self._monitored(event, summary, time_ns))
-
-    def _use(self, checked: Event) -> None:
+    def _use(self, checked: VehicleState | Measurement) -> None:
         """Give an event that was checked to the estimate, or count it."""
         event = self._corrected(checked)
         if isinstance(event, self._inputs):
@@ -258,33 +221,16 @@ class Session:
             return
         # one beside profiles that were computed from it is no loss
         if not (isinstance(event, PathMean) and event.beside_profiles):
-            self._uncounted.append(event)
+            self.statistics = self.statistics.with_unsupported(event)
         if isinstance(event, PathMean):
             self._expect(forecast_mean(self.forecasts, event))
 
-    def _count(self) -> None:
-        """Count the events that wait for it: many take little more time than one."""
-        if self._uncounted:
-            self._statistics = self._statistics.after_events(self._uncounted)
-            self._uncounted = []
-
-    def _corrected(self, event: Event) -> Event:
+    def _corrected(self, event: VehicleState | Measurement) -> VehicleState | Measurement:
         """Return an event as the estimate is given it: of a mean current without the flight model's error, from which it can be rebuilt."""
         self.flight, used = as_used(self.flight, event, self.config.measurements)
         if isinstance(used, PathMean) and used is not event:
             self.monitoring = replace(self.monitoring, means=(*self.monitoring.means[:-1], used))
         return used
-
-    def _monitored(self, event: Checked, summary: PingSummary | None, time_ns: int) -> Checked:
-        """Return an event as it may be used, after what it showed of the log at a time [ns, UTC] was acted on."""
-        means = self.monitoring.means
-        with self.clock.stage("check"):
-            self.monitoring, event, found = consistency.monitor(
-                self.monitoring, event, self.config, self._speeds, summary
-            )
-        if found:
-            self._act_on(found, means, time_ns)
-        return event
 
     def _act_on(self, found: Sequence[Finding], means: Sequence[PathMean], time_ns: int) -> None:
         """Rebuild the estimate without an instrument that is not believed, and open the gate between sources that contradict each other."""
@@ -303,7 +249,7 @@ class Session:
         )
         self.shared.spread(self.estimation.current)
         self.statistics = RunStatistics(self.statistics.messages, counts)
-        named = self.monitoring.checks.findings
+        named = self.monitoring.findings
         self._write(map(_warning, found))
         self._write((lambda writer: writer.consistency(time_ns, named),))
 

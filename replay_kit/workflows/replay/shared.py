@@ -46,10 +46,6 @@ class Vehicle(Protocol):
     estimation: EstimationState
     publishing: PublishingState
 
-    def check(self) -> None:
-        """Give what still waits to be checked."""
-        ...
-
     def after_steps(self, steps: Sequence[Step]) -> None:
         """Count the steps of a block."""
         ...
@@ -180,11 +176,6 @@ class SharedEstimate:
         self._await(number)
         self._release()
 
-    def is_due(self, number: int, profiles: int, events: int) -> bool:
-        """Return whether a vehicle's next events, so many profiles among them, complete the block; those of several never wait."""
-        left = self.vehicles[number].estimator.block_size - self._n_observations
-        return self.is_pooled or profiles >= left or len(self._buffer) + events >= BUFFERED
-
     def end(self, number: int) -> None:
         """Take note that a vehicle's logs have ended."""
         self._ended[number] = True
@@ -217,8 +208,6 @@ class SharedEstimate:
         Args:
             last: Whether profiles that others might join wait no longer.
         """
-        for vehicle in self.vehicles:
-            vehicle.check()
         with self.clock.stage("estimate"):
             states, steps = assimilate_together(self._contributors(), self._buffer, last)
         if self.is_pooled:

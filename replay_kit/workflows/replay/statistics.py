@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from replay_kit.core.arrays import replace
@@ -10,10 +10,10 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.evidence import Evidence
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import NO_MEANS, LogReport, Message
-from replay_kit.core.observation import LinearMeasurement, PathMean, kind_of
+from replay_kit.core.observation import Measurement, kind_of
 from replay_kit.logs.merge import ClockJump, Merge
 from replay_kit.logs.shared.payloads import gather, short
-from replay_kit.measurements.events import NOT_A_KIND, Event, Skipped, Used, left_out_rules
+from replay_kit.measurements.events import NOT_A_KIND, left_out_rules
 from replay_kit.results.outcome.run import DiveRow, ReplaySummary, SourceRow, TopicRow
 from replay_kit.workflows.replay.stages.counts import ProfileCounts, SourceCounts, Sums, increment
 from replay_kit.workflows.replay.stages.estimation import Step
@@ -103,21 +103,20 @@ class RunStatistics:
     messages: MessageCounts = field(default_factory=MessageCounts)
     profiles: ProfileCounts = field(default_factory=ProfileCounts)
 
-    def after_events(self, events: Iterable[Event]) -> "RunStatistics":
-        """Return the statistics with more messages used and skipped, and mean currents that are not supported."""
-        counts, of = self.messages, list(events)
-        used = [event.topic for event in of if isinstance(event, Used)]
-        skipped = [(event.topic, event.reason) for event in of if isinstance(event, Skipped)]
-        unsupported = [
-            kind_of(event) for event in of if isinstance(event, PathMean | LinearMeasurement)
-        ]
-        counts = replace(
-            counts,
-            used=increment(counts.used, used),
-            skipped=increment(counts.skipped, skipped),
-            unsupported=increment(counts.unsupported, unsupported),
-        )
-        return RunStatistics(counts, self.profiles)
+    def after_messages(self, found: Mapping[tuple[str, str], int]) -> "RunStatistics":
+        """Return the statistics with more messages by topic and the reason for which they are not used, empty for those that are."""
+        used, skipped = Counter(self.messages.used), Counter(self.messages.skipped)
+        for (topic, reason), number in found.items():
+            if reason:
+                skipped[topic, reason] += number
+            else:
+                used[topic] += number
+        return RunStatistics(replace(self.messages, used=used, skipped=skipped), self.profiles)
+
+    def with_unsupported(self, event: Measurement) -> "RunStatistics":
+        """Return the statistics with a measurement that the estimator cannot use."""
+        unsupported = increment(self.messages.unsupported, [kind_of(event)])
+        return RunStatistics(replace(self.messages, unsupported=unsupported), self.profiles)
 
     def after_steps(self, steps: Sequence[Step]) -> "RunStatistics":
         """Return the statistics with more positions and measurements."""

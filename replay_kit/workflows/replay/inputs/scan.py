@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.arrays import Array, replace
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.message import LogReader, Message
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.logs import merge, open_logs
-from replay_kit.measurements.interpret import MAVLINK_NAMES, initial_state, interpret_block
+from replay_kit.measurements.interpret import MAVLINK_NAMES
+from replay_kit.measurements.measure import Memory
+from replay_kit.measurements.observed import Stream, rows, taken
 from replay_kit.results.losses import iso_time
 
 # Positions are kept to this fraction of a degree: a long log has millions.
@@ -133,20 +135,22 @@ def _placed(
 ) -> Iterator[tuple[int, list[VehicleState | Observation]]]:
     """Yield the time of each message [ns, UTC] with the positions and placed measurements it completes, in the time span alone."""
     settings = config.logs
-    # the paths of mean currents would take most of the time
-    state = replace(initial_state(settings.system, settings.component), dives=None)
+    stream = Stream(Memory(sender=(settings.system, settings.component)))
     messages = iter(
         merge(
             open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns
         )
     )
     while block := next_block(messages):
-        steps = interpret_block(state, block, config.measurements)
-        state = steps[-1][0]
-        for message, (_, events) in zip(block, steps, strict=True):
+        first = stream.order
+        stream, found = taken(stream, block, config.measurements)
+        events: dict[int, list[VehicleState | Observation]] = {}
+        for due, event in zip(found.events[:, 0].tolist(), rows(found), strict=True):
+            if isinstance(event, VehicleState | Observation):
+                events.setdefault(due, []).append(event)
+        for k, message in enumerate(block):
             counts = settings.start_ns is None or message.time_ns >= settings.start_ns
-            kept = [event for event in events if isinstance(event, VehicleState | Observation)]
-            yield message.time_ns, kept if counts else []
+            yield message.time_ns, events.get(first + k, []) if counts else []
 
 
 def next_block(messages: Iterator[Message]) -> list[Message]:

@@ -6,25 +6,24 @@ from typing import Any
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import replace
+from replay_kit.core.block import Block
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState, kind_of
-from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.monitor import (
-    Checked,
-    ConsistencyState,
-    check,
-    check_quiet,
-    unknowable,
-)
-from replay_kit.measurements.consistency.summary import (
+from replay_kit.core.observation import Measurement, PathMean, VehicleState, kind_of
+from replay_kit.measurements.checks import concluded as findings
+from replay_kit.measurements.checks.check import Checked, check, unknowable
+from replay_kit.measurements.checks.pairs import SCALE
+from replay_kit.measurements.checks.place import FROZEN, REPEATED
+from replay_kit.measurements.checks.profile import (
+    ENSEMBLE,
+    UNIT,
     EnsembleSpeeds,
-    PingSummary,
+    ensemble_contradicts,
     ensemble_speeds,
     odd_ensemble_speeds,
 )
-from replay_kit.measurements.consistency.tracks import LogTracks
-from replay_kit.measurements.vehicle.mean_current import TOO_FAST
+from replay_kit.measurements.checks.tracks import LogTracks
+from replay_kit.measurements.means import TOO_FAST
 from replay_kit.workflows.replay.stages.counts import ProfileCounts
 from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, assimilate
 from replay_kit.workflows.replay.stages.forecast_file import FileCheck
@@ -46,14 +45,18 @@ class MonitoringState:
     """What the consistency stage remembers.
 
     Attributes:
-        checks: Of the checks.
+        checks: Of the checks, after the last block.
+        findings: What was found up to the last event.
+        contradict: Whether two sources of the current contradict each other, and none of them is known to be wrong.
         means: Mean currents so far, from which an estimate without profiles is rebuilt.
         gated: Latest measurements that the gate rejected, before two sources were known to contradict each other.
         tracks: Positions, by the log that they are of.
         decisions: By kind of measurement, how many the gate was asked for, and how many it rejected.
     """
 
-    checks: ConsistencyState = field(default_factory=ConsistencyState)
+    checks: Checked = field(default_factory=Checked)
+    findings: tuple[Finding, ...] = ()
+    contradict: bool = False
     means: tuple[PathMean, ...] = ()
     gated: tuple[Measurement, ...] = ()
     tracks: LogTracks = field(default_factory=LogTracks)
@@ -63,73 +66,66 @@ class MonitoringState:
     def explains_no_profile(self) -> bool:
         """Whether a finding is the reason that no profile may be used: such a run still has a result, the estimate without them."""
         return any(
-            finding.distrusts
-            or (finding.name in (findings.FROZEN, findings.REPEATED) and self.checks.pings > 0)
-            for finding in self.checks.findings
+            finding.distrusts or (finding.name in (FROZEN, REPEATED) and self.checks.pings[0] > 0)
+            for finding in self.findings
         )
 
 
-def monitor(
-    state: MonitoringState,
-    event: Checked,
-    config: RunConfig,
-    speeds: EnsembleSpeeds | None,
-    summary: PingSummary | None = None,
-) -> tuple[MonitoringState, Checked, tuple[Finding, ...]]:
-    """Return the state after an event, the event as it may be used, and what was found.
+#: What was found with an event, each with whether two sources of the current contradict each other since.
+FoundWith = Sequence[tuple[Finding, bool]]
+
+
+def checked(
+    state: MonitoringState, block: Block, config: RunConfig, speeds: EnsembleSpeeds | None
+) -> tuple[MonitoringState, Block, dict[int, FoundWith]]:
+    """Return the state after the checks of a block, the block as it may be used, and what was found with which of its events.
 
     Args:
-        state: Before the event.
-        event: A position or a measurement.
+        state: Before the block.
+        block: What messages measured.
         config: The run's settings.
         speeds: Of the ensemble's currents.
-        summary: Of a ping, where it was made with others; None makes it.
+    """
+    if config.consistency.on_failure == "ignore":
+        return state, block, {}
+    through_water = config.measurements.dead_reckoning == "through_water"
+    checks, block, new = check(state.checks, block, speeds, through_water)
+    found: dict[int, FoundWith] = {}
+    for event, finding, contradict in new:
+        found[event] = (*found.get(event, ()), (_as_stated(finding, config), contradict))
+    return replace(state, checks=checks), block, found
+
+
+def noted(
+    state: MonitoringState,
+    event: VehicleState | Measurement,
+    found: FoundWith,
+    config: RunConfig,
+) -> MonitoringState:
+    """Return the state after an event, and what was found with it.
 
     Raises:
         MeasurementError: The log cannot be used, or a contradiction is to stop the run.
     """
-    means = (*state.means, event) if isinstance(event, PathMean) else state.means
-    # profiles may have been computed from a mean current
-    beside = isinstance(event, PathMean) and event.beside_profiles
-    if beside or config.consistency.on_failure == "ignore":
-        return replace(state, means=means), event, ()
-    tracks = state.tracks.after(event) if isinstance(event, VehicleState) else state.tracks
-    through_water = config.measurements.dead_reckoning == "through_water"
-    checks, checked = check(state.checks, event, speeds, through_water, summary)
-    after = replace(state, checks=checks, means=means, tracks=tracks)
-    if checks.findings is state.checks.findings:
-        return after, checked, ()
-    new = tuple(
-        _as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :]
-    )
-    for finding in new:
-        if finding.severity == "unusable" or (
-            finding.severity == "inconsistent" and config.consistency.on_failure == "stop"
-        ):
-            raise MeasurementError(str(finding), state.checks.findings + new)
-    stated = replace(checks, findings=state.checks.findings + new)
-    return replace(after, checks=stated), checked, new
-
-
-def monitor_quiet(
-    state: MonitoringState,
-    run: Sequence[tuple[VehicleState | Observation, PingSummary | None]],
-    config: RunConfig,
-) -> MonitoringState | None:
-    """Return the state after positions and pings, as of ``check_quiet``; None where ``monitor`` must look at each."""
-    if config.consistency.on_failure == "ignore":
+    if isinstance(event, PathMean):
+        state = replace(state, means=(*state.means, event))
+    elif isinstance(event, VehicleState) and config.consistency.on_failure != "ignore":
+        state = replace(state, tracks=state.tracks.after(event))
+    if not found:
         return state
-    checks, tracks = check_quiet(state.checks, run), state.tracks
-    for event, _ in run:
-        tracks = tracks.after(event) if isinstance(event, VehicleState) else tracks
-    return None if checks is None else replace(state, checks=checks, tracks=tracks)
+    named = state.findings + tuple(finding for finding, _ in found)
+    for finding, _ in found:
+        stops = finding.severity == "inconsistent" and config.consistency.on_failure == "stop"
+        if finding.severity == "unusable" or stops:
+            raise MeasurementError(str(finding), named)
+    return replace(state, findings=named, contradict=found[-1][1])
 
 
 def require_one_vehicle(state: MonitoringState, names: Sequence[str]) -> None:
     """Raise MeasurementError when the logs of a run, by their names, hold the tracks of two vehicles."""
     if (found := state.tracks.two_vehicles) is not None:
         finding = findings.two_tracks(found, names)
-        raise MeasurementError(str(finding), (*state.checks.findings, finding))
+        raise MeasurementError(str(finding), (*state.findings, finding))
 
 
 def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState:
@@ -167,7 +163,7 @@ def readmitted(
         state: With the measurements.
         counts: Of the run.
     """
-    if not (state.checks.sources_contradict and state.gated):
+    if not (state.contradict and state.gated):
         return estimation, state, counts
     after, steps = assimilate(estimator, estimation, state.gated)
     again = len(state.gated)
@@ -179,7 +175,7 @@ def readmitted(
 
 def _as_stated(finding: Finding, config: RunConfig) -> Finding:
     """Return a finding on the unit of a log whose unit is stated as a contradiction that the run survives."""
-    stated = finding.name == findings.UNIT and config.measurements.velocity_unit is not None
+    stated = finding.name == UNIT and config.measurements.velocity_unit is not None
     return replace(finding, severity="inconsistent") if stated else finding
 
 
@@ -204,7 +200,7 @@ def is_distrusted(found: Iterable[Finding]) -> bool:
 
 def trusting(estimator: Any, state: MonitoringState) -> Any:
     """Return the estimator as it is, or, while two sources contradict each other, one whose gate rejects neither."""
-    if not state.checks.sources_contradict or getattr(estimator, "probability", None) is None:
+    if not state.contradict or getattr(estimator, "probability", None) is None:
         return estimator
     return replace(estimator, probability=None)
 
@@ -242,10 +238,10 @@ def conclusions(
     """
     if config.consistency.on_failure == "ignore":
         return (), ("no consistency check was made (consistency.on_failure)",)
-    found, blind = state.checks.findings, []
+    found, blind = state.findings, []
     fast = sum(count for (_, reason), count in (skipped or {}).items() if reason == TOO_FAST)
     used = sum(mean.kind == "dac" for mean in state.means)
-    if fast > 2 * used and not any(finding.name == findings.SCALE for finding in found):
+    if fast > 2 * used and not any(finding.name == SCALE for finding in found):
         found += (findings.too_fast(TOO_FAST, fast, fast + used),)
     if not found and (of_gate := _preferred(state)) is not None:
         found += (of_gate,)
@@ -260,13 +256,11 @@ def conclusions(
         )
     of_forecast = _of_forecast(counts, config.forecast.place)
     # faults of the log explain that it does not fit
-    if all(finding.name in (findings.ENSEMBLE, findings.FORECAST) for finding in found):
-        found += tuple(
-            finding for finding in of_forecast if not found or finding.name != findings.ENSEMBLE
-        )
+    if all(finding.name in (ENSEMBLE, findings.FORECAST) for finding in found):
+        found += tuple(finding for finding in of_forecast if not found or finding.name != ENSEMBLE)
     if not state.checks.can_tell_directions:
         blind.append(_undetermined(state))
-    if state.checks.pings and not state.checks.absolute_pings:
+    if state.checks.pings[0] and not state.checks.pings[1]:
         blind.append(_SHEAR_ALONE)
     return found, (*blind, *unknowable(state.checks))
 
@@ -284,7 +278,7 @@ def _preferred(state: MonitoringState) -> Finding | None:
 
 def _undetermined(state: MonitoringState) -> str:
     """Return why nothing in a log tells whether directions are right, and what would."""
-    if not state.checks.pings:
+    if not state.checks.pings[0]:
         return f"{_UNDETERMINED}; profiles of the current beside the mean currents would"
     if not state.means:
         return f"{_UNDETERMINED}; a mean current, GPS drift or bottom track would"
@@ -299,4 +293,4 @@ def _of_forecast(counts: ProfileCounts, moved: bool) -> tuple[Finding, ...]:
     evidence = f"{beyond} of {total} observations exceeded the gate"
     if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
         return (findings.forecast_misfit(evidence, moved),)
-    return (findings.ensemble_contradicts(evidence),) if 2 * beyond > total else ()
+    return (ensemble_contradicts(evidence),) if 2 * beyond > total else ()

@@ -19,7 +19,7 @@ from typing import Any
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
 from replay_kit.core.sealed import read_store, unusable, write_store
-from replay_kit.measurements.steps.state import MeasurementState
+from replay_kit.measurements.observed import Stream
 from replay_kit.results.journal import BEGIN, Journal, Place, read_journal
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.array import ArraySession, ArrayState
@@ -54,7 +54,7 @@ class Checkpoint:
     """
 
     state: ReplayState | ArrayState
-    measurement: tuple[MeasurementState, ...]
+    measurement: tuple[Stream, ...]
     messages: int
     journal: Place
     writer_state: tuple[int, float | None]
@@ -150,7 +150,7 @@ class StateStore:
     def write_when_due(
         self,
         session: Session | ArraySession,
-        measurement: tuple[MeasurementState, ...],
+        measurement: tuple[Stream, ...],
         messages: int,
     ) -> None:
         """Write a state when it is time and no observation waits.
@@ -242,7 +242,7 @@ class CheckpointFile(StateStore):
     def write_when_due(
         self,
         session: Session | ArraySession,
-        measurement: tuple[MeasurementState, ...],
+        measurement: tuple[Stream, ...],
         messages: int,
     ) -> None:
         """Write a checkpoint when it is time and no observation waits."""

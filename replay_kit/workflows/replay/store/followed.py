@@ -19,7 +19,7 @@ import orjson
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.core.sealed import read_head
-from replay_kit.measurements.steps.state import MeasurementState
+from replay_kit.measurements.observed import Stream
 from replay_kit.workflows.replay.array import ArraySession
 from replay_kit.workflows.replay.inputs.region import CHECKPOINT
 from replay_kit.workflows.replay.session import Session
@@ -140,7 +140,7 @@ class FollowedStates(StateStore):
     def write_when_due(
         self,
         session: Session | ArraySession,
-        measurement: tuple[MeasurementState, ...],
+        measurement: tuple[Stream, ...],
         messages: int,
     ) -> None:
         """Remember a state between two blocks of observations, and now and then write it."""

@@ -1,0 +1,136 @@
+"""Findings on a whole run, in words: its ensemble, its forecast, its sources beside each other, and its logs."""
+
+from collections.abc import Sequence
+
+from replay_kit.core.errors import Finding
+from replay_kit.core.geodesy import distance
+from replay_kit.core.text import place_text, time_text
+from replay_kit.measurements.checks.pairs import SCALE
+from replay_kit.measurements.checks.tracks import Passages
+
+ENSEMBLE_UNIT = "unit of the ensemble"
+FORECAST = "components or unit of the forecast"
+PREFERRED = "the gate prefers one source of the current to another"
+MISFIT = "the forecast does not fit this water"
+MISFIT_OF_MOVED = "the ensemble that was moved here does not fit this water"
+TRACKS = "these logs hold two tracks that no one vehicle can join"
+_SOURCE = {
+    "dac": "mean currents of dives",
+    "shear": "geostrophic shears",
+    "radar": "radar currents",
+    "drifters": "drifters",
+    "sensors": "other sensors",
+}
+
+
+def too_fast(reason: str, number: int, total: int) -> Finding:
+    """Return the finding of a log whose mean currents are faster than any current, and are skipped for that, most or all."""
+    return Finding(
+        SCALE,
+        0,
+        f"{number} of {total} mean currents were skipped ({reason})",
+        "mean currents in cm/s or mm/s, taken for m/s",
+        "correct their unit, or withhold them (--without dac)",
+    )
+
+
+def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
+    """Return the finding of logs of two vehicles.
+
+    Args:
+        passages: Between the two logs, one of them at least out of reach.
+        names: Of the logs, in order of their numbers.
+    """
+    assert passages.example is not None
+    one, other = sorted(passages.example, key=lambda position: position.source.input)
+    apart = float(distance(one.longitude, one.latitude, other.longitude, other.latitude)) / 1e3
+    placed = (
+        f"{place_text(each.longitude, each.latitude)} at {time_text(each.time_ns)}"
+        for each in (one, other)
+    )
+    return Finding(
+        TRACKS,
+        0,
+        f"{names[one.source.input]} and {names[other.source.input]}; of {passages.number} ways from a position of the one to the next "
+        f"of the other {passages.beyond} are longer than a vehicle travels in that time, the last one {apart:.0f} km ({', '.join(placed)})",
+        "two vehicles, or a clock or receiver that was wrong most of the time",
+        'name the vehicles (--as NAME=LOG), or replay each alone; consistency.on_failure = "ignore" takes them for one vehicle',
+        "unusable",
+    )
+
+
+def ensemble_unit(evidence: str, source: str) -> Finding:
+    """Return the finding of an ensemble whose speeds no ocean has."""
+    return Finding(
+        ENSEMBLE_UNIT,
+        0,
+        f"{source}: {evidence}",
+        "velocities in cm/s or knots that the file calls m/s",
+        'convert the ensemble and correct its units; consistency.on_failure = "ignore" takes it as it is',
+        "unusable",
+    )
+
+
+def forecast_fault(faults: Sequence[str], gain: float, dives: int) -> Finding:
+    """Return the warning that a forecast looks as if its file were wrong, in one of some ways."""
+    return Finding(
+        FORECAST,
+        0,
+        f"by {dives} mean currents of dives the forecast's currents look {', or '.join(faults)} (likelihood ratio e^{gain:.0f})",
+        "exchanged components, a sign or a unit in the forecast's file; or an eddy that is elsewhere than forecast",
+        "check the names, signs and units of the forecast's velocities",
+        "warning",
+    )
+
+
+def preferred(rejected: str, kept: str, evidence: str) -> Finding:
+    """Return the finding of a gate that rejects most measurements of one source, by its kind, and keeps those of another."""
+    words = {"profiles": "the profiles", **_SOURCE}
+    return Finding(
+        PREFERRED,
+        0,
+        f"{words[rejected]} were rejected and {words[kept]} kept: {evidence}",
+        f"{words[rejected]} and {words[kept]} are not of one current: either may be wrong, or its stated error is too small",
+        f"check both, and withhold the wrong one (--without {rejected} or {kept})",
+    )
+
+
+def source_misfit(kind: str, nis: float, values: int) -> Finding:
+    """Return the finding that a source's values are farther from the estimate than their errors say."""
+    return Finding(
+        PREFERRED,
+        0,
+        f"{_SOURCE[kind]}: normalised innovation squared {nis:.1f} per value, of {values}",
+        f"{_SOURCE[kind]} and the estimate are not of one current, or their stated errors are too small",
+        f"compare the results with and without them (--without {kind})",
+        "warning",
+    )
+
+
+def forecast_misfit(evidence: str, moved: bool) -> Finding:
+    """Return the finding that most measurements are none of those that the forecast expects.
+
+    Args:
+        evidence: The figures.
+        moved: Whether the ensemble was moved to the log: it is no forecast of this water, so that a misfit is no news.
+    """
+    if moved:
+        advice = (
+            "treat the estimate as a demonstration; for a reliable one give a forecast of this area"
+        )
+        return Finding(
+            MISFIT_OF_MOVED,
+            0,
+            evidence,
+            "the ensemble was moved from elsewhere (--place-ensemble)",
+            advice,
+            "warning",
+        )
+    return Finding(
+        MISFIT,
+        0,
+        evidence,
+        "a forecast of another place or time, members that differ too little, or errors of the measurements that are stated too small",
+        "do not rely on this estimate; give a forecast of this area; replay-kit info --ensemble lists faults of a log that look the same",
+        "misfit",
+    )
