@@ -18,7 +18,6 @@ from replay_kit.measurements.checks import instrument, pairs, place, profile, se
 from replay_kit.measurements.checks.fold import Context, Fold, Found, Memory, Rows, rows_of
 from replay_kit.measurements.checks.likelihood import KINDS, TURNED, causes, explanation
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
-from replay_kit.measurements.checks.sensors import Series
 
 # Mean currents in a row, equal to the last digit, which no two dives have.
 _EQUAL = 3
@@ -177,22 +176,15 @@ def _named(
 
 def _of_vehicle(
     memory: Memories, positions: Rows, means: Rows, topics: Sequence[str]
-) -> tuple[tuple[Series, Series], Callable[[NDArray[np.int64]], NDArray[np.bool_]], list[Found]]:
+) -> tuple[tuple[Rows, Rows], Callable[[NDArray[np.int64]], NDArray[np.bool_]], list[Found]]:
     """Return depths and places of the vehicle, at which events pings are not to be used, and what was found; memories become new."""
     depth = np.column_stack([positions["depth"], positions["dead_reckoned"]])
     where = np.column_stack([positions["longitude"], positions["latitude"]])
     depths, places = (
-        sensors.spaced(
-            sensors.series(memory.get((name, ""), {}), columns=2),
-            positions,
-            value,
-            name == "depths",
-        )
+        sensors.spaced(memory.get((name, ""), {}), positions.having(value=value), name == "depths")
         for name, value in (("depths", depth), ("places", where))
     )
-    memory["depths", ""], memory["places", ""] = (
-        each.remembered(sensors.MOST_OF_VEHICLE) for each in (depths, places)
-    )
+    memory["depths", ""], memory["places", ""] = sensors.latest(depths), sensors.latest(places)
     before = memory.get(("frozen", ""), {}).get("bad", np.zeros(1, np.bool_))
     of_frozen, found, bad = place.frozen(memory.get(("frozen", ""), {}), positions)
     bad = np.concatenate([before, bad])
@@ -329,13 +321,10 @@ def unknowable(state: Checked) -> tuple[str, ...]:
     return tuple(f"cannot be known here: {each}" for each in said)
 
 
-def _least_lag(state: Checked, topic: str) -> float:
+def _least_lag(state: Checked, instrument_name: str) -> float:
     """Return the least lag of an instrument's clock that would show [s]."""
-    own = state.memory.get(("sensors", topic), {})
-    held = own, own, state.memory["depths", ""], state.memory["places", ""]
+    own = state.memory["sensors", instrument_name]
+    depths, headings = (sensors.remembered(own, name) for name in ("depth", "heading"))
     return sensors.least_lag(
-        *(
-            sensors.series(one, name)
-            for one, name in zip(held, ("depth", "heading", "", ""), strict=True)
-        )
+        depths, headings, state.memory["depths", ""], state.memory["places", ""]
     )

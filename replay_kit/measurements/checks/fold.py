@@ -5,7 +5,7 @@ criterion is evaluated at every row, by sums and windows that go on from what wa
 on where a log is cut into blocks.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.block import Block
-from replay_kit.core.errors import Finding
+from replay_kit.core.errors import Finding, Severity
 
 #: What a check remembers: arrays by name, whose shapes its docstring states.
 Memory = Mapping[str, NDArray[Any]]
@@ -68,9 +68,42 @@ class Rows:
         columns = {name: values[at] for name, values in self.columns.items()}
         return Rows(self.topic, self.event[at], self.row[at], columns, self.instrument)
 
+    def having(self, **columns: NDArray[Any]) -> "Rows":
+        """Return the rows with columns more, or others."""
+        return Rows(self.topic, self.event, self.row, {**self.columns, **columns}, self.instrument)
+
+    def until(self, event: int, most: int) -> "Rows":
+        """Return the latest rows up to an event."""
+        end = int(np.searchsorted(self.event, event, side="right"))
+        return self.take(slice(max(end - most, 0), end))
+
     def time(self, at: int) -> int:
         """Return the time of a row [ns, UTC]."""
         return int(self.columns["time"][at])
+
+    def found(
+        self,
+        at: int,
+        name: str,
+        words: tuple[str, str, str],
+        severity: Severity = "inconsistent",
+        distrusts: bool = False,
+        unless: Iterable[str] = (),
+    ) -> Found:
+        """Return the finding that a row establishes.
+
+        Args:
+            at: The row.
+            name: As of ``Finding``.
+            words: Evidence, cause and advice; the topic of the pings begins the first.
+            severity: As of ``Finding``.
+            distrusts: As of ``Finding``.
+            unless: As of ``Found``.
+        """
+        evidence, cause, advice = words
+        evidence = f"{self.topic}: {evidence}" if self.topic else evidence
+        finding = Finding(name, self.time(at), evidence, cause, advice, severity, distrusts)
+        return Found(int(self.event[at]), finding, frozenset(unless))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +120,7 @@ class Context:
 
     ensemble: Any
     through_water: bool
-    vehicle: tuple[Any, Any]
+    vehicle: tuple[Rows, Rows]
     means: Rows
     named: Mapping[str, frozenset[str]]
 
@@ -117,6 +150,19 @@ def carried(memory: Memory, name: str, new: NDArray[Any], most: int) -> NDArray[
     if old is None or old.shape[1:] != new.shape[1:]:
         return new
     return np.concatenate([old[len(old) - min(most, len(old)) :], new])
+
+
+def recalled(memory: Memory, rows: Rows, *names: str) -> Rows:
+    """Return the rows that are remembered by some columns, whose event is -1, and new ones after them."""
+    old = memory.get(names[0])
+    n = 0 if old is None else len(old)
+    columns = {
+        name: np.concatenate([memory[name], rows[name]]) if n else rows[name] for name in names
+    }
+    events = np.concatenate([np.full(n, -1), rows.event])
+    return Rows(
+        rows.topic, events, np.concatenate([np.full(n, -1), rows.row]), columns, rows.instrument
+    )
 
 
 def first(holds: NDArray[Any]) -> int | None:

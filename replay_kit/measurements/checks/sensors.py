@@ -15,7 +15,8 @@ that holds its course, or drifts, says nothing.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows
+from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, recalled
 from replay_kit.measurements.checks.likelihood import LEAST_GAIN
 from replay_kit.measurements.checks.profile import SURFACE
 
@@ -33,6 +34,8 @@ CLOCK = "clock of the instrument"
 _EXPLAINED = frozenset({SURFACE, DEPTHS, CLOCK})
 # s between depths that are remembered, and their number: of the vehicle for a day, of the instrument for four hours at least.
 _SPACING, MOST_OF_VEHICLE, _MOST_OF_PINGS = 60.0, 1500, 256
+#: Columns of them.
+REMEMBERED = ("time", "value", "number")
 # Pings before which nothing is said, and after how many more of the first ones it is asked again.
 _LEAST, _EVERY = 12, 8
 # m; changes of one depth that show that the vehicle dives, and those of a sensor that is stuck; error of two sound sensors.
@@ -57,116 +60,93 @@ _UNITS = (
 )
 
 
-class Series(NamedTuple):
-    """Values some time apart.
-
-    Attributes:
-        time: shape (n,) [ns, UTC].
-        value: shape (n, c): a depth [m], and of a vehicle whether its position was dead-reckoned; a heading; longitude and latitude
-            [degrees].
-        event: shape (n,), place of each in ``Block.events``; -1 of those that are remembered.
-        number: How many there have been with each of them, shape (n,).
-    """
-
-    time: NDArray[np.int64]
-    value: Array
-    event: NDArray[np.int64]
-    number: NDArray[np.int64]
-
-    @property
-    def seconds(self) -> Array:
-        """Times since 1970, shape (n,) [s]."""
-        return self.time * 1e-9
-
-    def before(self, event: int, most: int) -> "Series":
-        """Return the latest values until an event."""
-        end = int(np.searchsorted(self.event, event, side="right"))
-        return Series(*(each[max(end - most, 0) : end] for each in self))
-
-    @property
-    def due(self) -> NDArray[np.intp]:
-        """The new values with which an instrument is to be judged: not every one."""
-        each = np.where(self.number <= 8 * _EVERY, _EVERY, 4 * _EVERY)
-        asked = (self.event >= 0) & (self.number >= _LEAST) & (self.number % each == 0)
-        return np.flatnonzero(asked)
-
-    def remembered(self, most: int, name: str = "") -> "dict[str, NDArray[Any]]":
-        """Return what is remembered of it by a name: the latest values, and how many there have been."""
-        return {f"{name}{one}": getattr(self, one)[-most:] for one in ("time", "value", "number")}
-
-
-def spaced(before: Series, rows: Rows, value: Array, changes: bool = False) -> Series:
+def spaced(memory: Memory, rows: Rows, changes: bool = False) -> Rows:
     """Return values that are remembered and the new ones that are known and late enough after the last.
 
     Args:
-        before: What is remembered.
-        rows: The new ones.
-        value: shape (n, c), of these.
-        changes: Whether a change of the second value is late enough, too; else 60 s are.
+        memory: ``time`` [ns, UTC], ``value`` and ``number``, how many there have been with each.
+        rows: The new ones, with ``value``, shape (n, c).
+        changes: Whether a change of the last value is late enough, too; else 60 s are.
     """
-    known, chosen, apart = np.isfinite(value[:, 0]).tolist(), list[int](), int(_SPACING * 1e9)
-    last_ns = int(before.time[-1]) if len(before.time) else None
-    state = before.value[-1, -1] if len(before.time) else math.nan
-    for i, (now, new) in enumerate(zip(rows["time"].tolist(), value[:, -1].tolist(), strict=True)):
+    known, chosen, apart = (
+        np.isfinite(rows["value"][:, 0]).tolist(),
+        list[int](),
+        int(_SPACING * 1e9),
+    )
+    old = memory.get("time", ())
+    last_ns = int(old[-1]) if len(old) else None
+    states = rows["value"][:, -1].tolist()
+    state = memory["value"][-1, -1] if len(old) else math.nan
+    for i, (now, new) in enumerate(zip(rows["time"].tolist(), states, strict=True)):
         late = last_ns is None or now - last_ns >= apart
         if known[i] and (late or (changes and now > last_ns and new != state)):
             chosen.append(i)
             last_ns, state = now, new
-    number = np.arange(1, len(chosen) + 1) + (before.number[-1] if len(before.number) else 0)
-    new_ones = rows["time"][chosen], value[chosen], rows.event[chosen], number
-    return Series(*(np.concatenate(each) for each in zip(before, new_ones, strict=True)))
+    number = np.arange(1, len(chosen) + 1) + (int(memory["number"][-1]) if len(old) else 0)
+    return recalled(memory, rows.take(np.array(chosen, np.intp)).having(number=number), *REMEMBERED)
 
 
-def series(memory: Memory, name: str = "", columns: int = 1) -> Series:
-    """Return values that are remembered by a name."""
-    time = memory.get(f"{name}time", np.empty(0, np.int64))
-    value = memory.get(f"{name}value", np.empty((0, columns)))
-    return Series(time, value, np.full(len(time), -1), memory.get(f"{name}number", time))
+def latest(rows: Rows, most: int = MOST_OF_VEHICLE) -> Memory:
+    """Return what is remembered of values."""
+    return {name: rows[name][-most:] for name in REMEMBERED}
 
 
 def of_sensors(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
     """Return what an instrument's depths establish beside the vehicle's, or of a vehicle that does not dive its headings.
 
     Args:
-        memory: Depths and headings, up to 256, as of ``Series``.
+        memory: Depths and headings, up to 256, as of ``spaced``, with ``depth`` or ``heading`` before the names.
         pings: Of one instrument.
         context: Has the vehicle's depths and places.
     """
-    (vehicle, places), own, after = context.vehicle, dict[str, Series](), dict[str, NDArray[Any]]()
+    own, after, asked = dict[str, Rows](), dict[str, NDArray[Any]](), list[tuple[int, str]]()
     for name, column in (("depth", "pressure_depth"), ("heading", "heading")):
-        own[name] = spaced(series(memory, name), pings, pings[column][:, None])
-        after |= own[name].remembered(_MOST_OF_PINGS, name)
-    asked = {(int(each.event[k]), name) for name, each in own.items() for k in each.due.tolist()}
-    for event, name in sorted(asked) if not _EXPLAINED & context.known(pings.instrument) else ():
-        depths, diving = (
-            own["depth"].before(event, _MOST_OF_PINGS),
-            vehicle.before(event, MOST_OF_VEHICLE),
+        rows = own[name] = spaced(
+            remembered(memory, name), pings.having(value=pings[column][:, None])
         )
+        after |= {f"{name}{key}": value for key, value in latest(rows, _MOST_OF_PINGS).items()}
+        each = np.where(rows["number"] <= 8 * _EVERY, _EVERY, 4 * _EVERY)
+        due = (rows.event >= 0) & (rows["number"] >= _LEAST) & (rows["number"] % each == 0)
+        asked += [(event, name) for event in rows.event[due].tolist()]
+    for event, name in sorted(asked) if not _EXPLAINED & context.known(pings.instrument) else ():
+        depths, headings = (
+            own[each].until(event, _MOST_OF_PINGS).columns for each in ("depth", "heading")
+        )
+        vehicle, places = (each.until(event, MOST_OF_VEHICLE).columns for each in context.vehicle)
         if name == "depth":
-            found = found_of_depths(depths, diving, pings.topic)
-        elif can_compare(depths, diving):
+            found = found_of_depths(depths, vehicle, pings.topic)
+        elif can_compare(depths, vehicle):
             found = None
         else:
-            headings = own["heading"].before(event, _MOST_OF_PINGS)
-            found = found_of_headings(headings, places.before(event, MOST_OF_VEHICLE), pings.topic)
+            found = found_of_headings(headings, places, pings.topic)
         if found is not None:
             return after, [Found(event, found, _EXPLAINED)]
     return after, []
 
 
-def can_compare(own: Series, vehicle: Series) -> bool:
+def remembered(memory: Memory, name: str) -> Memory:
+    """Return what is remembered of depths or headings."""
+    return {key: memory[f"{name}{key}"] for key in REMEMBERED if f"{name}{key}" in memory}
+
+
+def _values(rows: Memory) -> tuple[Array, Array]:
+    """Return times since 1970 [s] and values."""
+    return rows["time"] * 1e-9, rows["value"][:, 0]
+
+
+def can_compare(own: Memory, vehicle: Memory) -> bool:
     """Return whether a log has both depths, and one of them changes by as much as a dive."""
-    if len(vehicle.time) < _LEAST or len(own.time) < _LEAST:
+    if len(vehicle["time"]) < _LEAST or len(own["time"]) < _LEAST:
         return False
-    return max(float(np.ptp(each.value[:, 0])) for each in (own, vehicle)) >= _DIVES
+    return max(float(np.ptp(each["value"][:, 0])) for each in (own, vehicle)) >= _DIVES
 
 
-def found_of_depths(own: Series, vehicle: Series, topic: str) -> Finding | None:
+def found_of_depths(own: Memory, vehicle: Memory, topic: str) -> Finding | None:
     """Return what the instrument's depths and the vehicle's contradict each other in, if anything.
 
     Args:
         own: Of the instrument, by its pressure.
-        vehicle: Of the vehicle.
+        vehicle: Of the vehicle, and whether its position was dead-reckoned.
         topic: Of the pings.
     """
     if not can_compare(own, vehicle):
@@ -174,10 +154,10 @@ def found_of_depths(own: Series, vehicle: Series, topic: str) -> Finding | None:
     return _stuck(own, vehicle, topic) or _wrong(own, vehicle, topic)
 
 
-def _stuck(own: Series, vehicle: Series, topic: str) -> Finding | None:
+def _stuck(own: Memory, vehicle: Memory, topic: str) -> Finding | None:
     """Return that one of the sensors is stuck while the other dives."""
-    t, p, times, depths = own.seconds, own.value[:, 0], vehicle.seconds, vehicle.value[:, 0]
-    known = (vehicle.value[:, 1] > 0.0) & (times >= t[0]) & (times <= t[-1])
+    (t, p), (times, depths) = _values(own), _values(vehicle)
+    known = (vehicle["value"][:, 1] > 0.0) & (times >= t[0]) & (times <= t[-1])
     for name, at, values, others_at, others in (
         (f"the depth of the pings of {topic}", t, p, times[known], depths[known]),
         ("the depth of the vehicle", times[known], depths[known], t, p),
@@ -198,30 +178,83 @@ def _stuck(own: Series, vehicle: Series, topic: str) -> Finding | None:
     return None
 
 
-def _wrong(own: Series, vehicle: Series, topic: str) -> Finding | None:
-    """Return that the instrument's depths are in another unit, or late, if that explains them much better than equality."""
-    t, p, times, depths = own.seconds, own.value[:, 0], vehicle.seconds, vehicle.value[:, 0]
-    none = _misfit(p, _depth_at(t, times, depths))
-    if none is None or none[0] < _RATIO * _ERROR**2 * none[1]:
+#: Mean square of what a hypothesis leaves, and the number of values compared.
+Misfit = tuple[float, float]
+
+
+def _gain(none: Misfit, other: Misfit, floor: float, log_scale: float = 0.0) -> float:
+    """Return the log-likelihood ratio of misfits; the numbers of values may differ."""
+    n = min(none[1], other[1], 2.0 * _COUNTED) / 2.0
+    return n * (0.5 * math.log((none[0] + floor) / (other[0] + floor)) - log_scale)
+
+
+def _best_lag(
+    misfit: Callable[[float], Misfit | None], least: float, slack: Callable[[float], float]
+) -> float | None:
+    """Return the least of the lags that explain values about as well as any [s]; None where none can be judged.
+
+    Args:
+        misfit: Of a lag.
+        least: Number of values that must be compared.
+        slack: Up to which misfit a lag is as good as the best one, of that one's.
+    """
+    each = ((lag, misfit(lag)) for lag in _LAGS.tolist())
+    known = [(lag, left[0]) for lag, left in each if left is not None and left[1] >= least]
+    if not known:
         return None
-    best = (0.0, math.nan, "", "")
-    for scale, cause in _UNITS:
+    most = slack(min(left for _, left in known))
+    return min((lag for lag, left in known if left <= most), key=lambda lag: (abs(lag), lag))
+
+
+def _wrong(own: Memory, vehicle: Memory, topic: str) -> Finding | None:
+    """Return that the instrument's depths are in another unit, or late, if that explains them much better than equality."""
+    (t, p), (times, depths) = _values(own), _values(vehicle)
+
+    def misfit(lag: float, scale: float = 1.0) -> Misfit | None:
         # errors are those of the deeper of the two
-        unit = _misfit(p / max(scale, 1.0), _depth_at(t, times, depths) * min(scale, 1.0))
-        if unit is not None and (gain := _gain(none, unit, np.log(max(scale, 1.0)))) > best[0]:
+        d = _depth_at(t - lag, times, depths) * min(scale, 1.0)
+        left = (p / max(scale, 1.0) - d)[np.isfinite(d)]
+        if left.size < _LEAST or np.ptp(d[np.isfinite(d)]) < 1.0:
+            return None
+        return float(np.mean((left - np.median(left)) ** 2)), float(left.size)
+
+    none, floor = misfit(0.0), _ERROR**2
+    if none is None or none[0] < _RATIO * floor:
+        return None
+    best = (0.0, math.inf, "", "")
+    for scale, cause in _UNITS:
+        unit = misfit(0.0, scale)
+        if (
+            unit is not None
+            and (gain := _gain(none, unit, floor, np.log(max(scale, 1.0)))) > best[0]
+        ):
             words = f"{topic}: the pings are {scale:.3g} times as deep as the vehicle"
-            best = gain, unit[0], f"{words} ({none[1]:.0f} pings, likelihood ratio e^{gain:.0f})", cause  # fmt: skip
-    lag, late = _best_lag(t, p, times, depths)
-    if late is not None and (gain := _gain(none, late)) > best[0]:
+            evidence = f"{words} ({none[1]:.0f} pings, likelihood ratio e^{gain:.0f})"
+            best = gain, unit[0], evidence, cause
+    rates = np.diff(depths) / np.maximum(np.diff(times), 1e-3)
+    # half of a step beside the best lag the depths differ by so much
+    beside = 2.0 * float(np.mean((0.5 * _SPACING * rates) ** 2)) + floor
+    lag = _best_lag(misfit, len(t) / 2.0, lambda least: 2.0 * least + beside)
+    lag = None if lag is None else _refined(lag, t, p, times, depths)
+    late = None if lag is None else misfit(lag)
+    if lag is not None and late is not None and (gain := _gain(none, late, floor)) > best[0]:
         best = gain, late[0], "", ""
     gain, left, evidence, cause = best
     if gain < LEAST_GAIN or none[0] < _RATIO * left:
         return None
-    if cause:
+    if cause or lag is None or late is None:
         advice = "correct the pressure of the pings, or the depth of the vehicle; profiles are placed by the pings' pressure"
         return Finding(DEPTHS, int(t[-1] * 1e9), evidence, cause, advice)
-    assert late is not None, "nothing else has no cause"
     return _late(f"{topic}: the depths of the pings", int(t[-1] * 1e9), lag, late[1], gain)
+
+
+def _refined(lag: float, t: Array, p: Array, times: Array, depths: Array) -> float | None:
+    """Return a lag between those tried, where residuals are linear in it [s]; None where it does not differ from zero."""
+    known = math.inf
+    for _ in range(3):
+        step, known = _lag_step(t - lag, p, times, depths)
+        lag -= float(np.clip(step, -60.0, 60.0))
+    return None if abs(lag) < known else lag
 
 
 def _late(what: str, time_ns: int, lag: float, pings: float, gain: float) -> Finding:
@@ -258,44 +291,6 @@ def _depth_at(t: Array, times: Array, depths: Array) -> Array:
     return np.where(turns | far | outside, np.nan, np.interp(t, times, depths))
 
 
-def _misfit(p: Array, d: Array) -> tuple[float, float] | None:
-    """Return the sum of squares of p - d less its median, and the number of depths compared; None with too few."""
-    left = (p - d)[np.isfinite(d)]
-    if left.size < _LEAST or np.ptp(d[np.isfinite(d)]) < 1.0:
-        return None
-    return float(np.sum((left - np.median(left)) ** 2)), float(left.size)
-
-
-def _gain(none: tuple[float, float], other: tuple[float, float], log_scale: float = 0.0) -> float:
-    """Return the log-likelihood ratio of misfits; the numbers of depths may differ."""
-    n = min(none[1], other[1], 2.0 * _COUNTED) / 2.0
-    ratio = (none[0] / none[1] + _ERROR**2) / (other[0] / other[1] + _ERROR**2)
-    return 0.5 * n * math.log(ratio) - n * log_scale
-
-
-def _best_lag(
-    t: Array, p: Array, times: Array, depths: Array
-) -> tuple[float, tuple[float, float] | None]:
-    """Return the least lag [s] that explains the depths about as well as any, and its misfit; None where none differs from zero."""
-    each = ((lag, _misfit(p, _depth_at(t - lag, times, depths))) for lag in _LAGS.tolist())
-    found = [(lag, *misfit) for lag, misfit in each if misfit and misfit[1] >= len(t) / 2.0]
-    if not found:
-        return 0.0, None
-    least = min(squares / number for _, squares, number in found)
-    # half of a step beside the best lag the depths differ by so much
-    rates = np.diff(depths) / np.maximum(np.diff(times), 1e-3)
-    most = 2.0 * least + 2.0 * float(np.mean((0.5 * _SPACING * rates) ** 2)) + _ERROR**2
-    lag = min((abs(lag), lag) for lag, squares, number in found if squares / number <= most)[1]
-    # between the lags tried the residuals are linear in the lag
-    known = math.inf
-    for _ in range(3):
-        step, known = _lag_step(t - lag, p, times, depths)
-        lag -= float(np.clip(step, -60.0, 60.0))
-    if abs(lag) < known:
-        return 0.0, None
-    return lag, _misfit(p, _depth_at(t - lag, times, depths))
-
-
 def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, float]:
     """Return by how much the times are late by the depths' slopes, and the least lag that differs from none [s]: inf without slopes."""
     d, later = _depth_at(t, times, depths), _depth_at(t + 1.0, times, depths)
@@ -310,35 +305,35 @@ def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, f
     return float(slope @ left) / squares, max(_LEAST_LAG, _SIGMAS * error)
 
 
-def found_of_headings(own: Series, places: Series, topic: str) -> Finding | None:
+def found_of_headings(own: Memory, places: Memory, topic: str) -> Finding | None:
     """Return that the instrument's clock is late, if that explains its headings much better than none.
 
     Args:
         own: Headings of the instrument.
-        places: Of the vehicle.
+        places: Longitudes and latitudes of the vehicle.
         topic: Of the pings.
     """
-    if len(places.time) < _LEAST or len(own.time) < _LEAST:
+    if len(places["time"]) < _LEAST or len(own["time"]) < _LEAST:
         return None
-    t, heading = own.seconds, np.exp(1j * np.radians(own.value[:, 0]))
-    courses = _courses(places)
-    none = _turns(t, heading, courses)
-    if none is None or none[0] < 4.0 * _HEADING_ERROR:
+    (t, degrees), courses = _values(own), _courses(places)
+    heading = np.exp(1j * np.radians(degrees))
+
+    def misfit(lag: float) -> Misfit | None:
+        return _turns(t - lag, heading, courses)
+
+    none = misfit(0.0)
+    if none is None or none[0] < _RATIO * _HEADING_ERROR:
         return None
-    each = ((lag, _turns(t - lag, heading, courses)) for lag in _LAGS.tolist())
-    known = [(lag, left) for lag, left in each if left and left[1] >= 0.5 * t.size]
-    if not known:
+    lag = _best_lag(misfit, 0.5 * t.size, lambda least: least + 0.1 * _HEADING_ERROR)
+    late = None if lag is None else misfit(lag)
+    if not lag or late is None or none[0] < _RATIO * late[0]:
         return None
-    # of lags that explain as much the least
-    most = min(left[0] for _, left in known) + 0.1 * _HEADING_ERROR
-    lag, late = min((one for one in known if one[1][0] <= most), key=lambda one: abs(one[0]))
-    gain = _gain_of_turns(none, late)
-    if lag == 0.0 or gain < LEAST_GAIN or none[0] < 4.0 * late[0]:
+    if (gain := _gain(none, late, _HEADING_ERROR)) < LEAST_GAIN:
         return None
     return _late(f"{topic}: the headings of the pings", int(t[-1] * 1e9), lag, late[1], gain)
 
 
-def least_lag(depths: Series, headings: Series, vehicle: Series, places: Series) -> float:
+def least_lag(depths: Memory, headings: Memory, vehicle: Memory, places: Memory) -> float:
     """Return the least lag of an instrument's clock that its depths or headings would show [s]; inf where they show none.
 
     Args:
@@ -347,23 +342,28 @@ def least_lag(depths: Series, headings: Series, vehicle: Series, places: Series)
         vehicle: Depths of the vehicle.
         places: Of the vehicle.
     """
-    found, (t, p) = math.inf, (depths.seconds, depths.value[:, 0])
-    if can_compare(depths, vehicle):
-        found = _lag_step(t, p, vehicle.seconds, vehicle.value[:, 0])[1]
-    if len(places.time) < _LEAST or len(headings.time) < _LEAST:
+    found = (
+        _lag_step(*_values(depths), *_values(vehicle))[1]
+        if can_compare(depths, vehicle)
+        else math.inf
+    )
+    if len(places["time"]) < _LEAST or len(headings["time"]) < _LEAST:
         return found
-    t, courses = headings.seconds, _courses(places)
+    t, courses = _values(headings)[0], _courses(places)
     heading = _course_at(t, courses)
     for lag in _ASKED.tolist():
         none = _turns(t - lag, heading, courses)
-        if none is not None and _gain_of_turns(none, (0.0, none[1])) >= LEAST_GAIN:
+        if none is not None and _gain(none, (0.0, none[1]), _HEADING_ERROR) >= LEAST_GAIN:
             return min(found, float(lag))
     return found
 
 
-def _courses(places: Series) -> tuple[Array, NDArray[np.complex128]]:
+Courses = tuple[Array, NDArray[np.complex128]]
+
+
+def _courses(places: Memory) -> Courses:
     """Return times [s], and the direction from each position to the next; 0 where the vehicle hardly moves or it is not known."""
-    times, (longitude, latitude) = places.seconds, places.value.T
+    times, (longitude, latitude) = places["time"] * 1e-9, places["value"].T
     east, north = metres_per_degree(float(latitude[0]))
     way = north * np.diff(latitude) + 1j * east * ((np.diff(longitude) + 180.0) % 360.0 - 180.0)
     seconds = np.maximum(np.diff(times), 1e-3)
@@ -371,16 +371,14 @@ def _courses(places: Series) -> tuple[Array, NDArray[np.complex128]]:
     return times, np.where(moves, way / np.maximum(np.abs(way), 1e-9), 0.0)
 
 
-def _course_at(t: Array, courses: tuple[Array, NDArray[np.complex128]]) -> NDArray[np.complex128]:
+def _course_at(t: Array, courses: Courses) -> NDArray[np.complex128]:
     times, course = courses
     at = np.searchsorted(times, t, side="right") - 1
     inside = (at >= 0) & (at < course.size)
     return np.where(inside, course[np.clip(at, 0, course.size - 1)], 0.0)
 
 
-def _turns(
-    t: Array, heading: NDArray[np.complex128], courses: tuple[Array, NDArray[np.complex128]]
-) -> tuple[float, float] | None:
+def _turns(t: Array, heading: NDArray[np.complex128], courses: Courses) -> Misfit | None:
     """Return the mean square of what headings and courses differ in, less a constant turn, and their number; None where few turn."""
     course = _course_at(t, courses)
     known = (course != 0.0) & (heading != 0.0)
@@ -388,8 +386,3 @@ def _turns(
     if number < _LEAST or abs(course[known].mean()) > 1.0 - _TURNS:
         return None
     return 2.0 - 2.0 * abs(complex(np.mean(heading[known] * course[known].conj()))), float(number)
-
-
-def _gain_of_turns(none: tuple[float, float], late: tuple[float, float]) -> float:
-    number = min(none[1], late[1], 2.0 * _COUNTED)
-    return 0.25 * number * math.log((none[0] + _HEADING_ERROR) / (late[0] + _HEADING_ERROR))

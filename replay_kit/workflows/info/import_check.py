@@ -9,7 +9,6 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -35,9 +34,16 @@ from replay_kit.estimator.likelihood import Likelihood, predict_jointly
 from replay_kit.estimator.update.screening import screen
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import merge
-from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.summary import REPAIRABLE, EnsembleSpeeds, ensemble_speeds
+from replay_kit.measurements.checks.check import Checked, check
+from replay_kit.measurements.checks.instrument import DEAD
+from replay_kit.measurements.checks.profile import (
+    ENSEMBLE,
+    REPAIRABLE,
+    SURFACE,
+    UNIT,
+    EnsembleSpeeds,
+    ensemble_speeds,
+)
 from replay_kit.measurements.consistency.usual_faults import (
     Fault,
     Sounding,
@@ -45,7 +51,7 @@ from replay_kit.measurements.consistency.usual_faults import (
     depth_faults,
     direction_faults,
 )
-from replay_kit.measurements.interpret import events_of
+from replay_kit.measurements.observed import blocks, rows
 from replay_kit.workflows.replay.checks import check_inputs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import find_region
@@ -65,7 +71,7 @@ _LEAST_SHIFT = 10.0
 # of the bins, in the water with a fault of depth undone as without
 _LEAST_SHARE = 0.1
 # findings after which a comparison with the ensemble says nothing
-_GROSS = {findings.UNIT, findings.DEPTH, findings.DEAD}
+_GROSS = {UNIT, SURFACE, DEAD}
 _POSSIBLE = REPAIRABLE | Reason.ABOVE_SURFACE
 
 
@@ -108,7 +114,7 @@ def check_logs(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConf
         try:
             forecast = _checked(logs, ensemble, config)
         except (ForecastError, MeasurementError) as error:
-            unit = any(finding.name == findings.UNIT for finding in error.findings)
+            unit = any(finding.name == UNIT for finding in error.findings)
             what = "the directions were" if unit else "the log was"
             return ImportCheck(
                 0, error.findings, note=f"{what} not compared with the ensemble", refusal=error
@@ -144,7 +150,7 @@ def _checked(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConfig
 
 def soundings(
     messages: Iterable[Message], config: MeasurementConfig, speeds: EnsembleSpeeds | None = None
-) -> tuple[list[Sounding], ConsistencyState]:
+) -> tuple[list[Sounding], Checked]:
     """Return the profiles among messages, each with the declination and the vehicle's depth as stated, and the checks of a replay.
 
     Args:
@@ -157,7 +163,7 @@ def soundings(
     """
     found: list[Sounding] = []
     declinations: dict[tuple[int, str], float] = defaultdict(lambda: math.nan)
-    depth, state = math.nan, ConsistencyState()
+    depth, state = math.nan, Checked()
 
     def noted() -> Iterator[Message]:
         """Yield the messages, each after its declination is known."""
@@ -167,15 +173,14 @@ def soundings(
                 declinations[message.input, message.topic] = declination
             yield message
 
-    for event in chain.from_iterable(events_of(noted(), config)):
-        if isinstance(event, Checked):
-            state, _ = check(state, event, speeds, config.dead_reckoning == "through_water")
-        if isinstance(event, VehicleState):
-            depth = event.depth
-        elif isinstance(event, Observation):
-            found.append(
-                Sounding(event, declinations[event.source.input, event.source.topic], depth)
-            )
+    for block in blocks(noted(), config):
+        state, block, _ = check(state, block, speeds, config.dead_reckoning == "through_water")
+        for event in rows(block):
+            if isinstance(event, VehicleState):
+                depth = event.depth
+            elif isinstance(event, Observation):
+                stated = declinations[event.source.input, event.source.topic]
+                found.append(Sounding(event, stated, depth))
     return found, state
 
 
@@ -213,7 +218,7 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
 
 def _warning(fault: Fault, gain: float) -> Finding:
     evidence = f"with this undone the profiles are e^{gain:.0f} times as likely under the ensemble"
-    return Finding(findings.ENSEMBLE, 0, evidence, fault.name, fault.advice, "warning")
+    return Finding(ENSEMBLE, 0, evidence, fault.name, fault.advice, "warning")
 
 
 def _spread(found: Sequence[Sounding], most: int) -> Sequence[Sounding]:

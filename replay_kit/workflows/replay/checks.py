@@ -5,7 +5,6 @@ A replay makes the same checks in its course; ``info``, ``replay --dry-run`` and
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 
 import numpy as np
 
@@ -20,17 +19,17 @@ from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.update.screening import screen_group
 from replay_kit.logs import merge
 from replay_kit.logs.reader import LogFile
-from replay_kit.measurements.consistency.monitor import Checked
-from replay_kit.measurements.events import Event
-from replay_kit.measurements.interpret import finish, initial_state, interpret_block
+from replay_kit.measurements.measure import Memory
+from replay_kit.measurements.observed import Stream, blocks, rows
 from replay_kit.measurements.steps.water import for_region
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
 from replay_kit.workflows.replay.inputs.scan import check_span, open_readers, positions_of
 from replay_kit.workflows.replay.stages.consistency import (
     MonitoringState,
+    checked,
     checked_speeds,
-    monitor,
+    noted,
     require_one_vehicle,
 )
 from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
@@ -92,17 +91,20 @@ def check_inputs(
     kinds = (
         (VehicleState, Measurement) if config.estimator.name == OWN else (VehicleState, Observation)
     )
-    monitoring, statistics, profiles, used, last_ns = MonitoringState(), RunStatistics(), 0, 0, None
+    monitoring, statistics, profiles, used = MonitoringState(), RunStatistics(), 0, 0
+    stream = Stream(Memory(sender=(config.logs.system, config.logs.component)))
+    times = list[int]()
     taken = list[Observation]()
-    for time_ns, events in _blocks(merged, config):
-        last_ns, steps = time_ns or last_ns, list[Step]()
-        for event in events:
-            if isinstance(event, Checked):
-                monitoring, event, _ = monitor(monitoring, event, config, speeds)
+    for block in blocks(_noting(merged, times), config.measurements, _BLOCK, stream):
+        monitoring, block, with_event = checked(monitoring, block, config, speeds)
+        statistics, steps = statistics.after_messages(block.counts()), list[Step]()
+        for k, event in enumerate(rows(block)):
+            monitoring = noted(monitoring, event, with_event.get(k, ()), config)
             if isinstance(event, kinds):
-                steps.append(Step(event, None, None, _screened(event, forecasts, config)))
+                if not _aside(event, config):
+                    steps.append(Step(event, None, None, _screened(event, forecasts, config)))
             else:
-                statistics = statistics.after_events([event])
+                statistics = statistics.with_unsupported(event)
         statistics = statistics.after_steps(steps)
         given = [
             (step.event, step.assimilation)
@@ -112,7 +114,7 @@ def check_inputs(
         accepted = [event for event, found in given if found.innovation.accepted]
         taken += accepted[: ReducedBasisEstimator.block_size - len(taken)]
         profiles, used = profiles + len(given), used + len(accepted)
-    check_span(job.logs, config, last_ns)
+    check_span(job.logs, config, times[-1] if times else None)
     reports = [reader.report() for reader in readers]
     require_usable(monitoring, statistics.with_order(merged), reports, ensemble.grid, config)
     return CheckedInputs(forecasts, profiles, used, tuple(taken))
@@ -143,26 +145,14 @@ def require_usable(
     statistics.require_left_out(config.measurements.without)
 
 
-def _blocks(
-    messages: Iterable[Message], config: RunConfig
-) -> Iterator[tuple[int | None, list[Event]]]:
-    """Yield blocks of events that a replay takes up, each with the time of its last message [ns, UTC]; last what waits at the end."""
-    measurements, state, rest = (
-        config.measurements,
-        initial_state(config.logs.system, config.logs.component),
-        iter(messages),
-    )
-    while block := list(islice(rest, _BLOCK)):
-        steps = interpret_block(state, block, measurements)
-        state = steps[-1][0]
-        yield (
-            block[-1].time_ns,
-            [event for _, events in steps for event in events if not _aside(event, config)],
-        )
-    yield None, [event for event in finish(state, measurements) if not _aside(event, config)]
+def _noting(messages: Iterable[Message], times: list[int]) -> Iterator[Message]:
+    """Yield messages; the time of the last one is kept [ns, UTC]."""
+    for message in messages:
+        times[:] = [message.time_ns]
+        yield message
 
 
-def _aside(event: Event, config: RunConfig) -> bool:
+def _aside(event: VehicleState | Measurement, config: RunConfig) -> bool:
     """Return whether an event is a mean current that no estimate is given, because the profiles beside it were computed from it."""
     return (
         isinstance(event, PathMean)

@@ -424,9 +424,14 @@ def _taken(
         by_message = session.vehicles[number].take_block(found)
         given[number] = [by_message.pop(first + k, []) for k in range(len(read))]
         # what waited for the end of the logs
-        given[number] += [[one for rest in by_message.values() for one in rest]] * (len(messages) - len(read))
+        given[number] += [[one for rest in by_message.values() for one in rest]] * (
+            len(messages) - len(read)
+        )
     each = {number: iter(events) for number, events in given.items()}
-    return [(number, message, next(each[number])) for number, message in zip(numbers, block, strict=True)]
+    return [
+        (number, message, next(each[number]))
+        for number, message in zip(numbers, block, strict=True)
+    ]
 
 
 def _begin_result(session: AnySession, inputs: Prepared, time_ns: int) -> None:

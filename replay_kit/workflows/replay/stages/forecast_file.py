@@ -17,8 +17,8 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.observation import PathMean
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.update.screening import screen_group
-from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.pairs import LEAST_GAIN
+from replay_kit.measurements.checks import concluded as findings
+from replay_kit.measurements.checks.likelihood import LEAST_GAIN
 from replay_kit.measurements.consistency.usual_faults import hypotheses
 
 # Dives before which nothing is said, and those that are compared at most, evenly spread.
