@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import Finding
 from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, carried, first
 
 DEAD = "dead or stale instrument"
@@ -73,10 +72,12 @@ def dead(memory: Memory, pings: Rows) -> tuple[Memory, Living]:
     if (judged := first(bad)) is not None:
         row, latest = int(np.flatnonzero(told)[judged]), window[: ends[judged]][-_WINDOW:]
         most = _WORDS[int(np.argmax(np.bincount(latest[latest > 0])))]
-        evidence = (
-            f"the velocities of {(latest > 0).sum()} of the last {len(latest)} pings are {most}"
+        words = (
+            f"the velocities of {(latest > 0).sum()} of the last {len(latest)} pings are {most}",
+            "an instrument that is off or hangs, or a logger that repeats its last message",
+            "those profiles are not used; check the instrument's power and its logger",
         )
-        found.append(Found(int(pings.event[row]), _dead(pings.topic, pings.time(row), evidence)))
+        found.append(pings.found(row, DEAD, words))
     return {"digest": both[-_COMPARED:], "wrong": window[-_WINDOW:]}, Living(wrong, found)
 
 
@@ -86,16 +87,6 @@ def _digest(raw: Array) -> NDArray[np.int64]:
     # cells that are missing at the end are no part of it
     factors = np.resize(_FACTORS, flat.shape[1])
     return np.asarray(((flat + 99.0).view(np.int64) * factors).sum(axis=1))
-
-
-def _dead(topic: str, time_ns: int, evidence: str) -> Finding:
-    return Finding(
-        DEAD,
-        time_ns,
-        f"{topic}: {evidence}",
-        "an instrument that is off or hangs, or a logger that repeats its last message",
-        "those profiles are not used; check the instrument's power and its logger",
-    )
 
 
 def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], NDArray[np.bool_]]:
@@ -128,20 +119,12 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], NDArr
     found = list[Found]()
     if (named := first((stuck & (run >= _STUCK_NAMED)).any(axis=1))) is not None:
         cells = np.flatnonzero(stuck[named]) + 1
-        found.append(
-            Found(
-                int(pings.event[named]),
-                Finding(
-                    STUCK,
-                    pings.time(named),
-                    f"{pings.topic}: {len(cells)} of {raw.shape[1]} cells ({cells[0]} to {cells[-1]}) repeat one value, "
-                    f"{run[named].max()} pings in a row",
-                    "a logger that fills cells beyond the range with their last or a fixed value",
-                    "those cells are not used; nothing needs to be set",
-                    "warning",
-                ),
-            )
+        words = (
+            f"{len(cells)} of {raw.shape[1]} cells ({cells[0]} to {cells[-1]}) repeat one value, {run[named].max()} pings in a row",
+            "a logger that fills cells beyond the range with their last or a fixed value",
+            "those cells are not used; nothing needs to be set",
         )
+        found.append(pings.found(named, STUCK, words, "warning"))
     return {"last": raw[-1:], "run": run[-1:], "counts": counts[-1]}, found, stuck
 
 
@@ -178,20 +161,12 @@ def duplicates(
     many = (ends >= _LEAST) & (3 * (count[ends] - count[np.maximum(ends - _LEAST, 0)]) >= _LEAST)
     if (at := first(many)) is not None:
         number = int(count[ends[at]] - count[ends[at] - _LEAST])
-        topic = rows.topic or "positions"
-        found.append(
-            Found(
-                int(rows.event[at]),
-                Finding(
-                    DUPLICATES,
-                    rows.time(at),
-                    f"{topic}: {number} of the last {_LEAST} messages equal the one before, at the same time",
-                    "a log with every message twice, as of two recorders that were merged",
-                    "each is counted once; nothing needs to be set",
-                    "warning",
-                ),
-            )
+        words = (
+            f"{number} of the last {_LEAST} {'messages' if rows.topic else 'positions'} equal the one before, at the same time",
+            "a log with every message twice, as of two recorders that were merged",
+            "each is counted once; nothing needs to be set",
         )
+        found.append(rows.found(at, DUPLICATES, words, "warning"))
     return {"time": times[-1:], "last": both[-1:], "repeats": repeats[-_LEAST:]}, found
 
 
@@ -238,7 +213,12 @@ def beams(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[F
                 if unlike[judged]
                 else f"the beams contradict each other by {mean_error[judged]:.2f} m/s in all cells (error velocity)"
             )
-            found.append(Found(int(pings.event[row]), _bad_beam(pings, row, evidence)))
+            words = (
+                evidence,
+                "the order or the directions of the beams, or one that is dead, blocked or disturbed",
+                "its profiles are not used; leave that beam out, so that velocities are solved from the other three",
+            )
+            found.append(pings.found(row, BEAM, words, distrusts=True))
     return {"variances": variances[-_LEAST:], "errors": errors[-_LEAST:]}, found
 
 
@@ -248,14 +228,3 @@ def _means(errors: Array, number: NDArray[np.int64]) -> Array:
         return np.zeros(len(number))
     of_each = np.abs(np.median(np.lib.stride_tricks.sliding_window_view(errors, _LEAST), axis=1))
     return np.where(number >= _LEAST, of_each[np.maximum(number - _LEAST, 0)], 0.0)
-
-
-def _bad_beam(pings: Rows, row: int, evidence: str) -> Finding:
-    return Finding(
-        BEAM,
-        pings.time(row),
-        f"{pings.topic}: {evidence}",
-        "the order or the directions of the beams, or one that is dead, blocked or disturbed",
-        "its profiles are not used; leave that beam out, so that velocities are solved from the other three",
-        distrusts=True,
-    )

@@ -15,7 +15,6 @@ given.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +22,22 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding, Severity
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, carried, total
+from replay_kit.measurements.checks.fold import (
+    Context,
+    Found,
+    Memory,
+    Rows,
+    carried,
+    recalled,
+    total,
+)
 from replay_kit.measurements.checks.likelihood import (
     CAUSES,
     KINDS,
     LEAST_GAIN,
     RELATIVE,
     TURNED,
+    Complex,
     Explanation,
     causes,
     explanation,
@@ -70,6 +78,8 @@ MOST, _JUDGED_FIRST, _JUDGED_EACH = 128, 4, 16
 _PINGS, _APART, _BLOCK, _LONGEST, _SHORTEST = 1024, 10.0, 1800.0, 3600.0, 60.0
 # m from the first bin, in which the water is that about the instrument; from a path within which profiles cover it; of it the share.
 _NEAR, _COVERED, _LEAST_COVERED = 100.0, 100.0, 0.75
+# Columns of pings that are remembered.
+_COLUMNS = ("time", "longitude", "latitude", "near", "moves", "relative", "dive")
 # m, and number, of the cells of depth in which a dive's profiles are averaged; dives of which they are remembered.
 _CELL, _CELLS, _DIVES = 10.0, 700, 2
 _HOUR_NS = 3.6e12
@@ -82,76 +92,38 @@ OF_MEANS = "relative to the vehicle, profiles contradict the mean currents of di
 _STATED = ("knots", "cm/s", "mm/s")
 
 
-class Near(NamedTuple):
-    """Pings, each reduced to its bins near the instrument.
+def near_means(pings: Rows) -> Rows:
+    """Return pings with a bin that is sound, or may be repaired, reduced to their bins near the instrument.
 
-    Attributes:
-        time: shape (n,) [ns, UTC].
-        event: shape (n,), place of each in ``Block.events``; -1 of those that are remembered.
-        value: shape (n, 9): longitude, latitude [degrees], depth of the bin nearest to the instrument [m], mean velocity east and north
-            [m/s], that of the platform that was added to it, NaN where it is not stated, whether the mean is relative to a platform whose
-            velocity is not stated, and the dive.
+    Columns more are ``near``, the mean velocity of these, and ``moves``, the velocity of the platform that was added to it, NaN where that
+    is not stated, both east + i north, shape (n,) [m/s]; and ``relative``, whether it is relative to a platform of unknown velocity.
     """
-
-    time: NDArray[np.int64]
-    event: NDArray[np.int64]
-    value: Array
-
-    def take(self, at: NDArray[np.generic] | slice) -> "Near":
-        """Return some of them."""
-        return Near(self.time[at], self.event[at], self.value[at])
-
-    @property
-    def velocity(self) -> NDArray[np.complex128]:
-        """Mean velocity, east + i north, shape (n,) [m/s]."""
-        return self.value[:, 3] + 1j * self.value[:, 4]
-
-    @property
-    def platform(self) -> NDArray[np.complex128]:
-        """The platform's stated velocity, shape (n,) [m/s]; NaN where it is not stated."""
-        return self.value[:, 5] + 1j * self.value[:, 6]
-
-    @property
-    def relative(self) -> NDArray[np.bool_]:
-        """Whether each is relative to a platform whose velocity is not stated, shape (n,)."""
-        return self.value[:, 7] > 0.0
-
-
-def near_means(pings: Rows) -> Near:
-    """Return pings of one topic with a bin that is sound, or may be repaired, reduced to their bins near the instrument."""
-    good, depth = repairable(pings), pings["depth"]
+    good = repairable(pings)
     at = np.flatnonzero(good.any(axis=1))
-    good, depth = good[at], depth[at]
-    nearest = depth[np.arange(len(at)), np.argmax(good, axis=1)]
-    near = good & (np.abs(depth - nearest[:, None]) <= _NEAR)
-    mean = total(np.where(near[..., None], pings["velocity"][at], 0.0)) / near.sum(axis=1)[:, None]
-    value = np.column_stack(
-        [
-            pings["longitude"][at],
-            pings["latitude"][at],
-            nearest,
-            mean,
-            pings["platform"][at],
-            ~np.isfinite(pings["common_std"][at]),
-            pings["dive"][at],
-        ]
-    )
-    return Near(pings["time"][at], pings.event[at], value)
+    pings, good = pings.take(at), good[at]
+    nearest = pings["depth"][np.arange(len(at)), np.argmax(good, axis=1)]
+    close = good & (np.abs(pings["depth"] - nearest[:, None]) <= _NEAR)
+    mean = total(np.where(close[..., None], pings["velocity"], 0.0)) / close.sum(axis=1)[:, None]
+    platform, relative = pings["platform"], ~np.isfinite(pings["common_std"])
+    return pings.having(near=_complex(mean), moves=_complex(platform), relative=relative)
 
 
-def ways(start: Near, end: Near) -> NDArray[np.complex128]:
+def _complex(vectors: Array) -> Complex:
+    """Return vectors, shape (n, 2), as numbers."""
+    return np.asarray(vectors[:, 0] + 1j * vectors[:, 1])
+
+
+def ways(start: Rows, end: Rows) -> Complex:
     """Return the velocities over ground from one ping to another each, shape (n,) [m/s]; NaN at one time, or over more than an hour."""
-    seconds = (end.time - start.time) * 1e-9
-    scale = np.array([metres_per_degree(one) for one in start.value[:, 1].tolist()]).reshape(-1, 2)
-    degrees = (end.value[:, 0] - start.value[:, 0] + 180.0) % 360.0 - 180.0
+    seconds, latitude = (end["time"] - start["time"]) * 1e-9, start["latitude"]
+    scale = np.array([metres_per_degree(one) for one in latitude.tolist()]).reshape(-1, 2)
+    degrees = (end["longitude"] - start["longitude"] + 180.0) % 360.0 - 180.0
     known = (seconds > 0.0) & (seconds <= _LONGEST)
-    way = scale[:, 0] * degrees + 1j * scale[:, 1] * (end.value[:, 1] - start.value[:, 1])
+    way = scale[:, 0] * degrees + 1j * scale[:, 1] * (end["latitude"] - latitude)
     return np.where(known, way / np.where(known, seconds, 1.0), np.nan)
 
 
-def pairs_of(
-    a: NDArray[np.complex128], b: NDArray[np.complex128], weight: float, time: NDArray[np.int64]
-) -> Array:
+def pairs_of(a: Complex, b: Complex, weight: float, time: NDArray[np.int64]) -> Array:
     """Return pairs of vectors as rows of shape (n, 6): east and north of both, weight, hours since 1970."""
     columns = [a.real, a.imag, b.real, b.imag, np.full(len(a), weight), time / _HOUR_NS]
     return np.column_stack(columns)
@@ -161,89 +133,74 @@ def moved(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[F
     """Return what changes of motion, and the platform's stated velocity beside that of its positions, establish.
 
     Args:
-        memory: ``time`` (1,) and ``value`` (1, 9), the ping from which the next motion is counted, ``before`` (2,), relative velocity
-            and the platform's at the one before it, NaN without; ``motion`` and ``track`` (up to 128, 6), pairs; ``number`` (2,) of both
-            so far.
+        memory: The ping from which the next motion is counted, by its columns; ``before`` (2,), relative velocity and the platform's at
+            the one before it, NaN without; ``motion`` and ``track`` (up to 128, 6), pairs; ``count`` (2,) of both so far.
         pings: Of one instrument.
         context: Says whether positions under water are dead-reckoned without a current.
     """
-    near, topic, named = near_means(pings), pings.topic, context.known(pings.instrument)
-    if not len(near.time):
-        return memory, []
-    old = Near(
-        memory.get("time", near.time[:0]),
-        np.full(len(memory.get("time", ())), -1),
-        memory.get("value", near.value[:0]),
-    )
-    both = Near(*(np.concatenate(each) for each in zip(old, near, strict=True)))
-    at, last_ns = list[int](), None
-    for i, now in enumerate(both.time.tolist()):
+    both, at, last_ns = recalled(memory, near_means(pings), *_COLUMNS), list[int](), None
+    for i, now in enumerate(both["time"].tolist()):
         # closer positions have too few digits for a velocity
         if last_ns is None or not 0 <= now - last_ns < _SHORTEST * 1e9:
             at.append(i)
             last_ns = now
     chain = both.take(np.array(at, np.intp))
+    last = {name: chain[name][-1:] for name in _COLUMNS}
     if len(at) < 2:
-        return {**memory, "time": chain.time, "value": chain.value}, []
-    start, over_ground = (
-        chain.take(slice(0, -1)),
-        ways(chain.take(slice(0, -1)), chain.take(slice(1, None))),
-    )
-    known, stated = ~np.isnan(over_ground), ~np.isnan(start.platform)
-    platform = np.where(stated, start.platform, over_ground)
-    of_track = np.flatnonzero(known & stated)
-    relative = np.where(
-        known & ~start.relative & (not context.through_water), start.velocity - platform, np.nan
-    )
+        return {**memory, **last}, []
+    start, end = chain.take(slice(0, -1)), chain.take(slice(1, None))
+    over_ground = ways(start, end)
+    known, stated = ~np.isnan(over_ground), ~np.isnan(start["moves"])
+    platform = np.where(stated, start["moves"], over_ground)
+    is_told = known & ~start["relative"] & (not context.through_water)
+    relative = np.where(is_told, start["near"] - platform, np.nan)
     before = memory.get("before", np.full(2, np.nan + 0j))
-    earlier = (
-        np.concatenate([[before[0]], relative[:-1]]),
-        np.concatenate([[before[1]], platform[:-1]]),
+    changes = np.diff(relative, prepend=before[:1]), -np.diff(platform, prepend=before[1:])
+    found, after, count = (
+        list[Found](),
+        dict(memory),
+        memory.get("count", np.zeros(2, np.int64)).copy(),
     )
-    changes = relative - earlier[0], earlier[1] - platform
-    of_motion = np.flatnonzero(~np.isnan(changes[0]))
-    # neighbouring changes share a ping
-    new = {
-        "motion": (
-            pairs_of(changes[0][of_motion], changes[1][of_motion], 0.5, start.time[of_motion]),
-            of_motion,
-        ),
-        "track": (
-            pairs_of(platform[of_track], over_ground[of_track], 0.5, start.time[of_track]),
-            of_track,
-        ),
-    }
-    found, number = list[Found](), memory.get("number", np.zeros(2, np.int64))
-    pairs = {name: carried(memory, name, rows, MOST) for name, (rows, _) in new.items()}
-    events, judged = chain.event[1:], list[tuple[int, int, str, Array]]()
-    for k, (name, (rows, where)) in enumerate(new.items()):
-        held = len(pairs[name]) - len(rows)
-        for j, place in enumerate(where.tolist()):
-            count = int(number[k]) + j + 1
-            if count % (_JUDGED_FIRST if count <= 2 * _JUDGED_EACH else _JUDGED_EACH) == 0:
-                latest = pairs[name][max(held + j + 1 - MOST, 0) : held + j + 1]
-                judged.append((int(events[place]), k, name, latest))
-    for event, _, name, latest in sorted(judged, key=lambda one: one[:2]):
-        names = named | {each.finding.name for each in found}
-        if any(each.event == event for each in found):
-            continue
-        what = OF_MOTION if name == "motion" else OF_TRACK
-        time_ns = int(chain.time[1:][events == event][0])
-        if COMPASS not in names and (
-            turned := explanation(latest, MOTION_FLOOR, TURNED, LEAST_MOTIONS)
-        ):
-            found.append(Found(event, turned_finding(turned, latest, what, time_ns, topic)))
-        elif name == "track" and not OF_SOURCES & names and (scale := _scale_of_motion(latest)):
-            found.append(Found(event, _scaled_motion(scale, latest, time_ns, topic), OF_SOURCES))
-    counted = number + [len(rows) for rows, _ in new.values()]
-    after = {name: rows[-MOST:] for name, rows in pairs.items()}
-    last = {"time": chain.time[-1:], "value": chain.value[-1:]}
+    judged = list[tuple[int, int, str, Array]]()
+    for k, (name, (a, b), told) in enumerate(
+        (
+            ("motion", changes, ~np.isnan(changes[0])),
+            ("track", (platform, over_ground), known & stated),
+        )
+    ):
+        rows = np.flatnonzero(told)
+        # neighbouring changes share a ping
+        pairs = carried(memory, name, pairs_of(a[rows], b[rows], 0.5, start["time"][rows]), MOST)
+        for j, place in enumerate(rows.tolist(), len(pairs) - len(rows) + 1):
+            count[k] += 1
+            if count[k] % (_JUDGED_FIRST if count[k] <= 2 * _JUDGED_EACH else _JUDGED_EACH) == 0:
+                judged.append((place, k, name, pairs[max(j - MOST, 0) : j]))
+        after[name] = pairs[-MOST:]
+    for place, _, name, latest in sorted(judged, key=lambda one: one[:2]):
+        event, said = int(end.event[place]), {each.event for each in found}
+        finding = None if event in said else _of_motion(end, place, name, latest, context, found)
+        found += [] if finding is None else [finding]
     return {
         **after,
         **last,
         "before": np.array([relative[-1], platform[-1]]),
-        "number": counted,
+        "count": count,
     }, found
+
+
+def _of_motion(
+    end: Rows, place: int, name: str, latest: Array, context: Context, found: Sequence[Found]
+) -> Found | None:
+    """Return what pairs of motion establish with a ping: a turn, or a scale of the stated velocity."""
+    named = context.known(end.instrument) | {each.finding.name for each in found}
+    event, time_ns = int(end.event[place]), end.time(place)
+    turned = None if COMPASS in named else explanation(latest, MOTION_FLOOR, TURNED, LEAST_MOTIONS)
+    if turned is not None:
+        what = OF_MOTION if name == "motion" else OF_TRACK
+        return Found(event, turned_finding(turned, latest, what, time_ns, end.topic))
+    if name == "motion" or OF_SOURCES & named or (scale := _scale_of_motion(latest)) is None:
+        return None
+    return Found(event, _scaled_motion(scale, latest, time_ns, end.topic), OF_SOURCES)
 
 
 def _scale_of_motion(track: Array) -> Explanation | None:
@@ -281,7 +238,7 @@ def dives_of(memory: Memory, pings: Rows) -> Memory:
     return {"dives": dives, "sums": sums}
 
 
-def along(memory: Memory, near: Near, mean: Rows, at: int) -> complex | None:
+def along(memory: Memory, near: Rows, mean: Rows, at: int) -> complex | None:
     """Return the mean of profiles along the path of a mean current [m/s]; None where they cover too little of it.
 
     Args:
@@ -292,10 +249,10 @@ def along(memory: Memory, near: Near, mean: Rows, at: int) -> complex | None:
     """
     number = int(mean["points"][at])
     depth, weight = mean["path_depth"][at, :number], mean["weight"][at, :number]
-    numbers = near.value[near.value[:, 8] > 0, 8]
+    numbers = near["dive"][near["dive"] > 0]
     if not len(numbers):
         return None
-    dive = np.bincount(numbers.astype(np.int64)).argmax()
+    dive = np.bincount(numbers).argmax()
     sums = memory["sums"][memory["dives"] == dive].reshape(-1, 4)
     sums = sums[sums[:, 0] > 0]
     if not len(sums):
@@ -311,49 +268,47 @@ def along(memory: Memory, near: Near, mean: Rows, at: int) -> complex | None:
 
 
 def compared(
-    memory: Memory, near: Near, mean: Rows, at: int, through_water: bool
+    memory: Memory, near: Rows, mean: Rows, at: int, through_water: bool
 ) -> dict[str, Array]:
     """Return the pairs that a mean current makes with the pings before it: ``current``, ``vehicle`` and ``blocks``.
 
     Args:
         memory: As of ``dives_of``.
-        near: The latest pings of one topic until it came.
+        near: The latest pings of one instrument until it came.
         mean: Mean currents.
         at: Which of them.
         through_water: Whether positions under water are dead-reckoned without a current.
     """
     begin, end = mean["path_time"][at, 0], mean["path_time"][at, mean["points"][at] - 1]
-    during = near.take((near.time >= begin) & (near.time <= end))
-    absolute, relative = during.take(~during.relative), during.take(during.relative)
-    velocity = complex(*mean["velocity"][at].tolist())
+    during = near.take((near["time"] >= begin) & (near["time"] <= end))
+    absolute, relative = during.take(~during["relative"]), during.take(during["relative"])
+    velocity, began = complex(*mean["velocity"][at].tolist()), np.array([begin])
     # without a current in the positions these are the way through water
     more = velocity if through_water else 0.0
-    began = np.array([begin])
     found = {name: np.empty((0, 6)) for name in ("current", "vehicle", "blocks")}
     profile = along(memory, absolute, mean, at)
     if profile is not None:
         found["current"] = pairs_of(np.array([profile]), np.array([velocity]), 1.0, began)
-        moves = [(block, way + more) for block, way in _blocks(absolute)]
-        if moves:
-            platform = sum(way for _, way in moves) / len(moves)
-            own = [np.where(np.isnan(each.platform), way, each.platform) for each, way in moves]
-            stated = complex(np.concatenate(own).mean())
-            found["vehicle"] = pairs_of(
-                np.array([profile - stated]), np.array([velocity - platform]), 1.0, began
-            )
-    if len(relative.time) and (moves := _blocks(relative)):
+        if moves := _blocks(absolute):
+            platform = sum(way + more for _, way in moves) / len(moves)
+            own = [
+                np.where(np.isnan(each["moves"]), way + more, each["moves"]) for each, way in moves
+            ]
+            beside = np.array([profile - complex(np.concatenate(own).mean())])
+            found["vehicle"] = pairs_of(beside, np.array([velocity - platform]), 1.0, began)
+    if moves := _blocks(relative):
         found["blocks"] = pairs_of(
-            np.array([complex(block.velocity.mean()) for block, _ in moves]),
+            np.array([complex(block["near"].mean()) for block, _ in moves]),
             np.array([velocity - way - more for _, way in moves]),
             0.5,
-            np.array([block.time[0] for block, _ in moves]),
+            np.array([block.time(0) for block, _ in moves]),
         )
     return found
 
 
-def _blocks(near: Near) -> list[tuple[Near, complex]]:
+def _blocks(near: Rows) -> list[tuple[Rows, complex]]:
     """Return pings in blocks of half an hour from the first one, each with the velocity over ground, where that is known."""
-    found, start, times = list[tuple[Near, complex]](), 0, near.time
+    found, start, times = list[tuple[Rows, complex]](), 0, near["time"]
     while start < len(times):
         late = np.flatnonzero(times[start:] - times[start] > _BLOCK * 1e9)
         end = start + int(late[0]) if late.size else len(times)
@@ -370,51 +325,48 @@ def beside_means(
     """Return what mean currents establish beside the profiles of one instrument.
 
     Args:
-        memory: As of ``dives_of``; ``time`` (up to 1024,) and ``value`` (up to 1024, 9), the latest pings, as of ``Near``; ``current``,
-            ``vehicle`` and ``blocks`` (up to 128, 6), pairs.
+        memory: As of ``dives_of``; the latest pings, up to 1024, by their columns; ``current``, ``vehicle`` and ``blocks`` (up to 128, 6),
+            pairs.
         pings: Of one instrument; None without.
         context: Has the mean currents.
         absent: Name and topic of the instrument where it has no pings.
     """
     name, topic = absent if pings is None else (pings.instrument, pings.topic)
     means, known = context.means, bool(KNOWN & context.known(name))
-    times = memory.get("time", np.empty(0, np.int64))
-    near = Near(times, np.full(len(times), -1), memory.get("value", np.empty((0, 9))))
-    if pings is not None:
-        near = _apart(near, near_means(pings))
     after, start, found = dict(memory), 0, list[Found]()
+    near = _apart(memory, none_of(memory) if pings is None else near_means(pings))
     for at in range(len(means)):
-        event, time_ns = int(means.event[at]), means.time(at)
+        event = int(means.event[at])
         if pings is not None:
             end = int(np.searchsorted(pings.event, event))
             after |= dives_of(after, pings.take(slice(start, end)))
             start = end
-        until = near.take(slice(0, int(np.searchsorted(near.event, event)))).take(
-            slice(-_PINGS, None)
-        )
-        for name, new in compared(after, until, means, at, context.through_water).items():
-            after[name] = np.concatenate([after.get(name, new[:0]), new])[-MOST:]
-        finding = None if known else cause_of_pairs(after, time_ns, topic)
+        until = near.until(event, _PINGS)
+        for kind, new in compared(after, until, means, at, context.through_water).items():
+            after[kind] = np.concatenate([after.get(kind, new[:0]), new])[-MOST:]
+        finding = None if known else cause_of_pairs(after, means.time(at), topic)
         if finding is not None:
             found.append(Found(event, finding, KNOWN, of_believed=True))
     if pings is not None:
         after |= dives_of(after, pings.take(slice(start, None)))
-    return {**after, "time": near.time[-_PINGS:], "value": near.value[-_PINGS:]}, found
+    return {**after, **{column: near[column][-_PINGS:] for column in _COLUMNS}}, found
 
 
-def _apart(near: Near, new: Near) -> Near:
+def none_of(memory: Memory) -> Rows:
+    """Return no pings, with the columns of those that are remembered."""
+    none = np.empty(0, np.int64)
+    return Rows("", none, none, {name: memory[name][:0] for name in _COLUMNS})
+
+
+def _apart(memory: Memory, new: Rows) -> Rows:
     """Return pings that are remembered and those of the new ones that are some seconds after the last one."""
-    chosen, last_ns = list[int](), int(near.time[-1]) if len(near.time) else None
-    for i, now in enumerate(new.time.tolist()):
+    held = memory.get("time", ())
+    chosen, last_ns = list[int](), int(held[-1]) if len(held) else None
+    for i, now in enumerate(new["time"].tolist()):
         if last_ns is None or abs(now - last_ns) >= _APART * 1e9:
             chosen.append(i)
             last_ns = now
-    return Near(
-        *(
-            np.concatenate(each)
-            for each in zip(near, new.take(np.array(chosen, np.intp)), strict=True)
-        )
-    )
+    return recalled(memory, new.take(np.array(chosen, np.intp)), *_COLUMNS)
 
 
 def cause_of_pairs(pairs: Memory, mean_time_ns: int, topic: str) -> Finding | None:

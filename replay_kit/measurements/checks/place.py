@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.errors import Finding
+from replay_kit.core.errors import Severity
 from replay_kit.core.geodesy import distance
 from replay_kit.core.text import place_text, time_text
 from replay_kit.measurements.checks.fold import Found, Memory, Rows, first
@@ -70,25 +70,19 @@ def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], NDArra
                     f"{number[k]:.0f} positions over {span:.0f} s are equal to the last digit "
                     f"while the vehicle moved between {least[k]:.0f} and {most[k]:.0f} m"
                 )
-                found.append(_frozen(positions, begin + k, name, evidence))
+                is_fix = name == FROZEN
+                words = (
+                    evidence,
+                    "a receiver without a fix that repeats its last one"
+                    if is_fix
+                    else "a vehicle that does not reckon its way under water, and logs its last fix until the next one",
+                    "pings at such positions are not used; check the receiver, or give the vehicle's dead-reckoned positions",
+                )
+                severity: Severity = "inconsistent" if is_fix else "warning"
+                found.append(positions.found(begin + k, name, words, severity))
         run = np.array([*run[:2], number[-1], least[-1], most[-1], float(fix[-1])])
         times = np.array([times[0], positions["time"][end - 1]])
     return {"run": run, "time": times}, found, bad
-
-
-def _frozen(positions: Rows, at: int, name: str, evidence: str) -> Found:
-    is_fix = name == FROZEN
-    finding = Finding(
-        name,
-        positions.time(at),
-        evidence,
-        "a receiver without a fix that repeats its last one"
-        if is_fix
-        else "a vehicle that does not reckon its way under water, and logs its last fix until the next one",
-        "pings at such positions are not used; check the receiver, or give the vehicle's dead-reckoned positions",
-        "inconsistent" if is_fix else "warning",
-    )
-    return Found(int(positions.event[at]), finding)
 
 
 def remembered(some: Sequence[Place]) -> dict[str, NDArray[Any]]:
@@ -127,14 +121,12 @@ def separate(memory: Memory, positions: Rows) -> tuple[Memory, list[Found]]:
             last, number = [here], [number[1], 0]
         elif number[1] >= _LEAST and not found:
             one, other = (_where(each) for each in last)
-            finding = Finding(
-                PLACES,
-                here.time_ns,
+            words = (
                 f"one vehicle was not at {one} and at {other}",
                 "a log of another mission, place or year among the logs, or a clock or receiver that was wrong for a time",
                 "all are used; replay-kit info shows where and when each log was recorded, exclude those of other missions",
             )
-            found.append(Found(int(positions.event[i]), finding))
+            found.append(positions.found(i, PLACES, words))
     return {**remembered(last), "number": np.array(number, np.int64)}, found
 
 

@@ -1,14 +1,14 @@
 """Checks of profiles: bins above the surface, speeds that are no current's, noise against its stated error, and one shape in other water."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import IN_MEMORY, Array, one_by_one
-from replay_kit.core.errors import Finding
+from replay_kit.core.errors import Finding, Severity
 from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.core.observation import Reason
 from replay_kit.measurements.checks.fold import (
@@ -40,6 +40,15 @@ _NOISES, _LEAST_NOISE, _MOST_NOISE, _MEDIAN = 40, 0.05, 8.0, 0.6745
 # m; by which the water about an instrument is another; degrees that are certainly less. Profiles in a row that are alike there, how much
 # their second differences are correlated, and from which share of white noise on what differs between two of them is no water's.
 _OTHER_DEPTH, _OTHER_PLACE, _CLOSE, _LEAST_ALIKE, _ALIKE, _WHITE = 20.0, 1000.0, 0.005, 8, 0.7, 0.3
+# Causes and advice.
+_OF_UNIT = (
+    "velocities in cm/s or mm/s that are taken for m/s, or an ensemble in another unit",
+    "state measurements.velocity_unit (m/s when the log is right), and check the ensemble's unit",
+)
+_OF_ENSEMBLE = (
+    "an ensemble of another region or season, of too few members, or errors of the profiles that are stated too small",
+    "warning only; replay-kit info --ensemble lists faults of the log that would explain it",
+)
 # Comparisons that are remembered.
 _COMPARISONS = 30
 # m/s; no region's currents have an RMS speed outside, and how fast nearly all of them are.
@@ -123,15 +132,12 @@ def above_surface(memory: Memory, pings: Rows, context: Context) -> tuple[Memory
     wrong |= (watery >= _LEAST_ABOVE) & (watery > _MOST_WATER * heard)
     if (at := first(wrong)) is None:
         return {"counts": counts[-1]}, []
-    found = Finding(
-        SURFACE,
-        pings.time(at),
-        f"{pings.topic}: most bins of {over[at] + watery[at]} of {number[at] + heard[at]} pings lie above the surface",
+    words = (
+        f"most bins of {over[at] + watery[at]} of {number[at] + heard[at]} pings lie above the surface",
         "the sign of depth, or an instrument that looks up and is read as looking down, or the other way round",
         "its profiles are not used; check depth_positive and orientation of the mapping, or the ping's orientation",
-        distrusts=True,
     )
-    return {"counts": counts[-1]}, [Found(int(pings.event[at]), found)]
+    return {"counts": counts[-1]}, [pings.found(at, SURFACE, words, distrusts=True)]
 
 
 def _water(pings: Rows, high: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -183,40 +189,21 @@ def speeds(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[
     for at, of_unit in ((first(contradict & ~odd), False), (first(odd), True)):
         if at is not None:
             ratio = math.exp(logs[at] / counts[at, 0])
-            words = (
+            fast_by = (
                 f"{ratio:.3g} times as fast" if ratio > 1.0 else f"{1 / ratio:.3g} times as slow"
             )
-            evidence = (
-                f"{pings.topic}: {counts[at, 0]} pings are {words} as the ensemble's currents"
-            )
-            finding = (_unit if of_unit else ensemble_contradicts)(evidence, pings.time(at))
-            found.append(
-                Found(int(pings.event[at]), finding, frozenset() if of_unit else frozenset({UNIT}))
-            )
+            evidence = f"{counts[at, 0]} pings are {fast_by} as the ensemble's currents"
+            if of_unit:
+                found.append(pings.found(at, UNIT, (evidence, *_OF_UNIT), "unusable"))
+            else:
+                words = (evidence, *_OF_ENSEMBLE)
+                found.append(pings.found(at, ENSEMBLE, words, "warning", unless={UNIT}))
     return {"counts": counts[-1], "log_ratio": logs[-1:]}, found
 
 
-def _unit(evidence: str, time_ns: int) -> Finding:
-    return Finding(
-        UNIT,
-        time_ns,
-        evidence,
-        "velocities in cm/s or mm/s that are taken for m/s, or an ensemble in another unit",
-        "state measurements.velocity_unit (m/s when the log is right), and check the ensemble's unit",
-        "unusable",
-    )
-
-
-def ensemble_contradicts(evidence: str, time_ns: int = 0) -> Finding:
+def ensemble_contradicts(evidence: str) -> Finding:
     """Return the warning that a log and an ensemble do not fit."""
-    return Finding(
-        ENSEMBLE,
-        time_ns,
-        evidence,
-        "an ensemble of another region or season, of too few members, or errors of the profiles that are stated too small",
-        "warning only; replay-kit info --ensemble lists faults of the log that would explain it",
-        "warning",
-    )
+    return Finding(ENSEMBLE, 0, evidence, *_OF_ENSEMBLE, "warning")
 
 
 def noise(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
@@ -250,18 +237,17 @@ def noise(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[F
     if odd is None:
         return after, []
     row = int(at[last[odd]])
-    found = Finding(
-        ERRORS,
-        pings.time(row),
-        f"{pings.topic}: neighbouring bins scatter {middle[odd]:.2g} times as much as their stated errors",
+    large = middle[odd] > 1.0
+    words = (
+        f"neighbouring bins scatter {middle[odd]:.2g} times as much as their stated errors",
         "errors in another unit, of single pings where these are means, or of means where these are single pings"
-        if middle[odd] > 1.0
+        if large
         else "errors in another unit, of single pings where these are means, or profiles of a model, which have no noise",
         "correct the stated errors (velocity_std), or leave them out and set measurements.velocity_std",
-        "inconsistent" if middle[odd] > 1.0 else "warning",
     )
     # wrong units and a bad beam, which explain it, are found in fewer pings
-    return after, [Found(int(pings.event[row]), found, frozenset({UNIT, BEAM}))]
+    severity: Severity = "inconsistent" if large else "warning"
+    return after, [pings.found(row, ERRORS, words, severity, unless={UNIT, BEAM})]
 
 
 def one_shape(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
@@ -344,7 +330,7 @@ def _product(before: Array, now: Array) -> list[float]:
     ]
 
 
-def _alike(products: Array, times: Iterable[int], pings: Rows, row: int) -> list[Found]:
+def _alike(products: Array, times: Sequence[int], pings: Rows, row: int) -> list[Found]:
     """Return the finding that the latest comparisons are of one shape, if they are."""
     one, first_square, second, white, expected = products[-_LEAST_ALIKE:].sum(axis=0).tolist()
     size = math.sqrt(first_square * second)
@@ -355,7 +341,7 @@ def _alike(products: Array, times: Iterable[int], pings: Rows, row: int) -> list
     begin = min(int(unlike[-1]) + 1 if unlike.size else 0, len(products) - 1)
     finding = Finding(
         DEAD,
-        int(list(times)[begin]),
+        int(times[begin]),
         f"{pings.topic}: {_LEAST_ALIKE} profiles in a row, at other depths or places, have one shape "
         f"(correlation of second differences {one / size:.2f})",
         "an instrument that hangs, whose last profile is logged with some noise",
