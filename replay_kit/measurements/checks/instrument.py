@@ -115,7 +115,8 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], NDArr
     )
     counts = np.cumsum(trials, axis=0) + (0 if fresh else memory["counts"])
     chance = (counts[:, 0] + 1.0) / (counts[:, 1] + 100.0)
-    stuck = (run >= _STUCK_RUN) & (run * np.log(chance)[:, None] < np.log(_CHANCE))
+    stuck = (pings["bins"] >= LEAST_CELLS)[:, None] & (run >= _STUCK_RUN)
+    stuck &= run * np.log(chance)[:, None] < np.log(_CHANCE)
     found = list[Found]()
     if (named := first((stuck & (run >= _STUCK_NAMED)).any(axis=1))) is not None:
         cells = np.flatnonzero(stuck[named]) + 1

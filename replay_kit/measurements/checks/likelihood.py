@@ -2,9 +2,9 @@
 
 Vectors are complex, east + i north. An alternative says a = g b, with |g| a scale and arg g a turn, or a = g b* of a mirror, or a = b + x c
 of an offset (x = 1) or a drift (x the time since it began). Errors of a and b are Gaussian, of one variance that is not known (a conjugate
-prior of ``floor`` with two degrees of freedom), and pairs share a bias. What an alternative leaves has their variance at most:
+prior of ``floor`` with two degrees of freedom), and pairs share a bias. An alternative leaves
 
-    r = (a - g b) n,    n = 1 / max(1, |g|),
+    r = (a - g b) n,    n = 1,    but 1 / |g| of vectors three times as fast and more, whose errors are in their unit, too,
 
 so that with K the sum of the weights, Q the sum of the squares of the pairs before it began (a - b) and since (r), less their regression
 on the bias and on x, and rare(m) the probability of a common bias m,
@@ -97,6 +97,17 @@ class Family(NamedTuple):
     factor: Complex
     prior: Array
     slip: tuple[str, ...]
+
+    @property
+    def narrowed(self) -> Array:
+        """What residuals are multiplied by, n, shape (h,)."""
+        return _narrowed(self.factor)
+
+
+def _narrowed(factor: Complex) -> Array:
+    """Return n of factors, shape (h,)."""
+    size = np.abs(factor)
+    return np.where(np.log(size) < _LEAST_UNIT, 1.0, 1.0 / size)
 
 
 @cache
@@ -219,9 +230,9 @@ class Sums:
 
     def gains(self, kind: str) -> Array:
         """Return the gain of each alternative of a family begun with each pair, shape (K, h)."""
-        g, w, a = family(kind).factor, self.weight, self.a
+        of, w, a = family(kind), self.weight, self.a
+        g, n2 = of.factor, of.narrowed**2
         c = self.b.conj() if kind == "mirror" else self.b
-        n2 = 1.0 / np.maximum(np.abs(g), 1.0) ** 2
         s_aa, s_cc, s_ac, s_a, s_c = (
             _since(w * each)[:, None]
             for each in (np.abs(a) ** 2, np.abs(c) ** 2, a * c.conj(), a, c)
@@ -260,7 +271,7 @@ class Sums:
         if kind in _ADDED:
             return self.added(kind)[2][:, None]
         after_first = np.maximum(_since(self.weight) - 1.0, 0.0)[:, None]
-        return 2.0 * after_first * np.log(np.maximum(np.abs(family(kind).factor), 1.0))
+        return -2.0 * after_first * np.log(family(kind).narrowed)
 
     def basis(self, kind: str) -> Array:
         """Return x of what begins with each pair, at each pair: shape (K, K)."""
@@ -276,7 +287,7 @@ class Sums:
         if kind in _ADDED:
             return (self.a - self.b)[since:] - value * self.basis(kind)[since, since:]
         c = self.b.conj() if kind == "mirror" else self.b
-        return (self.a - value * c)[since:] / max(abs(value), 1.0)
+        return (self.a - value * c)[since:] * _narrowed(np.array([value]))
 
 
 def _since(values: NDArray[Any]) -> NDArray[Any]:

@@ -49,8 +49,8 @@ _OF_ENSEMBLE = (
     "an ensemble of another region or season, of too few members, or errors of the profiles that are stated too small",
     "warning only; replay-kit info --ensemble lists faults of the log that would explain it",
 )
-# Comparisons that are remembered.
-_COMPARISONS = 30
+# Comparisons that are remembered; (m/s)^2, of smooth profiles whose second differences are those of their digits.
+_COMPARISONS, _ROUNDING = 30, 1e-10
 # m/s; no region's currents have an RMS speed outside, and how fast nearly all of them are.
 _LEAST_RMS, _MOST_RMS, _PERCENTILE = 0.004, 1.5, 99.9
 
@@ -334,7 +334,7 @@ def _alike(products: Array, times: Sequence[int], pings: Rows, row: int) -> list
     """Return the finding that the latest comparisons are of one shape, if they are."""
     one, first_square, second, white, expected = products[-_LEAST_ALIKE:].sum(axis=0).tolist()
     size = math.sqrt(first_square * second)
-    if size == 0.0 or one < _ALIKE * size or white < _WHITE * expected:
+    if size < _ROUNDING or one < _ALIKE * size or white < _WHITE * expected:
         return []
     # by the latest comparisons alone: those before were of a living instrument
     unlike = np.flatnonzero(products[:, 0] < 0.5 * np.sqrt(products[:, 1] * products[:, 2]))
