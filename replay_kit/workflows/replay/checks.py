@@ -23,7 +23,7 @@ from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.consistency.monitor import Checked
 from replay_kit.measurements.events import Event
 from replay_kit.measurements.interpret import finish, initial_state, interpret_block
-from replay_kit.measurements.steps.water import for_region
+from replay_kit.measurements.region import for_region
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
 from replay_kit.workflows.replay.inputs.scan import check_span, open_readers, positions_of

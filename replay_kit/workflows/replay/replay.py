@@ -32,9 +32,13 @@ from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements.consistency.summary import EnsembleSpeeds
 from replay_kit.measurements.events import Event
-from replay_kit.measurements.interpret import finish, initial_state, interpret_block
-from replay_kit.measurements.steps.state import MeasurementState
-from replay_kit.measurements.steps.water import for_region
+from replay_kit.measurements.interpret import (
+    MeasurementState,
+    finish,
+    initial_state,
+    interpret_block,
+)
+from replay_kit.measurements.region import for_region
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.from_run import failed
 from replay_kit.results.outcome.run import ReplaySummary

@@ -3,7 +3,7 @@
 import pytest
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.measurements.steps.state import MeasurementState, at_depth
+from replay_kit.measurements.interpret import MeasurementState, at_depth
 
 CONFIG = MeasurementConfig(surface_depth=3.0)
 

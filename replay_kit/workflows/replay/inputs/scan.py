@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.arrays import Array, replace
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.message import LogReader, Message
 from replay_kit.core.observation import Observation, VehicleState
@@ -133,8 +133,7 @@ def _placed(
 ) -> Iterator[tuple[int, list[VehicleState | Observation]]]:
     """Yield the time of each message [ns, UTC] with the positions and placed measurements it completes, in the time span alone."""
     settings = config.logs
-    # the paths of mean currents would take most of the time
-    state = replace(initial_state(settings.system, settings.component), dives=None)
+    state = initial_state(settings.system, settings.component)
     messages = iter(
         merge(
             open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns

@@ -24,7 +24,7 @@ from replay_kit.measurements.consistency.summary import (
     odd_ensemble_speeds,
 )
 from replay_kit.measurements.consistency.tracks import LogTracks
-from replay_kit.measurements.vehicle.mean_current import TOO_FAST
+from replay_kit.measurements.means import TOO_FAST
 from replay_kit.workflows.replay.stages.counts import ProfileCounts
 from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, assimilate
 from replay_kit.workflows.replay.stages.forecast_file import FileCheck

@@ -19,7 +19,7 @@ from typing import Any
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
 from replay_kit.core.sealed import read_store, unusable, write_store
-from replay_kit.measurements.steps.state import MeasurementState
+from replay_kit.measurements.interpret import MeasurementState
 from replay_kit.results.journal import BEGIN, Journal, Place, read_journal
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.array import ArraySession, ArrayState
@@ -254,7 +254,11 @@ class CheckpointFile(StateStore):
             return
         self._next_ns = state.last_ns + self._interval_ns
         checkpoint = Checkpoint(
-            state, measurement, messages, self._journal.flushed(), session.writer.state
+            state,
+            tuple(one.settled for one in measurement),
+            messages,
+            self._journal.flushed(),
+            session.writer.state,
         )
         region = None if self._region is None else self._region.to_record()
         self.write_state(self.path, checkpoint, {"region": region})

@@ -19,7 +19,7 @@ import orjson
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.core.sealed import read_head
-from replay_kit.measurements.steps.state import MeasurementState
+from replay_kit.measurements.interpret import MeasurementState
 from replay_kit.workflows.replay.array import ArraySession
 from replay_kit.workflows.replay.inputs.region import CHECKPOINT
 from replay_kit.workflows.replay.session import Session
@@ -151,7 +151,7 @@ class FollowedStates(StateStore):
             known,
             Checkpoint(
                 state,
-                measurement,
+                tuple(one.settled for one in measurement),
                 messages,
                 self._journal.place,
                 session.writer.state,
