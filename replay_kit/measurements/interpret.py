@@ -1,7 +1,11 @@
 """Messages to events, one by one or in blocks, as views of ``measure``'s blocks: for what does not read blocks yet."""
 
+# keeps the signature in help() short
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.block import Block
@@ -11,8 +15,9 @@ from replay_kit.logs.tables.frames import SCHEMA
 from replay_kit.logs.tables.schemas import SENDERS
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.measure import Memory
-from replay_kit.measurements.observed import Stream, rows, taken
+from replay_kit.measurements.observed import Stream, blocks, rows, taken
 
+_BLOCK = 128
 #: What a MAVLink reader needs to decode for measurements.
 MAVLINK_NAMES = SENDERS | {SCHEMA}
 
@@ -41,7 +46,7 @@ class MeasurementState:
         return taken(self.before, self.messages[: self.count], self.config)[0]
 
     @property
-    def settled(self) -> "MeasurementState":
+    def settled(self) -> MeasurementState:
         """The same without messages to be measured again."""
         return MeasurementState(self.stream)
 
@@ -64,8 +69,8 @@ def observations(
 
     A mean current beside profiles that were computed from it is left out: without the flight model's bias it would count twice.
     """
-    for events in events_of(messages, config or MeasurementConfig()):
-        for event in events:
+    for block in blocks(messages, config or MeasurementConfig()):
+        for event in rows(block):
             beside = isinstance(event, PathMean) and event.beside_profiles
             if isinstance(event, Measurement) and not beside:
                 yield event
@@ -80,15 +85,17 @@ def events_of(
     """Yield the events that each message of a stream completes, and last those of what still waits at its end.
 
     Args:
-        messages: In order of time; one is taken when its events are asked for.
+        messages: In order of time; they are taken in blocks.
         config: How messages become observations.
         system: The MAVLink system that counts; None for the first that states a position.
         component: The component of it that counts; None for the first that states a position.
     """
-    state = initial_state(system, component)
-    for message in messages:
-        state, events = interpret(state, message, config)
-        yield events
+    state, rest = initial_state(system, component), iter(messages)
+    while block := list(islice(rest, _BLOCK)):
+        steps = interpret_block(state, block, config)
+        state = steps[-1][0]
+        for _, events in steps:
+            yield events
     yield finish(state, config)
 
 
@@ -118,7 +125,7 @@ def interpret_block(
     found: list[list[Event]] = [[] for _ in messages]
     for order, event in _events(block):
         found[order - before.order].append(event)
-    states = [MeasurementState(before, messages[: k + 1], config) for k in range(len(messages) - 1)]
+    states = [MeasurementState(before, messages, k, config) for k in range(1, len(messages))]
     return list(zip([*states, MeasurementState(after)], found, strict=True)) if messages else []
 
 

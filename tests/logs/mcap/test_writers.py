@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from replay_kit.measurements.messages.vehicle import location_fix
 
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import MAX_CELLS, TlogFrames, write_tlog
 from replay_kit.logs.mcap.writer import open_mcap_log, write_mcap_log
-from replay_kit.measurements.messages.vehicle import location_fix
 
 START = 1_542_326_400_000_000_000
 
