@@ -45,10 +45,8 @@ def test_the_platforms_velocity_is_minus_that_of_the_bottom(tmp_path, system, bo
         assert len(payload["bottom_track"]["velocity"]) == (4 if system == "beam" else 3)
         assert payload["bottom_track"]["distance"] == [30.0, 31.0, 32.0, 33.0]
         ping = turned(payload, MeasurementConfig())
-        assert ping.reference == "earth"
-        assert ping.platform_velocity.source == "bottom_track"
-        moved = (ping.platform_velocity.east, ping.platform_velocity.north)
-        assert moved == pytest.approx(survey.platform[:2], abs=0.003)
+        assert ping.absolute
+        assert ping.added[:2] == pytest.approx(survey.platform[:2], abs=0.003)
         np.testing.assert_allclose(
             ping.velocity[:3, :2], np.tile(survey.water[:2], (3, 1)), atol=0.004
         )

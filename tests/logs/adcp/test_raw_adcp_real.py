@@ -61,7 +61,7 @@ def test_velocities_turn_to_earth_as_mhkit_turns_them(tmp_path, name, size, atol
         "bottom_track": None,
         "platform_velocity": None,
     }
-    ours = [turned({**m.payload, **plain}, config)["velocity"][:, :2] for m in pings[: len(theirs)]]
+    ours = [turned({**m.payload, **plain}, config).velocity[:, :2] for m in pings[: len(theirs)]]
     assert len(ours) >= 30
     for mine, other in zip(ours, theirs, strict=True):
         np.testing.assert_allclose(mine, other, atol=atol)
