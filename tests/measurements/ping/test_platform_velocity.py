@@ -231,11 +231,8 @@ def test_fixes_that_come_seldom_count_from_both_sides_alike():
 )
 def test_the_axes_of_a_dvl_are_those_of_its_frame_or_as_stated(frame, axes, is_left_up):
     forward, starboard, down = 0.9, 0.25, 0.1
-    stated = (forward, -starboard, -down) if is_left_up else (forward, starboard, down)
-    attitude = Attitude(30.0, 5.0, -8.0)
-    expected = horizontal(Dvl("bottom", (forward, starboard, down), 0.03), attitude, 0.0)
-    message = dvl_message(0, velocity=stated, header={"frame_id": frame})
-    assert_allclose(horizontal(dvl(message.payload), attitude, 0.0, axes), expected, atol=1e-12)
+    velocity = (forward, -starboard, -down) if is_left_up else (forward, starboard, down)
+    message = dvl_message(0, velocity=velocity, header={"frame_id": frame})
     # and through the whole step: the current is the water track's opposite beside the bottom track's velocity
     config = TRUE_HEADING.model_copy(update={"dvl_axes": axes})
     water = (1.1, 0.05, 0.0)

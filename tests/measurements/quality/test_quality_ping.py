@@ -32,10 +32,10 @@ SOUND = {"n_cells": 6, "cell_size": 4.0, "bin0_distance": 4.0, "velocity": CELLS
 def observed(config=None, depth=0.0, **changes):
     """Return the observation and the tests by name of one ping of six sound cells with changes."""
     messages = [fix(0, depth=depth), ping(0, **{**SOUND, **changes})]
-    return tested(messages, config or MeasurementConfig())
+    return found_of(messages, config or MeasurementConfig())
 
 
-def tested(messages, config):
+def found_of(messages, config):
     """Return the only observation of some messages and its tests by name."""
     (block,) = (one for one in blocks(messages, config) if one.ping)
     assert len(block.ping["time"]) == 1
@@ -262,7 +262,7 @@ def test_beams_percent_good_is_each_beam_s_also_where_gps_makes_the_ping_absolut
     }
     fixes = [fix(k, 152.0 + 1e-5 * k) for k in range(120)]
     messages = in_order(*fixes, ping(60.5, **beam))
-    found, tests = tested(messages, MeasurementConfig())
+    found, tests = found_of(messages, MeasurementConfig())
     assert found.reference == "earth"
     # the third best of four beams, not the sum of the first and fourth number
     assert tests["percent_good"].flags.tolist() == [FAIL] * 6
