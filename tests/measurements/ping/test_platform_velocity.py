@@ -230,10 +230,8 @@ def test_fixes_that_come_seldom_count_from_both_sides_alike():
     ],
 )
 def test_the_axes_of_a_dvl_are_those_of_its_frame_or_as_stated(frame, axes, is_left_up):
-    forward, starboard, down = 0.9, 0.25, 0.1
-    velocity = (forward, -starboard, -down) if is_left_up else (forward, starboard, down)
-    message = dvl_message(0, velocity=velocity, header={"frame_id": frame})
-    # and through the whole step: the current is the water track's opposite beside the bottom track's velocity
+    """The current is the water track's opposite beside the bottom track's velocity."""
+    forward, starboard = 0.9, 0.25
     config = TRUE_HEADING.model_copy(update={"dvl_axes": axes})
     water = (1.1, 0.05, 0.0)
     water = (water[0], -water[1], 0.0) if is_left_up else water
