@@ -20,9 +20,9 @@ from replay_kit.core.observation import Observation
 from replay_kit.estimator.baselines import build_named
 from replay_kit.logs.glider.dialects import dialect_of
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.logs.tables import schemas
 from replay_kit.measurements import initial_state, interpret_block
 from replay_kit.measurements.consistency import checks
-from replay_kit.measurements.messages import kinds
 from tests import synthetic
 from tests.places import ROOT
 from tests.synthetic import ensemble
@@ -36,10 +36,10 @@ POINTS = tomllib.loads((EXTENSION / "pyproject.toml").read_text())["project"]["e
 @pytest.fixture(autouse=True)
 def _forget():
     """Forget the entry points before and after each test."""
-    for cached in (extensions._points, extensions._loaded, kinds._reader):
+    for cached in (extensions._points, extensions._loaded, schemas.reader_of):
         cached.cache_clear()
     yield
-    for cached in (extensions._points, extensions._loaded, kinds._reader):
+    for cached in (extensions._points, extensions._loaded, schemas.reader_of):
         cached.cache_clear()
 
 

@@ -208,10 +208,8 @@ def offset(
 
 def moved(longitude: Array, latitude: Array, east: Array, north: Array) -> tuple[Array, Array]:
     """Return longitudes and latitudes [degrees], shapes (n,), of local points [m] about places: ``to_geographic`` with one a row."""
-    azimuth = np.rad2deg(np.arctan2(east, north))
-    to_longitude, to_latitude, _ = _ELLIPSOID.fwd(
-        longitude, latitude, azimuth, np.hypot(east, north)
-    )
+    azimuth, metres = heading_deg(east, north), np.hypot(east, north)
+    to_longitude, to_latitude, _ = _ELLIPSOID.fwd(longitude, latitude, azimuth, metres)
     return np.asarray(to_longitude), np.asarray(to_latitude)
 
 

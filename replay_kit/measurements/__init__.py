@@ -1,8 +1,11 @@
 """Messages to observations: what a log says of the vehicle and of the water."""
 
-from replay_kit.measurements.events import NOT_A_KIND, Event, Skipped, Used
+from replay_kit.logs.tables.schemas import NOT_A_KIND
+from replay_kit.logs.tables.suggest import suggestions
+from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.interpret import (
     MAVLINK_NAMES,
+    MeasurementState,
     events_of,
     finish,
     initial_state,
@@ -10,8 +13,6 @@ from replay_kit.measurements.interpret import (
     interpret_block,
     observations,
 )
-from replay_kit.measurements.messages.suggest import suggestions
-from replay_kit.measurements.steps.state import MeasurementState
 
 __all__ = [
     "MAVLINK_NAMES",

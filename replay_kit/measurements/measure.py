@@ -16,7 +16,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.block import LINEAR, MEAN, PING, POSITION, Block
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.core.table import Columns, Integers, Table
-from replay_kit.measurements import pings, sources
+from replay_kit.measurements import pings, surface
 from replay_kit.measurements.ctd.lines import Sampled, SectionLine
 from replay_kit.measurements.dives import Depths, Diving, depth_of
 from replay_kit.measurements.dvl import attitudes_of, motions_of
@@ -69,7 +69,7 @@ class Memory:
     waiting: tuple[Table, ...] = ()
     ways: Ways = field(default_factory=Ways)
     line: SectionLine | None = None
-    drifters: Mapping[str, sources.DrifterFix] = field(default_factory=dict)
+    drifters: Mapping[str, surface.DrifterFix] = field(default_factory=dict)
 
 
 def measure(
@@ -123,14 +123,14 @@ def measure(
     line = Sampled(memory.line, way, depths, config, ledger)
     if line.line is not None or "ctd" in of:
         line.take(of.get("ctd", ()), _surfacings(of.get("position", ()), positions))
-    drifters, linear = sources.of_drifters(
+    drifters, linear = surface.of_drifters(
         memory.drifters, of.get("drifter", ()), depths, config, ledger
     )
     linear = line.found + linear
     for one in of.get("radar", ()):
-        linear += sources.of_radar(one, depths, config, ledger)
+        linear += surface.of_radar(one, depths, config, ledger)
     for one in of.get("sensor", ()):
-        linear += sources.of_sensor(one, depths, ledger)
+        linear += surface.of_sensor(one, depths, ledger)
     linear.sort(key=lambda pair: pair[0])
     after = Memory(
         ledger.topics,

@@ -1,6 +1,6 @@
 """Messages to blocks, and the rows of blocks as observations: what a script loops over."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
@@ -45,7 +45,7 @@ class Stream:
 
 
 def taken(
-    stream: Stream, messages: list[Message], config: MeasurementConfig, last: bool = False
+    stream: Stream, messages: Sequence[Message], config: MeasurementConfig, last: bool = False
 ) -> tuple[Stream, Block]:
     """Return what is carried on after some messages, and what they measured; ``last`` says that the log ends with them."""
     tables, pending = tables_of(raws_of(messages, stream.order), config, stream.pending)

@@ -147,7 +147,9 @@ def decided(
         own = slice(begin, begin + len(part))
         begin += len(part)
         if not ready[own].all():
-            kept.append(rows_of(part, ~ready[own]))
+            left = rows_of(part, ~ready[own])
+            # the earliest is first, whatever stamp came before
+            kept.insert(0 if kept and left.time[0] < kept[0].time[0] else len(kept), left)
         if ready[own].any():
             at = ready[own]
             found.append((rows_of(part, at), {"due": due[own][at], "rank": rank[own][at]}))

@@ -1,38 +1,36 @@
-"""Currents at the surface: vectors of HF radars averaged to boxes, and fixes of drifters to means of the current between them.
+"""Measurements of other sources: vectors of HF radars averaged to boxes, fixes of drifters to means of the current between them, sensors.
 
-A box is two of the ensemble's cells wide: 500 vectors an hour are not 500 measurements.
-
-The error of a box has that of its vectors, correlated over a length; tides and inertial motion, which daily fields do not hold, are an
-error that all boxes of a time share. Radials are averaged along bearings: each sector of a station measures one component.
-
-An estimate has no divergence and changes over days; a sea surface has divergence, fronts and tides. What total vectors show beside an
-estimate is taken as a field whose components are independent with the covariance s^2 exp(-d / L) between places d apart, and errors of f
-times those stated. Times before say which s, L and f (maximum likelihood): stated errors may be those of the method, which hours share.
-For that a measurement keeps its vectors, of very many averaged to smaller boxes.
+A box is two of the ensemble's cells wide: 500 vectors an hour are not 500 measurements. The error of a box has that of its vectors,
+correlated over a length; tides and inertial motion, which daily fields do not hold, are an error that all boxes of a time share. Radials
+are averaged along bearings: each sector of a station measures one component.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
+from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import (
     BOTH_COMPONENTS,
     Flag,
+    Kind,
     Label,
     LinearMeasurement,
+    Reason,
     Source,
-    VehicleState,
+    usable,
 )
-from replay_kit.measurements.messages.water import DrifterFix, RadarCurrents
-from replay_kit.measurements.vehicle.dead_reckoning import begin, drift_velocity, extend, path_mean
+from replay_kit.core.table import Table
+from replay_kit.measurements.dives import Depths
+from replay_kit.measurements.ledger import Ledger
+from replay_kit.measurements.means import Spot, begun, drift, extended, path_mean
 
 # m; boxes at least so wide, and over which errors are correlated where the file does not say
 _LEAST_SPACING, _ERROR_LENGTH = 2e3, 10e3
@@ -44,16 +42,230 @@ _LEAST_ERROR, _CURRENT = 0.02, 0.2
 _TIDE = 0.25 * 12.42 * 3600.0
 # degrees of a sector
 _SECTOR = 10.0
-# m, lengths of the field that are tried, errors as shares of its size, and the share of its variance that keeps equal places apart
-_LENGTHS, _ERRORS, _NUGGET = np.geomspace(5e3, 80e3, 9), np.geomspace(0.05, 3.0, 7), 1e-6
 # s; shortest and longest time between two fixes of a mean: tides are averaged, and the way between is known
 _SHORTEST, _LONGEST = 3 * 3600, 26 * 3600
 # m/s; a drogued drifter's slip through the water (Niiler and Paduan 1995, J. Phys. Oceanogr. 25), and the semidiurnal tide's period [s]
 _SLIP, _PERIOD = 0.01, 12.42 * 3600.0
+# m, and m/s
+_SPACING, _USUAL_TIDE = 10e3, 0.08
+_OUTSIDE, _TOO_FAST = (
+    "drifter outside the ensemble's box",
+    "drifter faster than measurements.max_speed",
+)
+_NO_VECTOR = "no vector slower than measurements.max_speed within the ensemble's box"
+_PLACE = ("longitude", "latitude", "depth")
+#: Place in the stream, and the measurement that its message completes.
+Found = list[tuple[int, LinearMeasurement]]
+
+
+def _tide_of(config: MeasurementConfig) -> float:
+    return _USUAL_TIDE if config.surface_tide_std is None else config.surface_tide_std
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Vectors:
+    """What radars measured at one time.
+
+    Attributes:
+        longitude: shape (n,) [degrees].
+        latitude: shape (n,) [degrees].
+        value: shape (n, c) [m/s]: eastward and northward, or along ``direction``.
+        error_std: shape (n,) [m/s], of each component.
+        direction: shape (n,), of a positive radial, clockwise from true north [degrees]; None for total vectors.
+        suspect: shape (n,), which their quality flags call suspect.
+        depth: That the radars see [m].
+        averaged: Over which time [s].
+        error_length: Over which errors are correlated [m]; 0 where that is not stated.
+        kind: As in ``Label``.
+    """
+
+    longitude: Array
+    latitude: Array
+    value: Array
+    error_std: Array
+    direction: Array | None
+    suspect: NDArray[np.bool_]
+    depth: float
+    averaged: float
+    error_length: float
+    kind: Kind = "radar"
+
+    def part(self, at: NDArray[np.bool_]) -> "Vectors":
+        """Return some of the vectors."""
+        return replace(
+            self,
+            longitude=self.longitude[at],
+            latitude=self.latitude[at],
+            value=self.value[at],
+            error_std=self.error_std[at],
+            suspect=self.suspect[at],
+            direction=None if self.direction is None else self.direction[at],
+        )
+
+    def within(self, box: tuple[float, float, float, float]) -> "Vectors":
+        """Return those in a box of west, south, east, north [degrees]."""
+        west, south, east, north = box
+        along = (self.longitude - west) % 360.0 <= (east - west) % 360.0
+        return self.part(along & (self.latitude >= south) & (self.latitude <= north))
+
+
+def sources_of(table: Table) -> list[Source]:
+    """Return the messages of a table's rows."""
+    rows = zip(table.position.tolist(), table.time.tolist(), strict=True)
+    return [Source(table.input, table.topic, ordinal, time) for ordinal, time in rows]
+
+
+def of_radar(table: Table, depths: Depths, config: MeasurementConfig, ledger: Ledger) -> Found:
+    """Return the measurements of the radars' vectors of each time."""
+    found: Found = []
+    reasons = np.full(len(table), "", object)
+    names = ("longitude", "latitude", "value", "error_std", "direction", "suspect")
+    _, _, dives = depths.at(table.order)
+    for k, source in enumerate(sources_of(table)):
+        extent = (table[name][k] for name in ("depth", "averaged", "error_length", "kind"))
+        stated = Vectors(*(table[name][k] for name in names), *extent)
+        slow = np.abs(stated.value).max(axis=1) <= config.max_speed
+        stated = stated.part(slow & (config.quality.use_suspect | ~stated.suspect))
+        stated = stated if config.surface_box is None else stated.within(config.surface_box)
+        if not stated.error_std.size:
+            reasons[k] = _NO_VECTOR
+            continue
+        label = Label(int(dives[k]), source, kind=stated.kind)
+        spacing = config.surface_spacing or _SPACING
+        made = superobservations(stated, label, spacing, _tide_of(config))
+        found += [(int(table.order[k]), one) for one in made]
+    ledger.add(table.order, table.topic, reasons)
+    return found
+
+
+def of_sensor(table: Table, depths: Depths, ledger: Ledger) -> Found:
+    """Return what sensors of other packages measured, at the time of their messages."""
+    found: Found = []
+    _, _, dives = depths.at(table.order)
+    ledger.add(table.order, table.topic)
+    for k, source in enumerate(sources_of(table)):
+        stated = table["measurement"][k]
+        label = replace(
+            stated.label, dive=int(dives[k]), source=source, kind=stated.label.kind or "sensors"
+        )
+        placed = replace(_with_places(stated), time_ns=source.time_ns, label=label)
+        found.append((int(table.order[k]), placed))
+    return found
+
+
+def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
+    """Return a measurement with those values flagged that have no place, or one above the surface."""
+    points = stated.longitude + stated.latitude + stated.depth
+    unknown, above, weights = ~np.isfinite(points), stated.depth < 0.0, stated.weights
+    if weights is not None:
+        # a point without a place is no point of the sums that do not use it, either
+        stated = replace(stated, **{name: np.nan_to_num(getattr(stated, name)) for name in _PLACE})
+        unknown, above = ((weights != 0.0) @ each for each in (unknown, above))
+    flags = np.where(above & usable(stated.flags), Flag.FAIL, stated.flags)
+    reasons = Reason.ABOVE_SURFACE * above + Reason.MISSING * unknown
+    return replace(
+        stated,
+        flags=np.where(unknown, Flag.MISSING, flags).astype(np.int8),
+        reasons=(stated.reasons | reasons).astype(np.int32),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class DrifterFix:
+    """Where a drifter was: the fix, with the depth of the middle of its drogue, and the error of each component of its place [m].
+
+    Attributes:
+        spot: The fix.
+        error: Standard error [m]; NaN where it is not stated.
+    """
+
+    spot: Spot
+    error: float
+
+
+def of_drifters(
+    known: Mapping[str, DrifterFix],
+    tables: Sequence[Table],
+    depths: Depths,
+    config: MeasurementConfig,
+    ledger: Ledger,
+) -> tuple[dict[str, DrifterFix], Found]:
+    """Return the fixes from which drifters' displacements are counted, by name, and the mean currents since them."""
+    fixes, found = dict(known), Found()
+    rows = sorted(
+        (int(order), t, k) for t, one in enumerate(tables) for k, order in enumerate(one.order)
+    )
+    for order, t, k in rows:
+        table = tables[t]
+        source = sources_of(table)[k]
+        spot = Spot(source.time_ns, *(float(table[name][k]) for name in _PLACE))
+        now, name = DrifterFix(spot, float(table["error"][k])), table["name"][k]
+        reason, made = "", None
+        if config.surface_box is not None and not _inside(spot, config.surface_box):
+            reason = _OUTSIDE
+        elif (before := fixes.get(name)) is not None:
+            dive = int(depths.at(np.array([order]))[2][0])
+            made = _displacement(before, now, config, Label(dive, source, kind="drifters"))
+            if made is not None and np.abs(made.value).max() > config.max_speed:
+                reason = _TOO_FAST
+            elif made is not None or (spot.time - before.spot.time) * 1e-9 > _LONGEST:
+                fixes[name] = now
+        else:
+            fixes[name] = now
+        ledger.add(np.array([order]), table.topic, reason)
+        found += [(order, made)] if made is not None and not reason else []
+    return fixes, found
+
+
+def _inside(spot: Spot, box: tuple[float, float, float, float]) -> bool:
+    west, south, east, north = box
+    along = (spot.longitude - west) % 360.0 <= (east - west) % 360.0
+    return along and south <= spot.latitude <= north
+
+
+def _displacement(
+    first: DrifterFix, last: DrifterFix, config: MeasurementConfig, label: Label
+) -> LinearMeasurement | None:
+    """Return the mean current between two fixes of one drifter; None where they are too near in time, or too far."""
+    before, after = first.spot, last.spot
+    seconds = (after.time - before.time) * 1e-9
+    if not _SHORTEST <= seconds <= _LONGEST:
+        return None
+    velocity = drift(begun(before), after)
+    # a drifter goes with the water: no way through it
+    still = {
+        "time": np.array([after.time]),
+        "longitude": np.array([before.longitude]),
+        "latitude": np.array([before.latitude]),
+        "depth": np.array([after.depth]),
+    }
+    stated = (config.fix_std if math.isnan(fix.error) else fix.error for fix in (first, last))
+    turns = math.pi * seconds / _PERIOD
+    tide = _tide_of(config) * min(1.0, 1.0 / turns)
+    error = math.hypot(math.hypot(*stated) / seconds, _SLIP, tide)
+    mean = path_mean(extended(begun(before), still, np.empty(0)), after, velocity, error)
+    return linear_mean(mean, label, after.time)
+
+
+def linear_mean(mean: Mapping[str, Any], label: Label, time: int) -> LinearMeasurement:
+    """Return a mean along a path as a measurement of one value."""
+    return LinearMeasurement(
+        time,
+        mean["path_time"],
+        mean["path_longitude"],
+        mean["path_latitude"],
+        mean["path_depth"],
+        mean["weight"][None],
+        np.array([mean["velocity"]]),
+        np.array([mean["error_std"]]),
+        np.array([Flag.GOOD], np.int8),
+        np.zeros(1, np.int32),
+        label,
+    )
 
 
 def superobservations(
-    currents: RadarCurrents, label: Label, spacing: float, tide_std: float
+    currents: Vectors, label: Label, spacing: float, tide_std: float
 ) -> list[LinearMeasurement]:
     """Return the measurements of a time: one of total vectors, or one of each sector of radials.
 
@@ -85,7 +297,7 @@ def superobservations(
 
 
 def _averaged(
-    currents: RadarCurrents,
+    currents: Vectors,
     label: Label,
     spacing: float,
     common: float,
@@ -135,12 +347,12 @@ def _averaged(
     )
 
 
-def _local(currents: RadarCurrents) -> tuple[Array, Array]:
+def _local(currents: Vectors) -> tuple[Array, Array]:
     middle = Projection(float(currents.longitude[0]), float(currents.latitude[0]))
     return to_local(middle, currents.longitude, currents.latitude)
 
 
-def _width(currents: RadarCurrents, spacing: float, most: int) -> float:
+def _width(currents: Vectors, spacing: float, most: int) -> float:
     """Return the width of boxes [m], ``spacing`` or so much more that there are no more than ``most``."""
     x, y = _local(currents)
     spacing = max(spacing, _LEAST_SPACING)
@@ -155,137 +367,3 @@ def _boxes(x: Array, y: Array, spacing: float) -> tuple[NDArray[np.intp], int]:
     # as one number each: rows are ten times slower to compare
     found, number = np.unique(east * (north.max() + 1) + north, return_inverse=True)
     return number.astype(np.intp), found.size
-
-
-@dataclass(frozen=True, slots=True)
-class ResidualField:
-    """The field's covariance.
-
-    Attributes:
-        std: s [m/s], of a component.
-        length: L [m].
-        error_factor: f, on the stated errors of vectors.
-    """
-
-    std: float
-    length: float
-    error_factor: float
-
-    @classmethod
-    def likeliest(cls, times: Sequence[tuple[LinearMeasurement, Array]]) -> "ResidualField":
-        """Return the field under which residuals are likeliest.
-
-        Args:
-            times: Total vectors of each time, and what they are beside an estimate, shape (n, 2) [m/s]; NaN where there is none.
-        """
-        seen = [
-            (_apart(places, places), errors, residual)
-            for places, errors, residual in (_known(*each) for each in times)
-        ]
-        number = sum(residual.size for *_, residual in seen)
-        usual = float(np.median(np.concatenate([vectors.error_std for vectors, _ in times])))
-        best, found = -np.inf, cls(0.0, 0.0, 0.0)
-        for length, error in product(_LENGTHS.tolist(), _ERRORS.tolist()):
-            unit, square, log_det = cls(1.0, length, error / usual), 0.0, 0.0
-            for apart, errors, residual in seen:
-                lower = np.linalg.cholesky(unit._covariance(apart, errors))
-                white = solve_triangular(lower, residual, lower=True)
-                square += float(np.sum(white**2))
-                log_det += 4.0 * float(np.log(np.diag(lower)).sum())
-            # the field's size is that under which all of it is likeliest
-            likelihood = -number * np.log(square / number) - log_det
-            if likelihood > best:
-                std = float(np.sqrt(square / number))
-                best, found = likelihood, cls(std, length, std * unit.error_factor)
-        return found
-
-    def between(
-        self, seen: LinearMeasurement, residual: Array, longitude: Array, latitude: Array
-    ) -> tuple[Array, Array]:
-        """Return the field at places, shape (m, 2) [m/s], and the standard error of a component of it, shape (m,) [m/s].
-
-        Work grows with the third power of the vectors: 500 take some 0.02 s.
-
-        Args:
-            seen: Total vectors of one time.
-            residual: What they are beside an estimate, shape (n, 2) [m/s]; NaN where there is none.
-            longitude: shape (m,) [degrees].
-            latitude: shape (m,) [degrees].
-        """
-        places, errors, known = _known(seen, residual)
-        cross = self.std**2 * np.exp(-_apart((longitude, latitude), places) / self.length)
-        lower = np.linalg.cholesky(self._covariance(_apart(places, places), errors))
-        white, crossed = (
-            solve_triangular(lower, each, lower=True, check_finite=False)
-            for each in (known, cross.T)
-        )
-        variance = self.std**2 - np.einsum("nm,nm->m", crossed, crossed)
-        return crossed.T @ white, np.sqrt(np.maximum(variance, 0.0))
-
-    def _covariance(self, apart: Array, errors: Array) -> Array:
-        """Return the covariance of residuals so far apart [m], shape (n, n) [m2/s2], by that of the vectors' stated errors."""
-        field = np.exp(-apart / self.length) + _NUGGET * np.eye(len(errors))
-        return np.asarray(self.std**2 * field + self.error_factor**2 * errors)
-
-
-def _known(seen: LinearMeasurement, residual: Array) -> tuple[tuple[Array, Array], Array, Array]:
-    """Return the places of the vectors with a residual, the covariance of their errors [m2/s2], and the residuals."""
-    known = np.flatnonzero(np.isfinite(residual).all(axis=1))
-    longitude, latitude = seen.value_places
-    return (longitude[known], latitude[known]), seen.covariance(known), residual[known]
-
-
-def _apart(places: tuple[Array, Array], others: tuple[Array, Array]) -> Array:
-    """Return the distances between places, longitudes and latitudes, shape (m, n) [m]."""
-    middle = Projection(float(others[0][0]), float(others[1][0]))
-    (x, y), (to_x, to_y) = (to_local(middle, *each) for each in (places, others))
-    return np.asarray(np.hypot(x[:, None] - to_x, y[:, None] - to_y))
-
-
-@dataclass(frozen=True, slots=True)
-class Errors:
-    """What errs.
-
-    Attributes:
-        fix_std: Of each component of a fix that states no error [m].
-        tide_std: Speed of tides and inertial motion that the forecast does not hold [m/s].
-    """
-
-    fix_std: float
-    tide_std: float
-
-
-def displacement(
-    first: tuple[Source, DrifterFix], last: tuple[Source, DrifterFix], errors: Errors, dive: int
-) -> LinearMeasurement | None:
-    """Return the mean current between two fixes of one drifter; None where they are too near in time, or too far.
-
-    Args:
-        first: Message and fix.
-        last: The later one.
-        errors: What errs.
-        dive: Number of the vehicle's dive, for statistics.
-    """
-    seconds = (last[0].time_ns - first[0].time_ns) * 1e-9
-    if not _SHORTEST <= seconds <= _LONGEST:
-        return None
-    before, after = (
-        VehicleState(source.time_ns, fix.longitude, fix.latitude, fix.depth, False, source)
-        for source, fix in (first, last)
-    )
-    velocity = drift_velocity(begin(before), after)
-    # a drifter goes with the water: no way through it
-    still = replace(after, longitude=before.longitude, latitude=before.latitude)
-    places = math.hypot(
-        *(errors.fix_std if math.isnan(fix.error) else fix.error for _, fix in (first, last))
-    )
-    turns = math.pi * seconds / _PERIOD
-    tide = errors.tide_std * min(1.0, 1.0 / turns)
-    error = math.hypot(places / seconds, _SLIP, tide)
-    mean = path_mean(extend(begin(before), still), after, velocity, error, "drift", dive)
-    return replace(mean.linear, label=Label(dive, last[0], kind="drifters"))
-
-
-def is_over(first: Source, now: Source) -> bool:
-    """Return whether a fix is too old to begin a mean that ends now."""
-    return (now.time_ns - first.time_ns) * 1e-9 > _LONGEST

@@ -27,7 +27,7 @@ from replay_kit.logs import merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements.checks.tracks import LogTracks
 from replay_kit.measurements.interpret import events_of
-from replay_kit.measurements.steps.water import for_region
+from replay_kit.measurements.region import for_region
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.workflows.replay.inputs.estimator import build, flow_at

@@ -10,9 +10,15 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.ping.frames import teledyne_rotation
+from replay_kit.measurements.frames import teledyne_rotation
 
 Edit = Callable[[Iterator[Message]], Iterator[Message]]
+
+
+def _turn(*angles: float) -> np.ndarray:
+    """Return the matrix of Teledyne's axes for heading, pitch and roll [degrees]."""
+    heading, pitch, roll = (np.array([angle]) for angle in angles)
+    return teledyne_rotation(heading, pitch, roll, False, np.zeros(1, bool))[0]
 
 
 @dataclass(frozen=True)
@@ -215,7 +221,7 @@ def in_beams(messages: Iterator[Message]) -> Iterator[Message]:
             payload = message.payload
             heading, pitch = payload["heading"] - _DECLINATION, payload["pitch"]
             roll = _ROLL * np.sin(number)
-            turn = teledyne_rotation(payload["heading"], pitch, roll)
+            turn = _turn(payload["heading"], pitch, roll)
             up = -0.1 * np.sign(pitch)
             cells = [
                 [None] * 4

@@ -5,7 +5,7 @@ import pytest
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Observation
-from replay_kit.measurements import Used, finish, initial_state, interpret_block
+from replay_kit.measurements import finish, initial_state, interpret_block
 from tests.measurements.samples import fix, ping
 
 
@@ -63,10 +63,6 @@ def _values(event):
             event.position_std,
         )
         return tuple((part.dtype.str, part.tobytes()) for part in arrays) + rest
-    if isinstance(event, Used):
-        return event.topic, tuple(
-            (check.test, check.why_not, check.flags.tobytes()) for check in event.checks
-        )
     return repr(event)
 
 

@@ -4,12 +4,8 @@ import pytest
 
 from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.measurements.events import Skipped, Used, left_out_rules
-from replay_kit.measurements.interpret import without
-from tests import synthetic
-from tests.workflows.replay.test_dive_forecasts import mean
-
-PROFILE = synthetic.random_profiles(synthetic.ensemble(n_members=2).grid, 1)[0]
+from replay_kit.measurements.events import left_out_rules
+from replay_kit.measurements.ledger import left_out_reason
 
 
 @pytest.mark.parametrize(
@@ -28,19 +24,9 @@ def test_which_rules_leave_a_measurement_out(rules, kind, dive, applied):
     assert rules_for(rules, kind, dive) == applied
 
 
-def test_what_is_left_out_counts_as_not_used_for_its_own_reason():
-    current, topic = mean(2), PROFILE.source.topic
-    events = [Used(topic), PROFILE, Used("/dac"), current]
-    kept = without(events, ("dac", "dives:3"))
-    assert kept[:3] == [
-        Used(topic),
-        PROFILE,
-        Skipped("/dac", "left out: dac, dives:3 (measurements.without)"),
-    ]
-    assert left_out_rules(kept[2].reason) == ["dac", "dives:3"]
+def test_the_reason_of_what_is_left_out_names_its_rules():
+    assert left_out_rules(left_out_reason(("dac", "dives:3"))) == ["dac", "dives:3"]
     assert left_out_rules("faster than measurements.max_speed") == []
-    assert without(events, ("radar",)) == events
-    assert len(events) == 4
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from replay_kit.measurements.section.hydrography import GRAVITY, RHO0
+from replay_kit.measurements.ctd.sections import GRAVITY, RHO0
 
 
 def geopotential(anomaly, levels):

@@ -62,7 +62,7 @@ CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
             "replay_kit/logs/glider/README.md",
             "replay_kit/logs/mavlink/README.md",
             "replay_kit/measurements/messages/README.md",
-            "replay_kit/measurements/messages/ADCP_PING.md",
+            "replay_kit/logs/tables/ADCP_PING.md",
             "replay_kit/measurements/messages/MAPPING.md",
             "replay_kit/results/CHANNELS.md",
         ),

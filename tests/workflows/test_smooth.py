@@ -48,7 +48,7 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
         config.gating,
         config.time,
     )
-    log = open_log(SAMPLES / "glider.mcap", config.logs)
+    log = open_log(SAMPLES / "glider.mcap", config=config.logs)
     end = config.logs.end_ns
     measured, flight = [], FlightState()
     for stated in rk.observations(message for message in log.messages() if message.time_ns <= end):

@@ -13,7 +13,7 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import Payload, table, whole_number
+from replay_kit.logs.tables.columns import Payload, number, table, whole_number
 from replay_kit.logs.tables.instruments import pings
 
 SCHEMA = "DEBUG_FLOAT_ARRAY"
@@ -157,6 +157,13 @@ def _assembled(frames: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
     payload["velocity"] = [list(cell) for cell in zip(*columns, strict=False)]
     payload["velocity_std"] = list(frames["ADCP_STD"])[:n_cells]
     return payload
+
+
+def declination_in(payload: Payload) -> float:
+    """Return the magnetic declination [degrees east] that a frame states; NaN when it is not the one that does."""
+    if payload.get("name") != "ADCP_CFG" or not isinstance(payload.get("data"), list | tuple):
+        return math.nan
+    return number(_configuration(payload["data"])["magnetic_declination"])
 
 
 def _configuration(data: Sequence[Any]) -> dict[str, Any]:

@@ -216,6 +216,12 @@ def reader_of(schema: str, topic: str) -> Reader | str | None:
     return reader
 
 
+def may_state(schema: str, topic: str) -> bool:
+    """Return whether messages of a schema and topic may state something; where not, the same becomes of each of them."""
+    # without a schema a message may say inside what it is
+    return not schema or schema == SCHEMA or callable(reader_of(schema, topic))
+
+
 def _sensor(added: Callable[[Payload], Any], raw: Raw, config: MeasurementConfig) -> list[Table]:
     """Return the measurements that the function of another package reads."""
     del config

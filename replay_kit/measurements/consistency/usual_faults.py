@@ -7,21 +7,17 @@ is in a ``Sounding``.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
-from replay_kit.measurements.events import MALFORMED
-from replay_kit.measurements.messages.fields import number
-from replay_kit.measurements.messages.kinds import statement
-from replay_kit.measurements.messages.mavlink import PingFrame, declination_in
-from replay_kit.measurements.messages.profiles import StatedPing
+from replay_kit.logs.tables.columns import number
+from replay_kit.logs.tables.frames import SCHEMA, declination_in
 
 # degrees; smaller turns are biases of a compass, which the estimator can estimate, and not faults
 _LEAST_TURN, _STEP = 20, 10
@@ -198,17 +194,10 @@ class Fault:
 
 def declination_of(message: Message) -> float:
     """Return the magnetic declination [degrees east] that a ping states; NaN for any other message, and for a malformed one."""
-    try:
-        stated = statement(message)
-    except (MeasurementError, *MALFORMED):
-        return math.nan
-    if isinstance(stated, PingFrame):
-        return declination_in(stated)
-    return (
-        number(stated.payload.get("magnetic_declination"))
-        if isinstance(stated, StatedPing)
-        else math.nan
-    )
+    if message.schema == SCHEMA:
+        return declination_in(message.payload)
+    held = message.payload if isinstance(message.payload, Mapping) else {}
+    return number(held.get("magnetic_declination"))
 
 
 def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:

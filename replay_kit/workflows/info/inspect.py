@@ -25,14 +25,16 @@ from replay_kit.core.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.times import doubtful_times
-from replay_kit.measurements.events import NO_POSITION, NOT_A_KIND, Skipped
+from replay_kit.logs.tables.schemas import NOT_A_KIND
+from replay_kit.logs.tables.suggest import NAMED, sample_key, suggested_entries
+from replay_kit.measurements.events import Skipped
 from replay_kit.measurements.interpret import (
     events_of,
     finish,
     initial_state,
     interpret_block,
 )
-from replay_kit.measurements.messages.suggest import NAMED, sample_key, suggested_entries
+from replay_kit.measurements.pings import NO_POSITION
 from replay_kit.workflows.info.reading import Order, TopicInfo, count_alike, read_log
 
 

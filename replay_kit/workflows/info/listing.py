@@ -12,7 +12,7 @@ from rich.console import Console
 
 from replay_kit.logs.glider.missions import pattern
 from replay_kit.logs.shared.payloads import gather
-from replay_kit.measurements.events import NOT_A_KIND
+from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.results.losses import (
     coded,
     iso_time,

@@ -14,8 +14,8 @@ from replay_kit.core.message import LogReport
 from replay_kit.logs.merge import FAR_NS, Settled, Settling
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.blocks import Block, Overview, block_of
-from replay_kit.measurements.messages.kinds import may_state
-from replay_kit.measurements.messages.suggest import NAMED
+from replay_kit.logs.tables.schemas import may_state
+from replay_kit.logs.tables.suggest import NAMED
 
 # of a topic's mean time between messages, and at least so long [ns], is a gap that is reported
 _TIMES_MEAN, _LEAST_GAP_NS = 10, 60_000_000_000

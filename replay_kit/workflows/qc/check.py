@@ -1,8 +1,8 @@
 """Quality control of a mission's logs: the results of each test, and the pings that lose every bin."""
 
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,17 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
+from replay_kit.core.block import BinTest, Block
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.message import LogReport
-from replay_kit.core.observation import Flag, Observation, Reason, usable
+from replay_kit.core.message import LogReport, Message
+from replay_kit.core.observation import Flag, Reason, usable
 from replay_kit.logs import merge
-from replay_kit.measurements.events import NOT_A_KIND, Skipped, Used
-from replay_kit.measurements.interpret import finish, initial_state, interpret
-from replay_kit.measurements.quality.qartod import Check
+from replay_kit.logs.tables.schemas import NOT_A_KIND
+from replay_kit.measurements.measure import Memory
+from replay_kit.measurements.observed import Stream, blocks
 from replay_kit.workflows.info.inspect import by_topic
 from replay_kit.workflows.replay.inputs.scan import open_readers
 
 _NO_NUMBER = "no number in the bin"
+_NO_PINGS = np.empty(0, np.int64)
+Present = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,24 +44,26 @@ class TestCount:
     failed: int = 0
     not_evaluated: Mapping[str, int] = field(default_factory=dict)
 
-    def extended(self, check: Check, present: NDArray[np.bool_]) -> "TestCount":
-        """Return the count with a ping's bins added.
+    def extended(self, test: BinTest, rows: NDArray[np.intp], present: Present) -> "TestCount":
+        """Return the count with the bins of some pings added.
 
         Args:
-            check: The test's result for the ping.
-            present: Which bins have a velocity, shape (n,).
+            test: The test's results for all pings of a block.
+            rows: Numbers of the pings among them.
+            present: Which of their bins have a velocity, shape (n, m).
         """
-        flags = Counter(check.flags[present].tolist())
-        skipped = flags[Flag.NOT_EVALUATED]
-        why = check.why_not or _NO_NUMBER
+        flags = test.flags[rows]
+        number = {flag: int(np.sum((flags == flag) & present)) for flag in Flag}
+        skipped = np.sum((flags == Flag.NOT_EVALUATED) & present, axis=1)
+        why = Counter(self.not_evaluated)
+        for k in np.flatnonzero(skipped):
+            why[test.why_not[rows[k]] or _NO_NUMBER] += int(skipped[k])
         return TestCount(
             self.reason,
-            self.evaluated + flags.total() - skipped,
-            self.suspect + flags[Flag.SUSPECT],
-            self.failed + flags[Flag.FAIL],
-            {**self.not_evaluated, why: self.not_evaluated.get(why, 0) + skipped}
-            if skipped
-            else self.not_evaluated,
+            self.evaluated + int(present.sum() - skipped.sum()),
+            self.suspect + number[Flag.SUSPECT],
+            self.failed + number[Flag.FAIL],
+            dict(why),
         )
 
 
@@ -87,15 +92,34 @@ class TopicQuality:
     tests: Mapping[str, TestCount] = field(default_factory=dict)
     lost: Sequence[LostPing] = ()
 
-    def extended(self, checks: Sequence[Check], observation: Observation) -> "TopicQuality":
-        """Return the counts with a ping added, save that ``lost`` stays."""
-        present = observation.flags != Flag.MISSING
-        tests = {
-            check.test: self.tests.get(check.test, TestCount(check.reason)).extended(check, present)
-            for check in checks
-        }
-        flags = Counter(self.flags) + Counter(observation.flags.tolist())
-        return replace(self, pings=self.pings + 1, flags=flags, tests={**self.tests, **tests})
+    def extended(self, block: Block, rows: NDArray[np.intp]) -> "TopicQuality":
+        """Return the counts with some pings of a block added."""
+        columns = block.ping
+        flags = columns["flags"][rows]
+        real = np.arange(flags.shape[1]) < columns["bins"][rows, None]
+        tests = dict(self.tests)
+        for test in block.tests:
+            made = np.array([why is not None for why in test.why_not[rows]])
+            if made.any():
+                known = tests.get(test.name, TestCount(test.reason))
+                present = flags[made] != Flag.MISSING
+                tests[test.name] = known.extended(test, rows[made], present)
+        unused = ~usable(flags).any(axis=1)
+        lost = [
+            LostPing(
+                int(columns["time"][k]),
+                int(columns["input"][k]),
+                int(columns["ordinal"][k]),
+                Reason(int(np.bitwise_or.reduce(columns["reasons"][k]))),
+            )
+            for k in rows[unused]
+        ]
+        return TopicQuality(
+            self.pings + rows.size,
+            Counter(self.flags) + Counter(flags[real].tolist()),
+            tests,
+            (*self.lost, *lost),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,30 +163,23 @@ def check_quality(
     settings, readers = config.measurements, open_readers(logs, config)
     merged = merge(readers, config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns)
     topics: dict[str, TopicQuality] = {}
-    lost: dict[str, list[LostPing]] = defaultdict(list)
     not_used: Counter[tuple[str, str]] = Counter()
-    state = initial_state(config.logs.system, config.logs.component)
-
-    def count(events: Sequence[object]) -> None:
-        for checks, observation in _tested(events):
-            topic = observation.source.topic
-            topics[topic] = topics.get(topic, TopicQuality()).extended(checks, observation)
-            lost[topic] += _lost(observation)
-        not_used.update(
-            (e.topic, e.reason) for e in events if isinstance(e, Skipped) and e.reason != NOT_A_KIND
-        )
-
-    for message in merged:
-        state, events = interpret(state, message, settings)
-        count(events)
-        if on_message is not None:
-            on_message(message.time_ns)
-    count(finish(state, settings))
+    asked = (
+        None if one is None else str(one) for one in (config.logs.system, config.logs.component)
+    )
+    stream = Stream(Memory(sender=(next(asked), next(asked))))
+    for block in blocks(_told(merged, on_message), settings, stream=stream):
+        for number in np.unique(block.ping.get("topic", _NO_PINGS)).tolist():
+            rows = np.flatnonzero(block.ping["topic"] == number)
+            topic = block.topics[number]
+            topics[topic] = topics.get(topic, TopicQuality()).extended(block, rows)
+        said = block.counts().items()
+        not_used.update({key: n for key, n in said if key[1] not in ("", NOT_A_KIND)})
     if not topics:
         raise MeasurementError(
             _nothing(logs, [reader.report() for reader in readers], by_topic(not_used))
         )
-    quality = {topic: replace(topics[topic], lost=tuple(lost[topic])) for topic in sorted(topics)}
+    quality = {topic: topics[topic] for topic in sorted(topics)}
     reports = tuple(reader.report() for reader in readers)
     return QualityReport(
         reports,
@@ -173,29 +190,14 @@ def check_quality(
     )
 
 
-def _tested(events: Sequence[object]) -> Iterator[tuple[Sequence[Check], Observation]]:
-    """Yield the profiles among the events of a message with their tests, which come right before the profile."""
-    checks: Sequence[Check] = ()
-    for event in events:
-        if isinstance(event, Used) and event.tests:
-            checks = event.checks
-        elif isinstance(event, Observation):
-            yield checks, event
-
-
-def _lost(observation: Observation) -> list[LostPing]:
-    """Return the ping when it has no usable bin, else nothing."""
-    if usable(observation.flags).any():
-        return []
-    source = observation.source
-    return [
-        LostPing(
-            source.time_ns,
-            source.input,
-            source.position,
-            Reason(int(np.bitwise_or.reduce(observation.reasons))),
-        )
-    ]
+def _told(
+    messages: Iterable[Message], on_message: Callable[[int], None] | None
+) -> Iterator[Message]:
+    """Yield messages, each after its time was told."""
+    for message in messages:
+        if on_message is not None:
+            on_message(message.time_ns)
+        yield message
 
 
 def _nothing(

@@ -21,7 +21,7 @@ from replay_kit.logs import merge
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.measure import Memory
 from replay_kit.measurements.observed import Stream, blocks, rows
-from replay_kit.measurements.steps.water import for_region
+from replay_kit.measurements.region import for_region
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
 from replay_kit.workflows.replay.inputs.scan import check_span, open_readers, positions_of

@@ -33,7 +33,7 @@ from replay_kit.logs.reader import reading
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.measure import Memory
 from replay_kit.measurements.observed import Stream, taken
-from replay_kit.measurements.steps.water import for_region
+from replay_kit.measurements.region import for_region
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.from_run import failed
 from replay_kit.results.outcome.run import ReplaySummary

@@ -12,11 +12,10 @@ from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
 from replay_kit.logs.adcp.bottom_track import NOT_FOUND, bottom_tracks
 from replay_kit.logs.adcp.records import scan
-from replay_kit.measurements.messages.adcp_ping import parse_ping
-from replay_kit.measurements.ping.earth import earth_referenced
 from tests.logs.adcp import ad2cp_samples as samples
 from tests.logs.adcp.ad2cp_samples import Survey
 from tests.logs.adcp.raw_adcp_samples import adcp_messages, nortek_record, write
+from tests.measurements.turned import turned
 
 
 def pings(folder, survey, n=5):
@@ -45,11 +44,9 @@ def test_the_platforms_velocity_is_minus_that_of_the_bottom(tmp_path, system, bo
         # of instrument and earth coordinates the two verticals are one
         assert len(payload["bottom_track"]["velocity"]) == (4 if system == "beam" else 3)
         assert payload["bottom_track"]["distance"] == [30.0, 31.0, 32.0, 33.0]
-        ping = earth_referenced(parse_ping(payload), MeasurementConfig())
-        assert ping.reference == "earth"
-        assert ping.platform_velocity.source == "bottom_track"
-        moved = (ping.platform_velocity.east, ping.platform_velocity.north)
-        assert moved == pytest.approx(survey.platform[:2], abs=0.003)
+        ping = turned(payload, MeasurementConfig())
+        assert ping.absolute
+        assert ping.added[:2] == pytest.approx(survey.platform[:2], abs=0.003)
         np.testing.assert_allclose(
             ping.velocity[:3, :2], np.tile(survey.water[:2], (3, 1)), atol=0.004
         )

@@ -12,9 +12,8 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag
 from replay_kit.logs import open_log
 from replay_kit.measurements import observations
-from replay_kit.measurements.messages.adcp_ping import parse_ping
-from replay_kit.measurements.ping.earth import earth_referenced
 from tests.logs.adcp.raw_adcp_samples import adcp_messages, write
+from tests.measurements.turned import turned
 from tests.places import DATA, needs
 
 ADCP = DATA / "adcp"
@@ -62,10 +61,7 @@ def test_velocities_turn_to_earth_as_mhkit_turns_them(tmp_path, name, size, atol
         "bottom_track": None,
         "platform_velocity": None,
     }
-    ours = [
-        earth_referenced(parse_ping({**m.payload, **plain}), config).velocity[:, :2]
-        for m in pings[: len(theirs)]
-    ]
+    ours = [turned({**m.payload, **plain}, config).velocity[:, :2] for m in pings[: len(theirs)]]
     assert len(ours) >= 30
     for mine, other in zip(ours, theirs, strict=True):
         np.testing.assert_allclose(mine, other, atol=atol)

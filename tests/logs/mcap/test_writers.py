@@ -12,7 +12,7 @@ from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import MAX_CELLS, TlogFrames, write_tlog
 from replay_kit.logs.mcap.writer import open_mcap_log, write_mcap_log
-from replay_kit.measurements.messages.vehicle import location_fix
+from tests.measurements.turned import stated as row_of
 
 START = 1_542_326_400_000_000_000
 
@@ -194,7 +194,7 @@ def test_dead_reckoned_is_read_as_by_the_replay(tmp_path, stated, gps):
         "longitude": 2.0,
         "metadata": [{"key": "dead_reckoned", "value": stated}],
     }
-    assert location_fix(fix).dead_reckoned == (gps == 0)  # type: ignore[union-attr]
+    assert row_of(_message(fix, schema="foxglove.LocationFix")).dead_reckoned == (gps == 0)
     counts = write_tlog(tmp_path / "a.tlog", [_message(fix, schema="foxglove.LocationFix")])
     assert counts.get("GPS_RAW_INT", 0) == gps
 

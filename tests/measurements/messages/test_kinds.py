@@ -9,15 +9,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, VehicleState
+from replay_kit.logs.tables.instruments import STD_BELIEVED
+from replay_kit.logs.tables.schemas import canonical, reader_of
 from replay_kit.measurements import Skipped
-from replay_kit.measurements.messages.fields import STD_BELIEVED, believed_std
-from replay_kit.measurements.messages.kinds import canonical, statement
-from replay_kit.measurements.messages.vehicle import Dvl
 from tests.logs.log_samples import one_channel_mcap
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
 from tests.measurements.foreign import BEAMS, NUCLEUS, ds_adcp, imc, pose, vectors
-from tests.measurements.samples import CONFIG, SECOND, fix, logged, only, reasons, run, the
+from tests.measurements.samples import CONFIG, SECOND, fix, logged, only, ping, reasons, run, the
+from tests.measurements.turned import stated
 
 EARTH = MeasurementConfig(reference="earth")
 
@@ -50,7 +50,7 @@ def test_ds_adcp_in_earth_coordinates(tmp_path, schema):
 @pytest.mark.parametrize(("mode", "system"), [(0, "beam"), (1, "instrument"), (2, "ship")])
 def test_ds_adcp_in_other_coordinates_is_said(tmp_path, mode, system):
     message = through_ros2(tmp_path, "ds_sensor_msgs/msg/Adcp", msg.DS_ADCP_2, ds_adcp(mode))
-    assert statement(message).payload["coordinate_system"] == system
+    assert stated(message, EARTH).frame == system
     assert not only(Observation, run([fix(0), message], EARTH))
     assert skipped(message, EARTH)
 
@@ -64,11 +64,11 @@ def test_ds_adcp_along_its_beams():
     along = [np.multiply(water @ beam, beam).tolist() for beam in BEAMS]
     payload = ds_adcp(0)
     payload["vel_bin_beams"] = [{"velocity_bin_beam": vectors([*along[:3], (0.0, 0.0, 0.0)])}]
-    ping = statement(logged("ds_sensor_msgs/Adcp", payload)).payload
-    assert_allclose(ping["velocity"][0][:3], np.array(BEAMS[:3]) @ water, atol=1e-15)
-    assert ping["velocity"][0][3] is None
-    assert ping["beam_unit_vectors"] == BEAMS
-    assert ping["coordinate_system"] == "beam"
+    found = stated(logged("ds_sensor_msgs/Adcp", payload), EARTH)
+    assert_allclose(found.velocity[0, :3], np.array(BEAMS[:3]) @ water, atol=1e-15)
+    assert np.isnan(found.velocity[0, 3])
+    assert_array_equal(found.vectors, BEAMS)
+    assert found.frame == "beam"
 
 
 def test_ds_adcp_whose_cells_are_cut_to_whole_metres_is_said():
@@ -95,11 +95,11 @@ def test_ds_adcp_in_ros1(tmp_path):
 )
 def test_nucleus_profile(tmp_path, schema):
     message = through_ros2(tmp_path, schema, msg.NUCLEUS, NUCLEUS)
-    ping = statement(message).payload
-    assert ping["velocity"] == [[0.12, -0.05, 0.003], [None, 0.007, 0.008]]
-    assert ping["amplitude"] == [[70, 71, 72], [73, 74, 75]]
-    assert ping["correlation"] == [[90, 91, 92], [93, 94, 95]]
-    assert ping["bin0_distance"] == 0.5
+    found = stated(message)
+    assert_array_equal(found.velocity, [[0.12, -0.05, 0.003], [np.nan, 0.007, 0.008]])
+    assert_array_equal(found.amplitude, [[70, 71, 72], [73, 74, 75]])
+    assert_array_equal(found.correlation, [[90, 91, 92], [93, 94, 95]])
+    assert found.distance[0] == 0.5
     assert "declination unknown" in skipped(message)
     assert "three beams" in skipped(message._replace(payload={**NUCLEUS, "number_of_cells": 3}))
 
@@ -120,11 +120,11 @@ def test_imc_profile(tmp_path, schema, coord_sys, system, cell):
     (message,) = read_mcap(
         tmp_path, json_mcap([(0, "/imc", schema, imc(coord_sys, [[0.1, 0.2, 0.3, 0.4]]))])
     )
-    ping = statement(message).payload
-    assert ping["coordinate_system"] == system
-    assert ping["velocity"] == [cell]
-    assert ping["cell_distances"] == [5.0]
-    assert ping["correlation"] == [[90] * 4]
+    found = stated(message)
+    assert found.frame == system
+    assert_array_equal(found.velocity, [cell])
+    assert_array_equal(found.distance, [5.0])
+    assert_array_equal(found.correlation, [[90] * 4])
     events = run([fix(0), message])
     assert [o.reference for o in only(Observation, events)] == ["platform"] * (system == "earth")
 
@@ -168,7 +168,9 @@ def test_a_dvl_is_read(tmp_path):
     }
     payload |= {"beam_velocity_covar": [-1.0] * 4, "beam_unit_vec": vectors(BEAMS)}
     message = through_ros2(tmp_path, "marine_acoustic_msgs/msg/Dvl", msg.DVL, payload)
-    assert statement(message) == Dvl("water", (0.5, 0.1, -0.2), 0.02)
+    found = stated(message)
+    assert (found.velocity.tolist(), found.error_std) == ([0.5, 0.1, -0.2], 0.02)
+    assert not found.bottom
 
 
 @pytest.mark.parametrize(
@@ -241,8 +243,8 @@ def test_poses_move_the_last_position_each_topic_in_its_own_frame(tmp_path):
 
 def test_frames_that_are_not_east_north_up():
     ned = logged("geometry_msgs/PoseStamped", pose(20.0, 10.0, 40.0, "world_ned"), topic="/pose")
-    stated = statement(ned)
-    assert (stated.east, stated.north, stated.depth) == (10.0, 20.0, 40.0)
+    found = stated(ned)
+    assert (found.east, found.north, found.depth) == (10.0, 20.0, 40.0)
     assert "frame 'earth'" in skipped(ned._replace(payload=pose(1e6, 1e6, 1e6, "/earth")))
     assert "suggests a goal" in skipped(ned._replace(topic="/move_base/Goal"))
     assert skipped(ned._replace(payload={})) == "no pose.position in it"
@@ -268,7 +270,7 @@ def test_names_that_are_no_package_and_type():
         "msg",
         "/",
     ]
-    assert statement(logged("", {"a": 1})) is None
+    assert reader_of("", "/x") is None
 
 
 PLACE = {"lat": math.radians(-40.0), "lon": math.radians(152.0)}
@@ -288,7 +290,7 @@ def test_imc_positions(kind, fields, expected, named):
     message = logged(
         f"IMC.{kind}" if named else "", {"abbrev": kind, **PLACE, **fields}, topic="/imc"
     )
-    found = statement(message)
+    found = stated(message)
     values = (found.longitude, found.latitude, found.depth, found.dead_reckoned)
     assert values == pytest.approx(expected, abs=2e-5, nan_ok=True)
 
@@ -299,13 +301,17 @@ def test_imc_positions_that_are_none():
     assert "not a number" in skipped(
         logged("imc/EstimatedState", {**PLACE, "x": None}, topic="/imc")
     )
-    assert statement(logged("vendor.GpsFix", PLACE)) is None
+    assert reader_of("vendor.GpsFix", "/x") is None
 
 
 def test_the_bounds_of_an_error_that_is_believed_belong_to_it_for_one_number_and_for_many():
+    def believed(value, n=3):
+        cells = {"n_cells": n, "velocity": [[0.1, 0.2]] * n, "velocity_std": value}
+        return stated(ping(0, **cells)).error_std
+
     low, high = STD_BELIEVED
     outside = [0.5 * low, 2.0 * high, np.nan]
-    assert_array_equal(believed_std([low, high, *outside], 5), [low, high, np.nan, np.nan, np.nan])
+    assert_array_equal(believed([low, high, *outside], 5), [low, high, np.nan, np.nan, np.nan])
     for value in (low, high, *outside):
-        assert_array_equal(believed_std(value, 3), believed_std([value] * 3, 3))
-        assert_array_equal(believed_std(value, 3), believed_std([value], 3))
+        assert_array_equal(believed(value), believed([value] * 3))
+        assert_array_equal(believed(value), believed([value]))

@@ -12,13 +12,13 @@ from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
+from replay_kit.logs.tables.mapped import look_up
 from replay_kit.measurements import Skipped, Used, initial_state, interpret
-from replay_kit.measurements.messages.mapped import look_up, mapped
-from replay_kit.measurements.messages.vehicle import Depth, Position, Pressure
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.samples import fix, logged, mapping, only, reasons, run, the
+from tests.measurements.turned import stated
 
 PROFILE = {
     "topic": "/p",
@@ -32,8 +32,11 @@ POSITION = {"topic": "/p", "kind": "position", "longitude": "lon", "latitude": "
 
 
 def entry(**fields):
-    (read,) = mapping(fields).map
-    return read
+    return mapping(fields)
+
+
+def mapped(payload, config):
+    return stated(logged("", payload, topic="/p"), config)
 
 
 def profile(payload, vehicle_depth=0.0, **fields):
@@ -99,39 +102,36 @@ def test_positions_in_radians():
         entry(**POSITION, angle_unit="rad"),
     )
     assert (position.longitude, position.latitude) == pytest.approx((152.5, -40.25), abs=1e-12)
-    assert mapped({"lon": 0, "lat": 0}, entry(**POSITION)) == "position is 0, 0 (no fix)"
+    with pytest.raises(ValueError, match="position is 0, 0"):
+        mapped({"lon": 0, "lat": 0}, entry(**POSITION))
 
 
 @pytest.mark.parametrize(
     ("fields", "value", "expected"),
     [
-        ({}, 12.5, Depth(12.5)),
-        ({"depth_positive": "up"}, -12.5, Depth(12.5)),
-        ({"depth_unit": "cm"}, 1250, Depth(12.5)),
-        ({"depth_unit": "dbar"}, 12.5, Pressure(12.5)),
-        ({"depth_unit": "bar"}, 1.25, Pressure(12.5)),
-        ({"depth_unit": "kPa"}, 125.0, Pressure(12.5)),
-        ({"depth_unit": "hPa"}, 1250.0, Pressure(12.5)),
-        ({"depth_unit": "Pa"}, 125_000.0, Pressure(12.5)),
-        ({"depth_unit": "Pa", "depth_absolute": True}, 226_325.0, Pressure(12.5)),
+        ({}, 12.5, "depth"),
+        ({"depth_positive": "up"}, -12.5, "depth"),
+        ({"depth_unit": "cm"}, 1250, "depth"),
+        ({"depth_unit": "dbar"}, 12.5, "pressure"),
+        ({"depth_unit": "bar"}, 1.25, "pressure"),
+        ({"depth_unit": "kPa"}, 125.0, "pressure"),
+        ({"depth_unit": "hPa"}, 1250.0, "pressure"),
+        ({"depth_unit": "Pa"}, 125_000.0, "pressure"),
+        ({"depth_unit": "Pa", "depth_absolute": True}, 226_325.0, "pressure"),
     ],
 )
 def test_depths_and_pressures(fields, value, expected):
-    stated = mapped(
+    found = mapped(
         {"d": {"value": value}}, entry(topic="/p", kind="depth", depth="d.value", **fields)
     )
-    assert type(stated) is type(expected)
-    assert (stated.depth if isinstance(stated, Depth) else stated.pressure_dbar) == pytest.approx(
-        12.5, abs=1e-12
-    )
+    assert found.by == expected
+    assert getattr(found, expected) == pytest.approx(12.5, abs=1e-12)
 
 
 def test_a_position_with_a_pressure():
-    stated = mapped(
-        {"lon": 1.0, "lat": 2.0, "p": 10.0}, entry(**POSITION, depth="p", depth_unit="bar")
-    )
-    assert isinstance(stated, Position)
-    assert stated.depth == pytest.approx(99.4, abs=0.3)
+    config = entry(**POSITION, depth="p", depth_unit="bar")
+    message = logged("", {"lon": 1.0, "lat": 2.0, "p": 10.0}, topic="/p")
+    assert the(VehicleState, [message], config).depth == pytest.approx(99.4, abs=0.3)
 
 
 @pytest.mark.parametrize(
@@ -217,11 +217,11 @@ def test_profiles_that_are_none(payload, fields, words):
 
 @pytest.mark.parametrize("frame", ["beam", "instrument", "ship"])
 def test_profiles_in_other_frames_keep_their_components(frame):
-    stated = mapped(
+    found = mapped(
         {"v": [[1.0, 2.0, 3.0, 4.0]]}, entry(**PROFILE | {"frame": frame, "velocity": "v"})
     )
-    assert stated.payload["coordinate_system"] == frame
-    assert stated.payload["velocity"] == [[1.0, 2.0, 3.0, 4.0]]
+    assert found.frame == frame
+    assert found.velocity.tolist() == [[1.0, 2.0, 3.0, 4.0]]
     assert not only(Observation, profile({"v": [[1.0, 2.0, 3.0, 4.0]]}, velocity="v", frame=frame))
 
 
@@ -284,7 +284,7 @@ def test_a_mapping_goes_before_a_known_kind_of_mavlink(tmp_path):
     for reader in open_readers([tmp_path / "log.tlog", tmp_path / "log.BIN"], config):
         for message in reader.messages():
             state, _ = interpret(initial_state(), message, config.measurements)
-            depths[message.topic] = state.depth
+            depths[message.topic] = state.stream.memory.diving.depth
     assert depths["mavlink/1/1/VFR_HUD"] == 12.5
     assert depths["dataflash/CTUN"] == pytest.approx(2.1, abs=1e-6)
     assert depths["dataflash/IMU"] == pytest.approx(9.8, abs=1e-6)

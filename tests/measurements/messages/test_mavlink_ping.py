@@ -1,6 +1,7 @@
 """A ping through a telemetry log and back: every number is what float32 holds of it, NaN stays NaN."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,24 +9,19 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
+from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import MAX_CELLS, write_tlog
-from replay_kit.measurements.messages.mavlink import (
-    SCHEMA,
-    PingFrame,
-    assemble,
-    is_complete,
-    ping_frame,
-)
+from replay_kit.logs.tables.columns import raws_of
+from replay_kit.logs.tables.frames import SCHEMA
+from replay_kit.logs.tables.schemas import tables_of
 
 STATED = (
     "heading",
     "pitch",
     "roll",
     "pressure",
-    "sound_speed",
-    "temperature",
     "transducer_depth",
 )
 # NaN is "unknown", as null is; infinities are no velocities
@@ -54,24 +50,21 @@ def pings(draw: st.DrawFn) -> dict[str, Any]:
     }
 
 
-def frames_in(path: Path) -> tuple[set[int], list[PingFrame]]:
-    """Return the times [ns] and the frames of the pings in a log."""
-    found = [
-        (message.time_ns, ping_frame(message))
-        for message in open_log(path).messages()
-        if message.schema == SCHEMA
-    ]
-    return {time_ns for time_ns, _ in found}, [frame for _, frame in found if frame is not None]
-
-
-def through_a_log(folder: Path, payload: dict[str, Any], time_ns: int) -> dict[str, Any]:
+def through_a_log(folder: Path, payload: dict[str, Any], time_ns: int) -> Any:
+    """Return the ping that the frames in a log make."""
     write_tlog(folder / "log", [Message(time_ns, "/adcp", "replay_kit.AdcpPing", payload, 0, 0)])
-    times_ns, frames = frames_in(folder / "log")
-    assert {frame.key[1:] for frame in frames} == {(payload["ping"] % 65536, time_ns // 1000)}
-    assert times_ns == {time_ns // 1000 * 1000}
-    by_name = {frame.name: frame for frame in frames}
-    assert is_complete(by_name)
-    return assemble(by_name)
+    framed = [one for one in open_log(folder / "log").messages() if one.schema == SCHEMA]
+    frames = [one for one in framed if str(one.payload["name"]).startswith("ADCP_")]
+    keys = {(one.payload["array_id"], one.payload["time_usec"]) for one in frames}
+    assert keys == {(payload["ping"] % 65536, time_ns // 1000)}
+    assert {one.time_ns for one in framed} == {time_ns // 1000 * 1000}
+    tables, pending = tables_of(raws_of(framed), MeasurementConfig())
+    assert not pending
+    (table,) = (one for one in tables if one.kind == "ping")
+    assert table["messages"].tolist() == [len(frames)]
+    return SimpleNamespace(
+        **{name: column[0] for name, column in table.columns.items()}, **table.fixed
+    )
 
 
 def float32(values: Any) -> Any:
@@ -87,12 +80,14 @@ def float32(values: Any) -> Any:
 @given(payload=pings(), time_us=st.integers(1_000_000_000_000_000, 4_000_000_000_000_000))
 def test_a_ping_comes_back_to_the_last_bit_of_float32(tmp_path, payload, time_us):
     back = through_a_log(tmp_path, payload, time_us * 1000)
-    cells = payload["n_cells"]
-    assert back["n_cells"] == cells
-    assert_array_equal(np.array(back["velocity"]), float32(payload["velocity"]))
-    std = payload["velocity_std"]
-    assert_array_equal(
-        np.array(back["velocity_std"]), float32(std if isinstance(std, list) else [std] * cells)
+    velocity = float32(
+        [[np.nan if one is None else one for one in cell] for cell in payload["velocity"]]
     )
-    for name in ("cell_size", "bin0_distance", *STATED):
-        assert_array_equal(back[name], float32(payload[name]))
+    assert_array_equal(back.velocity[:, : velocity.shape[1]], velocity)
+    std = payload["velocity_std"]
+    std = float32(std if isinstance(std, list) else [std] * payload["n_cells"])
+    assert_array_equal(back.error_std, np.where((std >= 1e-6) & (std <= 1e3), std, np.nan))
+    assert_array_equal(back.cell_size, float32(payload["cell_size"]))
+    assert_array_equal(back.distance[0], float32(payload["bin0_distance"]))
+    for name in STATED:
+        assert_array_equal(getattr(back, name), float32(payload[name]))

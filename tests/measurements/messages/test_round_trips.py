@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Observation
-from replay_kit.measurements.messages.fields import number
-from replay_kit.measurements.messages.kinds import statement
-from replay_kit.measurements.messages.mavlink import assemble, ping_frame
+from replay_kit.logs.tables.columns import number
+from replay_kit.logs.tables.frames import _assembled as assemble
+from replay_kit.logs.tables.profiles import _ds_adcp
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
 from tests.measurements.messages.test_protobuf_ping import through_mcap
@@ -147,7 +147,7 @@ def test_ds_adcp_in_cdr(folder, ping):
         [{**value, "beam_unit_vec": [unit] * 4, "vel_bin_beams": cells}],
         "/adcp",
     )
-    stated = statement(read_mcap(folder, data)[0]).payload
+    stated = _ds_adcp(read_mcap(folder, data)[0].payload)
     assert_same(ping, stated, ["n_cells", "cell_size"])
     assert_same(ping, stated, ["bin0_distance"], lambda values: values.astype(np.float32))
     expected = [
@@ -163,9 +163,9 @@ def test_blueos_json(folder, ping):
         folder,
         json_mcap([(0, TOPIC, TOPIC.replace("/", "."), frame) for frame in blueos_frames(ping)]),
     )
-    frames = [ping_frame(message) for message in messages]
+    frames = [message.payload for message in messages]
     assert None not in frames
-    payload = assemble({frame.name: frame for frame in frames})
+    payload = assemble({frame["name"]: frame["data"] for frame in frames})
     assert_same(
         ping,
         payload,

@@ -8,14 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from replay_kit.core.message import Message
-from replay_kit.measurements import initial_state, interpret
-from replay_kit.measurements.messages.adcp_ping import parse_ping
-from replay_kit.measurements.messages.vehicle import orientation_of
-from replay_kit.measurements.ping.adcp_ping import Attitude, attitude_of, with_attitude
-from replay_kit.measurements.ping.earth import earth_referenced
+from replay_kit.measurements.earth import Attitudes
+from replay_kit.measurements.frames import attitude_of
+from replay_kit.measurements.observed import Stream, taken
 from tests.measurements.foreign import pose
 from tests.measurements.samples import CONFIG, fix, logged, ping
+from tests.measurements.turned import turned
 
 angles = st.tuples(st.floats(-179.0, 179.0), st.floats(-80.0, 80.0), st.floats(-170.0, 170.0))
 
@@ -24,11 +22,22 @@ def quaternion(rotation, factor=1.0):
     return dict(zip("xyzw", (factor * rotation.as_quat()).tolist(), strict=True))
 
 
-def axes(attitude):
+def attitude(message, ned=False):
+    """Return heading, pitch and roll [degrees] of a quaternion."""
+    return attitude_of(np.array([[message.get(name, np.nan) for name in "xyzw"]]), np.array([ned]))[
+        0
+    ]
+
+
+def attitudes(message, time_ns=0):
+    """Return the attitude of a quaternion at a time."""
+    quaternions = np.array([[message[name] for name in "xyzw"]])
+    return Attitudes(np.array([time_ns]), np.array([-1]), quaternions, np.zeros(1, bool))
+
+
+def axes(angles):
     """Return where nose and starboard side point, east, north, up, from what the angles mean."""
-    heading, pitch, roll = (
-        math.radians(angle) for angle in (attitude.heading, attitude.pitch, attitude.roll)
-    )
+    heading, pitch, roll = map(math.radians, angles)
     level = np.array([math.sin(heading), math.cos(heading), 0.0])
     right = np.array([math.cos(heading), -math.sin(heading), 0.0])
     nose = math.cos(pitch) * level + math.sin(pitch) * np.array([0.0, 0.0, 1.0])
@@ -43,7 +52,7 @@ TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 @given(angles)
 def test_nose_and_starboard_point_where_the_quaternion_turns_them(ned, starboard, ypr):
     rotation = Rotation.from_euler("ZYX", ypr, degrees=True)
-    found = axes(attitude_of(orientation_of(quaternion(rotation, 1.03), ned)))
+    found = axes(attitude(quaternion(rotation, 1.03), ned))
     expected = rotation.apply([[1.0, 0.0, 0.0], [0.0, starboard, 0.0]])
     np.testing.assert_allclose(found, expected @ TO_ENU if ned else expected, atol=1e-9)
 
@@ -51,18 +60,15 @@ def test_nose_and_starboard_point_where_the_quaternion_turns_them(ned, starboard
 @pytest.mark.parametrize(
     "bad",
     [
-        None,
-        [],
         {},
         {"x": 0, "y": 0, "z": 0, "w": 0},
         {"x": math.nan, "y": 0, "z": 0, "w": 1},
         {"w": 2.0},
+        {"x": 0, "y": 0, "z": 0, "w": 2.0},
     ],
 )
 def test_what_is_no_attitude(bad):
-    assert attitude_of(orientation_of(bad)) is None
-    stated = parse_ping(ping().payload)
-    assert with_attitude(stated, (0, orientation_of(bad)), 0) is stated
+    assert np.isnan(attitude(bad)).all()
 
 
 EAST = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
@@ -70,43 +76,32 @@ NORTH = {"x": 0.0, "y": 0.0, "z": math.sqrt(0.5), "w": math.sqrt(0.5)}
 
 
 def test_a_ping_takes_a_recent_attitude_only_when_it_states_none():
-    unknown = parse_ping(ping(heading=None).payload)
-    found = with_attitude(unknown, (0, orientation_of(EAST)), 10**9).attitude
-    assert (found.heading, found.pitch, found.roll, found.euler_pitch) == (90.0, 0.0, 0.0, True)
-    for stated, age in (
-        (parse_ping(ping(heading=5.0).payload), 0),
-        (unknown, 2 * 10**9),
-        (unknown, -1),
-    ):
-        assert with_attitude(stated, (0, orientation_of(EAST)), age) is stated
+    found = turned(ping(heading=None).payload, CONFIG, attitudes(EAST))
+    assert (found.heading, found.pitch, found.roll, found.gimbal) == (90.0, 0.0, 0.0, True)
+    own = turned(ping(heading=5.0).payload, CONFIG, attitudes(EAST))
+    assert (own.heading, own.gimbal) == (5.0, False)
+    for time_ns in (-2 * 10**9, 1):
+        old = turned(ping(heading=None).payload, CONFIG, attitudes(EAST, time_ns))
+        assert np.isnan(old.heading)
 
 
 def test_a_heading_is_below_360():
-    assert 0.0 <= attitude_of(orientation_of(NORTH)).heading < 360.0
-    assert attitude_of(orientation_of(NORTH)) == Attitude(
-        pytest.approx(0.0, abs=1e-9), pytest.approx(0.0), pytest.approx(0.0)
-    )
+    assert 0.0 <= attitude(NORTH)[0] < 360.0
+    np.testing.assert_allclose(attitude(NORTH), 0.0, atol=1e-9)
 
 
-def test_poses_and_inertial_units_leave_their_orientation():
-    state, _ = interpret(initial_state(), fix(0), CONFIG)
+def test_poses_and_inertial_units_leave_their_orientation_for_pings_that_wait():
     stamped = pose(0.0, 0.0, 0.0) | {"pose": pose(0.0, 0.0, 0.0)["pose"] | {"orientation": EAST}}
-    state, _ = interpret(
-        state, Message(1, "/pose", "geometry_msgs/PoseStamped", stamped, 0, 0), CONFIG
-    )
-    assert state.orientation == (1, orientation_of(EAST))
-    state, _ = interpret(
-        state, Message(2, "/imu", "sensor_msgs/Imu", {"orientation": NORTH}, 0, 0), CONFIG
-    )
-    assert state.orientation == (2, orientation_of(NORTH))
-
-
-def test_a_ping_that_waits_has_the_attitude():
-    state, _ = interpret(
-        initial_state(), logged("sensor_msgs/Imu", {"orientation": EAST}, topic="/imu"), CONFIG
-    )
-    state, _ = interpret(state, ping(0.5), CONFIG)
-    assert state.waiting[0].ping.attitude.heading == 90.0
+    messages = [
+        fix(0),
+        logged("geometry_msgs/PoseStamped", stamped, 1, "/pose"),
+        ping(1.5),
+        logged("sensor_msgs/Imu", {"orientation": NORTH}, 2, "/imu"),
+        ping(2.5),
+    ]
+    stream, _ = taken(Stream(), messages, CONFIG)
+    headings = np.concatenate([part["heading"] for part in stream.memory.waiting])
+    np.testing.assert_allclose(headings, [90.0, 0.0], atol=1e-9)
 
 
 # columns: the instrument's x, y, z in the body (x forward, y left, z up); looking up is half a turn about y (Teledyne) or x (Nortek)
@@ -118,7 +113,7 @@ MOUNTED = {
 }
 
 
-def turned(message, convention, look):
+def turned_axes(message, convention, look):
     """Return the instrument's axes in east, north, up as the columns of a matrix: what unit velocities along them become."""
     payload = ping().payload | {
         "coordinate_system": "instrument",
@@ -129,9 +124,7 @@ def turned(message, convention, look):
         "bin_mapped": True,
         "declination_applied": True,
     }
-    return earth_referenced(
-        with_attitude(parse_ping(payload), (0, orientation_of(message)), 0), CONFIG
-    ).velocity.T
+    return turned(payload, CONFIG, attitudes(message)).velocity.T
 
 
 @pytest.mark.parametrize(("convention", "look"), MOUNTED)
@@ -140,7 +133,7 @@ def turned(message, convention, look):
 def test_an_inertial_unit_turns_every_instrument_as_its_rotation_does(convention, look, ypr):
     rotation = Rotation.from_euler("ZYX", ypr, degrees=True)
     axes = rotation.as_matrix() @ MOUNTED[convention, look]
-    np.testing.assert_allclose(turned(quaternion(rotation), convention, look), axes, atol=1e-9)
+    np.testing.assert_allclose(turned_axes(quaternion(rotation), convention, look), axes, atol=1e-9)
 
 
 def test_a_tilt_sensor_s_own_pitch_is_still_corrected():
@@ -158,6 +151,4 @@ def test_a_tilt_sensor_s_own_pitch_is_still_corrected():
     )
     # equation 18: tan(gimbal pitch) = tan(pitch) cos(roll); the third row of the second column is its sine
     expected = np.sin(np.arctan(np.tan(np.radians(25.0)) * np.cos(np.radians(20.0))))
-    assert earth_referenced(parse_ping(payload), CONFIG).velocity[1, 2] == pytest.approx(
-        expected, abs=1e-12
-    )
+    assert turned(payload, CONFIG).velocity[1, 2] == pytest.approx(expected, abs=1e-12)

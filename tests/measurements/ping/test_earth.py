@@ -1,20 +1,16 @@
 """Pings made absolute: what is turned, what is taken off, what is refused, and that nothing is done twice."""
 
-from dataclasses import asdict
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation import Observation, Reason
-from replay_kit.measurements.messages.adcp_ping import parse_ping
-from replay_kit.measurements.ping.adcp_ping import AdcpPing
-from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
-from replay_kit.measurements.ping.profile import profiles_of
 from tests.measurements.samples import CONFIG, ODD, counted, fix, ping, reasons, run, the
+from tests.measurements.turned import stated, turned
 from tests.reference import frames as slow
 
 VECTORS = slow.janus_vectors(20.0)
@@ -56,19 +52,15 @@ def _raw(system: str, convention: str = "teledyne", **changes: Any) -> dict[str,
     return {**payload, "heading": heading, "pitch": pitch, "roll": roll, **changes}
 
 
-def _absolute(payload: dict[str, Any], config: MeasurementConfig = CONFIG) -> AdcpPing:
-    return earth_referenced(parse_ping(payload), config)
+def _absolute(payload: dict[str, Any], config: MeasurementConfig = CONFIG) -> SimpleNamespace:
+    return turned(payload, config)
 
 
-def _error_std(ping: AdcpPing, config: MeasurementConfig) -> Any:
-    return profiles_of([ping], [0.0], config).error_std[0]
-
-
-def _horizontal(ping: AdcpPing) -> Any:
+def _horizontal(ping: SimpleNamespace) -> Any:
     return ping.velocity[:, :2]
 
 
-def assert_water(ping: AdcpPing) -> None:
+def assert_water(ping: SimpleNamespace) -> None:
     """Assert that all cells have the water's velocity over the ground."""
     assert_allclose(_horizontal(ping), np.tile(WATER[:2], (3, 1)), atol=1e-12)
 
@@ -85,26 +77,17 @@ def assert_water(ping: AdcpPing) -> None:
     ],
 )
 def test_every_coordinate_system_gives_the_current_over_the_ground(system, convention):
-    config = MeasurementConfig(velocity_std=0.3)
-    absolute = _absolute(_raw(system, convention), config)
+    absolute = _absolute(_raw(system, convention))
     assert_water(absolute)
-    assert (absolute.coordinate_system, absolute.reference, absolute.platform_velocity.source) == (
-        "earth",
-        "earth",
-        "bottom_track",
-    )
-    assert absolute.measured_system == system
-    assert absolute.attitude.declination_applied is True
-    assert absolute.bin_mapped == (system == "beam")
-    assert_allclose(_error_std(absolute, config), 0.3)
-    assert absolute.platform_velocity.error_std == 0.4
+    assert absolute.absolute
+    assert np.isnan(absolute.error_std).all()
+    assert_allclose(absolute.added, [*VESSEL[:2], 0.4], atol=1e-12)
 
 
 def test_what_is_absolute_stays_as_it_is():
-    raw = parse_ping(ping(0).payload)
-    assert earth_referenced(raw, CONFIG) is raw
-    once = _absolute(_raw("beam"))
-    assert earth_referenced(once, CONFIG) is once
+    same = _absolute(ping(0).payload)
+    assert_array_equal(same.velocity, same.raw)
+    assert (same.absolute, np.isnan(same.added).all()) == (True, True)
 
 
 def test_words_and_truths_may_be_the_numbers_of_mavlink():
@@ -128,8 +111,6 @@ def test_a_declination_turns_a_velocity_once():
     }
     absolute = _absolute({**ping(0).payload, **magnetic})
     assert_allclose(_horizontal(absolute), np.tile([1.0, 0.0], (3, 1)), atol=1e-15)
-    assert absolute.attitude.declination == 90.0
-    assert earth_referenced(absolute, CONFIG) is absolute
 
 
 @pytest.mark.parametrize("orientation", ["down", "up"])
@@ -163,14 +144,14 @@ def test_a_declination_east_turns_a_magnetic_heading_clockwise(
 
 def test_the_configured_declination_is_for_pings_that_state_none():
     unknown = _raw("ship", declination_applied=False, magnetic_declination=None, heading=25.0)
-    with pytest.raises(MeasurementError, match="declination unknown"):
+    with pytest.raises(ValueError, match="declination unknown"):
         _absolute(unknown)
     absolute = _absolute(unknown, MeasurementConfig(magnetic_declination=10.0))
     assert_water(absolute)
-    stated = _absolute(
+    own = _absolute(
         {**unknown, "magnetic_declination": 10.0}, MeasurementConfig(magnetic_declination=-90.0)
     )
-    assert_allclose(_horizontal(stated), _horizontal(absolute))
+    assert_allclose(_horizontal(own), _horizontal(absolute))
 
 
 def test_a_lost_beam_is_solved_around_in_water_and_bottom():
@@ -185,12 +166,9 @@ def test_a_lost_beam_is_solved_around_in_water_and_bottom():
 def test_gps_stands_in_for_a_lost_bottom():
     own = {"east": VESSEL[0], "north": VESSEL[1], "velocity_std": 0.4, "source": "gps"}
     for track in (None, {"velocity": [None] * 4}, {"velocity": "deep"}, "lost"):
-        config = MeasurementConfig(velocity_std=0.3)
-        absolute = _absolute(_raw("beam", bottom_track=track, platform_velocity=own), config)
+        absolute = _absolute(_raw("beam", bottom_track=track, platform_velocity=own))
         assert_water(absolute)
-        assert absolute.platform_velocity.source == "gps"
-        assert_allclose(_error_std(absolute, config), 0.3)
-        assert added_velocity(absolute, CONFIG) == (tuple(VESSEL[:2]), 0.4)
+        assert_array_equal(absolute.added, [*VESSEL[:2], 0.4])
 
 
 @pytest.mark.parametrize(
@@ -203,25 +181,16 @@ def test_gps_stands_in_for_a_lost_bottom():
     ],
 )
 def test_without_a_motion_a_ping_stays_relative(own):
-    raw = parse_ping(_raw("beam", bottom_track=None, platform_velocity=own))
-    relative = earth_referenced(raw, CONFIG)
+    relative = _absolute(_raw("beam", bottom_track=None, platform_velocity=own))
     assert_allclose(_horizontal(relative), np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12)
-    assert (relative.coordinate_system, relative.reference, relative.measured_system) == (
-        "earth",
-        "platform",
-        "beam",
-    )
-    assert added_velocity(relative, CONFIG) == (None, np.inf)
-    assert earth_referenced(relative, CONFIG) is relative
-    # what is not used is not turned
-    assert earth_referenced(raw, MeasurementConfig(use_relative=False)) is raw
+    assert (relative.absolute, np.isnan(relative.added).all()) == (False, True)
 
 
 def test_a_beams_stated_error_grows_in_the_solution():
     absolute = _absolute(_raw("beam", velocity_std=[0.1, 0.2, 0.3]))
     # two beams at 20 degrees from the vertical give a component: 1 / (sqrt(2) sin 20)
     expected = np.array([0.1, 0.2, 0.3]) / (np.sqrt(2.0) * np.sin(np.deg2rad(20.0)))
-    assert_allclose(absolute.velocity_std, expected)
+    assert_allclose(absolute.error_std, expected)
 
 
 def test_flat_arrays_are_those_of_protobuf():
@@ -230,8 +199,12 @@ def test_flat_arrays_are_those_of_protobuf():
         "velocity": list(np.ravel(raw["velocity"])),
         "beam_unit_vectors": list(np.ravel(raw["beam_unit_vectors"])),
     }
-    for name, value in asdict(parse_ping({**raw, **flat, "velocity_std": []})).items():
-        assert_equal(value, asdict(parse_ping(raw))[name])
+    found, expected = (
+        vars(stated(ping(0)._replace(payload=payload)))
+        for payload in ({**raw, **flat, "velocity_std": []}, raw)
+    )
+    for name in set(found) - {"layout"}:
+        np.testing.assert_equal(found[name], expected[name])
     # protobuf writes an empty list for what is not known
     unknown = _absolute(_raw("instrument", beam_unit_vectors=[]))
     assert_water(unknown)
@@ -253,7 +226,7 @@ def test_flat_arrays_are_those_of_protobuf():
     ],
 )
 def test_a_rotation_that_lacks_something_is_refused_with_the_reason(changes, reason):
-    with pytest.raises(MeasurementError, match=reason):
+    with pytest.raises(ValueError, match=reason):
         _absolute(_raw("beam", **changes))
 
 
@@ -304,10 +277,10 @@ def test_a_ping_of_a_platform_of_unknown_motion_is_a_relative_observation():
 
 def test_velocities_of_an_unknown_declination_are_not_taken_as_true():
     magnetic = {**ping(0).payload, "declination_applied": False, "magnetic_declination": None}
-    with pytest.raises(MeasurementError, match="declination unknown"):
+    with pytest.raises(ValueError, match="declination unknown"):
         _absolute(magnetic)
-    stated = parse_ping({**magnetic, "magnetic_declination": 0.0})
-    assert earth_referenced(stated, CONFIG) is stated
+    known = _absolute({**magnetic, "magnetic_declination": 0.0})
+    assert_array_equal(known.velocity, known.raw)
 
 
 LISTED = {"cell_size": None, "bin0_distance": None, "cell_distances": [16.0, 48.0, 80.0]}
@@ -325,7 +298,7 @@ def test_listed_cells_are_mapped_as_spaced_ones_are():
 
 @pytest.mark.parametrize("distances", [[16.0, 48.0, 81.0], [80.0, 48.0, 16.0], [16.0, None, 80.0]])
 def test_cells_that_are_not_evenly_spaced_cannot_be_mapped(distances):
-    with pytest.raises(MeasurementError, match="evenly spaced"):
+    with pytest.raises(ValueError, match="evenly spaced"):
         _absolute(_raw("beam", **LISTED | {"cell_distances": distances}))
 
 

@@ -9,10 +9,9 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
-from replay_kit.measurements import Used
-from replay_kit.measurements.messages.vehicle import Dvl, dvl, horizontal
-from replay_kit.measurements.ping.adcp_ping import Attitude
+from replay_kit.measurements import Used, earth
 from tests.measurements.samples import CONFIG, SECOND, fix, in_order, only, ping, reasons, run, the
+from tests.measurements.turned import stated
 
 TRUE_HEADING = MeasurementConfig(magnetic_declination=0.0, water_track_distance=12.0)
 HALF = np.sqrt(0.5)
@@ -45,16 +44,21 @@ def relative(time_s, **changes):
     return ping(time_s, reference="platform", declination_applied=True, **changes)
 
 
+def horizontal(velocity, angles, declination, left_up=False):
+    """Return the velocity of one DVL along true east and north."""
+    columns = np.array([velocity]), np.array([angles])
+    return earth.horizontal(*columns, declination, np.array([left_up]))[0]
+
+
 def test_a_dvl_s_velocity_turns_with_the_vehicle():
-    forward = Dvl("bottom", (1.0, 0.0, 0.0), 0.03)
-    starboard, down = Dvl("bottom", (0.0, 1.0, 0.0), 0.03), Dvl("bottom", (0.0, 0.0, 1.0), 0.03)
-    level = Attitude(45.0, 0.0, 0.0)
+    forward, starboard, down = np.eye(3)
+    level = (45.0, 0.0, 0.0)
     assert_allclose(horizontal(forward, level, 0.0), (HALF, HALF), atol=1e-12)
     assert_allclose(horizontal(starboard, level, 45.0), (0.0, -1.0), atol=1e-12)
     # nose up by 30 degrees: down through the vehicle's floor is forward in part
-    assert_allclose(horizontal(down, Attitude(0.0, 30.0, 0.0), 0.0), (0.0, 0.5), atol=1e-12)
+    assert_allclose(horizontal(down, (0.0, 30.0, 0.0), 0.0), (0.0, 0.5), atol=1e-12)
     # starboard down by 30 degrees: the floor looks to port
-    assert_allclose(horizontal(down, Attitude(0.0, 0.0, 30.0), 0.0), (-0.5, 0.0), atol=1e-12)
+    assert_allclose(horizontal(down, (0.0, 0.0, 30.0), 0.0), (-0.5, 0.0), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -67,14 +71,15 @@ def test_a_dvl_s_velocity_turns_with_the_vehicle():
     ],
 )
 def test_a_dvl_that_says_nothing(changes, said):
-    assert said in dvl(dvl_message(0, **changes).payload)
-    assert dvl(dvl_message(0, velocity_covar=[-1.0] * 9).payload).error_std == 0.03
+    with pytest.raises(ValueError, match=said):
+        stated(dvl_message(0, **changes))
+    assert stated(dvl_message(0, velocity_covar=[-1.0] * 9)).error_std == 0.03
 
 
 def test_the_error_of_a_dvl_is_that_of_its_horizontal_velocity():
     variances = np.diag([9e-4, 1e-4, 1.0]) + 0.5 * (1.0 - np.eye(3))
-    stated = dvl(dvl_message(0, velocity_covar=variances.ravel().tolist()).payload)
-    assert stated.error_std == pytest.approx(np.sqrt(5e-4))
+    found = stated(dvl_message(0, velocity_covar=variances.ravel().tolist()))
+    assert found.error_std == pytest.approx(np.sqrt(5e-4))
 
 
 def test_bottom_track_makes_pings_absolute_that_state_no_motion():
@@ -86,10 +91,10 @@ def test_bottom_track_makes_pings_absolute_that_state_no_motion():
     assert_allclose(near.velocity[0], (0.6, 0.1), atol=1e-12)
     # nine seconds later it may go anywhere
     assert far.reference == "platform"
-    stated = {"platform_velocity": {"east": 0.1, "north": 0.0, "velocity_std": 0.05}}
+    moved = {"platform_velocity": {"east": 0.1, "north": 0.0, "velocity_std": 0.05}}
     own = the(
         Observation,
-        [fix(0), heading_east(9.5), dvl_message(10), relative(11, **stated), fix(60)],
+        [fix(0), heading_east(9.5), dvl_message(10), relative(11, **moved), fix(60)],
         TRUE_HEADING,
     )
     assert own.platform_velocity == (0.1, 0.0)
@@ -225,13 +230,8 @@ def test_fixes_that_come_seldom_count_from_both_sides_alike():
     ],
 )
 def test_the_axes_of_a_dvl_are_those_of_its_frame_or_as_stated(frame, axes, is_left_up):
-    forward, starboard, down = 0.9, 0.25, 0.1
-    stated = (forward, -starboard, -down) if is_left_up else (forward, starboard, down)
-    attitude = Attitude(30.0, 5.0, -8.0)
-    expected = horizontal(Dvl("bottom", (forward, starboard, down), 0.03), attitude, 0.0)
-    message = dvl_message(0, velocity=stated, header={"frame_id": frame})
-    assert_allclose(horizontal(dvl(message.payload), attitude, 0.0, axes), expected, atol=1e-12)
-    # and through the whole step: the current is the water track's opposite beside the bottom track's velocity
+    """The current is the water track's opposite beside the bottom track's velocity."""
+    forward, starboard = 0.9, 0.25
     config = TRUE_HEADING.model_copy(update={"dvl_axes": axes})
     water = (1.1, 0.05, 0.0)
     water = (water[0], -water[1], 0.0) if is_left_up else water

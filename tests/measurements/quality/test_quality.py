@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from replay_kit.core.block import BinTest
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.measurements.quality import qartod as quality
-from replay_kit.measurements.quality.ping import sidelobe, tilt
-from replay_kit.measurements.quality.qartod import Check
+from replay_kit.measurements import qartod as quality
+from replay_kit.measurements.frames import tilt
 from tests.reference import quality as slow
 
 NUMBERS = st.one_of(st.floats(-100.0, 100.0), st.just(np.nan))
@@ -35,27 +35,8 @@ def test_three_beams_make_a_cell(beams):
 
 @given(st.floats(-180.0, 180.0), st.floats(-180.0, 180.0))
 def test_tilt_is_the_axis_from_the_vertical(pitch, roll):
-    assert tilt(pitch, roll) == pytest.approx(slow.tilt(pitch, roll), abs=1e-5)
-
-
-def test_the_last_part_of_the_range_is_spoiled():
-    """Of 100 m at 20 degrees the last 6.03 m."""
-    distance = np.array([50.0, 92.0, 93.5, 99.0, np.nan])
-    cosine = np.cos(np.deg2rad(20.0))
-    assert quality.graded(*sidelobe(distance, 1.0, 100.0, cosine), least=False).tolist() == [
-        1,
-        1,
-        4,
-        4,
-        2,
-    ]
-    assert quality.graded(*sidelobe(distance, np.nan, 100.0, cosine), least=False).tolist() == [
-        1,
-        1,
-        1,
-        4,
-        2,
-    ]
+    found = tilt(np.array([pitch]), np.array([roll]))[0]
+    assert found == pytest.approx(slow.tilt(pitch, roll), abs=1e-5)
 
 
 CELL = st.tuples(st.one_of(st.floats(-3.0, 3.0), st.just(np.nan)), st.floats(-3.0, 3.0))
@@ -98,15 +79,18 @@ def test_planted_outliers_are_found_among_noise():
 
 
 def test_flags_are_the_worst_and_reasons_are_all():
+    whole = np.full(1, "", object)
     tests = [
-        Check("tilt", Reason.TILT, np.array([1, 3, 3, 2, 3], np.int8)),
-        Check("outlier", Reason.OUTLIER, np.array([2, 2, 4, 2, 4], np.int8)),
+        BinTest("tilt", Reason.TILT, np.array([[1, 3, 3, 2, 3]], np.int8), whole),
+        BinTest("outlier", Reason.OUTLIER, np.array([[2, 2, 4, 2, 4]], np.int8), whole),
     ]
-    missing = np.array([0, 0, 0, 0, Reason.MISSING], np.int32)
-    flags, reasons = quality.rolled_up(tests, missing, True)
-    assert flags.tolist() == [Flag.GOOD, Flag.SUSPECT, Flag.FAIL, Flag.GOOD, Flag.MISSING]
+    velocity = np.zeros((1, 5, 2))
+    velocity[0, 4] = np.nan
+    profiles = {"velocity": velocity, "depth": np.zeros((1, 5))}
+    flags, reasons = quality._rolled_up(tests, profiles, True)
+    assert flags[0].tolist() == [Flag.GOOD, Flag.SUSPECT, Flag.FAIL, Flag.GOOD, Flag.MISSING]
     both = Reason.TILT | Reason.OUTLIER
-    assert reasons.tolist() == [0, Reason.TILT, both, 0, both | Reason.MISSING]
-    strict, same = quality.rolled_up(tests, missing, False)
-    assert strict.tolist() == [Flag.GOOD, Flag.FAIL, Flag.FAIL, Flag.GOOD, Flag.MISSING]
+    assert reasons[0].tolist() == [0, Reason.TILT, both, 0, both | Reason.MISSING]
+    strict, same = quality._rolled_up(tests, profiles, False)
+    assert strict[0].tolist() == [Flag.GOOD, Flag.FAIL, Flag.FAIL, Flag.GOOD, Flag.MISSING]
     assert np.array_equal(reasons, same)

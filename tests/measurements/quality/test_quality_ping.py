@@ -1,16 +1,15 @@
 """The quality tests of a ping: what each field does to its bins, and that a field that is absent or broken does nothing."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from replay_kit.config.quality import QualityConfig
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, Reason
-from replay_kit.measurements import Used
-from replay_kit.measurements.messages.adcp_ping import parse_ping
-from replay_kit.measurements.ping import frames
-from replay_kit.measurements.ping.profile import profiles_of
-from replay_kit.measurements.quality.ping import PingBlock, checks
+from replay_kit.measurements import frames
+from replay_kit.measurements.observed import blocks, observation
 from tests.measurements.samples import fix, in_order, only, ping, run
 from tests.reference import frames as slow
 
@@ -32,11 +31,19 @@ SOUND = {"n_cells": 6, "cell_size": 4.0, "bin0_distance": 4.0, "velocity": CELLS
 
 def observed(config=None, depth=0.0, **changes):
     """Return the observation and the tests by name of one ping of six sound cells with changes."""
-    events = run(
-        [fix(0, depth=depth), ping(0, **{**SOUND, **changes})], config or MeasurementConfig()
-    )
-    (observation,) = only(Observation, events)
-    return observation, {check.test: check for check in only(Used, events)[-1].checks}
+    messages = [fix(0, depth=depth), ping(0, **{**SOUND, **changes})]
+    return found_of(messages, config or MeasurementConfig())
+
+
+def found_of(messages, config):
+    """Return the only observation of some messages and its tests by name."""
+    (block,) = (one for one in blocks(messages, config) if one.ping)
+    assert len(block.ping["time"]) == 1
+    tests = {
+        test.name: SimpleNamespace(flags=test.flags[0], why_not=test.why_not[0])
+        for test in block.tests
+    }
+    return observation(block, 0), tests
 
 
 def beams(value, cell=2, count=4, sound=90.0):
@@ -164,17 +171,8 @@ def test_pings_at_the_surface_are_suspect_of_vehicles_that_dive_only():
 
 
 def test_the_speed_of_a_relative_profile_says_nothing():
-    relative = parse_ping(
-        ping(0, **SOUND, reference="platform").payload | {"velocity": [[4.0, 0.0, 0.0]] * 6}
-    )
-    config = MeasurementConfig()
-    found = {
-        check.test: check
-        for check in checks(
-            PingBlock([relative], profiles_of([relative], [0.0], config), [0.0], [0]), config
-        )
-    }
-    assert found["speed"].of(0).why_not == "velocity is relative to the platform"
+    _, tests = observed(reference="platform", velocity=[[4.0, 0.0, 0.0]] * 6)
+    assert tests["speed"].why_not == "velocity is relative to the platform"
 
 
 def test_suspect_bins_fail_where_they_are_not_wanted():
@@ -264,10 +262,7 @@ def test_beams_percent_good_is_each_beam_s_also_where_gps_makes_the_ping_absolut
     }
     fixes = [fix(k, 152.0 + 1e-5 * k) for k in range(120)]
     messages = in_order(*fixes, ping(60.5, **beam))
-    events = run(messages)
-    (observation,) = only(Observation, events)
-    assert observation.reference == "earth"
-    (tests,) = [event.checks for event in only(Used, events) if event.checks]
-    (percent_good,) = [check for check in tests if check.test == "percent_good"]
+    found, tests = found_of(messages, MeasurementConfig())
+    assert found.reference == "earth"
     # the third best of four beams, not the sum of the first and fourth number
-    assert percent_good.flags.tolist() == [FAIL] * 6
+    assert tests["percent_good"].flags.tolist() == [FAIL] * 6

@@ -11,15 +11,15 @@ import xarray as xr
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.measurements.section.hydrography import (
+from replay_kit.measurements.ctd.noise import _misfit, garrett_munk, rossby_radius
+from replay_kit.measurements.ctd.sections import (
     GRAVITY,
     RHO0,
     Profile,
     level_anomalies,
     section_of,
 )
-from replay_kit.measurements.section.noise import _misfit, garrett_munk, rossby_radius
-from replay_kit.measurements.section.thermal_wind import (
+from replay_kit.measurements.ctd.thermal_wind import (
     GeostrophicShear,
     depth_weights,
     fitted_line,

@@ -1,19 +1,16 @@
 """When a dive begins and ends: at twice the surface depth, and at the surface depth itself."""
 
+import numpy as np
 import pytest
 
-from replay_kit.config.run import MeasurementConfig
-from replay_kit.measurements.steps.state import MeasurementState, at_depth
-
-CONFIG = MeasurementConfig(surface_depth=3.0)
+from replay_kit.measurements.dives import Depths, Diving
 
 
 def states(depths):
-    state, found = MeasurementState(), []
-    for depth in depths:
-        state = at_depth(state, depth, CONFIG)
-        found.append((state.submerged, state.dive))
-    return found
+    order = np.arange(len(depths))
+    found = Depths.of(Diving(), [(order, np.array(depths), True)], 3.0)
+    _, under, dive = found.at(order)
+    return list(zip(under.tolist(), dive.tolist(), strict=True))
 
 
 def test_a_dive_ends_at_the_surface_depth_and_not_at_twice_of_it():
@@ -31,5 +28,5 @@ def test_a_dive_ends_at_the_surface_depth(depth, ends):
     assert states([50.0, depth])[-1] == (not ends, 1)
 
 
-def test_without_a_depth_a_dive_neither_begins_nor_goes_on():
-    assert states([float("nan"), 50.0, float("nan")]) == [(False, 0), (True, 1), (False, 1)]
+def test_what_is_no_depth_changes_nothing():
+    assert states([float("nan"), 50.0, float("nan")]) == [(False, 0), (True, 1), (True, 1)]

@@ -6,8 +6,8 @@ import pytest
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Label, Source
-from replay_kit.measurements.messages.water import RadarCurrents
-from replay_kit.measurements.surface import ResidualField, superobservations
+from replay_kit.measurements.residual_field import ResidualField
+from replay_kit.measurements.surface import Vectors, superobservations
 
 TRUE = ResidualField(0.07, 20e3, 0.3)
 LABEL = Label(0, Source(0, "/radar", 0, 0), kind="radar")
@@ -22,17 +22,8 @@ def drawn():
         for each in np.meshgrid(-72.8 + 0.07 * np.arange(15), 39.9 + 0.054 * np.arange(15))
     )
     stated = rng.uniform(0.08, 0.12, longitude.size)
-    radar = RadarCurrents(
-        longitude,
-        latitude,
-        np.zeros((stated.size, 2)),
-        stated,
-        None,
-        2.0,
-        3600.0,
-        1e3,
-        stated < 0.0,
-    )
+    still = np.zeros((stated.size, 2))
+    radar = Vectors(longitude, latitude, still, stated, None, stated < 0.0, 2.0, 3600.0, 1e3)
     seen = superobservations(radar, LABEL, 20e3, 0.0)[0].label.vectors
     np.testing.assert_allclose(np.sort(seen.error_std), np.sort(stated))
     longitude, latitude = seen.value_places

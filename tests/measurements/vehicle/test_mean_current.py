@@ -12,22 +12,19 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
-from replay_kit.core.observation import PathMean, Source, VehicleState
+from replay_kit.core.observation import PathMean
 from replay_kit.measurements.consistency.monitor import ConsistencyState, check
-from replay_kit.measurements.vehicle.dead_reckoning import begin, extend, path_mean
+from replay_kit.measurements.means import Spot, begun, extended, path_mean
 from tests.measurements.samples import CONFIG, ODD, SECOND, counted, fix, only, reasons, run, the
 from tests.reference import path as slow
 
 HERE = Projection(152.0, -40.0)
-SOURCE = Source(0, "/dac", 0, 0)
 THROUGH_WATER = MeasurementConfig(dead_reckoning="through_water")
 
 
-def position(time_s, east, north, depth, dead_reckoned=True):
+def position(time_s, east, north, depth):
     longitude, latitude = to_geographic(HERE, east, north)
-    return VehicleState(
-        int(time_s * SECOND), float(longitude), float(latitude), float(depth), dead_reckoned, SOURCE
-    )
+    return Spot(int(time_s * SECOND), float(longitude), float(latitude), float(depth))
 
 
 def dac(time_s, start_s=0, end_s=None, **changes):
@@ -71,20 +68,25 @@ steps = st.tuples(st.floats(0.5, 2000.0), st.floats(-500.0, 500.0), st.floats(0.
 def test_weights_sum_to_one_and_give_the_time_mean_of_the_polyline(walk, repeats):
     times, easts, depths = np.array([(0.0, 0.0, 0.0), *walk * repeats]).T
     times = np.cumsum(np.round(times, 3))
-    path = begin(position(0, 0.0, 0.0, 0.0, False))
-    for time, east, depth in zip(times[1:], easts[1:], depths[1:], strict=True):
-        path = extend(path, position(time, east, 0.0, depth))
-    end = position(times[-1], easts[-1], 0.0, depths[-1], False)
-    mean = path_mean(path, end, (0.1, 0.2), 0.02, "dac", 1)
-    assert mean.weight.sum() == pytest.approx(1.0, abs=1e-12)
-    assert (mean.weight > 0.0).all()
-    assert mean.weight.size <= 256
-    assert (np.diff(mean.path_time_ns) > 0).all()
-    assert mean.weight @ mean.depth == pytest.approx(
-        slow.time_mean(times, depths), rel=1e-9, abs=1e-9
-    )
-    east, _ = to_local(HERE, mean.longitude, mean.latitude)
-    assert mean.weight @ east == pytest.approx(slow.time_mean(times, easts), rel=1e-6, abs=1e-3)
+    spots = [position(*spot) for spot in zip(times, easts, 0.0 * easts, depths, strict=True)]
+    names = ("time", "longitude", "latitude", "depth")
+    way = {name: np.array([getattr(spot, name) for spot in spots[1:]]) for name in names}
+    path = one_by_one = begun(spots[0])
+    path = extended(path, way, np.empty(0))
+    for k in range(len(spots) - 1):
+        one = {name: column[k : k + 1] for name, column in way.items()}
+        one_by_one = extended(one_by_one, one, np.empty(0))
+    assert np.array_equal(path.stretches, one_by_one.stretches)
+    mean = path_mean(path, spots[-1], (0.1, 0.2), 0.02)
+    weight = mean["weight"]
+    assert weight.sum() == pytest.approx(1.0, abs=1e-12)
+    assert (weight > 0.0).all()
+    assert weight.size <= 256
+    assert (np.diff(mean["path_time"]) > 0).all()
+    expected = slow.time_mean(times, depths)
+    assert weight @ mean["path_depth"] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    east, _ = to_local(HERE, mean["path_longitude"], mean["path_latitude"])
+    assert weight @ east == pytest.approx(slow.time_mean(times, easts), rel=1e-6, abs=1e-3)
 
 
 def test_a_stated_current_takes_the_dead_reckoned_path_moved_to_end_at_the_fix():

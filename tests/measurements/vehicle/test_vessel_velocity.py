@@ -1,5 +1,7 @@
 """A vessel's velocity from its fixes, and its error against ordinary linear regression."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -7,25 +9,33 @@ from scipy.stats import linregress
 
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Source, VehicleState
-from replay_kit.measurements.vehicle.dead_reckoning import (
-    append_fix,
-    fixes_around,
-    vessel_velocity,
-    waits_until,
-)
+from replay_kit.measurements import positions
 
 SECOND = 10**9
 HOME = Projection(152.0, -40.0)
 
 
 def track(since, east, north, home=HOME):
-    times = np.round(np.asarray(since) * SECOND).astype(np.int64).tolist()
-    places = zip(
-        times, *(column.tolist() for column in to_geographic(home, east, north)), strict=True
-    )
-    return tuple(
-        VehicleState(time, x, y, 0.0, False, Source(0, "/fix", 0, time)) for time, x, y in places
+    times = np.round(np.asarray(since) * SECOND).astype(np.int64)
+    longitude, latitude = to_geographic(home, east, north)
+    return {
+        **positions.no_rows(),
+        "time": times,
+        "longitude": longitude,
+        "latitude": latitude,
+        "submerged": np.zeros(times.size, bool),
+        "dead_reckoned": np.zeros(times.size, bool),
+    }
+
+
+def vessel_velocity(time, fixes):
+    """Return east, north and error; None for none."""
+    all_of_them = np.zeros(1, int), np.full(1, fixes["time"].size)
+    (found,) = positions.vessel_velocity(np.array([time]), fixes, *all_of_them)
+    return (
+        None
+        if np.isnan(found).all()
+        else SimpleNamespace(east=found[0], north=found[1], error_std=found[2])
     )
 
 
@@ -44,7 +54,6 @@ def test_the_error_counts_the_degrees_of_freedom_of_two_lines(n):
     assert found.error_std == pytest.approx(
         np.sqrt(np.mean([line.stderr**2 for line in lines])), rel=1e-4
     )
-    assert found.source == "gps"
 
 
 def test_fixes_on_a_line_have_the_error_of_their_rounding():
@@ -80,20 +89,15 @@ def test_three_fixes_on_both_sides_are_needed(since, known):
     assert (vessel_velocity(0, track(since, away, away)) is not None) == known
 
 
-def test_a_ping_waits_for_the_fixes_after_it_where_one_came_in_the_window_before():
-    fixes = track([-30, 0], *np.zeros((2, 2)))
-    assert waits_until(20 * SECOND, fixes) == 40 * SECOND
-    assert waits_until(20 * SECOND + 1, fixes) == 20 * SECOND + 1
-    assert waits_until(0, ()) == 0
-
-
 def test_fixes_are_kept_for_the_pings_that_the_next_one_releases():
-    kept = ()
-    for fix in track([0, 1, 1, 40, 41, 81], *np.zeros((2, 6))):
-        kept = append_fix(kept, fix)
-    # the last fix before 81 s is that of 41 s, less two windows of 20 s
-    assert [fix.time_ns // SECOND for fix in kept] == [40, 41, 81]
-    before, after = fixes_around(kept, 40 * SECOND)
-    assert (before.time_ns, after.time_ns) == (40 * SECOND, 41 * SECOND)
-    assert fixes_around(kept, 40 * SECOND - 1)[0] is None
-    assert fixes_around(kept, 81 * SECOND)[1] is None
+    whole = track([0, 1, 1, 40, 41, 81], *np.zeros((2, 6)))
+    whole |= {
+        name: np.zeros(6, kind) for name, kind in positions.ROW.items() if not whole[name].size
+    }
+    for size in (1, 2, 6):
+        kept = positions.no_rows()
+        for k in range(0, 6, size):
+            more = positions.chosen(whole, slice(k, k + size))
+            kept = positions.kept_fixes(positions.fixes_after(kept, more))
+        # the last fix before 81 s is that of 41 s, less two windows of 20 s
+        assert (kept["time"] // SECOND).tolist() == [40, 41, 81]

@@ -26,7 +26,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.findings import CONTRADICTION, PLACES
 from replay_kit.measurements.consistency.monitor import ConsistencyState, Instrument
-from replay_kit.measurements.vehicle.mean_current import TOO_FAST
+from replay_kit.measurements.means import TOO_FAST
 from replay_kit.results.outcome.from_run import failed, outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import Result, read_result

@@ -23,7 +23,7 @@ from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place, plan_legs
 from replay_kit.core.surfacing import Ellipse, Surfacing, surfacing_outcome
 from replay_kit.estimator import embed_member
-from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
+from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result

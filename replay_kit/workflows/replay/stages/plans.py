@@ -14,7 +14,7 @@ from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Surfacing, SurfacingOutcome, surfacing_outcome
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
+from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.stages.planner import MadePlans, Planner, PlanQuery, PlanResult
 from replay_kit.workflows.replay.stages.publishing import Output

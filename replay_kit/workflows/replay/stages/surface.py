@@ -12,7 +12,7 @@ from replay_kit.core.flow.dataset import wet_at
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_geographic, to_local
 from replay_kit.core.observation import LinearMeasurement
-from replay_kit.measurements.surface import ResidualField
+from replay_kit.measurements.residual_field import ResidualField
 from replay_kit.results.slices import Slice
 
 # times that say what the covariance is, and vectors that a time has at least to be one

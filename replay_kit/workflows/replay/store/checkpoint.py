@@ -254,7 +254,11 @@ class CheckpointFile(StateStore):
             return
         self._next_ns = state.last_ns + self._interval_ns
         checkpoint = Checkpoint(
-            state, measurement, messages, self._journal.flushed(), session.writer.state
+            state,
+            tuple(one.settled for one in measurement),
+            messages,
+            self._journal.flushed(),
+            session.writer.state,
         )
         region = None if self._region is None else self._region.to_record()
         self.write_state(self.path, checkpoint, {"region": region})

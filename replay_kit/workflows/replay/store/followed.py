@@ -151,7 +151,7 @@ class FollowedStates(StateStore):
             known,
             Checkpoint(
                 state,
-                measurement,
+                tuple(one.settled for one in measurement),
                 messages,
                 self._journal.place,
                 session.writer.state,

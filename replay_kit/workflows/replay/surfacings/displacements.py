@@ -8,7 +8,7 @@ region, the velocities over ground themselves are what stays.
 A dive is concluded when the next one begins: until then a log may still state its mean current.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,10 +28,17 @@ from replay_kit.estimator.next_dive.process import (
     ProcessState,
 )
 from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.measurements.vehicle.dead_reckoning import Path, at_depth, begin, extend, path_mean
-from replay_kit.measurements.vehicle.dives import SurfacingState, detect_surfacing
+from replay_kit.measurements.means import Path, Spot, begun, extended, path_mean
+from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.surfacings.outcomes import Before
 
+_NO_DEPTH = np.empty(0)
+_NOWHERE = {
+    "time": np.empty(0, np.int64),
+    "longitude": _NO_DEPTH,
+    "latitude": _NO_DEPTH,
+    "depth": _NO_DEPTH,
+}
 _PROCESS = MeanCurrentProcess(n_backgrounds=1)
 #: Returns the estimate for a time [ns, UTC].
 FlowAt = Callable[[int], FlowEstimate]
@@ -138,7 +145,7 @@ def ground_step(
         number = detection.dive if first.time_ns <= end.time_ns else state.detection.dive
         surfaced = (
             None
-            if state.path is None or end.time_ns <= state.path.start.time_ns
+            if state.path is None or end.time_ns <= state.path.start.time
             else (state.path, end, number)
         )
         state = replace(state, path=None, surfaced=surfaced)
@@ -166,15 +173,15 @@ def concluded(state: GroundState) -> GroundState:
     if state.surfaced is None:
         return state
     path, end, number = state.surfaced
-    mean = path_mean(path, end, (0.0, 0.0), 0.0, "dac", 0)
-    assert mean.fixes is not None
-    start, fix = mean.fixes
+    mean = path_mean(path, _spot(end), (0.0, 0.0), 0.0)
+    depth, weight = mean["path_depth"], mean["weight"]
+    start, fix = (Fix(at.time, at.longitude, at.latitude) for at in (path.start, _spot(end)))
     seconds = (fix.time_ns - start.time_ns) * 1e-9
     velocity = (
         np.array(to_local(Projection(start.longitude, start.latitude), fix.longitude, fix.latitude))
         / seconds
     )
-    current = _current(state, mean.depth, mean.weight)
+    current = _current(state, depth, weight)
     dive = DiveMean(
         time_ns=(start.time_ns + fix.time_ns) // 2,
         seconds=seconds,
@@ -185,7 +192,7 @@ def concluded(state: GroundState) -> GroundState:
     )
     before, basis = state.before, _basis(state)
     flown = (
-        flown_dive(seconds, velocity - current, mean.depth, mean.deepest)
+        flown_dive(seconds, velocity - current, depth, path.deepest)
         if state.ahead is not None
         else None
     )
@@ -197,7 +204,7 @@ def concluded(state: GroundState) -> GroundState:
         persistence=state.persistence.after(velocity),
         surfaced=None,
         ahead=None,
-        last=LastDive(dive, mean.depth, mean.weight, number, basis, flown),
+        last=LastDive(dive, depth, weight, number, basis, flown),
         concluded=outcome,
     )
 
@@ -228,6 +235,15 @@ def next_ground_surfacing(
     )
 
 
+def _row(position: VehicleState) -> Iterator[tuple[str, float]]:
+    spot = _spot(position)
+    yield from zip(_NOWHERE, (spot.time, spot.longitude, spot.latitude, spot.depth), strict=True)
+
+
+def _spot(position: VehicleState) -> Spot:
+    return Spot(position.time_ns, position.longitude, position.latitude, position.depth)
+
+
 def _in_dive(detection: SurfacingState) -> bool:
     return detection.submerged or not detection.reported
 
@@ -237,7 +253,7 @@ def _begun(state: GroundState, flow_at: FlowAt) -> GroundState:
     state = replace(state, concluded=None, path=None)
     if (fix := state.latest) is None:
         return state
-    return replace(state, path=begin(fix), ahead=_ahead(state, flow_at(fix.time_ns)))
+    return replace(state, path=begun(_spot(fix)), ahead=_ahead(state, flow_at(fix.time_ns)))
 
 
 def _moved(
@@ -248,11 +264,11 @@ def _moved(
     if isinstance(event, Observation):
         if path is not None and not path.reckoned:
             known = event.depth[np.isfinite(event.depth)]
-            path = at_depth(path, float(known.min())) if known.size else path
+            path = extended(path, _NOWHERE, known.min(keepdims=True)) if known.size else path
     elif not event.dead_reckoned and not event.depth > surface_depth:
         latest = event
     elif path is not None:
-        path = extend(path, event)
+        path = extended(path, {name: np.array([part]) for name, part in _row(event)}, _NO_DEPTH)
     return latest, path
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from replay_kit.measurements.messages.suggest_profile import (
+from replay_kit.logs.tables.suggest_profile import (
     Leaf,
     beside,
     leaves,

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from replay_kit.measurements.messages.fields import number
+from replay_kit.logs.tables.columns import number
 
 _DEEPEST = 12
 

@@ -1,1 +1,0 @@
-"""What each kind of message states: payloads to positions, depths, attitudes, velocities and ADCP pings."""

@@ -1,1 +1,0 @@
-"""ADCP pings, from their payload to a profile of the current."""

@@ -1,1 +1,0 @@
-"""Quality control of profiles, and faults of whole logs."""

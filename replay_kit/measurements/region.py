@@ -1,0 +1,38 @@
+"""What measurements leave to the region of a run: how fast its currents are, where, how densely known."""
+
+import math
+
+import numpy as np
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.geodesy import unwrap_longitude
+from replay_kit.core.grid import Ensemble
+
+_MEMBERS, _COLUMNS = 4, 500
+
+
+def for_region(config: RunConfig, ensemble: Ensemble) -> RunConfig:
+    """Return the settings of a run with what measurements leave to its ensemble: how fast its currents are, where, how densely."""
+    measurements, grid = config.measurements, ensemble.grid
+    # some columns of some members tell as much as all of them, and a region without a CTD is not read for it
+    every = 1 + math.isqrt(grid.east.size // _COLUMNS)
+    squares = np.square(ensemble.velocity[:_MEMBERS, ..., ::every, ::every]).sum(axis=1)
+    speed = float(np.sqrt(np.mean(squares, where=np.isfinite(squares))))
+    steps = [grid.steps(axis) for axis in (0, 1)]
+    longitude = unwrap_longitude(grid.longitude, grid.projection.longitude)
+    found = {
+        "regional_speed": speed or None,
+        "surface_spacing": max(
+            (2.0 * float(np.median(step)) for step in steps if step.size), default=None
+        ),
+        "surface_box": (
+            float(longitude.min()),
+            float(grid.latitude.min()),
+            float(longitude.max()),
+            float(grid.latitude.max()),
+        ),
+    }
+    stated = {name: value for name in found if (value := getattr(measurements, name)) is not None}
+    return config.model_copy(
+        update={"measurements": measurements.model_copy(update={**found, **stated})}
+    )

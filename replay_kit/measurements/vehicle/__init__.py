@@ -1,1 +1,0 @@
-"""The vehicle's position, depth and motion."""

@@ -1,0 +1,42 @@
+"""One message as a row of a table, and one ping after all rotations."""
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.message import Message
+from replay_kit.core.table import Table
+from replay_kit.logs.tables.columns import raws_of
+from replay_kit.logs.tables.schemas import tables_of
+from replay_kit.measurements.earth import Attitudes, Motions, to_earth
+
+NO_ATTITUDE = Attitudes()
+
+
+def table_of(message: Message, config: MeasurementConfig) -> Table:
+    """Return the table of a message; ValueError says why it is not used."""
+    table = tables_of(raws_of([message]), config)[0][-1]
+    if table.kind == "unused":
+        raise ValueError(table["reason"][0])
+    return table
+
+
+def stated(message: Message, config: MeasurementConfig | None = None) -> SimpleNamespace:
+    """Return the columns of a message's row, and what is fixed of its table; ValueError says why it is not used."""
+    table = table_of(message, config or MeasurementConfig())
+    columns = {name: column[0] for name, column in table.columns.items()}
+    return SimpleNamespace(kind=table.kind, **columns, **table.fixed)
+
+
+def turned(
+    payload: Mapping[str, Any], config: MeasurementConfig, attitudes: Attitudes = NO_ATTITUDE
+) -> SimpleNamespace:
+    """Return the columns of a ping as ``earth.to_earth`` gives them; ValueError says why it is not used, or cannot be turned."""
+    table = table_of(Message(0, "/adcp", "replay_kit.AdcpPing", payload, 0, 0), config)
+    columns, why = to_earth(table, attitudes, Motions(), config)
+    if why[0]:
+        raise ValueError(why[0])
+    return SimpleNamespace(**{name: np.asarray(column)[0] for name, column in columns.items()})
