@@ -15,7 +15,6 @@ from replay_kit.core.observation import (
     Measurement,
     Observation,
     PathMean,
-    RawValues,
     Source,
     VehicleState,
 )
@@ -23,7 +22,6 @@ from replay_kit.core.table import Columns
 from replay_kit.logs.tables.columns import raws_of
 from replay_kit.logs.tables.frames import Open, lost
 from replay_kit.logs.tables.schemas import tables_of
-from replay_kit.measurements.consistency.raw import raw_values
 from replay_kit.measurements.measure import Memory, measure
 
 _LAST = np.iinfo(np.int64).max
@@ -42,6 +40,12 @@ class Stream:
     memory: Memory = field(default_factory=Memory)
     pending: Open = field(default_factory=dict)
     order: int = 0
+
+
+def begun(system: int | None = None, component: int | None = None) -> Stream:
+    """Return a stream before its first message; ``system`` and ``component`` are those of MAVLink asked for, in logs that hold several."""
+    asked = [None if number is None else str(number) for number in (system, component)]
+    return Stream(Memory(sender=(asked[0], asked[1])))
 
 
 def taken(
@@ -125,17 +129,8 @@ def observation(block: Block, row: int) -> Observation:
         common_std,
         float(columns["correlation_depth"][row]),
         None if np.isnan(platform).any() else (float(platform[0]), float(platform[1])),
-        raw=_raw(columns, row, bins),
         position_std=float(columns["position_std"][row]),
     )
-
-
-def _raw(columns: Columns, row: int, bins: slice) -> RawValues:
-    velocity = columns["raw"][row, bins, : columns["components"][row]]
-    (raw,) = raw_values(np.ascontiguousarray(velocity)[None], bool(columns["along_beams"][row]))
-    names = ("pressure_depth", "error_velocity", "heading")
-    depth, error, heading = (float(columns[name][row]) for name in names)
-    return RawValues(raw.kind, raw.digest, raw.texture, raw.along_beams, depth, error, heading)
 
 
 def path_mean(block: Block, row: int) -> PathMean:

@@ -6,7 +6,7 @@ residual of a measurement is that to the same, and the replay's stands beside it
 the replay, which did not know later measurements.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any, TypeGuard
@@ -18,6 +18,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown, FlownDive
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.message import Message
 from replay_kit.core.observation import Innovation, Measurement, PathMean, VehicleState
 from replay_kit.core.progress import Progress, Stopwatch, silent
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
@@ -26,7 +27,7 @@ from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements.checks.tracks import LogTracks
-from replay_kit.measurements.interpret import events_of
+from replay_kit.measurements.observed import begun, blocks, rows
 from replay_kit.measurements.region import for_region
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.run import ReplaySummary
@@ -171,9 +172,10 @@ def _events(
     merged = merge(readers, settings.reorder_window, settings.start_ns, settings.end_ns)
     kept: list[VehicleState | Measurement] = []
     statistics, flight, dives = RunStatistics(), FlightState(), list[FlownDive]()
-    for events in events_of(merged, config.measurements, settings.system, settings.component):
-        advance()
-        for stated in events:
+    stream = begun(settings.system, settings.component)
+    for block in blocks(_each(merged, advance), config.measurements, stream=stream):
+        statistics = statistics.after_messages(block.counts())
+        for stated in rows(block):
             if isinstance(stated, PathMean) and (dive := flown_of(stated)) is not None:
                 dives.append(dive)
             flight, event = as_used(flight, stated, config.measurements)
@@ -182,10 +184,16 @@ def _events(
                 or not (isinstance(event, PathMean) and event.beside_profiles)
             ):
                 kept.append(event)
-        statistics = statistics.after_events(
-            event for event in events if not isinstance(event, kinds)
-        )
+            elif isinstance(event, Measurement) and not isinstance(event, kinds):
+                statistics = statistics.with_unsupported(event)
     return _Read(kept, statistics.with_order(merged), flight, AsFlown.of(dives))
+
+
+def _each(messages: Iterable[Message], advance: Callable[[], None]) -> Iterator[Message]:
+    """Yield messages, and say so."""
+    for message in messages:
+        advance()
+        yield message
 
 
 def _replayed(estimator: Estimator[Any], read: _Read) -> _Forward:

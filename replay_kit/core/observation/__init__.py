@@ -10,11 +10,9 @@ from replay_kit.core.observation.linear import (
     VehicleState,
 )
 from replay_kit.core.observation.profile import (
-    NO_RAW_VALUES,
     STATED,
     Measurement,
     Observation,
-    RawValues,
     Reference,
     kind_of,
 )
@@ -31,7 +29,6 @@ from replay_kit.core.observation.quality import (
 
 __all__ = [
     "BOTH_COMPONENTS",
-    "NO_RAW_VALUES",
     "STATED",
     "Decision",
     "Fix",
@@ -44,7 +41,6 @@ __all__ = [
     "Measurement",
     "Observation",
     "PathMean",
-    "RawValues",
     "Reason",
     "Reference",
     "Source",

@@ -1,7 +1,7 @@
 """A profile of the current, and the measurements that a person states."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -15,34 +15,6 @@ from replay_kit.core.quantities import measured_at
 from replay_kit.core.text import place_text, span_text, time_text
 
 Reference = Literal["earth", "platform"]
-
-
-@made_often
-@dataclass(frozen=True, slots=True)
-class RawValues:
-    """What is remembered of a ping as the instrument gave it, before any rotation.
-
-    Attributes:
-        kind: ``zero`` when all velocities are zero, ``constant`` when all cells are equal, else ``varied``.
-        digest: Equal for equal velocities; empty with too few of them.
-        texture: shape (n - 2, k), second differences along the profile of each component or beam [m/s]; None with too few cells.
-        along_beams: Whether the velocities were along beams.
-        depth: Of the transducer, by the ping's own pressure [m]; NaN where it states none.
-        error_velocity: Mean over the profile of what no velocity explains in the beams [m/s]; NaN where it is not known.
-        heading: Of the instrument, clockwise from true or magnetic north [degrees]; NaN where it is not stated.
-    """
-
-    kind: Literal["varied", "constant", "zero"] = "varied"
-    digest: bytes = b""
-    texture: Array | None = field(default=None, compare=False)
-    along_beams: bool = False
-    depth: float = math.nan
-    error_velocity: float = math.nan
-    heading: float = math.nan
-
-
-#: Of a ping that has too few of them.
-NO_RAW_VALUES = RawValues()
 
 
 @made_often
@@ -68,7 +40,6 @@ class Observation:
             independent ones.
         platform_velocity: True east and north [m/s], what was added to the velocity measured relative to the platform; None when
             it is not known, or when the instrument's log does not say.
-        raw: Of the velocities as the instrument gave them.
         position_std: Standard error of its place [m], interpolated between positions far apart in time; 0 for a place that is near one.
     """
 
@@ -86,7 +57,6 @@ class Observation:
     common_std: float = 0.0
     correlation_depth: float = 0.0
     platform_velocity: tuple[float, float] | None = None
-    raw: RawValues = NO_RAW_VALUES
     position_std: float = 0.0
 
     @property

@@ -274,7 +274,7 @@ def _of_pings(
 
 def added_checks() -> dict[str, Fold]:
     """Return the checks of pings that installed packages add, by name."""
-    return additions("checks", callable, "a check")
+    return dict(additions("checks", callable, "a check"))
 
 
 def unknowable(state: Checked) -> tuple[str, ...]:
@@ -283,7 +283,7 @@ def unknowable(state: Checked) -> tuple[str, ...]:
         return ()
     said, current = list[str](), list[dict[str, float]]()
     for topic in state.instruments:
-        of_topic = state.memory.get(("means", topic), {}).get("current", ())
+        of_topic = state.memory.get(("means", topic), {}).get("current", np.empty((0, 6)))
         if len(of_topic) >= pairs.LEAST_MEANS:
             current.append(
                 causes(of_topic, pairs.CURRENT_FLOOR, KINDS, pairs.LEAST_MEANS, by_fit=True)

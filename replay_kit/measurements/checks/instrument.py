@@ -50,7 +50,7 @@ def dead(memory: Memory, pings: Rows) -> tuple[Memory, Living]:
     known = np.isfinite(raw[..., :2]).all(axis=2)
     number, start = known.sum(axis=1), raw[np.arange(len(raw)), np.argmax(known, axis=1), :2]
     equal = ((raw[..., :2] == start[:, None]).all(axis=2) | ~known).all(axis=1)
-    zero = equal & ~start.any(axis=1) & (number >= _LEAST_ZEROS)
+    zero = equal & (start == 0.0).all(axis=1) & (number >= _LEAST_ZEROS)
     told = (number >= LEAST_CELLS) | zero
     digest = np.column_stack([pings["time"], _digest(raw)])[told]
     both = carried(memory, "digest", digest, _COMPARED)
@@ -118,7 +118,8 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], NDArr
     stuck = (pings["bins"] >= LEAST_CELLS)[:, None] & (run >= _STUCK_RUN)
     stuck &= run * np.log(chance)[:, None] < np.log(_CHANCE)
     found = list[Found]()
-    if (named := first((stuck & (run >= _STUCK_NAMED)).any(axis=1))) is not None:
+    long = np.asarray(stuck & (run >= _STUCK_NAMED))
+    if (named := first(long.any(axis=1))) is not None:
         cells = np.flatnonzero(stuck[named]) + 1
         words = (
             f"{len(cells)} of {raw.shape[1]} cells ({cells[0]} to {cells[-1]}) repeat one value, {run[named].max()} pings in a row",
@@ -181,7 +182,8 @@ def beams(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[F
         context: Is not asked.
     """
     texture, along = np.diff(pings["raw"], 2, axis=1), pings["along_beams"].astype(np.bool_)
-    along = along & (pings["bins"] >= LEAST_CELLS) & np.isfinite(texture).all(axis=2).any(axis=1)
+    sound: NDArray[np.bool_] = np.isfinite(texture).all(axis=2)
+    along = along & (pings["bins"] >= LEAST_CELLS) & sound.any(axis=1)
     at = np.flatnonzero(along)
     if not at.size:
         return memory, []

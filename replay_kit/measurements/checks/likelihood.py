@@ -262,7 +262,7 @@ class Sums:
         c = (precision * moments - both * total) / det
         bias = (squares * total - both * moments) / det
         left = self.misfit[0] - (bias.conj() * total + c.conj() * moments).real
-        cost = np.log(v * det / precision)
+        cost: Array = np.log(v * det / precision)
         gain = self._gain(left, np.abs(bias) ** 2) - cost - np.abs(c / _ADDED[kind]) ** 2 / 2.0
         return _begun(gain), c, cost
 
@@ -379,11 +379,10 @@ def _best(sums: Sums, kind: str, least_pairs: int) -> tuple[float, Explanation] 
     """Return the likeliest alternative of a kind with the logarithm of its odds; None where it explains too few pairs, or too little."""
     last, logs = len(sums.a) - least_pairs + 1, _posterior(sums, kind)
     k, h = np.unravel_index(int(np.argmax(logs[:last])), logs[:last].shape)
-    since, column = int(k), int(h)
+    since, column, alike, spread = int(k), int(h), tuple[str, ...](), 0.0
     if kind in _ADDED:
-        value, slip, alike, spread = complex(sums.added(kind)[1][since]), "", (), 0.0
-        size = abs(value) * (1.0 if kind == "offset" else float(sums.hours[-1]))
-        if size < _LEAST_OFFSET:
+        value, slip = complex(sums.added(kind)[1][since]), ""
+        if abs(value) * (1.0 if kind == "offset" else float(sums.hours[-1])) < _LEAST_OFFSET:
             return None
         gain = float(logs[since, column]) - math.log(_OF_CAUSE[CAUSES[kind]])
     else:
@@ -393,7 +392,7 @@ def _best(sums: Sums, kind: str, least_pairs: int) -> tuple[float, Explanation] 
         alike = tuple(
             name for name, use in zip(of.slip, near, strict=True) if name and use and name != slip
         )
-        gain, spread = float(logs[since, column] - of.prior[column]), 0.0
+        gain = float(logs[since, column] - of.prior[column])
         if kind in ("scale", "unit"):
             shares = np.exp(logs[since] - logs[since, column])
             size = np.log(np.abs(of.factor)) - math.log(abs(value))

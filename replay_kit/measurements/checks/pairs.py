@@ -360,7 +360,7 @@ def none_of(memory: Memory) -> Rows:
 
 def _apart(memory: Memory, new: Rows) -> Rows:
     """Return pings that are remembered and those of the new ones that are some seconds after the last one."""
-    held = memory.get("time", ())
+    held = memory.get("time", np.empty(0, np.int64))
     chosen, last_ns = list[int](), int(held[-1]) if len(held) else None
     for i, now in enumerate(new["time"].tolist()):
         if last_ns is None or abs(now - last_ns) >= _APART * 1e9:

@@ -73,7 +73,7 @@ def spaced(memory: Memory, rows: Rows, changes: bool = False) -> Rows:
         list[int](),
         int(_SPACING * 1e9),
     )
-    old = memory.get("time", ())
+    old = memory.get("time", np.empty(0, np.int64))
     last_ns = int(old[-1]) if len(old) else None
     states = rows["value"][:, -1].tolist()
     state = memory["value"][-1, -1] if len(old) else math.nan
@@ -107,7 +107,7 @@ def of_sensors(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, l
         after |= {f"{name}{key}": value for key, value in latest(rows, _MOST_OF_PINGS).items()}
         each = np.where(rows["number"] <= 8 * _EVERY, _EVERY, 4 * _EVERY)
         due = (rows.event >= 0) & (rows["number"] >= _LEAST) & (rows["number"] % each == 0)
-        asked += [(event, name) for event in rows.event[due].tolist()]
+        asked += [(int(event), name) for event in rows.event[due]]
     for event, name in sorted(asked) if not _EXPLAINED & context.known(pings.instrument) else ():
         depths, headings = (
             own[each].until(event, _MOST_OF_PINGS).columns for each in ("depth", "heading")
@@ -203,7 +203,7 @@ def _best_lag(
     if not known:
         return None
     most = slack(min(left for _, left in known))
-    return min((lag for lag, left in known if left <= most), key=lambda lag: (abs(lag), lag))
+    return float(min((lag for lag, left in known if left <= most), key=lambda lag: (abs(lag), lag)))
 
 
 def _wrong(own: Memory, vehicle: Memory, topic: str) -> Finding | None:

@@ -44,7 +44,7 @@ from replay_kit.measurements.checks.profile import (
     EnsembleSpeeds,
     ensemble_speeds,
 )
-from replay_kit.measurements.consistency.usual_faults import (
+from replay_kit.measurements.checks.slips import (
     Fault,
     Sounding,
     declination_of,

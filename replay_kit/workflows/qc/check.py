@@ -16,8 +16,7 @@ from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import Flag, Reason, usable
 from replay_kit.logs import merge
 from replay_kit.logs.tables.schemas import NOT_A_KIND
-from replay_kit.measurements.measure import Memory
-from replay_kit.measurements.observed import Stream, blocks
+from replay_kit.measurements.observed import begun, blocks
 from replay_kit.workflows.info.inspect import by_topic
 from replay_kit.workflows.replay.inputs.scan import open_readers
 
@@ -164,10 +163,7 @@ def check_quality(
     merged = merge(readers, config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns)
     topics: dict[str, TopicQuality] = {}
     not_used: Counter[tuple[str, str]] = Counter()
-    asked = (
-        None if one is None else str(one) for one in (config.logs.system, config.logs.component)
-    )
-    stream = Stream(Memory(sender=(next(asked), next(asked))))
+    stream = begun(config.logs.system, config.logs.component)
     for block in blocks(_told(merged, on_message), settings, stream=stream):
         for number in np.unique(block.ping.get("topic", _NO_PINGS)).tolist():
             rows = np.flatnonzero(block.ping["topic"] == number)

@@ -19,8 +19,7 @@ from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.update.screening import screen_group
 from replay_kit.logs import merge
 from replay_kit.logs.reader import LogFile
-from replay_kit.measurements.measure import Memory
-from replay_kit.measurements.observed import Stream, blocks, rows
+from replay_kit.measurements.observed import begun, blocks, rows
 from replay_kit.measurements.region import for_region
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
@@ -92,7 +91,7 @@ def check_inputs(
         (VehicleState, Measurement) if config.estimator.name == OWN else (VehicleState, Observation)
     )
     monitoring, statistics, profiles, used = MonitoringState(), RunStatistics(), 0, 0
-    stream = Stream(Memory(sender=(config.logs.system, config.logs.component)))
+    stream = begun(config.logs.system, config.logs.component)
     times = list[int]()
     taken = list[Observation]()
     for block in blocks(_noting(merged, times), config.measurements, _BLOCK, stream):
@@ -103,7 +102,7 @@ def check_inputs(
             if isinstance(event, kinds):
                 if not _aside(event, config):
                     steps.append(Step(event, None, None, _screened(event, forecasts, config)))
-            else:
+            elif isinstance(event, Measurement):
                 statistics = statistics.with_unsupported(event)
         statistics = statistics.after_steps(steps)
         given = [

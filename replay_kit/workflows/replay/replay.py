@@ -31,8 +31,7 @@ from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
-from replay_kit.measurements.measure import Memory
-from replay_kit.measurements.observed import Stream, taken
+from replay_kit.measurements.observed import Stream, begun, taken
 from replay_kit.measurements.region import for_region
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.from_run import failed
@@ -370,7 +369,7 @@ def _loop(
     """
     checkpoint, sessions = stream.checkpoint, session.vehicles
     logs, count = session.config.logs, 0
-    states = [Stream(Memory(sender=(logs.system, logs.component))) for _ in sessions]
+    states = [begun(logs.system, logs.component) for _ in sessions]
     if checkpoint is not None:
         states, count = list(checkpoint.measurement), checkpoint.messages
     measurements = for_region(session.config, inputs.forecasts.ensemble).measurements

@@ -13,7 +13,6 @@ from typing import Any, Protocol
 
 from replay_kit.core.arrays import replace
 from replay_kit.core.observation import (
-    NO_RAW_VALUES,
     LinearMeasurement,
     Measurement,
     Observation,
@@ -286,4 +285,4 @@ def _light(event: Measurement) -> Measurement:
     """Return a measurement without what only its checks, or a result, needed."""
     if isinstance(event, LinearMeasurement):
         return replace(event, label=replace(event.label, vectors=None))
-    return replace(event, raw=NO_RAW_VALUES) if isinstance(event, Observation) else event
+    return event

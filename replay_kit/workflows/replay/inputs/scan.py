@@ -14,8 +14,7 @@ from replay_kit.core.message import LogReader, Message
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.logs import merge, open_logs
 from replay_kit.measurements.interpret import MAVLINK_NAMES
-from replay_kit.measurements.measure import Memory
-from replay_kit.measurements.observed import Stream, rows, taken
+from replay_kit.measurements.observed import begun, rows, taken
 from replay_kit.results.losses import iso_time
 
 # Positions are kept to this fraction of a degree: a long log has millions.
@@ -135,7 +134,7 @@ def _placed(
 ) -> Iterator[tuple[int, list[VehicleState | Observation]]]:
     """Yield the time of each message [ns, UTC] with the positions and placed measurements it completes, in the time span alone."""
     settings = config.logs
-    stream = Stream(Memory(sender=(settings.system, settings.component)))
+    stream = begun(settings.system, settings.component)
     messages = iter(
         merge(
             open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns

@@ -19,7 +19,7 @@ from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.update.screening import screen_group
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.likelihood import LEAST_GAIN
-from replay_kit.measurements.consistency.usual_faults import hypotheses
+from replay_kit.measurements.checks.slips import slips
 
 # Dives before which nothing is said, and those that are compared at most, evenly spread.
 _LEAST_DIVES, _MOST_DIVES = 8, 40
@@ -49,10 +49,9 @@ def check_file(estimator: Any, means: Iterable[PathMean]) -> FileCheck:
     measured, predicted, covariance, variance = _under_prior(
         estimator, dives[:: math.ceil(len(dives) / _MOST_DIVES)]
     )
-    faults = {(each.kind, each.angle, each.scale): each for each in hypotheses() if _of_file(each)}
     as_is, _ = _density(measured, predicted, covariance, variance)
     gains = dict[str, float]()
-    for each in faults.values():
+    for each in slips():
         turn = np.kron(np.eye(len(measured) // 2), each.matrix)
         density, misfit = _density(measured, turn @ predicted, turn @ covariance @ turn.T, variance)
         # of a forecast that is too sure of itself all gains count for less
@@ -68,11 +67,6 @@ def check_file(estimator: Any, means: Iterable[PathMean]) -> FileCheck:
     return FileCheck(
         note=f"cannot be known here: some faults of the forecast's file {about}" if left else ""
     )
-
-
-def _of_file(fault: Any) -> bool:
-    """Return whether a file may have a fault: exchanged components, a sign, or a unit that makes its currents too fast."""
-    return fault.is_slip or (fault.kind in ("unit", "scale") and fault.scale > 1.0)
 
 
 def _under_prior(

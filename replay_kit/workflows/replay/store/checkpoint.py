@@ -255,7 +255,7 @@ class CheckpointFile(StateStore):
         self._next_ns = state.last_ns + self._interval_ns
         checkpoint = Checkpoint(
             state,
-            tuple(one.settled for one in measurement),
+            measurement,
             messages,
             self._journal.flushed(),
             session.writer.state,

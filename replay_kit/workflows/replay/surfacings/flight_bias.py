@@ -6,7 +6,7 @@ subtracted, and how uncertain it is increases the error. What was measured stays
 from the next dive on: within the dive the estimate has them already.
 
 Only profiles that an inversion made of the dive's pings and mean current tell of the flight model. Others are compared with the mean
-currents as stated, to see whether the instrument is sound (``measurements/consistency``): one that is turned would look like a flight
+currents as stated, to see whether the instrument is sound (``measurements/checks``): one that is turned would look like a flight
 model that errs. A mean current beside inverted profiles is not new to the estimate: until a correction is known, its error includes that
 of the flight model, as far as the dives before leave it open.
 """
@@ -19,10 +19,9 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.as_flown import FlightCorrection
-from replay_kit.core.observation import Observation, PathMean
+from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
 from replay_kit.estimator.next_dive.flight import FlightBias
 from replay_kit.estimator.next_dive.process import DiveMean
-from replay_kit.measurements.events import Event
 from replay_kit.workflows.replay.surfacings.forecasts import ForecastState, dive_mean, with_profile
 
 
@@ -84,8 +83,8 @@ def _with_correction(mean: PathMean, dive: DiveMean, bias: FlightBias) -> PathMe
 
 
 def as_used(
-    state: FlightState, event: Event, config: MeasurementConfig
-) -> tuple[FlightState, Event]:
+    state: FlightState, event: VehicleState | Measurement, config: MeasurementConfig
+) -> tuple[FlightState, VehicleState | Measurement]:
     """Return the state after an event of the log, and the event as the estimate is given it."""
     if not config.flight_bias:
         return state, event

@@ -1,1 +1,0 @@
-"""Whether the measurements of a log contradict each other or themselves."""
