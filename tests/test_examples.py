@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from replay_kit.measurements.consistency import checks
 
 import replay_kit as rk
 from replay_kit.config.run import EstimatorConfig, MeasurementConfig, load_config
@@ -22,7 +23,6 @@ from replay_kit.logs.glider.dialects import dialect_of
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.tables import schemas
 from replay_kit.measurements import initial_state, interpret_block
-from replay_kit.measurements.consistency import checks
 from tests import synthetic
 from tests.places import ROOT
 from tests.synthetic import ensemble

@@ -100,8 +100,10 @@ def measure(
         ledger.add(one.order, one.topic, one["reason"])
     where = located(memory.places, tables, config, ledger)
     reach, reached, thrown, findings = within_reach(memory.reach, where.positions, last)
-    for topic in np.unique(thrown["topic"]).tolist():
-        ledger.add(thrown["order"][thrown["topic"] == topic], ledger.topics[topic], THROWN)
+    for rows, reason in ((reached, ""), (thrown, THROWN)):
+        for topic in np.unique(rows["topic"][rows["own"]]).tolist():
+            own = rows["own"] & (rows["topic"] == topic)
+            ledger.add(rows["order"][own], ledger.topics[topic], reason)
     where = replace(where, positions=reached)
     attitudes = attitudes_of(memory.attitudes, tables, ledger)
     motions, water = motions_of(memory.motions, of.get("dvl", ()), attitudes, config, ledger)

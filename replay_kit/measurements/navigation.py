@@ -172,9 +172,8 @@ def _direct(
     if depth is None:
         pressure = table["pressure"]
         depth = np.where(np.isfinite(pressure), depth_of(pressure, table["latitude"]), np.nan)
-    if not table.fixed.get("beside"):
-        ledger.add(table.order, table.topic)
-    return _rows(table, table["longitude"], table["latitude"], depth, reckoned, ledger)
+    rows = _rows(table, table["longitude"], table["latitude"], depth, reckoned, ledger)
+    return {**rows, "own": np.full(len(table), not table.fixed.get("beside"))}
 
 
 def _rows(
@@ -198,6 +197,7 @@ def _rows(
         "input": np.full(n, table.input),
         "topic": np.full(n, ledger.topic(table.topic)),
         "ordinal": table.position,
+        "own": np.zeros(n, np.bool_),
     }
 
 

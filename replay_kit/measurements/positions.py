@@ -16,7 +16,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import moved, offset
 from replay_kit.core.table import Columns, Integers
 
-#: Columns of positions: of the first six the names say what they are; submerged and dive are the vehicle's, by its depths.
+#: Columns of positions: of the first six the names say what they are; submerged and dive are the vehicle's, by its depths; own says whether
+#: the use of its message is told with it.
 ROW: Mapping[str, type] = {
     "time": np.int64,
     "order": np.int64,
@@ -29,6 +30,7 @@ ROW: Mapping[str, type] = {
     "input": np.int64,
     "topic": np.int64,
     "ordinal": np.int64,
+    "own": np.bool_,
 }
 # m/s; by which a glider's velocity on one leg departs from its mean over the dive: the place at a share s of a dive of T seconds, taken on
 # the straight way between its ends, is off by this times T s (1 - s)

@@ -155,13 +155,16 @@ def within_reach(
                 found.append(_thrown(last, [every[k] for k in held], int(order[i])))
                 use[held], order[held], held = False, order[i], []
             state = state.on(here)
+        elif last.seconds(here) > 0.0 and state.number < _LEAST:
+            # nothing tells yet which of them was wrong
+            state = Reach(here, None if here.reckoned else here, number=state.number + 1)
         elif last.seconds(here) > 0.0:
             held.append(i)
             if not state.reaches(every[held[-2]], here) if len(held) > 1 else False:
                 use[held[:-1]], order[held[:-1]], held = False, order[i], held[-1:]
             elif len(held) == _LEAST:
                 order[held] = order[i]
-                if state.number >= _LEAST and last.way(every[held[0]]) >= _MOVED:
+                if last.way(every[held[0]]) >= _MOVED:
                     found.append(_moved(last, every[held[0]], int(order[i])))
                 state, held = Reach(here, None, state.speeds, state.gaps, number=_LEAST), []
         i += 1

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from replay_kit.measurements.consistency import findings
 
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
-from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.frames import teledyne_rotation
 
 Edit = Callable[[Iterator[Message]], Iterator[Message]]

@@ -18,6 +18,9 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
+from replay_kit.measurements.consistency.summary import EnsembleSpeeds, ensemble_speeds
 
 from replay_kit.config.run import (
     EstimatorConfig,
@@ -35,9 +38,6 @@ from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import finish, initial_state, interpret
-from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.summary import EnsembleSpeeds, ensemble_speeds
 from replay_kit.measurements.events import Event, Skipped
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import mission as glider_mission

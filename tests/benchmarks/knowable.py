@@ -7,12 +7,12 @@ each hypothesis under them, and its prior, give the probability of the true caus
 import math
 
 import numpy as np
-
-from replay_kit.core.arrays import Array
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.pairs import PairStatistics
 from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.usual_faults import CAUSES, Hypothesis, hypotheses
+
+from replay_kit.core.arrays import Array
 
 # m/s, and m/s an hour: a bias that pairs share, an offset, a drift
 _BIAS, _ADDED = 0.03, {"offset": 0.3, "drift": 0.03}

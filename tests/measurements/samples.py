@@ -1,7 +1,6 @@
 """Messages of a small survey, and the loop over them."""
 
 import math
-from dataclasses import fields, is_dataclass
 
 import numpy as np
 
@@ -9,8 +8,6 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, Source, VehicleState
 from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
-from replay_kit.measurements.consistency.monitor import ConsistencyState, check, check_quiet
-from replay_kit.measurements.consistency.summary import summaries
 
 CONFIG = MeasurementConfig()
 SECOND = 10**9
@@ -186,39 +183,3 @@ def position_int(time_s, depth=0.0, lon=1_520_000_000, lat=-400_000_000):
         0,
         int(time_s),
     )
-
-
-def same(one, other):
-    """Whether two states are equal to the last bit."""
-    if one is other:
-        return True
-    if is_dataclass(one):
-        parts = [(getattr(one, each.name), getattr(other, each.name)) for each in fields(one)]
-        return type(one) is type(other) and all(same(*pair) for pair in parts)
-    if isinstance(one, dict):
-        return list(one) == list(other) and same((*one.values(),), (*other.values(),))
-    if isinstance(one, tuple):
-        return len(one) == len(other) and all(map(same, one, other))
-    return bool(np.array_equal(one, other, equal_nan=isinstance(one, float | np.ndarray)))
-
-
-def checked(events, ensemble=None):
-    """Return the state after positions and pings, these as they may be used, and how many were quiet: one by one and in runs the same."""
-    events, rng, used, quiet = list(events), np.random.default_rng(0), [], 0
-    pings = [event for event in events if isinstance(event, Observation)]
-    known = dict(zip(map(id, pings), summaries(pings, ensemble), strict=True))
-    one = together = ConsistencyState()
-    while len(used) < len(events):
-        some = events[len(used) : len(used) + int(rng.integers(1, 40))]
-        run = [(event, known.get(id(event))) for event in some]
-        after = check_quiet(together, run)
-        for event, summary in run:
-            one, left = check(one, event, ensemble, summary=summary)
-            assert after is None or left is event
-            used.append(left)
-            if after is None:
-                together, _ = check(together, event, ensemble, summary=summary)
-        quiet += 0 if after is None else len(run)
-        together = after or together
-        assert same(one, together)
-    return one, used, quiet

@@ -59,7 +59,6 @@ def _values(event):
             event.latitude,
             event.dive,
             event.common_std,
-            repr(event.raw),
             event.position_std,
         )
         return tuple((part.dtype.str, part.tobytes()) for part in arrays) + rest

@@ -119,7 +119,7 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], NDArr
     stuck &= run * np.log(chance)[:, None] < np.log(_CHANCE)
     found = list[Found]()
     long = np.asarray(stuck & (run >= _STUCK_NAMED))
-    if (named := first(long.any(axis=1))) is not None:
+    if (named := first(np.any(long, axis=1))) is not None:
         cells = np.flatnonzero(stuck[named]) + 1
         words = (
             f"{len(cells)} of {raw.shape[1]} cells ({cells[0]} to {cells[-1]}) repeat one value, {run[named].max()} pings in a row",
@@ -182,8 +182,8 @@ def beams(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[F
         context: Is not asked.
     """
     texture, along = np.diff(pings["raw"], 2, axis=1), pings["along_beams"].astype(np.bool_)
-    sound: NDArray[np.bool_] = np.isfinite(texture).all(axis=2)
-    along = along & (pings["bins"] >= LEAST_CELLS) & sound.any(axis=1)
+    sound = np.asarray(np.isfinite(texture).all(axis=2))
+    along = along & (pings["bins"] >= LEAST_CELLS) & np.any(sound, axis=1)
     at = np.flatnonzero(along)
     if not at.size:
         return memory, []

@@ -264,7 +264,7 @@ class Sums:
         left = self.misfit[0] - (bias.conj() * total + c.conj() * moments).real
         cost: Array = np.log(v * det / precision)
         gain = self._gain(left, np.abs(bias) ** 2) - cost - np.abs(c / _ADDED[kind]) ** 2 / 2.0
-        return _begun(gain), c, cost
+        return _begun(gain), np.asarray(c, np.complex128), cost
 
     def cost(self, kind: str) -> Array:
         """Return by how much less an alternative begun with each pair fits in its gain than by what it leaves, shape (K, h)."""

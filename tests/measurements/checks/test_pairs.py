@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from replay_kit.core.errors import Finding
 from replay_kit.measurements.checks.check import CHECKS, unknowable
 from replay_kit.measurements.checks.fold import Found
 from replay_kit.measurements.checks.likelihood import UNITS
@@ -18,7 +19,6 @@ from replay_kit.measurements.checks.pairs import (
     UNDECIDED,
 )
 from replay_kit.measurements.checks.profile import UNIT
-from replay_kit.core.errors import Finding
 from tests.measurements.checks.made import EAST, NORTH, judged, mean, ping
 
 CURRENTS = [(0.02, 0.08), (-0.03, 0.07), (0.06, -0.05), (-0.08, 0.02), (0.05, 0.09), (0.09, -0.03)]

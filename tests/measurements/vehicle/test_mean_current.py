@@ -13,8 +13,9 @@ from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import PathMean
-from replay_kit.measurements.consistency.monitor import ConsistencyState, check
+from replay_kit.measurements.checks.check import Checked, check
 from replay_kit.measurements.means import Spot, begun, extended, path_mean
+from replay_kit.measurements.observed import blocks
 from tests.measurements.samples import CONFIG, ODD, SECOND, counted, fix, only, reasons, run, the
 from tests.reference import path as slow
 
@@ -203,6 +204,14 @@ def test_junk_in_any_field_of_a_current_is_used_or_skipped_once():
                 assert mean.error_std > 0.0
 
 
+def contradictions(messages):
+    """What mean currents and dead reckoning contradict each other in."""
+    state = Checked()
+    for block in blocks(messages, CONFIG):
+        state, _, _ = check(state, block)
+    return [finding for finding in state.findings if "dead reckoning" in finding.name]
+
+
 @pytest.mark.parametrize(
     ("stated", "words"),
     [
@@ -219,12 +228,7 @@ def test_stated_currents_with_a_slip_contradict_dead_reckoning(stated, words):
         east, north = stated(*current)
         change = {"dac_eastward": east, "dac_northward": north, "dive": k + 1}
         messages.append(dac(2000 * k + 1200, 2000 * k, **change))
-    means = only(PathMean, run(messages))
-    assert len(means) == 6
-    state = ConsistencyState()
-    for mean in means:
-        state, _ = check(state, mean)
-    found = [finding for finding in state.findings if "dead reckoning" in finding.name]
+    found = contradictions(messages)
     assert len(found) == (words is not None)
     assert all(words in str(finding) and "through_water" in str(finding) for finding in found)
     # reckoned with a current of its own, as it was in the dive before: no slip
@@ -236,7 +240,4 @@ def test_stated_currents_with_a_slip_contradict_dead_reckoning(stated, words):
             *dive(current, before, 2000 * k),
             dac(2000 * k + 1200, 2000 * k, dac_eastward=current[0], dac_northward=current[1]),
         ]
-    state = ConsistencyState()
-    for mean in only(PathMean, run(corrected)):
-        state, _ = check(state, mean)
-    assert not [finding for finding in state.findings if "dead reckoning" in finding.name]
+    assert not contradictions(corrected)

@@ -17,8 +17,8 @@ from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements.consistency.summary import ensemble_speeds
-from replay_kit.measurements.consistency.usual_faults import (
+from replay_kit.measurements.checks.profile import ensemble_speeds
+from replay_kit.measurements.checks.slips import (
     declination_of,
     depth_faults,
     direction_faults,

@@ -15,7 +15,8 @@ from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import events_of
-from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.checks.concluded import FORECAST
+from replay_kit.measurements.checks.profile import ENSEMBLE
 from replay_kit.results.slices import depth_slice
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build
@@ -174,7 +175,7 @@ def test_a_turned_compass_is_the_fault_of_its_own_vehicle(tmp_path, truth):
     assert "compass or instrument turned" in {found["name"] for found in each["sg2"]}
     # a forecast that is not of this sea may be doubted, a sound vehicle is not
     others = {found["name"] for found in each["sg1"]}
-    assert others <= {findings.FORECAST, findings.ENSEMBLE}
+    assert others <= {FORECAST, ENSEMBLE}
     assert 6 in found.outcome.exit_codes
 
 

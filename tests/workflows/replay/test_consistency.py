@@ -23,9 +23,11 @@ from replay_kit.estimator import build
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import write_tlog
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.findings import CONTRADICTION, PLACES
-from replay_kit.measurements.consistency.monitor import ConsistencyState, Instrument
+from replay_kit.measurements.checks import concluded as findings
+from replay_kit.measurements.checks.check import Checked
+from replay_kit.measurements.checks.pairs import COMPASS, SCALE
+from replay_kit.measurements.checks.place import FROZEN, PLACES, REPEATED
+from replay_kit.measurements.checks.profile import ENSEMBLE
 from replay_kit.measurements.means import TOO_FAST
 from replay_kit.results.outcome.from_run import failed, outcome_of
 from replay_kit.results.views.contents import Contents
@@ -150,13 +152,8 @@ def test_two_sources_that_contradict_each_other_are_both_kept(ocean):
 
 def test_while_two_sources_contradict_each_other_the_gate_rejects_neither():
     estimator = build([synthetic.ensemble(n_members=4)], CONFIG.estimator, GatingConfig())
-    contradicting = Instrument(named=frozenset({CONTRADICTION}))
-    for instrument, has_gate in (
-        (contradicting, False),
-        (Instrument(), True),
-        (replace(contradicting, is_believed=False), True),
-    ):
-        trusted = trusting(estimator, MonitoringState(ConsistencyState({"/adcp": instrument})))
+    for contradict, has_gate in ((True, False), (False, True)):
+        trusted = trusting(estimator, MonitoringState(contradict=contradict))
         assert (trusted.probability is not None) == has_gate
         assert (trusted is estimator) == has_gate
 
@@ -206,7 +203,7 @@ def test_profiles_at_impossible_depths_are_not_used(ocean, name):
 def test_pings_at_frozen_positions_are_not_used(ocean):
     summary = run(ocean, faulty(ocean, "frozen positions"))
     # until a fix repeats the one before the dive it may be a vehicle that does not reckon its way
-    assert [finding.name for finding in summary.findings] == [findings.REPEATED, findings.FROZEN]
+    assert [finding.name for finding in summary.findings] == [REPEATED, FROZEN]
     assert summary.bins_rejected["inconsistent"] > 0
     assert summary.exit_code == 6
 
@@ -385,9 +382,9 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
     ("gated", "used", "name"),
     [
         (10, 5, findings.MISFIT),
-        (9, 6, findings.ENSEMBLE),
+        (9, 6, ENSEMBLE),
         (7, 8, None),
-        (2, 0, findings.ENSEMBLE),
+        (2, 0, ENSEMBLE),
         (3, 0, findings.MISFIT),
     ],
 )
@@ -396,10 +393,9 @@ def test_two_thirds_of_the_observations_beyond_the_gate_are_a_misfit(gated, used
     found, _ = conclusions(MonitoringState(), counts, RunConfig())
     assert [finding.name for finding in found] == ([] if name is None else [name])
     # what the log says against itself explains it
-    of_log = Finding(findings.COMPASS, 0, "", "", "")
-    assert conclusions(MonitoringState(ConsistencyState(findings=(of_log,))), counts, RunConfig())[
-        0
-    ] == (of_log,)
+    of_log = Finding(COMPASS, 0, "", "", "")
+    known = MonitoringState(findings=(of_log,))
+    assert conclusions(known, counts, RunConfig())[0] == (of_log,)
 
 
 @pytest.mark.parametrize(
@@ -423,7 +419,7 @@ def test_a_gate_that_rejects_most_of_one_source_names_both(decisions, named):
 def test_mean_currents_that_are_all_too_fast_are_named():
     skipped = {("/dac", TOO_FAST): 12, ("/adcp", "other"): 3}
     found, _ = conclusions(MonitoringState(), ProfileCounts(), RunConfig(), skipped)
-    assert [one.name for one in found] == [findings.SCALE]
+    assert [one.name for one in found] == [SCALE]
     assert found[0].evidence.startswith("12 of 12 mean currents were skipped")
 
 
@@ -433,11 +429,11 @@ def test_what_would_tell_whether_directions_are_right_is_not_what_was_used():
         5, np.array([1, 4]), two, two, two, two, (0.1, 0.2), 0.02, "dac", 1, Source(0, "/dac", 5, 5)
     )
     aside = replace(mean, beside_profiles=True)
-    pings = ConsistencyState(pings=9, absolute_pings=9)
+    pings = Checked(pings=(9, 9))
     said = {
         "": conclusions(MonitoringState(pings), ProfileCounts(), RunConfig())[1],
-        "aside": conclusions(MonitoringState(pings, (aside,)), ProfileCounts(), RunConfig())[1],
-        "weak": conclusions(MonitoringState(pings, (aside, mean)), ProfileCounts(), RunConfig())[1],
+        "aside": conclusions(MonitoringState(pings, means=(aside,)), ProfileCounts(), RunConfig())[1],
+        "weak": conclusions(MonitoringState(pings, means=(aside, mean)), ProfileCounts(), RunConfig())[1],
         "alone": conclusions(MonitoringState(means=(mean,)), ProfileCounts(), RunConfig())[1],
     }
     begin = "nothing here can tell whether directions are right"
@@ -490,6 +486,6 @@ def test_a_telemetry_log_of_another_place_is_named_and_ends_with_6(ocean, tmp_pa
 
 @pytest.mark.parametrize("pings", [0, 1])
 def test_frozen_positions_explain_that_no_profile_may_be_used_where_there_is_one(pings):
-    frozen = Finding(findings.FROZEN, 0, "", "", "")
-    checks = ConsistencyState(pings=pings, findings=(frozen,))
-    assert MonitoringState(checks).explains_no_profile == (pings > 0)
+    frozen = Finding(FROZEN, 0, "", "", "")
+    state = MonitoringState(Checked(pings=(pings, pings)), (frozen,))
+    assert state.explains_no_profile == (pings > 0)
