@@ -121,7 +121,10 @@ def _median_current(profiles):
 
 @real
 @pytest.mark.parametrize(
-    "path", sorted(ADCP.iterdir()) if ADCP.exists() else [], ids=lambda path: path.name
+    # MHKiT leaves an index beside a Nortek file
+    "path",
+    [path for path in sorted(ADCP.glob("*")) if path.suffix != ".index"],
+    ids=lambda path: path.name,
 )
 def test_a_flipped_bit_costs_one_ping_and_many_flips_are_no_foreign_error(tmp_path, path):
     whole = path.read_bytes()[:40_000]
