@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.functions import DepthFunctions, HorizontalFunctions, depth_weights
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
@@ -575,9 +576,9 @@ class FlowEstimate:
 
     def save(self, path: str | Path) -> None:
         """Write the flow to NetCDF without loss; ``replay_kit.open_estimate`` reads it back."""
-        from replay_kit.core.flow.file import save
+        from replay_kit.core.flow.file import save_bytes
 
-        save(self, as_path(path, "estimate"))
+        write_whole(as_path(path, "estimate"), save_bytes(self))
 
 
 def with_potential(
