@@ -13,7 +13,7 @@ import xarray as xr
 
 from replay_kit.core.atomic import atomic_file, open_part, sync
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.flow.file import write_dataset
+from replay_kit.core.flow.cf import write_dataset
 from replay_kit.core.paths import check_paths
 from replay_kit.results.mcap_file import ResultFile
 from tests.command import invoke
@@ -25,7 +25,7 @@ def text(path):
 
 
 def dataset(path):
-    write_dataset(xr.Dataset({"u": ("x", np.zeros(2))}), path, {})
+    write_dataset(xr.Dataset({"u": ("x", np.zeros(2))}), path)
 
 
 def result(path):

@@ -18,9 +18,8 @@ import h5py
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, Encoding, described, history
+from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, call_text, described, netcdf_bytes
 from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
 from replay_kit.core.flow.functions import (
     DepthFunctions,
@@ -165,7 +164,7 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
             about[_EXACT_TIME] = " ".join(map(str, np.ravel(values).tolist()))
             values = np.asarray(values) / 1e9
         to_file, _ = _CODED.get(name, (np.asarray, None))
-        variables[name] = xr.Variable(dims.split(), to_file(values), about)
+        variables[name] = xr.Variable(dims.split(), to_file(values), about, {"_FillValue": None})
     attrs: dict[str, Any] = {
         "replay_kit_format": FORMAT,
         "replay_kit_format_version": np.int32(FORMAT_VERSION),
@@ -181,40 +180,13 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
         attrs["data_span"] = "{} {}".format(*flow.span_ns)
     if flow.about:
         attrs["replay_kit_about"] = json.dumps(dict(flow.about))
-    dataset, made_by = xr.Dataset(variables, attrs=attrs), history("save", flow.time_ns)
-    return described(dataset, "Ocean current estimate without loss", made_by, flow.about)
+    title, made_by = "Ocean current estimate without loss", call_text("save", flow.time_ns)
+    return described(xr.Dataset(variables, attrs=attrs), title, made_by, flow.about)
 
 
 def save_bytes(flow: FlowEstimate) -> bytes:
     """Return the bytes of a saved flow, with their seal; the same flow and libraries give the same bytes."""
-    dataset = to_lossless(flow)
-    return sealed(_bytes(dataset, {str(name): {"_FillValue": None} for name in dataset.variables}))
-
-
-def write_dataset(dataset: xr.Dataset, path: Path, encoding: Encoding) -> None:
-    """Write a dataset as NetCDF; the file appears whole or not at all.
-
-    Raises:
-        ConfigError: The file cannot be created.
-        ReplayKitError: It cannot be written to its end, as on a full disk.
-    """
-    # made in memory, since the HDF5 library crashes the process when a disk is full
-    write_whole(path, _bytes(dataset, encoding))
-
-
-def _bytes(dataset: xr.Dataset, encoding: Encoding) -> bytes:
-    """Return a dataset as the bytes of a NetCDF-4 file.
-
-    ``to_netcdf`` would take a lock named after the buffer's address from the scheduler, where the process is a worker of Dask. Addresses
-    are used again by other missions, and the scheduler then no longer knows the lock. No other thread sees the buffer.
-    """
-    import h5netcdf
-    from xarray.backends import H5NetCDFStore
-
-    buffer = io.BytesIO()
-    with h5netcdf.File(buffer, "w") as file:
-        dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)
-    return buffer.getvalue()
+    return sealed(netcdf_bytes(to_lossless(flow)))
 
 
 def load(path: str | Path) -> FlowEstimate:

@@ -1,21 +1,20 @@
 """Velocities of a flow, or of the estimates of several windows, at places in degrees and along tracks."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.cf import described, encoded
-from replay_kit.core.flow.dataset import ATTRIBUTES, wet_at
-from replay_kit.core.flow.estimate import FlowEstimate, checked_depth
+from replay_kit.core.flow.estimate import FlowEstimate, checked_depth, warn_outside
 from replay_kit.core.geodesy import inside_grid, to_local
+from replay_kit.core.grid import Grid
 from replay_kit.core.quantities import to_time_ns
 from replay_kit.core.text import place_text, span_text, time_text
-from replay_kit.core.version import __version__
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,17 +25,8 @@ if TYPE_CHECKING:
 WASHED = 1.0
 _NO_TIME = "no time"
 # Columns of a table of velocities; the first five are coordinates.
-_COLUMNS = (
-    "time",
-    "longitude",
-    "latitude",
-    "depth",
-    "estimate_time",
-    "u",
-    "v",
-    "u_standard_error",
-    "v_standard_error",
-)
+_COORDINATES = ["time", "longitude", "latitude", "depth", "estimate_time"]
+_VALUES = ["u", "v", "u_standard_error", "v_standard_error"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -72,42 +62,32 @@ class Velocities:
 
     def __repr__(self) -> str:
         """Return where and when, and the velocities with their standard errors."""
-        known = np.isfinite(self.u)
-        rest = (
-            ""
-            if known.all()
-            else f"\n  {np.sum(~known)} of {known.size} outside the region, on land or below the last level: NaN"
-        )
-        depths = f"{span_text(self.depth)} m deep"
-        if known.shape == ():
-            where = f"{place_text(float(self.longitude), float(self.latitude))}, {depths}, {self._times()}"
-            values = f"u {self.u:.3f} +- {self.u_standard_error:.3f}, v {self.v:.3f} +- {self.v_standard_error:.3f} m/s"
-            return f"Velocity at {where}\n  {values} (true east, true north){rest}"
-        errors = span_text([self.u_standard_error, self.v_standard_error], 2)
-        values = f"u {span_text(self.u, 2)}, v {span_text(self.v, 2)}, standard error {errors} m/s"
-        return f"Velocities at {known.size} points {known.shape}, {depths}, {self._times()}\n  {values} (true east, true north){rest}"
-
-    def _times(self) -> str:
+        known, depths = np.isfinite(self.u), f"{span_text(self.depth)} m deep"
         asked, held = _ends(self.time), _ends(self.estimate_time)
-        return asked if held in (asked, _NO_TIME) else f"{asked} (estimate for {held})"
+        times = asked if held in (asked, _NO_TIME) else f"{asked} (estimate for {held})"
+        if known.shape == ():
+            place = place_text(float(self.longitude), float(self.latitude))
+            where = f"Velocity at {place}, {depths}, {times}"
+            values = f"u {self.u:.3f} +- {self.u_standard_error:.3f}, v {self.v:.3f} +- {self.v_standard_error:.3f} m/s"
+        else:
+            where = f"Velocities at {known.size} points {known.shape}, {depths}, {times}"
+            errors = span_text([self.u_standard_error, self.v_standard_error], 2)
+            values = (
+                f"u {span_text(self.u, 2)}, v {span_text(self.v, 2)}, standard error {errors} m/s"
+            )
+        text = f"{where}\n  {values} (true east, true north)"
+        if known.all():
+            return text
+        return f"{text}\n  {np.sum(~known)} of {known.size} outside the region, on land or below the last level: NaN"
 
     def _columns(self) -> dict[str, Array]:
-        return {name: np.ravel(getattr(self, name)) for name in _COLUMNS}
+        return {name: np.ravel(getattr(self, name)) for name in _COORDINATES + _VALUES}
 
     def to_xarray(self) -> "xr.Dataset":
         """Return a CF dataset on the dimension ``point``."""
-        import xarray as xr
+        from replay_kit.core.flow.dataset import of_points
 
-        values = {
-            name: ("point", column, ATTRIBUTES[name]) for name, column in self._columns().items()
-        }
-        dataset = described(
-            xr.Dataset(values).set_coords(_COLUMNS[:5]),
-            "Ocean current estimate at points",
-            f"replay-kit {__version__}: Velocities.to_xarray",
-            {"featureType": "point", **self.about},
-        )
-        return encoded(dataset)
+        return of_points(self._columns(), _COORDINATES, self.about)
 
     def to_og1(self, platform: str, **stated: str) -> "xr.Dataset":
         """Return a trajectory after OG1.0 (OceanGliders), on the dimension ``N_MEASUREMENTS``; what is not stated is left out.
@@ -136,25 +116,44 @@ def _ends(dates: NDArray[np.datetime64]) -> str:
     return " to ".join(dict.fromkeys(time_text(int(end)) for end in (times.min(), times.max())))
 
 
-def velocity_at(
-    flow: FlowEstimate,
+def best_velocity_at(
+    flows: Sequence[FlowEstimate],
     longitude: ArrayLike,
     latitude: ArrayLike,
     depth: ArrayLike,
     time: Any = None,
 ) -> Velocities:
-    """Return the velocities at points; see ``FlowEstimate.velocity_at``."""
-    points = longitude, latitude, checked_depth(depth)
-    if time is None:
-        return _velocities(flow, points, None)
-    time_ns, first = to_time_ns(time), flow.last_observation_ns
-    flow.require_model_of_time()
-    if first is not None and time_ns.size and time_ns.min() < first:
-        raise EstimatorError(
-            f"time: {time_text(int(time_ns.min()))} is before the last observation of the estimate, {time_text(first)}; expected that time "
-            "or a later one: leave time out for the estimate's own, or look back with the command smooth"
-        )
-    return _velocities(flow, points, time_ns)
+    """Return velocities at points, each from the estimate with the least standard error there; NaN where none holds it.
+
+    Windows overlap: near the side of one that the vehicle had left, another knows the current better.
+
+    Args:
+        flows: At least one; of several each with its uncertainty, and of equal ones the later counts.
+        longitude: [degrees east], any shape; the four broadcast together.
+        latitude: [degrees north].
+        depth: [m], positive down.
+        time: As of ``FlowEstimate.velocity_at``, which says what is raised and what is warned of, too.
+    """
+    points, time_ns = (longitude, latitude, checked_depth(depth)), None
+    if time is not None:
+        time_ns = to_time_ns(time)
+        for flow in flows:
+            flow.require_model_of_time()
+            first = flow.last_observation_ns
+            if first is not None and time_ns.size and time_ns.min() < first:
+                raise EstimatorError(
+                    f"time: {time_text(int(time_ns.min()))} is before the last observation of the estimate, {time_text(first)}; expected "
+                    "that time or a later one: leave time out for the estimate's own, or look back with the command smooth"
+                )
+    found = [_velocities(flow, points, time_ns) for flow in reversed(flows)]
+    errors = np.array([np.hypot(one.u_standard_error, one.v_standard_error) for one in found])
+    best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)[None]
+    chosen = {
+        name: np.take_along_axis(np.array([getattr(one, name) for one in found]), best, axis=0)[0]
+        for name in ("time", "estimate_time", *_VALUES)
+    }
+    warn_outside(flows, chosen["time"], 4)
+    return replace(found[0], **chosen)
 
 
 def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
@@ -164,19 +163,16 @@ def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
         raise EstimatorError(
             f"track: expected a table, dataset or mapping with longitude, latitude, depth and perhaps time, got {kind}"
         )
-    columns = {
-        name: track[name] for name in ("longitude", "latitude", "depth", "time") if name in track
-    }
-    index = getattr(track, "index", None)
-    if "time" not in columns and getattr(index, "name", None) == "time":
-        columns["time"] = index
-    if missing := [name for name in ("longitude", "latitude", "depth") if name not in columns]:
+    place = ("longitude", "latitude", "depth")
+    if missing := [name for name in place if name not in track]:
         raise EstimatorError(
             f"track: expected longitude, latitude, depth and perhaps time, but {', '.join(missing)} is missing"
         )
-    time = columns.pop("time", None)
-    columns["depth"] = checked_depth(columns["depth"], WASHED)
-    return _velocities(flow, tuple(columns.values()), None if time is None else to_time_ns(time))
+    index = getattr(track, "index", None)
+    time = track.get("time", index if getattr(index, "name", None) == "time" else None)
+    longitude, latitude, depth = (track[name] for name in place)
+    points = longitude, latitude, checked_depth(depth, WASHED)
+    return _velocities(flow, points, None if time is None else to_time_ns(time))
 
 
 def _velocities(
@@ -195,66 +191,76 @@ def _velocities(
         raise EstimatorError(
             f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth"
         )
-    at = np.column_stack([axis.ravel() for axis in (longitude, latitude, np.maximum(depth, 0.0))])
     first = flow.last_observation_ns
-    held = (
-        np.full(len(at), own)
-        if flow.process is None
-        else asked.ravel()
-        if first is None
-        else np.maximum(asked.ravel(), first)
-    )
+    held = asked if first is None else np.maximum(asked, first)
     if time_ns is None or flow.process is None:
-        values = _evaluate(flow, *at.T)
+        values = evaluate(flow, longitude, latitude, depth)
+        held = held if flow.process is not None else np.full_like(asked, own)
     else:
-        values = np.empty((len(at), 4))
+        values = np.empty((*depth.shape, 4))
         for time in np.unique(held).tolist():
             here = held == time
-            values[here] = _evaluate(flow.at(time), *at[here].T)
-    kept = (column.reshape(depth.shape)[()] for column in values.T)
-    dates = (value.reshape(depth.shape).astype("datetime64[ns]")[()] for value in (asked, held))
+            at = (axis[here] for axis in (longitude, latitude, depth))
+            values[here] = evaluate(flow.at(time), *at)
+    kept = (column[()] for column in np.moveaxis(values, -1, 0))
+    dates = (value.astype("datetime64[ns]")[()] for value in (asked, held))
     return Velocities(longitude[()], latitude[()], depth[()], *dates, *kept, about=flow.about)
 
 
-def _evaluate(flow: FlowEstimate, longitude: Array, latitude: Array, depth: Array) -> Array:
-    """Return velocity and standard error, shape (n, 4), at points, each shape (n,); NaN where nothing is known."""
-    out = np.full((depth.size, 4), np.nan)
-    known = np.isfinite(longitude + latitude)
-    east, north = to_local(flow.grid.projection, longitude[known], latitude[known])
-    known[known] = wet_at(flow.grid, east, north, depth[known]) & inside_grid(
-        flow.grid, east, north
-    )
-    east, north = to_local(flow.grid.projection, longitude[known], latitude[known])
-    out[known, :2] = flow.velocity(east, north, depth[known], true_axes=True)
-    if flow.n_modes:
-        out[known, 2:] = flow.standard_error(east, north, depth[known], true_axes=True)
-    return out
+def known_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> NDArray[np.bool_]:
+    """Return whether a flow on a grid is known at points: ``wet_at``, and inside the grid's outline."""
+    return wet_at(grid, east, north, depth) & inside_grid(grid, east, north)
 
 
-def best_velocity_at(
-    flows: Sequence[FlowEstimate],
-    longitude: ArrayLike,
-    latitude: ArrayLike,
-    depth: ArrayLike,
-    time: Any = None,
-) -> Velocities:
-    """Return velocities at points, each from the estimate with the least standard error there; NaN where none holds it.
+def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> NDArray[np.bool_]:
+    """Return True where the grid's nearest point at the nearest level is wet and the point lies in the box of the grid and its levels.
 
-    Windows overlap: near the side of one that the vehicle had left, another knows the current better.
+    A point farther than half a cell's diagonal from every grid point is off the grid, hence not wet. Depths above the first level
+    take the first level; below the last one the forecast has no water.
 
     Args:
-        flows: At least one, each with its uncertainty; of equal ones the later counts.
-        longitude: [degrees east], any shape; the four broadcast together.
+        grid: The grid.
+        east: [m], local frame; the three broadcast together. What is not finite is off the grid.
+        north: [m], local frame.
+        depth: [m], positive down.
+    """
+    places = np.stack(np.broadcast_arrays(east, north), axis=-1)
+    places = np.where(np.isfinite(places), places, 1e12)
+    tree = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()]))
+    distance, nearest = tree.query(places)
+    depth = np.asarray(depth, dtype=np.float64)
+    level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
+    # A hair more than the half diagonal, so that the corners shared by four cells belong to one; a single row has no cells.
+    cell = [float(np.max(grid.steps(axis), initial=0.0)) for axis in (0, 1)]
+    on_grid = distance <= 0.5 * np.hypot(cell[0], cell[1]) * (1.0 + 1e-6)
+    wet = grid.wet.reshape(grid.levels.size, -1)[level, nearest]
+    return np.asarray(wet & on_grid & (depth <= grid.levels[-1]))
+
+
+def evaluate(
+    flow: FlowEstimate,
+    longitude: Array,
+    latitude: Array,
+    depth: Array,
+    known_at: Callable[[Grid, Array, Array, Array], NDArray[np.bool_]] = known_at,
+) -> Array:
+    """Return velocity and standard error towards true east and north, the three broadcast together and shape (..., 4) [m/s].
+
+    Args:
+        flow: The flow.
+        longitude: [degrees east].
         latitude: [degrees north].
         depth: [m], positive down.
-        time: As of ``FlowEstimate.velocity_at``.
+        known_at: Whether it is known at local points; elsewhere it is NaN.
     """
-    found = [velocity_at(flow, longitude, latitude, depth, time) for flow in reversed(flows)]
-    errors = np.array([np.hypot(one.u_standard_error, one.v_standard_error) for one in found])
-    best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)
-    names = ("time", "estimate_time", "u", "v", "u_standard_error", "v_standard_error")
-    chosen = (
-        np.take_along_axis(np.array([getattr(one, name) for one in found]), best[None], axis=0)[0]
-        for name in names
+    east, north = to_local(flow.grid.projection, longitude, latitude)
+    depth = np.maximum(depth, 0.0)
+    known = known_at(flow.grid, east, north, depth)
+    east, north, depth = (
+        np.broadcast_to(axis, known.shape)[known] for axis in (east, north, depth)
     )
-    return Velocities(found[0].longitude, found[0].latitude, found[0].depth, *chosen)
+    out = np.full((*known.shape, 4), np.nan)
+    out[known, :2] = flow.velocity(east, north, depth, true_axes=True)
+    if flow.n_modes:
+        out[known, 2:] = np.sqrt(flow.variance(east, north, depth, true_axes=True))
+    return out
