@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.functions import HorizontalFunctions, NodeKernel
-from replay_kit.core.flow.lattice import WINDOW, StreamFunctionLattice
+from replay_kit.core.flow.functions import NodeKernel
+from replay_kit.core.flow.lattice import WINDOW, HorizontalFunctions, StreamFunctionLattice
 
 #: Orders of derivatives along each axis: 0 to 3.
 ORDERS = 4

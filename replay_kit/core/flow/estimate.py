@@ -34,7 +34,8 @@ from numpy.typing import ArrayLike, NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.functions import DepthFunctions, HorizontalFunctions, depth_weights
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
+from replay_kit.core.flow.lattice import HorizontalFunctions
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
 from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic

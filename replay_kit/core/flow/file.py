@@ -23,11 +23,10 @@ from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, call_text, described,
 from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
 from replay_kit.core.flow.functions import (
     DepthFunctions,
-    HorizontalFunctions,
     HorizontalKernel,
     NodeKernel,
 )
-from replay_kit.core.flow.lattice import StreamFunctionLattice
+from replay_kit.core.flow.lattice import HorizontalFunctions, StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
 from replay_kit.core.flow.process import Process
 from replay_kit.core.grid import Grid, Projection

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.functions import hats
 
 _NS = 1e9
 
@@ -67,14 +68,7 @@ class Process:
 
     def shares(self, times_ns: NDArray[np.int64]) -> Array:
         """Return the share of each forecast time at times [ns, UTC], shape (n, T): linear between these, constant outside them."""
-        if self.times_ns.size == 1:
-            return np.ones((len(times_ns), 1))
-        before = np.clip(np.searchsorted(self.times_ns, times_ns) - 1, 0, self.times_ns.size - 2)
-        first, step = self.times_ns[before], np.diff(self.times_ns)[before]
-        share = np.clip((times_ns - first) / step, 0.0, 1.0)
-        out, rows = np.zeros((len(times_ns), self.times_ns.size)), np.arange(len(times_ns))
-        out[rows, before], out[rows, before + 1] = 1.0 - share, share
-        return out
+        return hats(times_ns, self.times_ns)
 
     def mean_at(self, time_ns: int) -> Array:
         """Return m at a time [ns, UTC], shape (Z, r)."""
