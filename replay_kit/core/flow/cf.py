@@ -29,7 +29,7 @@ _AXES = (
 def described(
     dataset: xr.Dataset, title: str, made_by: str, about: Mapping[str, str] | None = None
 ) -> xr.Dataset:
-    """Return a dataset with its global attributes, and with the kind of each variable.
+    """Return a dataset with its global attributes, the kind of each variable, and how it is written: times as seconds, what fills gaps.
 
     Args:
         dataset: Its coordinates have their standard names.
@@ -50,8 +50,17 @@ def described(
             if standard.endswith("sea_water_velocity")
             else "auxiliaryInformation"
         )
+        # a coordinate has a value everywhere
+        missing = variable.isnull().values if variable.dtype.kind in "Mf" else np.array(False)
+        fills = missing.any() and name not in dataset.dims
+        variable.encoding["_FillValue"] = np.nan if fills else None
         if variable.dtype.kind == "M":
             variable.attrs |= LEAP_SECONDS
+            # CF before 1.9 has no 64-bit integers, which nanoseconds need
+            variable.encoding |= {**CF_TIME, "dtype": "float64"}
+            if missing.all():
+                # xarray cannot tell whether no date at all is one of the calendar, and warns
+                del variable.encoding["calendar"]
     return dataset.assign_attrs(
         {
             "Conventions": CONVENTIONS,
@@ -62,7 +71,7 @@ def described(
             "product_version": __version__,
             "processing_level": "analysis",
             "standard_name_vocabulary": "CF Standard Name Table",
-            "history": f"replay-kit {__version__}: {made_by}",
+            "history": f"replay-kit {made_by}",
             **_coverage(dataset),
             **(about or {}),
         }
@@ -111,23 +120,6 @@ def _all_of(dataset: xr.Dataset, standard: str) -> np.ndarray:
     return np.concatenate(values) if values else np.empty(0)
 
 
-def encoded(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with how ``to_netcdf`` is to write it: times as seconds, and fill values where something is missing.
-
-    CF before 1.9 has no 64-bit integers, which nanoseconds need; a coordinate has a value everywhere.
-    """
-    for name, variable in dataset.variables.items():
-        missing = variable.isnull().values if variable.dtype.kind in "Mf" else np.array(False)
-        fills = missing.any() and name not in dataset.dims
-        variable.encoding["_FillValue"] = np.nan if fills else None
-        if variable.dtype.kind == "M":
-            variable.encoding |= {**CF_TIME, "dtype": "float64"}
-            if missing.all():
-                # xarray cannot tell whether no date at all is one of the calendar, and warns
-                del variable.encoding["calendar"]
-    return dataset
-
-
 def write_dataset(dataset: xr.Dataset, path: Path) -> None:
     """Write a dataset as NetCDF, its values compressed; the file appears whole or not at all.
 
@@ -135,7 +127,7 @@ def write_dataset(dataset: xr.Dataset, path: Path) -> None:
         ConfigError: The file cannot be created.
         ReplayKitError: It cannot be written to its end, as on a full disk.
     """
-    for variable in encoded(dataset).variables.values():
+    for variable in dataset.variables.values():
         if variable.dtype.kind == "f" and variable.ndim:
             variable.encoding |= {"zlib": True, "complevel": 4}
     # made in memory, since the HDF5 library crashes the process when a disk is full
@@ -155,12 +147,3 @@ def netcdf_bytes(dataset: xr.Dataset) -> bytes:
     with h5netcdf.File(buffer, "w") as file:
         dataset.dump_to_store(H5NetCDFStore(file))
     return buffer.getvalue()
-
-
-def call_text(function: str, time_ns: int | None) -> str:
-    """Return a function and the time of the flow [ns, UTC] that it was called for; None without one."""
-    return (
-        f"{function}(flow)"
-        if time_ns is None
-        else f"{function}(flow, time = {np.datetime64(time_ns, 'ns')}Z)"
-    )

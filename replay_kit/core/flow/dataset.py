@@ -10,38 +10,27 @@ from numpy.typing import ArrayLike
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.cf import CONVENTIONS, call_text, described, encoded, write_dataset
+from replay_kit.core.flow.cf import CONVENTIONS, described, write_dataset
 from replay_kit.core.flow.estimate import FlowEstimate, checked_depth, warn_outside
-from replay_kit.core.flow.points import evaluate, wet_at
-from replay_kit.core.quantities import to_time_ns
+from replay_kit.core.flow.points import own_or, velocities, wet_at
 
-_COMPONENTS = {"u": "eastward sea water velocity", "v": "northward sea water velocity"}
-_ERROR = "standard_error"
+_KEYS = ("long_name", "units", "standard_name", "positive")
 #: Attributes of the variables, after CF.
 ATTRIBUTES = {
-    **{
-        name: {"standard_name": words.replace(" ", "_"), "long_name": words, "units": "m s-1"}
-        for name, words in _COMPONENTS.items()
-    },
-    **{
-        f"{name}_{_ERROR}": {
-            "standard_name": f"{words.replace(' ', '_')} {_ERROR}",
-            "long_name": f"standard error of {words}",
-            "units": "m s-1",
-        }
-        for name, words in _COMPONENTS.items()
-    },
-    "longitude": {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"},
-    "latitude": {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north"},
-    "depth": {
-        "standard_name": "depth",
-        "long_name": "depth below the surface",
-        "units": "m",
-        "positive": "down",
-    },
-    "time": {"standard_name": "time", "long_name": "time"},
-    "estimate_time": {"long_name": "time for which the velocity holds"},
+    name: dict(zip(_KEYS, row.split(" | "), strict=False))
+    for name, row in {
+        "u": "eastward sea water velocity | m s-1 | eastward_sea_water_velocity",
+        "v": "northward sea water velocity | m s-1 | northward_sea_water_velocity",
+        "u_standard_error": "standard error of eastward sea water velocity | m s-1 | eastward_sea_water_velocity standard_error",
+        "v_standard_error": "standard error of northward sea water velocity | m s-1 | northward_sea_water_velocity standard_error",
+        "longitude": "longitude | degrees_east | longitude",
+        "latitude": "latitude | degrees_north | latitude",
+        "depth": "depth below the surface | m | depth | down",
+        "estimate_time": "time for which the velocity holds",
+    }.items()
 }
+ATTRIBUTES["time"] = {"standard_name": "time", "long_name": "time"}
+_AXES = {"time": "T", "depth": "Z", "latitude": "Y", "longitude": "X"}
 
 
 def to_dataset(
@@ -72,60 +61,36 @@ def to_dataset(
     lon, lat, levels = flow.grid.longitude, flow.grid.latitude, flow.levels
     if axes:
         (lon, lat), levels = np.meshgrid(*axes[:2]), checked_depth(axes[2])
-    flows, asked = [flow], list[int]()
-    through: tuple[str, ...] = ()
+    asked = own_or(time)
     if time is not None:
         flow.require_model_of_time()
-        time_ns = to_time_ns(time)
-        warn_outside([flow], time_ns, 4)
-        asked, through = time_ns.ravel().tolist(), ("time",) * min(time_ns.ndim, 1)
-        flows = [flow if flow.process is None else flow.at(each) for each in asked]
-    values = np.array([evaluate(one, lon, lat, levels[:, None, None], wet_at) for one in flows])
-    values = values if through else values[0]
+        warn_outside([flow], asked, 4)
+    through = ("time",) * min(asked.ndim, 1)
+    asked = asked.reshape(-1, 1, 1, 1) if through else asked
+    found = velocities([flow], (lon, lat, levels[:, None, None], asked), wet_at)
     regular = bool(np.all(lon == lon[0]) and np.all(lat == lat[:, :1]))
-    dims = (*through, "depth", *(("latitude", "longitude") if regular else ("y", "x")))
-    dataset = xr.Dataset(
-        coords={
-            "depth": ("depth", levels, ATTRIBUTES["depth"] | {"axis": "Z"}),
-            **_times(asked, [one.time_ns for one in flows], through),
-            **_places(lon, lat, regular),
-        }
-    )
-    for k, name in enumerate(_COMPONENTS):
+    place = ("latitude", "longitude") if regular else ("y", "x")
+    coords = {
+        "depth": (("depth",), levels),
+        "time": (through, found.time[..., 0, 0, 0]),
+        "estimate_time": (through, found.estimate_time[..., 0, 0, 0]),
+        "latitude": (place[:1], lat[:, 0]) if regular else (place, lat),
+        "longitude": (place[1:], lon[0]) if regular else (place, lon),
+    }
+    if time is None:
+        del coords["estimate_time"]
+    dataset, dims = xr.Dataset(), (*through, "depth", *place)
+    for name, (own, values) in coords.items():
+        axis = {"axis": _AXES[name]} if name in _AXES and own != ("y", "x") else {}
+        if values.dtype.kind != "M" or not np.isnat(values).any():
+            dataset.coords[name] = (own, values, ATTRIBUTES[name] | axis)
+    for name in "uv":
         ancillary = {}
         if flow.n_modes:
-            ancillary["ancillary_variables"] = of_error = f"{name}_{_ERROR}"
-            dataset[of_error] = (dims, values[..., 2 + k], ATTRIBUTES[of_error])
-        dataset[name] = (dims, values[..., k], ATTRIBUTES[name] | ancillary)
-    made_by = call_text("to_dataset", (flow if through else flows[0]).time_ns)
-    return encoded(described(dataset, "Ocean current estimate", made_by, flow.about))
-
-
-def _times(
-    asked: list[int], held: Sequence[int | None], dims: tuple[str, ...]
-) -> dict[str, xr.Variable]:
-    """Return the coordinates of the times that were asked for, none for the flow's own, and of those that it holds for [ns, UTC]."""
-    found = {}
-    for name, times in {
-        "time": asked or held,
-        **({"estimate_time": held} if asked else {}),
-    }.items():
-        if None not in times:
-            dates = np.array(times, "M8[ns]").reshape(-1 if dims else ())
-            axis = {"axis": "T"} if name == "time" else {}
-            found[name] = xr.Variable(dims, dates, ATTRIBUTES[name] | axis)
-    return found
-
-
-def _places(lon: Array, lat: Array, regular: bool) -> dict[str, xr.Variable]:
-    """Return the coordinates of a grid's longitudes and latitudes, both (J, I) [degrees]: axes where it is regular."""
-    if not regular:
-        each = {"latitude": lat, "longitude": lon}
-        return {name: xr.Variable(("y", "x"), at, ATTRIBUTES[name]) for name, at in each.items()}
-    return {
-        name: xr.Variable(name, at, ATTRIBUTES[name] | {"axis": axis})
-        for name, at, axis in (("latitude", lat[:, 0], "Y"), ("longitude", lon[0], "X"))
-    }
+            ancillary["ancillary_variables"] = of_error = f"{name}_standard_error"
+            dataset[of_error] = (dims, getattr(found, of_error), ATTRIBUTES[of_error])
+        dataset[name] = (dims, getattr(found, name), ATTRIBUTES[name] | ancillary)
+    return described(dataset, "Ocean current estimate", "to_xarray", flow.about)
 
 
 def write_grid(flow: FlowEstimate, path: Path) -> None:
@@ -151,7 +116,7 @@ def of_points(
     dataset = xr.Dataset(values).set_coords(coordinates)
     about = {"featureType": "point", **about}
     title, made_by = "Ocean current estimate at points", "Velocities.to_xarray"
-    return encoded(described(dataset, title, made_by, about))
+    return described(dataset, title, made_by, about)
 
 
 _VOCABULARY = "http://vocab.nerc.ac.uk/collection/OG1/current"
@@ -221,7 +186,7 @@ def trajectory(
     )
     for end in ("time_coverage_start", "time_coverage_end"):
         result.attrs[end] = result.attrs[end].translate(_DIGITS)
-    return encoded(result)
+    return result
 
 
 _DIGITS = str.maketrans("", "", "-:Z")

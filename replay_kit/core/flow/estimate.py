@@ -257,15 +257,12 @@ class FlowEstimate:
         """
 
         def here(places: Array, at: NDArray[np.intp], depths: Array) -> Array:
-            by_level = self._true(places, self.by_level(places), true_axes)
+            local = with_potential(self.horizontal, places, self.latent, self.potential)
+            by_level = self._true(places, local, true_axes)[:, at]
             weights = depth_weights(self.depth_functions, depths, self.levels)
-            return np.asarray(np.einsum("cpz,pz->pc", by_level[:, at], weights))
+            return np.asarray(np.einsum("cpz,pz->pc", by_level, weights))
 
         return _over_places(here, east, north, depth)
-
-    def by_level(self, places: Array) -> Array:
-        """Return the velocity at the levels over places, shape (2, P, Z) [m/s], local axes; ``places`` of shape (P, 2) [m]."""
-        return with_potential(self.horizontal, places, self.latent, self.potential)
 
     def standard_error(
         self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
@@ -284,7 +281,7 @@ class FlowEstimate:
         self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
     ) -> Array:
         """Return the square of ``standard_error`` [m^2/s^2], with numbers also where nothing is known."""
-        self._uncertain("standard_error")
+        self._uncertain()
 
         def here(places: Array, at: NDArray[np.intp], depths: Array) -> Array:
             covariance = self._of_functions(places, true_axes)
@@ -368,7 +365,7 @@ class FlowEstimate:
     @cached_property
     def _factor(self) -> Array:
         """F' L at the flow's time, the weights of independent unknowns of unit variance in the vertical functions, shape (k, K, r)."""
-        known = self._uncertain("standard_error")
+        known = self._uncertain()
         return np.tensordot(known.root, known.process.loading(self.time_ns or 0), ([0], [0]))
 
     def _of_functions(self, places: Array, true_axes: bool) -> Array:
@@ -380,7 +377,7 @@ class FlowEstimate:
     def _in_functions(self, depths: Array) -> Array:
         """Return the vertical functions at depths [m], shape (n, K)."""
         weights = depth_weights(self.depth_functions, depths, self.levels)
-        return np.asarray(weights @ self._uncertain("standard_error").process.functions.T)
+        return np.asarray(weights @ self._uncertain().process.functions.T)
 
     def _beside(self, places: Array, covariance: Array) -> Array:
         """Return the error beside that of the unknowns at the levels over places, shape (2, P, Z) [m/s].
@@ -389,7 +386,7 @@ class FlowEstimate:
             places: shape (P, 2) [m].
             covariance: Of the vertical functions there, as of ``_of_functions``.
         """
-        unknowns = self._uncertain("standard_error")
+        unknowns = self._uncertain()
         # of what the unknowns do not hold, that of the nearest node
         variance_of_node = unknowns.scale * unknowns.error[:, nearest_node(self.grid, places)] ** 2
         beside = np.stack([variance_of_node.T] * 2)
@@ -408,7 +405,7 @@ class FlowEstimate:
     @cached_property
     def _between_levels(self) -> Array:
         """Covariance of a component between the levels under the prior at the flow's time, mean over the nodes, shape (Z, Z)."""
-        process = self._uncertain("standard_error").process
+        process = self._uncertain().process
         modes = self.horizontal.velocity(self.nodes, self.modes).reshape(-1, self.n_modes)
         gram, loading = modes.T @ modes / len(modes), process.loading(self.time_ns or 0)
         of_functions = np.einsum("kar,rs,kbs->ab", loading, gram, loading, optimize=True)
@@ -428,7 +425,7 @@ class FlowEstimate:
             inside_grid(self.grid, east, north) & (np.asarray(depth) <= self.levels[-1])
         )
 
-    def _uncertain(self, what: str) -> Unknowns:
+    def _uncertain(self, what: str = "standard_error") -> Unknowns:
         if self.unknowns is None or not self.n_modes:
             raise EstimatorError(
                 f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) carries none"

@@ -19,7 +19,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, call_text, described, netcdf_bytes
+from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, described, netcdf_bytes
 from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
 from replay_kit.core.flow.functions import (
     DepthFunctions,
@@ -163,7 +163,7 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
             about[_EXACT_TIME] = " ".join(map(str, np.ravel(values).tolist()))
             values = np.asarray(values) / 1e9
         to_file, _ = _CODED.get(name, (np.asarray, None))
-        variables[name] = xr.Variable(dims.split(), to_file(values), about, {"_FillValue": None})
+        variables[name] = xr.Variable(dims.split(), to_file(values), about)
     attrs: dict[str, Any] = {
         "replay_kit_format": FORMAT,
         "replay_kit_format_version": np.int32(FORMAT_VERSION),
@@ -179,8 +179,8 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
         attrs["data_span"] = "{} {}".format(*flow.span_ns)
     if flow.about:
         attrs["replay_kit_about"] = json.dumps(dict(flow.about))
-    title, made_by = "Ocean current estimate without loss", call_text("save", flow.time_ns)
-    return described(xr.Dataset(variables, attrs=attrs), title, made_by, flow.about)
+    dataset = xr.Dataset(variables, attrs=attrs)
+    return described(dataset, "Ocean current estimate without loss", "save", flow.about)
 
 
 def save_bytes(flow: FlowEstimate) -> bytes:

@@ -127,50 +127,34 @@ class StreamFunctionLattice:
 
         The design is zero where a function does not reach a point, so that its velocity does not depend on its neighbours.
         """
-        first = np.stack([self._first(points[:, axis], axis) for axis in (0, 1)])
-        tile = (first[0] // _TILE) * (self.shape[1] // _TILE + 1) + first[1] // _TILE
+        windows = self._windows(points)
+        cells = [lines[:, 0] // _TILE for lines, _, _ in windows]
+        tile = cells[0] * (self.shape[1] // _TILE + 1) + cells[1]
         order = np.argsort(tile, kind="stable")
-        ends = np.flatnonzero(np.diff(tile[order])) + 1
-        for chosen in np.split(order, ends):
-            if chosen.size:
-                (east, gx, slope_x), (north, gy, slope_y) = (
-                    self._axis(points[chosen, axis], first[axis, chosen], axis) for axis in (0, 1)
-                )
-                yield Tile(
-                    chosen,
-                    east,
-                    north,
-                    _velocities(gx, slope_x, gy, slope_y),
-                )
-
-    def _first(self, at: Array, axis: int) -> NDArray[np.intp]:
-        """Return the first lattice line that counts at each place along an axis, shape (P,)."""
-        cell = np.floor((at - self.origin[axis]) / self.spacing[axis]) - (HALF_WINDOW - 1)
-        cell = np.minimum(np.maximum(cell, 0), self.shape[axis] - WINDOW)
-        return np.asarray(cell, dtype=np.intp)
+        for chosen in np.split(order, np.flatnonzero(np.diff(tile[order])) + 1):
+            if not chosen.size:
+                continue
+            axes, rows = [], np.arange(chosen.size)[:, None]
+            for lines, gaussian, slope in windows:
+                near = lines[chosen]
+                reach = slice(int(near.min()), int(near.max()) + 1)
+                both = np.zeros((2, chosen.size, reach.stop - reach.start))
+                both[:, rows, near - reach.start] = gaussian[chosen], slope[chosen]
+                axes.append((reach, both))
+            (east, (gx, slope_x)), (north, (gy, slope_y)) = axes
+            yield Tile(chosen, east, north, _velocities(gx, slope_x, gy, slope_y))
 
     def _windows(self, points: Array) -> list[tuple[NDArray[np.intp], Array, Array]]:
         """Return the lattice lines that count at points along each axis, their Gaussians and slopes [1/m], each of shape (P, WINDOW)."""
         found = []
         for axis, at in enumerate(points.T):
-            lines = self._first(at, axis)[:, None] + _LINES
-            gaussian, rate = self._gaussians(at, lines, axis)
-            found.append((lines, gaussian, rate * gaussian))
+            cell = np.floor((at - self.origin[axis]) / self.spacing[axis]) - (HALF_WINDOW - 1)
+            first = np.minimum(np.maximum(cell, 0), self.shape[axis] - WINDOW).astype(np.intp)
+            lines, inverse = first[:, None] + _LINES, 1.0 / self.widths[axis] ** 2
+            distance = at[:, None] - (self.origin[axis] + self.spacing[axis] * lines)
+            gaussian = np.exp((-0.5 * inverse) * distance * distance)
+            found.append((lines, gaussian, -inverse * distance * gaussian))
         return found
-
-    def _axis(self, at: Array, first: NDArray[np.intp], axis: int) -> tuple[slice, Array, Array]:
-        """Return lattice lines along an axis, the Gaussians around them at places along it, shape (P, n), and their slopes [1/m]."""
-        lines = np.arange(first.min(), first.max() + WINDOW)
-        gaussian, rate = self._gaussians(at, lines, axis)
-        ahead = lines - first[:, None]
-        gaussian[(ahead < 0) | (ahead >= WINDOW)] = 0.0
-        return slice(int(lines[0]), int(lines[-1]) + 1), gaussian, rate * gaussian
-
-    def _gaussians(self, at: Array, lines: NDArray[np.intp], axis: int) -> tuple[Array, Array]:
-        """Return the Gaussians of lattice lines at places along an axis, shape (P, n), and the rates of their logarithms [1/m]."""
-        distance = at[:, None] - (self.origin[axis] + self.spacing[axis] * lines)
-        inverse = 1.0 / self.widths[axis] ** 2
-        return np.exp((-0.5 * inverse) * distance * distance), -inverse * distance
 
 
 def _velocities(gx: Array, slope_x: Array, gy: Array, slope_y: Array) -> Array:

@@ -1,7 +1,7 @@
 """Velocities of a flow, or of the estimates of several windows, at places in degrees and along tracks."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 #: A vehicle's pressure sensor may read so far above the surface when it lies there [m].
 WASHED = 1.0
-_NO_TIME = "no time"
+Mask = Callable[[Grid, Array, Array, Array], NDArray[np.bool_]]
+_NO_TIME, _NAT = "no time", np.iinfo(np.int64).min
 # Columns of a table of velocities; the first five are coordinates.
 _COORDINATES = ["time", "longitude", "latitude", "depth", "estimate_time"]
 _VALUES = ["u", "v", "u_standard_error", "v_standard_error"]
@@ -116,97 +117,6 @@ def _ends(dates: NDArray[np.datetime64]) -> str:
     return " to ".join(dict.fromkeys(time_text(int(end)) for end in (times.min(), times.max())))
 
 
-def best_velocity_at(
-    flows: Sequence[FlowEstimate],
-    longitude: ArrayLike,
-    latitude: ArrayLike,
-    depth: ArrayLike,
-    time: Any = None,
-) -> Velocities:
-    """Return velocities at points, each from the estimate with the least standard error there; NaN where none holds it.
-
-    Windows overlap: near the side of one that the vehicle had left, another knows the current better.
-
-    Args:
-        flows: At least one; of several each with its uncertainty, and of equal ones the later counts.
-        longitude: [degrees east], any shape; the four broadcast together.
-        latitude: [degrees north].
-        depth: [m], positive down.
-        time: As of ``FlowEstimate.velocity_at``, which says what is raised and what is warned of, too.
-    """
-    points, time_ns = (longitude, latitude, checked_depth(depth)), None
-    if time is not None:
-        time_ns = to_time_ns(time)
-        for flow in flows:
-            flow.require_model_of_time()
-            first = flow.last_observation_ns
-            if first is not None and time_ns.size and time_ns.min() < first:
-                raise EstimatorError(
-                    f"time: {time_text(int(time_ns.min()))} is before the last observation of the estimate, {time_text(first)}; expected "
-                    "that time or a later one: leave time out for the estimate's own, or look back with the command smooth"
-                )
-    found = [_velocities(flow, points, time_ns) for flow in reversed(flows)]
-    errors = np.array([np.hypot(one.u_standard_error, one.v_standard_error) for one in found])
-    best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)[None]
-    chosen = {
-        name: np.take_along_axis(np.array([getattr(one, name) for one in found]), best, axis=0)[0]
-        for name in ("time", "estimate_time", *_VALUES)
-    }
-    warn_outside(flows, chosen["time"], 4)
-    return replace(found[0], **chosen)
-
-
-def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
-    """Return the velocities along a track; see ``FlowEstimate.along``."""
-    if not isinstance(track, Mapping) and not hasattr(track, "keys"):
-        kind = type(track).__name__
-        raise EstimatorError(
-            f"track: expected a table, dataset or mapping with longitude, latitude, depth and perhaps time, got {kind}"
-        )
-    place = ("longitude", "latitude", "depth")
-    if missing := [name for name in place if name not in track]:
-        raise EstimatorError(
-            f"track: expected longitude, latitude, depth and perhaps time, but {', '.join(missing)} is missing"
-        )
-    index = getattr(track, "index", None)
-    time = track.get("time", index if getattr(index, "name", None) == "time" else None)
-    longitude, latitude, depth = (track[name] for name in place)
-    points = longitude, latitude, checked_depth(depth, WASHED)
-    return _velocities(flow, points, None if time is None else to_time_ns(time))
-
-
-def _velocities(
-    flow: FlowEstimate, points: tuple[Any, ...], time_ns: NDArray[np.int64] | None
-) -> Velocities:
-    """Return the velocities at points.
-
-    Those before the last observation of an estimate are at the time of that, and those of one that does not change at its own.
-    """
-    own = np.iinfo(np.int64).min if flow.time_ns is None else flow.time_ns  # the former is NaT
-    axes = (np.asarray(axis, dtype=np.float64) for axis in points)
-    longitude, latitude, depth, asked = np.broadcast_arrays(
-        *axes, np.int64(own) if time_ns is None else time_ns
-    )
-    if np.any(np.abs(latitude) > 90.0):
-        raise EstimatorError(
-            f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth"
-        )
-    first = flow.last_observation_ns
-    held = asked if first is None else np.maximum(asked, first)
-    if time_ns is None or flow.process is None:
-        values = evaluate(flow, longitude, latitude, depth)
-        held = held if flow.process is not None else np.full_like(asked, own)
-    else:
-        values = np.empty((*depth.shape, 4))
-        for time in np.unique(held).tolist():
-            here = held == time
-            at = (axis[here] for axis in (longitude, latitude, depth))
-            values[here] = evaluate(flow.at(time), *at)
-    kept = (column[()] for column in np.moveaxis(values, -1, 0))
-    dates = (value.astype("datetime64[ns]")[()] for value in (asked, held))
-    return Velocities(longitude[()], latitude[()], depth[()], *dates, *kept, about=flow.about)
-
-
 def known_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> NDArray[np.bool_]:
     """Return whether a flow on a grid is known at points: ``wet_at``, and inside the grid's outline."""
     return wet_at(grid, east, north, depth) & inside_grid(grid, east, north)
@@ -237,30 +147,115 @@ def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> N
     return np.asarray(wet & on_grid & (depth <= grid.levels[-1]))
 
 
-def evaluate(
+def best_velocity_at(
+    flows: Sequence[FlowEstimate],
+    longitude: ArrayLike,
+    latitude: ArrayLike,
+    depth: ArrayLike,
+    time: Any = None,
+) -> Velocities:
+    """Return velocities at points, each from the estimate with the least standard error there; NaN where none holds it.
+
+    Windows overlap: near the side of one that the vehicle had left, another knows the current better.
+
+    Args:
+        flows: At least one; of several each with its uncertainty, and of equal ones the later counts.
+        longitude: [degrees east], any shape; the four broadcast together.
+        latitude: [degrees north].
+        depth: [m], positive down.
+        time: As of ``FlowEstimate.velocity_at``, which says what is raised and what is warned of, too.
+    """
+    asked, latest = own_or(time), max(flow.last_observation_ns or 0 for flow in flows)
+    if time is not None:
+        for flow in flows:
+            flow.require_model_of_time()
+        if asked.size and asked.min() < latest:
+            raise EstimatorError(
+                f"time: {time_text(int(asked.min()))} is before the last observation of the estimate, {time_text(latest)}; expected that "
+                "time or a later one: leave time out for the estimate's own, or look back with the command smooth"
+            )
+    found = velocities(flows, (longitude, latitude, checked_depth(depth), asked))
+    warn_outside(flows, found.time, 4)
+    return found
+
+
+def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
+    """Return the velocities along a track; see ``FlowEstimate.along``."""
+    if not isinstance(track, Mapping) and not hasattr(track, "keys"):
+        kind = type(track).__name__
+        raise EstimatorError(
+            f"track: expected a table, dataset or mapping with longitude, latitude, depth and perhaps time, got {kind}"
+        )
+    place = ("longitude", "latitude", "depth")
+    if missing := [name for name in place if name not in track]:
+        raise EstimatorError(
+            f"track: expected longitude, latitude, depth and perhaps time, but {', '.join(missing)} is missing"
+        )
+    index = getattr(track, "index", None)
+    time = track.get("time", index if getattr(index, "name", None) == "time" else None)
+    longitude, latitude, depth = (track[name] for name in place)
+    return velocities([flow], (longitude, latitude, checked_depth(depth, WASHED), own_or(time)))
+
+
+def own_or(time: Any) -> NDArray[np.int64]:
+    """Return times [ns, UTC] as of ``to_time_ns``; none is NaT, which stands for a flow's own."""
+    return np.array(_NAT) if time is None else to_time_ns(time)
+
+
+def velocities(
+    flows: Sequence[FlowEstimate], given: tuple[Any, ...], known_at: Mask = known_at
+) -> Velocities:
+    """Return the velocities at points, each of the surest of some flows.
+
+    Args:
+        flows: At least one.
+        given: Longitudes, latitudes, depths and times as of ``own_or``, which broadcast together.
+        known_at: Whether a flow is known at local points of its grid; elsewhere it is NaN.
+    """
+    longitude, latitude, depth, _ = at = np.broadcast_arrays(*given)
+    if np.any(np.abs(latitude) > 90.0):
+        raise EstimatorError(
+            f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth"
+        )
+    found = [_of(flow, known_at, *at) for flow in reversed(flows)]
+    errors = np.array([np.hypot(u_error, v_error) for *_, u_error, v_error in found])
+    best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)[None]
+    asked, held, *values = (
+        np.take_along_axis(np.array(each), best, axis=0)[0] for each in zip(*found, strict=True)
+    )
+    dates = (each.astype("datetime64[ns]") for each in (asked, held))
+    place = (longitude[()], latitude[()], depth[()])
+    return Velocities(*place, *dates, *values, about=flows[-1].about)
+
+
+def _of(
     flow: FlowEstimate,
+    known_at: Mask,
     longitude: Array,
     latitude: Array,
     depth: Array,
-    known_at: Callable[[Grid, Array, Array, Array], NDArray[np.bool_]] = known_at,
-) -> Array:
-    """Return velocity and standard error towards true east and north, the three broadcast together and shape (..., 4) [m/s].
+    time_ns: NDArray[np.int64],
+) -> tuple[NDArray[Any], ...]:
+    """Return the times asked for and those that velocities hold for [ns, UTC], the velocities and their errors, each of the points' shape.
 
-    Args:
-        flow: The flow.
-        longitude: [degrees east].
-        latitude: [degrees north].
-        depth: [m], positive down.
-        known_at: Whether it is known at local points; elsewhere it is NaN.
+    Those before the last observation of an estimate are at the time of that, and those of one that does not change at its own.
     """
+    own = _NAT if flow.time_ns is None else flow.time_ns
+    asked = np.where(time_ns == _NAT, own, time_ns)
+    changes = flow.process is not None
+    held = (
+        np.maximum(asked, flow.last_observation_ns or asked)
+        if changes
+        else np.full_like(asked, own)
+    )
+    values = np.full((*held.shape, 4), np.nan)
     east, north = to_local(flow.grid.projection, longitude, latitude)
     depth = np.maximum(depth, 0.0)
     known = known_at(flow.grid, east, north, depth)
-    east, north, depth = (
-        np.broadcast_to(axis, known.shape)[known] for axis in (east, north, depth)
-    )
-    out = np.full((*known.shape, 4), np.nan)
-    out[known, :2] = flow.velocity(east, north, depth, true_axes=True)
-    if flow.n_modes:
-        out[known, 2:] = np.sqrt(flow.variance(east, north, depth, true_axes=True))
-    return out
+    for time in np.unique(held).tolist():
+        here, now = known & (held == time), flow if time == own else flow.at(time)
+        points = east[here], north[here], depth[here], True
+        values[here, :2] = now.velocity(*points)
+        if flow.n_modes:
+            values[here, 2:] = np.sqrt(now.variance(*points))
+    return asked, held, *np.moveaxis(values, -1, 0)

@@ -126,7 +126,8 @@ def test_blocks_of_the_replay_hardly_change_profiles_that_count_together(
     run(ocean, tmp_path / "out.mcap", config=WINDOW, goal=None)
     one, other = (rk.open_result(path).estimate for path in (tmp_path / "out.mcap", grouped))
     assert one.time_ns == other.time_ns
-    off = one.by_level(one.nodes) - other.by_level(one.nodes)
+    at = *one.nodes.T[..., None], one.levels
+    off = one.velocity(*at) - other.velocity(*at)
     assert np.sqrt(np.mean(off**2)) < 5e-4
     assert np.abs(off).max() < 3e-3
 
