@@ -143,8 +143,9 @@ class Observer:
         """Return the velocities of the flow whose weights are zero, (2, m, Z), and of the modes, (2, m, r), of those of ``_latents``."""
         n = self.basis.grid.levels.size
         offset, modes = both[..., :n], both[..., both.shape[2] - self.basis.n_modes :]
-        turned = both[..., n : 2 * n]
-        return (offset if self.potential is None else offset + gradient(turned)), modes
+        if self.potential is not None:
+            offset = offset + gradient(both[..., n : 2 * n])
+        return offset, modes
 
     @cached_property
     def _layouts(self) -> dict[Any, Layout]:
