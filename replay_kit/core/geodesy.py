@@ -54,17 +54,14 @@ def grid_bearing_of_true_north(
     longitude = np.fmod(np.asarray(longitude, dtype=np.float64), 360.0)
     latitude = np.asarray(latitude, dtype=np.float64)
     known = np.isfinite(longitude) & np.isfinite(latitude)
-    if not known.all() or not known.size:
-        # pyproj takes neither no places nor places that are not numbers
-        turns = np.full(known.shape, np.nan)
-        if known.any():
-            turns[known] = grid_bearing_of_true_north(projection, longitude[known], latitude[known])
-        return turns
-    if known.size == 1:
-        one = _bearing_at(projection, float(longitude.flat[0]), float(latitude.flat[0]))
-        return np.full(known.shape, one)
-    factors = _proj(projection).get_factors(longitude, latitude)
-    return -np.deg2rad(np.asarray(factors.meridian_convergence, dtype=np.float64))
+    # pyproj takes neither no places nor places that are not numbers
+    turns = np.full(known.shape, np.nan)
+    if known.size == 1 and known.all():
+        turns[...] = _bearing_at(projection, longitude.item(), latitude.item())
+    elif known.any():
+        factors = _proj(projection).get_factors(longitude[known], latitude[known])
+        turns[known] = -np.deg2rad(factors.meridian_convergence)
+    return turns
 
 
 # all vectors of a measurement turn by the angle at its place

@@ -5,7 +5,8 @@ A box is (west, south, east, north), west > east across the antimeridian; positi
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from math import ceil, floor
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +18,8 @@ from replay_kit.core.grid import Grid
 Region = tuple[float, float, float, float]
 #: Metres a degree of latitude, on a sphere of the Earth's area: boxes are no geodesy.
 DEGREE = 111_195.0
-# A box is rounded outwards to so many digits, some 10 m, so that it reads well.
-_BOX_DIGITS = 4
+# A box is rounded outwards to so many parts of a degree, some 10 m, so that it reads well.
+_SHARES = 10_000
 # Beyond this latitude a degree of longitude is taken to be no shorter.
 _FARTHEST = 89.0
 
@@ -54,24 +55,14 @@ def degree_of_longitude(latitude: float) -> float:
 
 def rounded(region: Region) -> Region:
     """Return a box rounded outwards, its longitudes in -180..180."""
-    west, south, east, north = region
-    scale = 10.0**_BOX_DIGITS
-    outwards = [
-        np.floor(west * scale),
-        np.floor(south * scale),
-        np.ceil(east * scale),
-        np.ceil(north * scale),
-    ]
-    west, south, east, north = (round(float(value) / scale, _BOX_DIGITS) for value in outwards)
+    west, south = (floor(value * _SHARES) / _SHARES for value in region[:2])
+    east, north = (ceil(value * _SHARES) / _SHARES for value in region[2:])
     return _wrapped(west), max(south, -90.0), _wrapped(east), min(north, 90.0)
 
 
 def _wrapped(longitude: float) -> float:
-    return (
-        longitude
-        if -180.0 <= longitude <= 180.0
-        else round((longitude + 180.0) % 360.0 - 180.0, _BOX_DIGITS)
-    )
+    inside = -180.0 <= longitude <= 180.0
+    return longitude if inside else round((longitude + 180.0) % 360.0 - 180.0, 4)
 
 
 def centre(region: Region) -> tuple[float, float]:
@@ -116,13 +107,8 @@ _DIGITS = 7
 
 def positions(longitude: ArrayLike, latitude: ArrayLike, near: float) -> list[list[float]]:
     """Return positions, their longitudes within 180 degrees of ``near``, or a map draws a line around the world."""
-    continuous = unwrap_longitude(np.asarray(longitude, dtype=np.float64), near)
-    found: list[list[float]] = (
-        np.column_stack([continuous, np.asarray(latitude, dtype=np.float64)])
-        .round(_DIGITS)
-        .tolist()
-    )
-    return found
+    places = np.column_stack([unwrap_longitude(longitude, near), np.asarray(latitude, np.float64)])
+    return cast(list[list[float]], places.round(_DIGITS).tolist())
 
 
 def feature(kind: str, coordinates: Any, properties: Mapping[str, Any]) -> Feature:
@@ -145,12 +131,9 @@ def cut_at_antimeridian(one: Feature) -> Feature:
     kind, coordinates = one["geometry"]["type"], one["geometry"]["coordinates"]
     at = np.atleast_2d(np.array(coordinates[0] if kind == "Polygon" else coordinates, dtype=float))
     # revolutions by which a part of it is off; what only touches the antimeridian has no part beyond
-    first, end = (
-        np.floor((at[:, 0].min() + 180.0) / 360.0),
-        np.ceil((at[:, 0].max() + 180.0) / 360.0),
-    )
-    turns = np.arange(first, max(end, first + 1.0))
-    if np.array_equal(turns, [0.0]):
+    first, end = floor((at[:, 0].min() + 180.0) / 360.0), ceil((at[:, 0].max() + 180.0) / 360.0)
+    turns = range(first, max(end, first + 1))
+    if turns == range(1):
         return one
     if "Point" in kind:
         at[:, 0] = (at[:, 0] + 180.0) % 360.0 - 180.0

@@ -19,7 +19,7 @@ def evidence(densities, values=4):
 def test_the_evidence_is_the_density_of_the_values():
     values, std = np.array([0.1, -0.2, 0.3]), 0.2
     whitened = -0.5 * float(np.sum((values / std) ** 2)) - 3.0 * math.log(std)
-    block = BlockEvidence().with_measurement(whitened, 3, 1)
+    block = BlockEvidence(whitened, 3, 1)
     assert block.log_evidence == pytest.approx(norm(0.0, std).logpdf(values).sum())
     assert Evidence({1: block, 2: block}).total == BlockEvidence(2.0 * whitened, 6, 2)
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, made_often
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation.linear import Fix, Label, LinearMeasurement, PathMean
 from replay_kit.core.observation.quality import Flag, Reason, Source
@@ -17,7 +17,6 @@ from replay_kit.core.text import place_text, span_text, time_text
 Reference = Literal["earth", "platform"]
 
 
-@made_often
 @dataclass(frozen=True, slots=True)
 class RawValues:
     """What is remembered of a ping as the instrument gave it, before any rotation.
@@ -45,7 +44,6 @@ class RawValues:
 NO_RAW_VALUES = RawValues()
 
 
-@made_often
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observation:
     """One profile of the horizontal current: n bins under one position.

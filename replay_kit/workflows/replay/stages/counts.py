@@ -242,9 +242,8 @@ def _with_evidence(
     for one in innovations:
         if np.isfinite(one.log_likelihood):
             key = block_of(one.dive, one.time_ns)
-            out[key] = out.get(key, BlockEvidence()).with_measurement(
-                one.log_likelihood, one.dof, one.profiles
-            )
+            more = BlockEvidence(one.log_likelihood, one.dof, one.profiles)
+            out[key] = out.get(key, BlockEvidence()) + more
     return out
 
 
