@@ -242,8 +242,9 @@ def _with_evidence(
     for one in innovations:
         if np.isfinite(one.log_likelihood):
             key = block_of(one.dive, one.time_ns)
-            more = BlockEvidence(one.log_likelihood, one.dof, one.profiles)
-            out[key] = out.get(key, BlockEvidence()) + more
+            out[key] = out.get(key, BlockEvidence()) + BlockEvidence(
+                one.log_likelihood, one.dof, one.profiles
+            )
     return out
 
 
