@@ -548,13 +548,12 @@ def warn_outside(flows: Sequence[FlowEstimate], times: NDArray[Any], stacklevel:
         stacklevel: Of the user's call, as ``warnings.warn`` has it.
     """
     constant = [one for one in flows if one.unknowns is not None and one.process is None]
-    spans = [one.span_ns for one in constant if one.span_ns is not None]
-    if not spans:
+    ends = [end for one in constant if one.span_ns is not None for end in one.span_ns]
+    if not ends:
         return
-    span = min(first for first, _ in spans), max(last for _, last in spans)
-    asked = np.asarray(times).astype(np.int64).ravel()
-    no_time = np.iinfo(np.int64).min
-    outside = asked[((asked < span[0]) | (asked > span[1])) & (asked != no_time)]
+    asked, span = np.ravel(times).astype(np.int64), (min(ends), max(ends))
+    # NaT is none
+    outside = asked[((asked < span[0]) | (asked > span[1])) & (asked >= 0)]
     if outside.size:
         warnings.warn(
             f"time: {time_text(int(outside[0]))} is outside the estimate's data, {_span_text(span)}; its model is constant in time: the "

@@ -52,7 +52,8 @@ _KINDS: dict[str, type] = {
     "stream function lattice": StreamFunctionLattice,
 }
 
-#: Variables: name, what of the flow it holds, dimensions, unit and meaning. Those that a flow has not, or that are empty, are left out.
+#: Variables: name, what of the flow it holds, dimensions, unit and meaning; and attributes: numbers, texts, and times as decimal digits.
+#: Those that a flow has not, or that are empty, are left out.
 FIELDS = [
     row.split(" | ")
     for row in (
@@ -89,29 +90,26 @@ FIELDS = [
         "local_scale | local.scale | local | s, decorrelation time",
         "local_mean | local.mean | local component | m/s, local east and north, after the last dive",
         "local_cov | local.cov | local component component_2 | m2/s2, its covariance",
+        "depth_function_kind | depth_functions.kind | attribute",
+        "projection_longitude | grid.projection.longitude | attribute",
+        "projection_latitude | grid.projection.latitude | attribute",
+        "depth_function_length | depth_functions.length | attribute",
+        "kernel_length_east | horizontal.kernel.length_east | attribute",
+        "kernel_length_north | horizontal.kernel.length_north | attribute",
+        "kernel_speed | horizontal.kernel.speed | attribute",
+        "lattice_origin_east | horizontal.origin.0 | attribute",
+        "lattice_origin_north | horizontal.origin.1 | attribute",
+        "lattice_spacing_east | horizontal.spacing.0 | attribute",
+        "lattice_spacing_north | horizontal.spacing.1 | attribute",
+        "lattice_shape_east | horizontal.shape.0 | attribute",
+        "lattice_shape_north | horizontal.shape.1 | attribute",
+        "scale | unknowns.scale | attribute",
+        "unknowns_time | unknowns.time_ns | attribute",
+        "oscillation_scale | unknowns.oscillation.scale | attribute",
+        "oscillation_time | unknowns.oscillation.time_ns | attribute",
+        "local_time | local.time_ns | attribute",
     )
 ]
-#: Attributes, each with what of the flow it holds: numbers, texts, and times as decimal digits.
-ATTRIBUTES = {
-    "depth_function_kind": "depth_functions.kind",
-    "projection_longitude": "grid.projection.longitude",
-    "projection_latitude": "grid.projection.latitude",
-    "depth_function_length": "depth_functions.length",
-    **{
-        f"kernel_{name}": f"horizontal.kernel.{name}"
-        for name in ("length_east", "length_north", "speed")
-    },
-    **{
-        f"lattice_{part}_{axis}": f"horizontal.{part}.{k}"
-        for part in ("origin", "spacing", "shape")
-        for k, axis in enumerate(("east", "north"))
-    },
-    "scale": "unknowns.scale",
-    "unknowns_time": "unknowns.time_ns",
-    "oscillation_scale": "unknowns.oscillation.scale",
-    "oscillation_time": "unknowns.oscillation.time_ns",
-    "local_time": "local.time_ns",
-}
 _STANDARD = {
     "depth": {"standard_name": "depth", "units": "m", "positive": "down", "axis": "Z"},
     "east": {"units": "m"},
@@ -152,29 +150,27 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
     """Return the flow as the dataset from which ``load`` makes an equal one."""
     import xarray as xr  # loads slowly, and who reads a saved flow needs it not
 
-    variables = {}
-    for name, names, dims, words in FIELDS:
-        values = _held(flow, names)
+    kind = next(name for name, kind in _KINDS.items() if isinstance(flow.horizontal, kind))
+    variables, attrs = dict[str, xr.Variable](), dict[str, Any]()
+    attrs["replay_kit_format"], attrs["replay_kit_format_version"] = (
+        FORMAT,
+        np.int32(FORMAT_VERSION),
+    )
+    attrs["horizontal_functions"] = kind
+    for name, names, dims, *words in FIELDS:
+        values, is_time = _held(flow, names), names.endswith("_ns")
         # NetCDF has no dimension of length zero that is not unlimited
         if values is None or not np.size(values):
             continue
-        about = {"long_name": words, **_STANDARD.get(name, {})}
-        if names.endswith("_ns"):
+        if not words:
+            attrs[name] = str(values) if is_time or isinstance(values, str) else np.float64(values)
+            continue
+        about = {"long_name": words[0], **_STANDARD.get(name, {})}
+        if is_time:
             about[_EXACT_TIME] = " ".join(map(str, np.ravel(values).tolist()))
             values = np.asarray(values) / 1e9
         to_file, _ = _CODED.get(name, (np.asarray, None))
         variables[name] = xr.Variable(dims.split(), to_file(values), about)
-    attrs: dict[str, Any] = {
-        "replay_kit_format": FORMAT,
-        "replay_kit_format_version": np.int32(FORMAT_VERSION),
-        "horizontal_functions": next(
-            name for name, kind in _KINDS.items() if isinstance(flow.horizontal, kind)
-        ),
-    }
-    for name, names in ATTRIBUTES.items():
-        if (value := _held(flow, names)) is not None:
-            as_text = isinstance(value, str) or names.endswith("_ns")
-            attrs[name] = str(value) if as_text else np.float64(value)
     if flow.span_ns is not None:
         attrs["data_span"] = "{} {}".format(*flow.span_ns)
     if flow.about:
@@ -245,7 +241,7 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
 
 
 def _values(file: h5py.File, size: int) -> dict[str, Any]:
-    """Return the values of a file's variables by what of the flow they are.
+    """Return the values of a file's variables and attributes by what of the flow they are.
 
     Raises:
         ValueError: They claim more bytes than a file of a size can hold.
@@ -258,14 +254,17 @@ def _values(file: h5py.File, size: int) -> dict[str, Any]:
     }
     if why := claim_text(sum(array.nbytes for array in arrays.values()), size):
         raise ValueError(why)
-    found: dict[str, Any] = {}
-    for name, names, dims, _ in FIELDS:
-        if name in arrays and names.endswith("_ns"):
+    found, attrs = dict[str, Any](), _attributes(file)
+    for name, names, dims, *words in FIELDS:
+        is_time = names.endswith("_ns")
+        if not words and name in attrs:
+            found[names] = int(attrs[name]) if is_time else attrs[name]
+        elif name in arrays and is_time:
             times = np.array(_attributes(arrays[name])[_EXACT_TIME].split(), dtype=np.int64)
             found[names] = times if dims else int(times[0])
         elif name in arrays:
-            values = np.asarray(arrays[name][()])
-            found[names] = _CODED[name][1](values) if name in _CODED else values
+            _, from_file = _CODED.get(name, (None, np.asarray))
+            found[names] = from_file(arrays[name][()])
     return found
 
 
@@ -281,9 +280,6 @@ def _flow(attrs: Mapping[str, Any], found: dict[str, Any]) -> FlowEstimate:
         KeyError, TypeError: Something is missing in it.
         ValueError: Its parts do not fit together.
     """
-    for name, names in ATTRIBUTES.items():
-        if name in attrs:
-            found[names] = int(attrs[name]) if names.endswith("_ns") else attrs[name]
 
     def of(part: str) -> dict[str, Any]:
         """Return what a part of the flow, by its names with dots between, is made of."""
@@ -291,7 +287,7 @@ def _flow(attrs: Mapping[str, Any], found: dict[str, Any]) -> FlowEstimate:
         return {name: found[f"{whole}{dot}{name}"] for whole, dot, name in named if whole == part}
 
     horizontal, unknowns = _horizontal(attrs["horizontal_functions"], of), None
-    latent, kind = found["latent"], attrs["depth_function_kind"]
+    latent, kind = found["latent"], found["depth_functions.kind"]
     if kind not in ("hat", "gaussian") or latent.shape[0] != horizontal.size:
         raise ValueError(
             f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {horizontal.size} horizontal functions"
