@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from replay_kit.core.errors import ReplayKitError
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+Times = NDArray[np.int64]
 
 #: Largest array that is kept in memory [bytes].
 IN_MEMORY = 1 << 30

@@ -8,13 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Times
 
 
 def bootstrap_interval(
-    statistic: Callable[[NDArray[np.int64]], Array],
+    statistic: Callable[[Times], Array],
     cases: int,
     resamples: int = 2000,
     share: float = 0.9,

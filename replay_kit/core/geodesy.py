@@ -9,10 +9,10 @@ from math import atan, cos, radians, sin, tan
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pyproj import Geod, Proj
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.grid import Grid, Projection
 
 _ELLIPSOID = Geod(ellps="WGS84")
@@ -205,7 +205,7 @@ def unwrap_longitude(longitude: ArrayLike, near: float) -> Array:
     return near + np.mod(longitude - near + 180.0, 360.0) - 180.0
 
 
-def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> NDArray[np.bool_]:
+def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> Mask:
     """Return whether local points [m] lie inside the grid's outline, its edge included to a millimetre; the shape is kept."""
     start, edge, square = _edges(grid)
     east, north = np.broadcast_arrays(

@@ -9,9 +9,9 @@ from math import ceil, floor
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Grid
 
@@ -89,7 +89,7 @@ def depth_inside(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> A
     return np.asarray(np.minimum(along * degree_of_longitude(middle[1]), across * DEGREE))
 
 
-def inside(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> NDArray[np.bool_]:
+def inside(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> Mask:
     """Return whether places lie in a box; arguments as in ``depth_inside``."""
     return np.asarray(depth_inside(region, longitude, latitude) >= 0.0)
 

@@ -120,9 +120,13 @@ def of_points(
 
 
 _VOCABULARY = "http://vocab.nerc.ac.uk/collection/OG1/current"
-# Terms of the coordinates; none is known for an estimated current.
-_TERMS = {"time": "TIME", "longitude": "LON", "latitude": "LAT", "depth": "DEPTH"}
-_TERMS_OF_FIXES = {"time": "TIME", "longitude": "LON_GPS", "latitude": "LAT_GPS"}
+# Terms of the coordinates, and of those of GPS fixes; none is known for an estimated current.
+_TERMS = {
+    "time": ("TIME", "TIME"),
+    "longitude": ("LON", "LON_GPS"),
+    "latitude": ("LAT", "LAT_GPS"),
+    "depth": ("DEPTH", ""),
+}
 _FIXED = {
     "platform": "sub-surface gliders",
     "platform_vocabulary": "https://vocab.nerc.ac.uk/collection/L06/current/27/",
@@ -151,33 +155,31 @@ def trajectory(
         raise EstimatorError(
             "to_og1: expected points that all have a time, as along() gives with a column time"
         )
-    points, values, single = "N_MEASUREMENTS", dict[str, Any](), dict[str, Any]()
-    for name, column in columns.items():
-        term = {"vocabulary": f"{_VOCABULARY}/{_TERMS[name]}/"} if name in _TERMS else {}
-        values[name.upper()] = (points, column, ATTRIBUTES[name] | term)
-    for name, word in _TERMS_OF_FIXES.items():
-        long_name = {"long_name": f"{name} of each GPS location"}
-        attributes = ATTRIBUTES[name] | long_name | {"vocabulary": f"{_VOCABULARY}/{word}/"}
-        # of the column's type, NaN or NaT
-        missing = np.full_like(columns[name], "NaT" if name == "time" else np.nan)
-        values[f"{name.upper()}_GPS"] = (points, missing, attributes)
-        long_name = {"long_name": f"{name} of the first point of the track"}
-        single[f"DEPLOYMENT_{name.upper()}"] = (columns[name][0], ATTRIBUTES[name] | long_name)
     start = np.datetime_as_string(columns["time"][0], "s").translate(_DIGITS)
-    single |= {
-        "TRAJECTORY": (
-            f"{platform}_{start}",
-            {"cf_role": "trajectory_id", "long_name": "trajectory name"},
-        ),
-        "PLATFORM_SERIAL_NUMBER": (platform, {"long_name": "glider serial number"}),
-    }
+    dataset = xr.Dataset(
+        {
+            name.upper(): ("N_MEASUREMENTS", column, dict(ATTRIBUTES[name]))
+            for name, column in columns.items()
+        }
+    )
+    for name, (term, of_fix) in _TERMS.items():
+        column = dataset[name.upper()]
+        if of_fix:
+            first, fix = f"{name} of the first point of the track", f"{name} of each GPS location"
+            dataset[f"DEPLOYMENT_{name.upper()}"] = column[0].assign_attrs(long_name=first)
+            dataset[f"{name.upper()}_GPS"] = column.where(False).assign_attrs(
+                long_name=fix, vocabulary=f"{_VOCABULARY}/{of_fix}/"
+            )
+        dataset[name.upper()].attrs["vocabulary"] = f"{_VOCABULARY}/{term}/"
+    of_track = {"cf_role": "trajectory_id", "long_name": "trajectory name"}
+    dataset["TRAJECTORY"] = ((), f"{platform}_{start}", of_track)
+    dataset["PLATFORM_SERIAL_NUMBER"] = ((), platform, {"long_name": "glider serial number"})
     people = dict(about)
     for name, value in stated.items():
         if name.isupper():
-            single[name] = (value, {"long_name": name.lower().replace("_", " ")})
+            dataset[name] = ((), value, {"long_name": name.lower().replace("_", " ")})
         else:
             people[name] = value
-    dataset = xr.Dataset(values | {name: ((), *each) for name, each in single.items()})
     result = described(
         dataset.set_coords([name.upper() for name in _TERMS]),
         "Ocean current estimate along the track of a glider",

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
@@ -81,7 +81,7 @@ class Unknowns:
     error: Array
     scaled: float | Callable[[], float] = 1.0
     oscillation: Oscillation | None = None
-    measured: NDArray[np.bool_] | None = None
+    measured: Mask | None = None
 
     @cached_property
     def scale(self) -> float:
@@ -256,7 +256,7 @@ class FlowEstimate:
             Array of the broadcast shape with one more axis of length 2.
         """
 
-        def here(places: Array, at: NDArray[np.intp], depths: Array) -> Array:
+        def here(places: Array, at: Indices, depths: Array) -> Array:
             local = with_potential(self.horizontal, places, self.latent, self.potential)
             by_level = self._true(places, local, true_axes)[:, at]
             weights = depth_weights(self.depth_functions, depths, self.levels)
@@ -283,8 +283,9 @@ class FlowEstimate:
         """Return the square of ``standard_error`` [m^2/s^2], with numbers also where nothing is known."""
         self._uncertain()
 
-        def here(places: Array, at: NDArray[np.intp], depths: Array) -> Array:
-            covariance = self._of_functions(places, true_axes)
+        def here(places: Array, at: Indices, depths: Array) -> Array:
+            rows = self._rows(places, true_axes).transpose(2, 3, 1, 0)
+            covariance = rows @ rows.swapaxes(2, 3)
             own, levels = self._in_functions(depths), depth_weights(_LINEAR, depths, self.levels)
             of_flow = np.einsum("pk,cpkl,pl->pc", own, covariance[:, at], own, optimize=True)
             beside = np.einsum("pz,cpz->pc", levels, self._beside(places, covariance)[:, at])
@@ -311,9 +312,7 @@ class FlowEstimate:
         self._uncertain("velocity_covariance")
         at = np.broadcast_arrays(east, north, checked_depth(depth))
         points, depths = np.column_stack([axis.ravel() for axis in at[:2]]), at[2].ravel()
-        modes = self._true(points, self.horizontal.velocity(points, self.modes), true_axes)
-        design = np.einsum("pk,cpr->kcpr", self._in_functions(depths), modes)
-        rows = np.einsum("qkr,kcpr->qcp", self._factor, design, optimize=True)
+        rows = np.einsum("pk,qkcp->qcp", self._in_functions(depths), self._rows(points, true_axes))
         rows[..., ~self._known(points[:, 0], points[:, 1], depths)] = np.nan
         rows = rows.reshape(len(rows), -1)
         return np.asarray(rows.T @ rows)
@@ -368,11 +367,10 @@ class FlowEstimate:
         known = self._uncertain()
         return np.tensordot(known.root, known.process.loading(self.time_ns or 0), ([0], [0]))
 
-    def _of_functions(self, places: Array, true_axes: bool) -> Array:
-        """Return the covariance of the vertical functions' amplitudes at places, shape (2, P, K, K) [m^2/s^2]."""
+    def _rows(self, places: Array, true_axes: bool) -> Array:
+        """Return the effect of independent unknowns of unit variance on the vertical functions' amplitudes, shape (k, K, 2, P) [m/s]."""
         modes = self._true(places, self.horizontal.velocity(places, self.modes), true_axes)
-        rows = np.tensordot(self._factor, modes, ([2], [2])).transpose(2, 3, 1, 0)  # (2, P, K, k)
-        return np.asarray(rows @ rows.swapaxes(2, 3))
+        return np.tensordot(self._factor, modes, ([2], [2]))
 
     def _in_functions(self, depths: Array) -> Array:
         """Return the vertical functions at depths [m], shape (n, K)."""
@@ -384,7 +382,7 @@ class FlowEstimate:
 
         Args:
             places: shape (P, 2) [m].
-            covariance: Of the vertical functions there, as of ``_of_functions``.
+            covariance: Of the vertical functions' amplitudes there, shape (2, P, K, K) [m^2/s^2].
         """
         unknowns = self._uncertain()
         # of what the unknowns do not hold, that of the nearest node
@@ -419,7 +417,7 @@ class FlowEstimate:
         turned = rotate_to_geographic(self.grid.projection, lon[:, None], lat[:, None], *rows)
         return np.stack(turned)
 
-    def _known(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> NDArray[np.bool_]:
+    def _known(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Mask:
         """Return whether points lie inside the grid's outline and not below the last level."""
         return np.asarray(
             inside_grid(self.grid, east, north) & (np.asarray(depth) <= self.levels[-1])
@@ -586,7 +584,7 @@ def checked_depth(depth: ArrayLike, above: float = _ROUNDED) -> Array:
     return values
 
 
-def nearest_node(grid: Grid, places: Array) -> NDArray[np.intp]:
+def nearest_node(grid: Grid, places: Array) -> Indices:
     """Return the position of the node nearest to each place, shape (P,); ``places`` of shape (P, 2) [m]."""
     parts = np.array_split(places, range(_CHUNK, len(places), _CHUNK))
     squares = (((part[:, None] - grid.nodes) ** 2).sum(axis=2) for part in parts)
@@ -594,7 +592,7 @@ def nearest_node(grid: Grid, places: Array) -> NDArray[np.intp]:
 
 
 def _over_places(
-    value: Callable[[Array, NDArray[np.intp], Array], Array],
+    value: Callable[[Array, Indices, Array], Array],
     east: ArrayLike,
     north: ArrayLike,
     depth: ArrayLike,

@@ -16,9 +16,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices
 from replay_kit.core.flow.functions import HorizontalKernel, NodeKernel
 
 # Spacing of the lattice in kernel lengths: 0.9 cells where the kernel has two.
@@ -46,7 +45,7 @@ class Tile(NamedTuple):
         design: shape (2, P, n_east, n_north) [1/m], velocities of the lattice's Gaussians at the points.
     """
 
-    points: NDArray[np.intp]
+    points: Indices
     east: slice
     north: slice
     design: Array
@@ -101,7 +100,7 @@ class StreamFunctionLattice:
         return out
 
     def velocity_of_each(
-        self, points: Array, flows: NDArray[np.intp], parts: Sequence[tuple[Array, Array]]
+        self, points: Array, flows: Indices, parts: Sequence[tuple[Array, Array]]
     ) -> Array:
         """Return the velocity [m/s], shape (P, 2), at points each of which is in a flow of its own.
 
@@ -144,7 +143,7 @@ class StreamFunctionLattice:
             (east, (gx, slope_x)), (north, (gy, slope_y)) = axes
             yield Tile(chosen, east, north, _velocities(gx, slope_x, gy, slope_y))
 
-    def _windows(self, points: Array) -> list[tuple[NDArray[np.intp], Array, Array]]:
+    def _windows(self, points: Array) -> list[tuple[Indices, Array, Array]]:
         """Return the lattice lines that count at points along each axis, their Gaussians and slopes [1/m], each of shape (P, WINDOW)."""
         found = []
         for axis, at in enumerate(points.T):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask, Times
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate, checked_depth, warn_outside
 from replay_kit.core.geodesy import inside_grid, to_local
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 #: A vehicle's pressure sensor may read so far above the surface when it lies there [m].
 WASHED = 1.0
-Mask = Callable[[Grid, Array, Array, Array], NDArray[np.bool_]]
+KnownAt = Callable[[Grid, Array, Array, Array], Mask]
 _NO_TIME, _NAT = "no time", np.iinfo(np.int64).min
 # Columns of a table of velocities; the first five are coordinates.
 _COORDINATES = ["time", "longitude", "latitude", "depth", "estimate_time"]
@@ -117,12 +117,12 @@ def _ends(dates: NDArray[np.datetime64]) -> str:
     return " to ".join(dict.fromkeys(time_text(int(end)) for end in (times.min(), times.max())))
 
 
-def known_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> NDArray[np.bool_]:
+def known_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Mask:
     """Return whether a flow on a grid is known at points: ``wet_at``, and inside the grid's outline."""
     return wet_at(grid, east, north, depth) & inside_grid(grid, east, north)
 
 
-def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> NDArray[np.bool_]:
+def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Mask:
     """Return True where the grid's nearest point at the nearest level is wet and the point lies in the box of the grid and its levels.
 
     A point farther than half a cell's diagonal from every grid point is off the grid, hence not wet. Depths above the first level
@@ -197,13 +197,13 @@ def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
     return velocities([flow], (longitude, latitude, checked_depth(depth, WASHED), own_or(time)))
 
 
-def own_or(time: Any) -> NDArray[np.int64]:
+def own_or(time: Any) -> Times:
     """Return times [ns, UTC] as of ``to_time_ns``; none is NaT, which stands for a flow's own."""
     return np.array(_NAT) if time is None else to_time_ns(time)
 
 
 def velocities(
-    flows: Sequence[FlowEstimate], given: tuple[Any, ...], known_at: Mask = known_at
+    flows: Sequence[FlowEstimate], given: tuple[Any, ...], known_at: KnownAt = known_at
 ) -> Velocities:
     """Return the velocities at points, each of the surest of some flows.
 
@@ -230,11 +230,11 @@ def velocities(
 
 def _of(
     flow: FlowEstimate,
-    known_at: Mask,
+    known_at: KnownAt,
     longitude: Array,
     latitude: Array,
     depth: Array,
-    time_ns: NDArray[np.int64],
+    time_ns: Times,
 ) -> tuple[NDArray[Any], ...]:
     """Return the times asked for and those that velocities hold for [ns, UTC], the velocities and their errors, each of the points' shape.
 

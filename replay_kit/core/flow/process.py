@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Times
 from replay_kit.core.flow.functions import hats
 
 _NS = 1e9
@@ -40,7 +39,7 @@ class Process:
         tau: shape (k,) [s], decorrelation times; inf for constants.
     """
 
-    times_ns: NDArray[np.int64]
+    times_ns: Times
     mean: Array
     moving: Array
     fixed: Array
@@ -65,7 +64,7 @@ class Process:
             return f"constant in time; {self.size} unknowns"
         return f"decorrelation times {', '.join(f'{day:.1f}' for day in days)} days; {self.size} unknowns"
 
-    def shares(self, times_ns: NDArray[np.int64]) -> Array:
+    def shares(self, times_ns: Times) -> Array:
         """Return the share of each forecast time at times [ns, UTC], shape (n, T): linear between these, constant outside them."""
         return hats(times_ns, self.times_ns)
 
@@ -85,7 +84,7 @@ class Process:
         in_functions = np.tensordot(unknowns, self.loading(time_ns), 1)
         return np.asarray(self.mean_at(time_ns) + self.functions.T @ in_functions)
 
-    def project(self, modes: Array, times_ns: NDArray[np.int64]) -> tuple[Array, Array]:
+    def project(self, modes: Array, times_ns: Times) -> tuple[Array, Array]:
         """Return the current at places: of unknowns that are zero, and of one unit of each.
 
         Args:

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices, Times
 from replay_kit.core.observation.quality import Flag, Source
 from replay_kit.core.text import span_text, time_text
 
@@ -99,7 +99,7 @@ class LinearMeasurement:
     """
 
     time_ns: int
-    point_time_ns: NDArray[np.int64] | None
+    point_time_ns: Times | None
     longitude: Array
     latitude: Array
     depth: Array
@@ -166,7 +166,7 @@ class LinearMeasurement:
         at = [_half_way(row) for row in self.weights]
         return self.longitude[at], self.latitude[at]
 
-    def covariance(self, used: NDArray[np.intp]) -> Array:
+    def covariance(self, used: Indices) -> Array:
         """Return the error covariance of some values of a component [m^2/s^2], without the shared error where that is infinite."""
         own, depth, correlation = self.error_std[used], self.value_depth[used], np.eye(len(used))
         if self.correlation is not None:
@@ -209,7 +209,7 @@ class PathMean:
     """
 
     time_ns: int
-    path_time_ns: NDArray[np.int64]
+    path_time_ns: Times
     longitude: Array
     latitude: Array
     depth: Array
