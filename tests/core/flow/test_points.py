@@ -149,6 +149,7 @@ def test_a_grid_has_the_velocities_and_errors_of_its_points_at_each_time(kind):
     times = (TIME_NS + HOUR * np.array([1, 7])).astype("datetime64[ns]")
     dataset, one = (flow.to_xarray(**axes, time=each) for each in (times, times[1]))
     assert dataset["u"].dims == ("time", "depth", "latitude", "longitude")
+    assert [dataset[name].attrs["axis"] for name in dataset["u"].dims] == [*"TZYX"]
     at = np.meshgrid(times, *reversed(axes.values()), indexing="ij")
     points = flow.velocity_at(*reversed(at[1:]), at[0])
     for name in NAMES:
