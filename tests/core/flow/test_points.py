@@ -8,7 +8,6 @@ import pytest
 import xarray as xr
 
 from replay_kit.core.errors import ConfigError, EstimatorError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import best_velocity_at
 from replay_kit.core.geodesy import to_local
 from tests.core.flow.made import HOUR, changing
@@ -83,14 +82,14 @@ def test_other_times_are_refused(flow, time):
         flow.velocity_at(*HERE, time)
 
 
-def test_a_track_is_a_table_a_dataset_or_a_mapping(monkeypatch):
-    flow, asked = changing(), []
+def test_a_track_is_a_table_a_dataset_or_a_mapping():
+    flow = changing()
     times = (TIME_NS + HOUR * np.array([-2, 1])).astype("datetime64[ns]")
     columns = {"longitude": [5.0, 5.02], "latitude": [62.0, 62.01], "depth": [5.0, 90.0]}
     expected = flow.velocity_at(5.0, 62.0, 5.0).u, flow.velocity_at(5.02, 62.01, 90.0, times[1]).u
-    table = pd.DataFrame({"time": times, **columns})
-    indexed, dataset = table.set_index("time"), xr.Dataset.from_dataframe(table)
-    for track in (table, indexed, dataset, {"time": times, **columns}):
+    timed = {"time": times, **columns}
+    table = pd.DataFrame(timed)
+    for track in (table, table.set_index("time"), xr.Dataset.from_dataframe(table), timed):
         got = flow.along(track)
         assert got.u.tolist() == list(expected)
         assert got.time.tolist() == times.tolist()
@@ -102,11 +101,6 @@ def test_a_track_is_a_table_a_dataset_or_a_mapping(monkeypatch):
         flow.along([5.0, 62.0])
     with pytest.raises(EstimatorError, match="but latitude, depth is missing"):
         flow.along({"longitude": [5.0]})
-    at = FlowEstimate.at
-    monkeypatch.setattr(FlowEstimate, "at", lambda self, t: (asked.append(t), at(self, t))[1])
-    flow.along({**columns, "time": TIME_NS + HOUR * np.array([-3, -1])})
-    # all are at the estimate's own time, which is at hand
-    assert asked == []
 
 
 def test_a_flow_without_a_model_of_time_is_as_it_is_along_a_track_and_refused_at_a_time(flow):
