@@ -124,43 +124,36 @@ def cut_at_antimeridian(one: Feature) -> Feature:
     """Return a feature whose longitudes are within 180 degrees: a line or a polygon across the antimeridian is cut there.
 
     Args:
-        one: Of continuous positions: a point, several, a line, or a polygon without holes that is convex where it crosses.
+        one: Of continuous positions: a point, several, a line or a polygon.
 
     References: RFC 7946, 3.1.9.
     """
+    # loads slowly, and most commands write none
+    import shapely
+
     kind, coordinates = one["geometry"]["type"], one["geometry"]["coordinates"]
-    at = np.atleast_2d(np.array(coordinates[0] if kind == "Polygon" else coordinates, dtype=float))
+    whole = shapely.from_geojson(json.dumps(one["geometry"]))
+    west, _, east, _ = whole.bounds
     # revolutions by which a part of it is off; what only touches the antimeridian has no part beyond
-    first, end = floor((at[:, 0].min() + 180.0) / 360.0), ceil((at[:, 0].max() + 180.0) / 360.0)
+    first, end = floor((west + 180.0) / 360.0), ceil((east + 180.0) / 360.0)
     turns = range(first, max(end, first + 1))
     if turns == range(1):
         return one
     if "Point" in kind:
-        at[:, 0] = (at[:, 0] + 180.0) % 360.0 - 180.0
-        moved = at.round(_DIGITS).tolist()
-        return feature(kind, moved if kind == "MultiPoint" else moved[0], one["properties"])
-    parts = [_within(at, 360.0 * turn, kind == "LineString") for turn in turns]
-    lists = [part.round(_DIGITS).tolist() for part in parts if len(part) > 1]
-    if kind == "Polygon":
-        lists = [[[*part, part[0]] if part[0] != part[-1] else part] for part in lists]
-    many = len(lists) > 1
-    return feature(f"Multi{kind}" if many else kind, lists if many else lists[0], one["properties"])
-
-
-def _within(at: Array, middle: float, is_line: bool) -> Array:
-    """Return the part of a line or ring, shape (n, 2) [degrees], within 180 degrees of a longitude, as about longitude 0."""
-    for side, sign in ((middle - 180.0, 1.0), (middle + 180.0, -1.0)):
-        inside, found = sign * (at[:, 0] - side) >= 0.0, list[Array]()
-        for k in range(len(at)):
-            if (k or not is_line) and inside[k] != inside[k - 1]:
-                share = (side - at[k - 1, 0]) / (at[k, 0] - at[k - 1, 0])
-                # an end on the side stands there already
-                if 0.0 < share < 1.0:
-                    found.append(np.array([side, at[k - 1, 1] + share * (at[k, 1] - at[k - 1, 1])]))
-            if inside[k]:
-                found.append(at[k])
-        at = np.array(found).reshape(-1, 2)
-    return at - [middle, 0.0]
+        at = np.array(coordinates, dtype=np.float64)
+        at[..., 0] = (at[..., 0] + 180.0) % 360.0 - 180.0
+        return feature(kind, at.round(_DIGITS).tolist(), one["properties"])
+    found = []
+    for middle in (360.0 * turn for turn in turns):
+        part = whole
+        if len(turns) > 1:
+            part = shapely.clip_by_rect(whole, middle - 180.0, -90.0, middle + 180.0, 90.0)
+        part = shapely.transform(part, lambda at, by=middle: (at - [by, 0.0]).round(_DIGITS))
+        for each in shapely.get_parts(part):
+            turned = shapely.geometry.polygon.orient(each) if kind == "Polygon" else each
+            found.append(json.loads(shapely.to_geojson(turned))["coordinates"])
+    many = len(found) > 1
+    return feature(f"Multi{kind}" if many else kind, found if many else found[0], one["properties"])
 
 
 def collection_file(features: Sequence[Feature]) -> str:
