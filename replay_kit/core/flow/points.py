@@ -181,7 +181,7 @@ def best_velocity_at(
 
 def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
     """Return the velocities along a track; see ``FlowEstimate.along``."""
-    if not isinstance(track, Mapping) and not hasattr(track, "keys"):
+    if not hasattr(track, "keys"):
         kind = type(track).__name__
         raise EstimatorError(
             f"track: expected a table, dataset or mapping with longitude, latitude, depth and perhaps time, got {kind}"
