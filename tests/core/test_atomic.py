@@ -7,13 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-import xarray as xr
 
 from replay_kit.core.atomic import atomic_file, open_part, sync
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.flow.cf import write_dataset
 from replay_kit.core.paths import check_paths
 from replay_kit.results.mcap_file import ResultFile
 from tests.command import invoke
@@ -24,15 +21,11 @@ def text(path):
         file.write(b"new")
 
 
-def dataset(path):
-    write_dataset(xr.Dataset({"u": ("x", np.zeros(2))}), path)
-
-
 def result(path):
     ResultFile(path, overwrite=True, journal=None).close()
 
 
-WRITERS = pytest.mark.parametrize("write", [text, dataset, result])
+WRITERS = pytest.mark.parametrize("write", [text, result])
 
 
 @WRITERS

@@ -64,6 +64,10 @@ def test_every_kind_of_flow_survives_a_file_and_a_pickle(
     for again in (load_bytes(data, "flow"), pickle.loads(pickle.dumps(flow))):
         assert_same(flow, again)
     assert save_bytes(again) == data
+    with xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as dataset:
+        assert abs(dataset["time"].values - np.datetime64(flow.time_ns, "ns")) < np.timedelta64(
+            1, "us"
+        )
     alone = replace(flow.mean_flow(), time_ns=time_ns)
     assert_same(alone, load_bytes(save_bytes(alone), "flow"))
 
@@ -88,14 +92,6 @@ def test_every_number_survives_and_files_are_alike_whenever_they_are_written(
         flow.save(tmp_path / "missing" / "flow.nc")
 
 
-@pytest.mark.parametrize("time_ns", [0, 999_999_999, 4_102_444_799_999_999_999])
-def test_the_time_is_exact_and_other_readers_have_it_to_the_microsecond(flow, time_ns):
-    data = save_bytes(replace(flow, time_ns=time_ns))
-    assert load_bytes(data, "flow").time_ns == time_ns
-    with xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as dataset:
-        assert abs(dataset["time"].values - np.datetime64(time_ns, "ns")) < np.timedelta64(1, "us")
-
-
 def test_an_estimate_of_an_earlier_version_is_refused_with_what_to_do():
     words = r"static\.nc: an estimate written by replay-kit 0\.3 or earlier \(format version \d\), but this version reads format 7: "
     with pytest.raises(ForecastError, match=words + "export it with 0.3, or replay the log again"):
@@ -107,9 +103,7 @@ def test_other_files_and_damage_are_refused(flow, tmp_path):
     with pytest.raises(ForecastError, match="cannot read"):
         load(path)
     path.write_bytes(b"no NetCDF at all")
-    with pytest.raises(
-        ForecastError, match=r"expected a file of --save-estimate \(NetCDF-4\), but it"
-    ):
+    with pytest.raises(ForecastError, match=r"a file of --save-estimate \(NetCDF-4\), but it"):
         load(path)
     write_grid(flow, path)
     with pytest.raises(ForecastError, match="got another NetCDF file"):
@@ -125,19 +119,13 @@ def test_other_files_and_damage_are_refused(flow, tmp_path):
     short = replace(flow.mean_flow(), latent=flow.latent[:-2])
     with pytest.raises(ForecastError, match="do not fit"):
         load_bytes(save_bytes(short), "mismatch")
-    with pytest.raises(ForecastError):
-        load_bytes(save_bytes(flow)[:9000], "half")
-
-
-@pytest.mark.parametrize("bit", range(8))
-def test_a_saved_estimate_with_one_flipped_bit_is_refused_wherever_it_is(flow, tmp_path, bit):
     data = save_bytes(flow)
-    for place in np.linspace(0, len(data) - 1, 40).astype(int):
+    for place in np.linspace(0, len(data) - 1, 99).astype(int):
         damaged = bytearray(data)
-        damaged[place] ^= 1 << bit
-        (tmp_path / "flow.nc").write_bytes(damaged)
-        with pytest.raises(ForecastError, match=r"flow\.nc: .*checksum.*copy it again"):
-            load(tmp_path / "flow.nc")
+        damaged[place] ^= 1 << place % 8
+        for bad in (damaged, data[:place]):
+            with pytest.raises(ForecastError, match=r"mission: .*copy it again"):
+                load_bytes(bytes(bad), "mission")
 
 
 def test_a_grid_says_what_cf_asks_and_reads_back(flow, tmp_path):
@@ -185,11 +173,7 @@ def test_a_regular_grid_has_axes_and_nothing_is_known_off_the_region_on_land_and
 
 @pytest.mark.parametrize(
     ("axes", "words"),
-    [
-        (([5.0], None, None), "together"),
-        ((None, [62.0], [1.0]), "together"),
-        (([[5.0]], [62.0], [1.0]), "one-dimensional"),
-    ],
+    [(([5.0],), "together"), (([[5.0]], [62.0], [1.0]), "one-dimensional")],
 )
 def test_incomplete_axes_are_refused(flow, axes, words):
     with pytest.raises(EstimatorError, match=words):

@@ -19,7 +19,7 @@ NAMES = ("u", "v", "u_standard_error", "v_standard_error")
 
 def test_shapes_broadcast_one_point_gives_numbers_and_any_turn_of_longitude_is_the_same(flow):
     grid = flow.velocity_at([[5.0], [5.05]], 62.0, [0.5, 40.0, 150.0])
-    assert grid.u.shape == grid.depth.shape == grid.time.shape == (2, 3)
+    assert grid.u.shape == grid.time.shape == (2, 3)
     one = flow.velocity_at(5.05, 62.0, 40.0)
     assert isinstance(one.u, float)
     assert one.u == pytest.approx(grid.u[1, 1], rel=1e-12)
@@ -36,9 +36,7 @@ def test_where_nothing_is_known_there_is_no_number_and_a_latitude_that_is_none_i
     assert "4 of 5 outside the region, on land or below the last level: NaN" in repr(got)
     without = flow.mean_flow().velocity_at(*HERE)
     assert [np.isfinite(getattr(without, name)) for name in NAMES] == [True, True, False, False]
-    with pytest.raises(
-        EstimatorError, match=r"expected -90 to 90 degrees, got 152\.6; the order is"
-    ):
+    with pytest.raises(EstimatorError, match=r"expected -90 to 90 degrees, got 152\.6; the order"):
         flow.velocity_at(-40.0, 152.6, 10.0)
     assert np.isnan(flow.velocity_at(0.0, 90.0, 10.0).u)
     assert len(flow.to_pandas()) == flow.grid.wet.sum() < flow.grid.wet.size
@@ -63,11 +61,10 @@ def test_a_time_is_text_a_date_or_nanoseconds(time):
 
 
 def test_each_point_has_its_own_time_and_the_past_is_refused():
-    flow, hours = changing(), np.array([5, 0, 5, 9])
-    got = flow.velocity_at(*HERE, TIME_NS + HOUR * hours)
-    alone = [flow.velocity_at(*HERE, TIME_NS + HOUR * int(hour)).u for hour in hours]
-    assert got.u.tolist() == alone
-    assert len({*alone}) == 3
+    flow, times = changing(), TIME_NS + HOUR * np.array([5, 0, 5, 9])
+    got = flow.velocity_at(*HERE, times).u.tolist()
+    assert got == [flow.velocity_at(*HERE, time).u for time in times]
+    assert len({*got}) == 3
     with pytest.raises(
         EstimatorError, match="19Z is before the last observation of the estimate, 2023"
     ):
@@ -119,18 +116,12 @@ def test_points_become_tables_and_datasets_and_short_texts(flow):
     assert table["u"].tolist() == got.u.ravel().tolist() == dataset["u"].values.tolist()
     assert dataset["u"].dims == ("point",)
     assert (table["time"] == pd.Timestamp(TIME_NS)).all()
-    one = flow.velocity_at(*HERE)
-    errors = (
-        f"u {one.u:.3f} +- {one.u_standard_error:.3f}, v {one.v:.3f} +- {one.v_standard_error:.3f}"
+    one, many = flow.velocity_at(*HERE), changing().velocity_at(*HERE, [TIME_NS, TIME_NS + HOUR])
+    first = "Velocity at 5.0300 E, 62.0200 N, 40 m deep, 2023-11-14 22:13:20Z\n  u "
+    assert repr(one).startswith(
+        f"{first}{one.u:.3f} +- {one.u_standard_error:.3f}, v {one.v:.3f} +- "
     )
-    assert repr(one).splitlines() == [
-        "Velocity at 5.0300 E, 62.0200 N, 40 m deep, 2023-11-14 22:13:20Z",
-        f"  {errors} m/s (true east, true north)",
-    ]
-    many = repr(changing().velocity_at(5.0, 62.0, [10.0, 20.0], [TIME_NS, TIME_NS + HOUR]))
-    assert many.startswith(
-        "Velocities at 2 points (2,), 10..20 m deep, 2023-11-14 22:13:20Z to 2023"
-    )
+    assert "2 points (2,), 40 m deep, 2023-11-14 22:13:20Z to 2023" in repr(many)
     assert "no time" in repr(replace(flow, time_ns=None).velocity_at(*HERE))
     assert "20Z (at(time) gives it for another time), 4 modes a level" in repr(changing())
     assert "(no model of time), no uncertainty" in repr(flow.mean_flow())
