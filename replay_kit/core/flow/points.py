@@ -212,20 +212,20 @@ def velocities(
         given: Longitudes, latitudes, depths and times as of ``own_or``, which broadcast together.
         known_at: Whether a flow is known at local points of its grid; elsewhere it is NaN.
     """
-    longitude, latitude, depth, _ = at = np.broadcast_arrays(*given)
+    longitude, latitude, depth = (np.asarray(axis, dtype=np.float64) for axis in given[:3])
     if np.any(np.abs(latitude) > 90.0):
         raise EstimatorError(
             f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth"
         )
-    found = [_of(flow, known_at, *at) for flow in reversed(flows)]
+    found = [_of(flow, known_at, longitude, latitude, depth, given[3]) for flow in reversed(flows)]
     errors = np.array([np.hypot(u_error, v_error) for *_, u_error, v_error in found])
     best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)[None]
     asked, held, *values = (
         np.take_along_axis(np.array(each), best, axis=0)[0] for each in zip(*found, strict=True)
     )
     dates = (each.astype("datetime64[ns]") for each in (asked, held))
-    place = (longitude[()], latitude[()], depth[()])
-    return Velocities(*place, *dates, *values, about=flows[-1].about)
+    place = np.broadcast_arrays(longitude, latitude, depth, asked)[:3]
+    return Velocities(*(axis[()] for axis in place), *dates, *values, about=flows[-1].about)
 
 
 def _of(
@@ -241,17 +241,15 @@ def _of(
     Those before the last observation of an estimate are at the time of that, and those of one that does not change at its own.
     """
     own = _NAT if flow.time_ns is None else flow.time_ns
-    asked = np.where(time_ns == _NAT, own, time_ns)
-    changes = flow.process is not None
-    held = (
-        np.maximum(asked, flow.last_observation_ns or asked)
-        if changes
-        else np.full_like(asked, own)
-    )
-    values = np.full((*held.shape, 4), np.nan)
-    east, north = to_local(flow.grid.projection, longitude, latitude)
+    # on a grid many points lie over one place
+    east, north = to_local(flow.grid.projection, *np.broadcast_arrays(longitude, latitude))
     depth = np.maximum(depth, 0.0)
     known = known_at(flow.grid, east, north, depth)
+    asked = np.where(time_ns == _NAT, own, time_ns)
+    east, north, depth, known, asked = np.broadcast_arrays(east, north, depth, known, asked)
+    held = np.maximum(asked, flow.last_observation_ns or asked)
+    held = held if flow.process is not None else np.full_like(asked, own)
+    values = np.full((*held.shape, 4), np.nan)
     for time in np.unique(held).tolist():
         here, now = known & (held == time), flow if time == own else flow.at(time)
         points = east[here], north[here], depth[here], True
