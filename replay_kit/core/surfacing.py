@@ -316,6 +316,5 @@ def ellipse_of(longitude: float, latitude: float, cov: Array, radius: float) -> 
 
 def held_shares(outcomes: Sequence[DiveOutcome]) -> tuple[float, float]:
     """Return the shares of surfacings, one at least, in their inner and outer ellipses."""
-    return float(np.mean([one.in_inner for one in outcomes])), float(
-        np.mean([one.in_outer for one in outcomes])
-    )
+    inner, outer = np.mean([(one.in_inner, one.in_outer) for one in outcomes], axis=0).tolist()
+    return inner, outer

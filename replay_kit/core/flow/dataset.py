@@ -67,7 +67,7 @@ def to_dataset(
         warn_outside([flow], asked, 4)
     through = ("time",) * min(asked.ndim, 1)
     asked = asked.reshape(-1, 1, 1, 1) if through else asked
-    found = velocities([flow], (lon, lat, levels[:, None, None], asked), wet_at)
+    found = velocities([flow], lon, lat, levels[:, None, None], asked, wet_at)
     regular = bool(np.all(lon == lon[0]) and np.all(lat == lat[:, :1]))
     place = ("latitude", "longitude") if regular else ("y", "x")
     coords = {

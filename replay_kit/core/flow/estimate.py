@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 
     from replay_kit.core.flow.points import Velocities
 
-# Points whose velocities, and whose variances, are evaluated at once: bounds the matrices to some tens of MB.
-_VELOCITIES, _VARIANCES = 16_384, 2_048
+# Points evaluated at once: bounds the matrices to some tens of MB.
+_CHUNK = 2_048
 _NS = 1e9
 # Depths so far above the surface are rounded, as those of a planned track [m].
 _ROUNDED = 1e-3
@@ -262,7 +262,7 @@ class FlowEstimate:
             weights = depth_weights(self.depth_functions, depths, self.levels)
             return np.asarray(np.einsum("cpz,pz->pc", by_level, weights))
 
-        return _over_places(here, _VELOCITIES, east, north, depth)
+        return _over_places(here, east, north, depth)
 
     def standard_error(
         self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
@@ -291,7 +291,7 @@ class FlowEstimate:
             beside = np.einsum("pz,cpz->pc", levels, self._beside(places, covariance)[:, at])
             return np.asarray(np.maximum(of_flow + beside**2, 0.0))
 
-        return _over_places(here, _VARIANCES, east, north, depth)
+        return _over_places(here, east, north, depth)
 
     def velocity_covariance(
         self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
@@ -586,14 +586,13 @@ def checked_depth(depth: ArrayLike, above: float = _ROUNDED) -> Array:
 
 def nearest_node(grid: Grid, places: Array) -> Indices:
     """Return the position of the node nearest to each place, shape (P,); ``places`` of shape (P, 2) [m]."""
-    parts = np.split(places, range(_VARIANCES, len(places), _VARIANCES))
+    parts = np.split(places, range(_CHUNK, len(places), _CHUNK))
     squares = (((part[:, None] - grid.nodes) ** 2).sum(axis=2) for part in parts)
     return np.concatenate([square.argmin(axis=1) for square in squares])
 
 
 def _over_places(
     value: Callable[[Array, Indices, Array], Array],
-    most: int,
     east: ArrayLike,
     north: ArrayLike,
     depth: ArrayLike,
@@ -605,7 +604,6 @@ def _over_places(
     Args:
         value: Returns those, shape (n, 2), of the places, shape (P, 2) [m], of some points, which of them each point lies over, shape
             (n,), and its depth, shape (n,) [m].
-        most: Points evaluated at once.
         east: [m].
         north: [m].
         depth: [m], positive down.
@@ -613,8 +611,8 @@ def _over_places(
     at = np.broadcast_arrays(np.asarray(east) + 1j * np.asarray(north), checked_depth(depth))
     points, depths = (axis.ravel() for axis in at)
     order, out = np.argsort(points, kind="stable"), np.empty((points.size, 2))
-    for start in range(0, points.size, most):
-        part = order[start : start + most]
+    for start in range(0, points.size, _CHUNK):
+        part = order[start : start + _CHUNK]
         places, over = np.unique(points[part], return_inverse=True)
         out[part] = value(np.column_stack([places.real, places.imag]), over, depths[part])
     return out.reshape(*at[1].shape, 2)

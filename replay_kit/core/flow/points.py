@@ -174,7 +174,7 @@ def best_velocity_at(
                 f"time: {time_text(int(asked.min()))} is before the last observation of the estimate, {time_text(latest)}; expected that "
                 "time or a later one: leave time out for the estimate's own, or look back with the command smooth"
             )
-    found = velocities(flows, (longitude, latitude, checked_depth(depth), asked))
+    found = velocities(flows, longitude, latitude, checked_depth(depth), asked)
     warn_outside(flows, found.time, 4)
     return found
 
@@ -194,7 +194,7 @@ def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
     index = getattr(track, "index", None)
     time = track.get("time", index if getattr(index, "name", None) == "time" else None)
     longitude, latitude, depth = (track[name] for name in place)
-    return velocities([flow], (longitude, latitude, checked_depth(depth, WASHED), own_or(time)))
+    return velocities([flow], longitude, latitude, checked_depth(depth, WASHED), own_or(time))
 
 
 def own_or(time: Any) -> Times:
@@ -203,57 +203,56 @@ def own_or(time: Any) -> Times:
 
 
 def velocities(
-    flows: Sequence[FlowEstimate], given: tuple[Any, ...], known_at: KnownAt = known_at
+    flows: Sequence[FlowEstimate],
+    longitude: ArrayLike,
+    latitude: ArrayLike,
+    depth: Array,
+    time_ns: Times,
+    known_at: KnownAt = known_at,
 ) -> Velocities:
     """Return the velocities at points, each of the surest of some flows.
 
+    Those before the last observation of an estimate are at the time of that, and those of one that does not change at its own.
+
     Args:
         flows: At least one.
-        given: Longitudes, latitudes, depths and times as of ``own_or``, which broadcast together.
+        longitude: [degrees east]; the four broadcast together.
+        latitude: [degrees north].
+        depth: [m], positive down.
+        time_ns: As of ``own_or``.
         known_at: Whether a flow is known at local points of its grid; elsewhere it is NaN.
     """
-    longitude, latitude, depth = (np.asarray(axis, dtype=np.float64) for axis in given[:3])
-    if np.any(np.abs(latitude) > 90.0):
+    # on a grid many points lie over one place
+    places = np.broadcast_arrays(*(np.asarray(axis, np.float64) for axis in (longitude, latitude)))
+    if np.any(np.abs(places[1]) > 90.0):
         raise EstimatorError(
             f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth"
         )
-    found = [_of(flow, known_at, longitude, latitude, depth, given[3]) for flow in reversed(flows)]
+
+    def of(flow: FlowEstimate) -> tuple[NDArray[Any], ...]:
+        """Return the times asked for and those that velocities hold for [ns, UTC], the velocities and their errors."""
+        at = [*to_local(flow.grid.projection, *places), np.maximum(depth, 0.0)]
+        own = _NAT if flow.time_ns is None else flow.time_ns
+        asked = np.where(time_ns == _NAT, own, time_ns)
+        *at, known, asked = np.broadcast_arrays(*at, known_at(flow.grid, *at), asked)
+        held = np.full_like(asked, own)
+        if flow.process is not None:
+            held = np.maximum(asked, flow.last_observation_ns or asked)
+        values = np.full((*held.shape, 4), np.nan)
+        for time in np.unique(held).tolist():
+            here, now = known & (held == time), flow if time == own else flow.at(time)
+            east, north, down = (axis[here] for axis in at)
+            values[here, :2] = now.velocity(east, north, down, True)
+            if now.n_modes:
+                values[here, 2:] = now.variance(east, north, down, True) ** 0.5
+        return asked, held, *np.moveaxis(values, -1, 0)
+
+    found = [of(flow) for flow in reversed(flows)]
     errors = np.array([np.hypot(u_error, v_error) for *_, u_error, v_error in found])
     best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)[None]
     asked, held, *values = (
         np.take_along_axis(np.array(each), best, axis=0)[0] for each in zip(*found, strict=True)
     )
     dates = (each.astype("datetime64[ns]") for each in (asked, held))
-    place = np.broadcast_arrays(longitude, latitude, depth, asked)[:3]
-    return Velocities(*(axis[()] for axis in place), *dates, *values, about=flows[-1].about)
-
-
-def _of(
-    flow: FlowEstimate,
-    known_at: KnownAt,
-    longitude: Array,
-    latitude: Array,
-    depth: Array,
-    time_ns: Times,
-) -> tuple[NDArray[Any], ...]:
-    """Return the times asked for and those that velocities hold for [ns, UTC], the velocities and their errors, each of the points' shape.
-
-    Those before the last observation of an estimate are at the time of that, and those of one that does not change at its own.
-    """
-    own = _NAT if flow.time_ns is None else flow.time_ns
-    # on a grid many points lie over one place
-    east, north = to_local(flow.grid.projection, *np.broadcast_arrays(longitude, latitude))
-    depth = np.maximum(depth, 0.0)
-    known = known_at(flow.grid, east, north, depth)
-    asked = np.where(time_ns == _NAT, own, time_ns)
-    east, north, depth, known, asked = np.broadcast_arrays(east, north, depth, known, asked)
-    held = np.maximum(asked, flow.last_observation_ns or asked)
-    held = held if flow.process is not None else np.full_like(asked, own)
-    values = np.full((*held.shape, 4), np.nan)
-    for time in np.unique(held).tolist():
-        here, now = known & (held == time), flow if time == own else flow.at(time)
-        points = east[here], north[here], depth[here], True
-        values[here, :2] = now.velocity(*points)
-        if flow.n_modes:
-            values[here, 2:] = np.sqrt(now.variance(*points))
-    return asked, held, *np.moveaxis(values, -1, 0)
+    at = (axis[()] for axis in np.broadcast_arrays(*places, depth, asked)[:3])
+    return Velocities(*at, *dates, *values, about=flows[-1].about)
