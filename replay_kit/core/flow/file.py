@@ -151,12 +151,12 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
     import xarray as xr  # loads slowly, and who reads a saved flow needs it not
 
     kind = next(name for name, kind in _KINDS.items() if isinstance(flow.horizontal, kind))
-    variables, attrs = dict[str, xr.Variable](), dict[str, Any]()
-    attrs["replay_kit_format"], attrs["replay_kit_format_version"] = (
-        FORMAT,
-        np.int32(FORMAT_VERSION),
-    )
-    attrs["horizontal_functions"] = kind
+    variables: dict[str, xr.Variable] = {}
+    attrs: dict[str, Any] = {
+        "replay_kit_format": FORMAT,
+        "replay_kit_format_version": np.int32(FORMAT_VERSION),
+        "horizontal_functions": kind,
+    }
     for name, names, dims, *words in FIELDS:
         values, is_time = _held(flow, names), names.endswith("_ns")
         # NetCDF has no dimension of length zero that is not unlimited
