@@ -21,8 +21,8 @@ from scipy.linalg.blas import dsbmv, dtrsm, ssbmv, strsm
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.functions import HorizontalFunctions, NodeKernel, velocity_kernel
-from replay_kit.core.flow.lattice import WINDOW, StreamFunctionLattice
+from replay_kit.core.flow.functions import NodeKernel, velocity_kernel
+from replay_kit.core.flow.lattice import WINDOW, HorizontalFunctions, StreamFunctionLattice
 
 #: Lower band of a symmetric matrix, shape (n, b + 1): element [j, d] is that of row j + d and column j; single or double precision.
 Band = NDArray[np.floating]

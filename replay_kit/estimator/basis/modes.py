@@ -21,12 +21,11 @@ from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate, gradient
 from replay_kit.core.flow.functions import (
     DepthFunctions,
-    HorizontalFunctions,
     HorizontalKernel,
     NodeKernel,
     depth_weights,
 )
-from replay_kit.core.flow.lattice import lattice_over
+from replay_kit.core.flow.lattice import HorizontalFunctions, lattice_over
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed, embedding
 from replay_kit.estimator.basis.shifts import (

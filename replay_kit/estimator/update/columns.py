@@ -139,6 +139,14 @@ class Observer:
         potential = [] if self.potential is None else [self.potential]
         return np.hstack([self.basis.offset, *potential, self.basis.modes])
 
+    def _parts(self, both: Array) -> tuple[Array, Array]:
+        """Return the velocities of the flow whose weights are zero, (2, m, Z), and of the modes, (2, m, r), of those of ``_latents``."""
+        n = self.basis.grid.levels.size
+        offset, modes = both[..., :n], both[..., both.shape[2] - self.basis.n_modes :]
+        if self.potential is not None:
+            offset = offset + gradient(both[..., n : 2 * n])
+        return offset, modes
+
     @cached_property
     def _layouts(self) -> dict[Any, Layout]:
         """The last layouts made: along a track they repeat."""
@@ -163,10 +171,7 @@ class Observer:
         middles = np.array([each.middle for each in groups])
         places = np.column_stack(to_local(grid.projection, *middles.T))
         times = np.array([mean_time(each.usable_linear) for each in groups], np.int64)
-        both, n = basis.horizontal.velocity(places, self._latents), grid.levels.size
-        offset, modes = both[..., :n], both[..., both.shape[2] - basis.n_modes :]
-        if self.potential is not None:
-            offset = offset + gradient(both[..., n : 2 * n])
+        offset, modes = self._parts(basis.horizontal.velocity(places, self._latents))
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
         known = offset.swapaxes(0, 1) + mean  # (n, 2, Z)
         nodes, out = nearest_node(grid, places), []
@@ -240,13 +245,10 @@ class Observer:
         by_time = (shares.T[:, None] * weights).reshape(-1, len(places))
         by_level = (by_time[:, :, None] * levels).swapaxes(1, 2)  # (T m, Z, P)
         flat = by_level.reshape(-1, len(places))
-        offset, modes = basis.horizontal.sums(places, flat, basis.offset, basis.modes)
+        offset, modes = self._parts(flat @ basis.horizontal.velocity(places, self._latents))
         n, n_levels = len(at), levels.shape[1]
         sums = modes.reshape(2, shares.shape[1], n, n_levels, -1)
         ((values, axes),) = local_values([linear], [used], grid.projection)
-        if self.potential is not None:
-            (turned,) = basis.horizontal.sums(places, flat, self.potential)
-            offset = offset + gradient(turned)
         own = np.einsum("ctnzz->cn", offset.reshape(2, shares.shape[1], n, n_levels, n_levels))
         known, design = zip(
             *(

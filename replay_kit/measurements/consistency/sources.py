@@ -18,7 +18,7 @@ from itertools import chain
 
 import numpy as np
 
-from replay_kit.core.arrays import made_often, replace
+from replay_kit.core.arrays import replace
 from replay_kit.core.observation import PathMean
 from replay_kit.measurements.consistency.pairs import Pair, PairStatistics
 
@@ -37,7 +37,6 @@ _MOST_PINGS, _TOGETHER = 1024, 32
 _SEMI_MAJOR, _ECCENTRICITY_SQUARED = 6378137.0, 0.00669437999014
 
 
-@made_often
 @dataclass(frozen=True, slots=True)
 class NearMean:
     """A ping reduced to its bins near the instrument.

@@ -13,7 +13,7 @@ from operator import attrgetter
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import made_often, replace
+from replay_kit.core.arrays import replace
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import NO_RAW_VALUES, Observation, RawValues, Source, VehicleState
@@ -32,7 +32,6 @@ RELATIVE = "velocity relative to the platform, whose motion is unknown"
 _time = attrgetter("source.time_ns")
 
 
-@made_often
 @dataclass(frozen=True, slots=True)
 class WaitingPing:
     """A ping that was understood and has no position yet.
