@@ -14,11 +14,9 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.basis.modes import build_basis, mean_variance
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.estimator import Evidence, ReducedBasisEstimator
-from replay_kit.estimator.prior.biases import biases
-from replay_kit.estimator.prior.extras import Extras
+from replay_kit.estimator.prior.extras import extras_of
 from replay_kit.estimator.prior.factor import process_of, times_with_spread
 from replay_kit.estimator.prior.fit import choose_settings, members_in_basis
-from replay_kit.estimator.prior.oscillations import oscillations
 from replay_kit.estimator.update.columns import Observer
 from replay_kit.estimator.update.grouping import Grouping, current_gradient, spread_of
 
@@ -73,8 +71,8 @@ def build(
         grouping = replace(grouping, change=2.0 * spread_of(forecasts) ** 2 / scales[1])
         if time.oscillators or time.biases:
             grid = basis.grid
-            turning = oscillations(time, grid.projection.latitude, float(grid.levels[-1]))
-            extras = Extras(turning, biases(time), int(times_ns[0]))
+            place = grid.projection.latitude, float(grid.levels[-1])
+            extras = extras_of(time, *place, int(times_ns[0]))
     elif config.spread is None or config.spread == "fit":
         made = config.spread == "fit" or bool(forecasts[0].made_from)
         averages = config.mean_variance is None

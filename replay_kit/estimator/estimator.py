@@ -22,7 +22,6 @@ from replay_kit.core.flow.local import Oscillation
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.interface import Estimator, Stepped
-from replay_kit.estimator.prior.biases import bias_remarks
 from replay_kit.estimator.prior.calibration import MembersPrior, calibration, fitted_kernels
 from replay_kit.estimator.prior.factor import Parts
 from replay_kit.estimator.prior.fit import Members
@@ -318,10 +317,10 @@ class ReducedBasisEstimator(Estimator[State]):
     def _scale_error(self) -> tuple[int, float] | None:
         """Position of the instrument's scale error among the unknowns, and its prior standard deviation; None where none is estimated."""
         extras = self.observer.extras
-        if extras is None or "scale" not in extras.biases.names:
+        if extras is None or "scale" not in extras.names:
             return None
-        k = extras.biases.names.index("scale")
-        return self.observer.size - extras.biases.size + k, float(extras.biases.std[k])
+        k = extras.names.index("scale")
+        return self.observer.size - extras.std.size + k, float(extras.std[k])
 
     def gradient(self, update: Update) -> Array:
         """Return the gradient in the unknowns, shape (k,), by which a scale error's Jacobian moves the estimate after an update."""
@@ -377,10 +376,8 @@ class ReducedBasisEstimator(Estimator[State]):
         extras = self.observer.extras
         if extras is None or state.time_ns is None:
             return None
-        first = self.observer.process.size
-        amplitude = state.x[first : first + extras.oscillations.size]
-        seconds = (state.time_ns - extras.reference_ns) / _NS
-        return extras.oscillations.known(amplitude, self.grid.levels, seconds, state.time_ns)
+        own = state.x[self.observer.process.size :]
+        return extras.known(own, self.grid.levels, state.time_ns)
 
     def remarks(self, state: State) -> list[str]:
         """Return notes on the instrument's errors, where they are estimated."""
@@ -389,11 +386,11 @@ class ReducedBasisEstimator(Estimator[State]):
             words = f"the variance of the ensemble was multiplied by {state.scale:.2g}, as the measurements show"
             narrow = "; the ensemble hardly holds this water" if state.scale > 4.0 else ""
             found.append(words + narrow)
-        if extras is None or not extras.biases.size:
+        if extras is None:
             return found
-        last = slice(self.observer.size - extras.biases.size, None)
+        last = slice(self.observer.size - extras.std.size, None)
         std = np.sqrt(np.diag(state.covariance)[last])
-        return found + bias_remarks(extras.biases, state.x[last], std)
+        return found + extras.remarks(state.x[last], std)
 
     def _time(self, state: State) -> int:
         at = self.time_ns if state.time_ns is None else state.time_ns
