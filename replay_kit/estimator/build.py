@@ -12,11 +12,12 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.process import Process
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.basis.modes import build_basis, mean_variance
+from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.estimator import Evidence, ReducedBasisEstimator
 from replay_kit.estimator.prior.extras import extras_of
 from replay_kit.estimator.prior.factor import process_of, times_with_spread
-from replay_kit.estimator.prior.fit import choose_settings, members_in_basis
+from replay_kit.estimator.prior.fit import Members, choose_settings
 from replay_kit.estimator.update.columns import Observer
 from replay_kit.estimator.update.grouping import Grouping, current_gradient, spread_of
 
@@ -45,15 +46,15 @@ def build(
     n_times, n_members = len(forecasts), forecasts[0].n_members
     weights = basis.member_weights.reshape(n_times, n_members, *basis.member_weights.shape[1:])
     # fitted at the time in the middle
-    middle = forecasts[n_times // 2]
-    members = replace(members_in_basis(basis), weights=weights[n_times // 2])
-    settings = choose_settings(members, correlation_length(middle), config)
+    middle, at_nodes = n_times // 2, basis.at_nodes
+    few = Members.leading(weights[middle], at_nodes, basis.grid.nodes)
+    settings = choose_settings(few, correlation_length(forecasts[middle]), config)
     if isinstance(config.spread, float):
         mean = weights.mean(axis=1, keepdims=True)
         weights = mean + np.sqrt(config.spread) * (weights - mean)
     process, parts, dropped = process_of(
         weights,
-        members.shifted(settings),
+        ShiftedModes.by(at_nodes, basis.grid.nodes, settings.shift),
         settings,
         basis.mean_weights,
         mean_variance(config),
@@ -76,7 +77,6 @@ def build(
     elif config.spread is None or config.spread == "fit":
         made = config.spread == "fit" or bool(forecasts[0].made_from)
         averages = config.mean_variance is None
-        few = members.leading()
         evidence = Evidence(parts, few, settings, config.dropped_std, made, averages)
     relative = 1.0 if basis.relative_error is None else basis.relative_error
     representation = basis.representation_std(config)[:, None] * relative

@@ -23,9 +23,8 @@ from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.interface import Estimator, Stepped
 from replay_kit.estimator.prior.calibration import MembersPrior, calibration, fitted_kernels
-from replay_kit.estimator.prior.factor import Parts
+from replay_kit.estimator.prior.factor import Parts, PriorSettings
 from replay_kit.estimator.prior.fit import Members
-from replay_kit.estimator.prior.hybrid import PriorSettings
 from replay_kit.estimator.state import Doubt, State, predict
 from replay_kit.estimator.update.assimilate import Update, assimilate, scale_jacobian
 from replay_kit.estimator.update.columns import Column, Observer

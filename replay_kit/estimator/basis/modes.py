@@ -94,6 +94,12 @@ class Basis:
         """Number of modes r for each level."""
         return int(self.modes.shape[1])
 
+    @property
+    def at_nodes(self) -> Array:
+        """The modes' velocities at the nodes, shape (2N, r) [m/s for a weight of one]."""
+        at_nodes = self.horizontal.velocity(self.grid.nodes, self.modes)
+        return at_nodes.reshape(-1, self.n_modes)
+
     def depth_weights(self, depth: Array) -> Array:
         """Return the weights of the levels at depths [m], shape (n, Z)."""
         return depth_weights(self.depth_functions, depth, self.grid.levels)

@@ -33,8 +33,8 @@ _TIDES = {"M2": 28.9841042, "S2": 30.0, "K1": 15.0410686, "O1": 13.9430356}
 # Knots of an oscillation in each of its depth lengths.
 _KNOTS_A_LENGTH = 2
 # C and S of a vector that turns clockwise, and of both components of a tide, shape (2, u)
-_TURNING = np.eye(2), np.array([[0.0, 1.0], [-1.0, 0.0]])
-_TIDAL = np.kron(np.eye(2), [1.0, 0.0]), np.kron(np.eye(2), [0.0, 1.0])
+_TURNING: tuple[Array, Array] = np.eye(2), np.array([[0.0, 1.0], [-1.0, 0.0]])
+_TIDAL: tuple[Array, Array] = np.kron(np.eye(2), [1.0, 0.0]), np.kron(np.eye(2), [0.0, 1.0])
 # Share of an error's prior standard deviation above which the log has no information on it.
 _UNOBSERVED = 0.95
 
@@ -76,7 +76,7 @@ class Extras:
         return np.repeat([self.scale, np.inf], [self.size - self.std.size, self.std.size])
 
     def functions(self, depth: Array) -> Array:
-        """Return the functions of depth that both components share, shape (n, K or K + 2): hats; one and the distance from the first bin."""
+        """Return the functions of depth that both components share, shape (n, K or K + 2): hats, one and the depth below the first bin."""
         errors = np.column_stack([np.ones(depth.size), np.abs(depth - depth[0])])
         return np.hstack([self._hats(depth), errors[:, : 2 * bool(self.names)]])
 
@@ -187,10 +187,11 @@ def extras_of(config: TimeConfig, latitude: float, deepest: float, reference_ns:
     """
     parts = [(np.empty(0), np.empty((2, 0)), np.empty((2, 0)))]
     for name in config.oscillators:
-        omega, kind = 2.0 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)), _TURNING
+        rate, kind = 2.0 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)), _TURNING
         if name != "inertial":
-            omega, kind = np.deg2rad(_TIDES[name]) / 3600.0, _TIDAL
-        parts.append((np.full(kind[0].shape[1], omega), *kind))
+            rate, kind = np.deg2rad(_TIDES[name]) / 3600.0, _TIDAL
+        parts.append((np.full(kind[0].shape[1], rate), *kind))
+    omega, cosine, sine = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
     length = config.oscillator_depth_length
     n_knots = max(2, int(np.ceil(_KNOTS_A_LENGTH * deepest / length)) + 1)
     knots = np.linspace(0.0, deepest, n_knots if config.oscillators else 0)
@@ -205,7 +206,9 @@ def extras_of(config: TimeConfig, latitude: float, deepest: float, reference_ns:
     return Extras(
         knots,
         np.asarray(config.oscillator_std * np.linalg.cholesky(correlation)),
-        *(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)),
+        omega,
+        cosine,
+        sine,
         config.oscillator_scale,
         config.biases,
         np.array([std[name] for name in config.biases], np.float64),

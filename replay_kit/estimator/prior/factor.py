@@ -1,5 +1,10 @@
 """The prior of the unknowns: members, their shifted copies, local directions, and the amplitude of the ensemble mean.
 
+Every member is used unshifted and, with half the weight each, shifted to the four sides: the shape of eddies in the members holds for
+eddies nearby too (spatial averages of covariances, Berre and Desroziers 2010, Mon. Wea. Rev. 138; valid-space shifting, Xu et al. 2011).
+The sample covariance of so many members still has chance correlations between distant places, and low rank. The localised part (hybrid
+covariance, Hamill and Snyder 2000) has full rank and no distant correlations (``localised.py``).
+
 The hybrid covariance a cov(members and shifted copies) + (1 - a) localised is written as the sum of outer products of patterns, one an
 unknown of unit variance (``core/flow/process.py``). Of the localised part only the directions above a bound are kept, and of the depth
 structure only the vertical functions above another: what is dropped is part of the stated error, place by place.
@@ -13,7 +18,6 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.process import Process
 from replay_kit.estimator.basis.shifts import SHIFT_WEIGHTS, ShiftedModes
-from replay_kit.estimator.prior.hybrid import PriorSettings
 from replay_kit.estimator.prior.localised import localised_part
 
 # Directions that are considered for dropping together, at first.
@@ -24,6 +28,26 @@ _VERTICAL_SHARE = 1.0 / 3.0
 _LEAST_SPREAD = 1e-3
 # Nodes at which the largest variance is looked for, at most.
 _NODES = 600
+
+
+@dataclass(frozen=True, slots=True)
+class PriorSettings:
+    """The settings of a hybrid prior.
+
+    Attributes:
+        sample_share: Of the sample covariance; the localised one has the rest.
+        shift: Distance of the shifted copies [m]; 0 makes none.
+        radius: Where the localised part's taper reaches zero [m].
+    """
+
+    sample_share: float
+    shift: float
+    radius: float
+
+    def __str__(self) -> str:
+        """Return the settings in words."""
+        shift, radius = self.shift / 1e3, self.radius / 1e3
+        return f"sample share {self.sample_share:.2f}, members shifted by {shift:.1f} km, taper to zero at {radius:.1f} km"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
