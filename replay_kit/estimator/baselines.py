@@ -30,7 +30,7 @@ from replay_kit.estimator.interface import Estimator, Stepped, require_estimator
 from replay_kit.estimator.update.columns import Column, Observer
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.innovations import misfits
-from replay_kit.estimator.update.screening import screen_group
+from replay_kit.estimator.update.screening import screened
 
 
 def naive_3d(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
@@ -124,8 +124,8 @@ class NearestMember(Estimator[MemberErrors]):
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether a measurement has a value that would be used."""
-        found = screen_group((observation,), None, self.members.grid, relative=False)
-        return found.used.size > 0
+        ((one,),) = screened([(observation,)], self.members.grid, relative=False)
+        return one.is_used
 
     def chosen(self, state: MemberErrors) -> Array:
         """Return the weights of the members, shape (E,): one of the nearest, zero of the others."""
@@ -139,10 +139,9 @@ class NearestMember(Estimator[MemberErrors]):
         found = []
         for event in block:
             events = event.profiles if isinstance(event, ProfileGroup) else (event,)
-            group = screen_group(events, None, self.members.grid, relative=False)
-            after, innovation = state, group.unused(0)
-            if group.used.size:
-                (column,) = self.members.observer.columns([group])
+            (group,) = screened([events], self.members.grid, relative=False)
+            after, innovation = state, group[0].unused()
+            for column in self.members.observer.columns([group]):
                 squares = state.sum_of_squares + _squares(column)
                 after = MemberErrors(squares, column.time_ns)
                 before, now = (

@@ -42,7 +42,7 @@ from replay_kit.estimator.update.evidence import (
 )
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.innovations import misfits, outcomes
-from replay_kit.estimator.update.screening import ScreenedGroup, screen_group, screen_groups
+from replay_kit.estimator.update.screening import Screened, screened
 
 # Columns whose products with the covariance are computed together.
 _TOGETHER = 16
@@ -54,6 +54,7 @@ _SPAN = 0.001
 # Observations late by no more count at the state's time: pings wait for the position after them, other measurements do not.
 _LATE_NS = 1_200_000_000_000
 _NS = 1e9
+_Group = tuple[Screened, ...]
 
 
 # Not slotted: what members left out show is computed when first asked for.
@@ -131,18 +132,19 @@ class ReducedBasisEstimator(Estimator[State]):
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether a measurement has a value that would be used."""
-        return screen_group((observation,), None, self.grid).used.size > 0
+        ((one,),) = screened([(observation,)], self.grid)
+        return one.is_used
 
     def innovation(self, state: State, event: Measurement | ProfileGroup) -> Array:
         """Return measured minus predicted, shape (n, 2) [m/s], local axes; NaN, or 0 of a group, for values that are not usable."""
         events = event.profiles if isinstance(event, ProfileGroup) else (event,)
-        group = screen_group(events, None, self.grid)
-        if not group.used.size:
-            return np.concatenate([group.unused(i).innovation for i in range(len(events))])
-        (column,) = self.observer.columns([group])
-        return self._against(group, column)(state)
+        (group,) = screened([events], self.grid)
+        columns = self.observer.columns([group])
+        if not columns:
+            return np.concatenate([one.unused().innovation for one in group])
+        return self._against(group, columns[0])(state)
 
-    def _against(self, group: ScreenedGroup, column: Column) -> Callable[[State], Array]:
+    def _against(self, group: Sequence[Screened], column: Column) -> Callable[[State], Array]:
         """Return what returns measured minus predicted values of a group by an earlier state."""
 
         def innovation(state: State) -> Array:
@@ -175,7 +177,8 @@ class ReducedBasisEstimator(Estimator[State]):
         for groups, columns, updates, after in self._blocks(state, block):
             made, steps = iter(zip(updates, columns, strict=True)), list[Stepped[State]]()
             for group in groups:
-                update, column = next(made) if group.used.size else (None, None)
+                used = any(one.is_used for one in group)
+                update, column = next(made) if used else (None, None)
                 against = None if column is None else self._against(group, column)
                 steps += outcomes(group, update, now, against)
                 now = steps[-1].after
@@ -194,7 +197,7 @@ class ReducedBasisEstimator(Estimator[State]):
 
     def _blocks(
         self, state: State, block: Sequence[Measurement | ProfileGroup]
-    ) -> Iterator[tuple[list[ScreenedGroup], list[Column], list[Update], State]]:
+    ) -> Iterator[tuple[list[_Group], list[Column], list[Update], State]]:
         """Yield groups that are assimilated together, the columns that they see, what these did, and the state after them."""
         # whether one that comes late counts depends on the state that it meets
         ends = [i for i in range(1, len(block)) if block[i].time_ns < block[i - 1].time_ns]
@@ -207,28 +210,28 @@ class ReducedBasisEstimator(Estimator[State]):
 
     def _screened(
         self, state: State, block: Sequence[Measurement | ProfileGroup]
-    ) -> tuple[State, list[ScreenedGroup]]:
+    ) -> tuple[State, list[_Group]]:
         """Return measurements after screening, and the state with the last one."""
         events = [item.profiles if isinstance(item, ProfileGroup) else (item,) for item in block]
         # a state without a time is before all, and of a constant current none is late
         earliest = -np.inf
         if state.time_ns is not None and np.isfinite(self.observer.tau).any():
             earliest = state.time_ns - _LATE_NS
-        late = [min(event.time_ns for event in each) < earliest for each in events]
-        groups = list(screen_groups(events, state.last, self.grid, late))
+        groups = screened(events, self.grid, state.last, earliest)
         levels, measured, last = self.grid.levels, state.measured, state.last
-        for group in groups:
-            if group.used.size:
-                last = group.usable_linear[-1]
-                if measured is None or not measured.all():
-                    measured = group.measured(levels) | (False if measured is None else measured)
+        for one in (one for group in groups for one in group if one.is_used):
+            last = one.linear
+            if measured is None or not measured.all():
+                depth = last.value_depth[one.used]
+                first, end = (np.abs(levels - z).argmin() for z in (depth.min(), depth.max()))
+                at = np.arange(levels.size)
+                now = (at >= first) & (at <= end)
+                measured = now if measured is None else measured | now
         if last is not state.last:
             state = replace(state, last=last, measured=measured)
         return state, groups
 
-    def _together(
-        self, state: State, waiting: list[ScreenedGroup]
-    ) -> tuple[list[ScreenedGroup], list[ScreenedGroup]]:
+    def _together(self, state: State, waiting: list[_Group]) -> tuple[list[_Group], list[_Group]]:
         """Return the groups that are assimilated together, and the rest."""
         most = _TOGETHER
         if self._scale_error is not None or state.doubt is not None:
@@ -239,20 +242,20 @@ class ReducedBasisEstimator(Estimator[State]):
             most = min(most, min(counts, default=most + state.profiles) - state.profiles)
         tau = self.observer.tau
         if np.isfinite(tau).any():
-            latest = waiting[0].events[0].time_ns + _SPAN * float(tau.min()) * _NS
+            latest = waiting[0][0].event.time_ns + _SPAN * float(tau.min()) * _NS
             ends = (
                 i
                 for i, each in enumerate(waiting)
-                if each.events[0].time_ns > latest or not each.linear[0].at_one_place
+                if each[0].event.time_ns > latest or not each[0].linear.at_one_place
             )
             most = min(most, next(ends, most))
         return waiting[: max(most, 1)], waiting[max(most, 1) :]
 
     def _block(
-        self, state: State, groups: list[ScreenedGroup]
+        self, state: State, groups: list[_Group]
     ) -> tuple[State, list[Column], list[Update]]:
         """Return the state after groups that are assimilated together, the columns that they see, and what these did."""
-        columns = self.observer.columns([each for each in groups if each.used.size], state.scale)
+        columns = self.observer.columns(groups, state.scale)
         if not columns:
             return state, [], []
         after, updates = self._assimilated(state, columns)

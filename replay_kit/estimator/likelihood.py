@@ -15,7 +15,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Flag, Observation
 from replay_kit.estimator.estimator import ReducedBasisEstimator
 from replay_kit.estimator.update.columns import Column
-from replay_kit.estimator.update.screening import screen_group
+from replay_kit.estimator.update.screening import screened
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,5 +92,5 @@ def _columns(
     for profile, used in zip(profiles, bins, strict=True):
         flags = np.full(profile.depth.size, Flag.FAIL, np.int8)
         flags[used] = Flag.GOOD
-        groups.append(screen_group((replace(profile, flags=flags),), None, estimator.grid))
-    return estimator.observer.columns([group for group in groups if group.used.size])
+        groups.append((replace(profile, flags=flags),))
+    return estimator.observer.columns(screened(groups, estimator.grid))

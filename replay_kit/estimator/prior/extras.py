@@ -33,8 +33,8 @@ _TIDES = {"M2": 28.9841042, "S2": 30.0, "K1": 15.0410686, "O1": 13.9430356}
 # Knots of an oscillation in each of its depth lengths.
 _KNOTS_A_LENGTH = 2
 # C and S of a vector that turns clockwise, and of both components of a tide, shape (2, u)
-_TURNING: tuple[Array, Array] = np.eye(2), np.array([[0.0, 1.0], [-1.0, 0.0]])
-_TIDAL: tuple[Array, Array] = np.kron(np.eye(2), [1.0, 0.0]), np.kron(np.eye(2), [0.0, 1.0])
+_TURNING = np.eye(2), np.array([[0.0, 1.0], [-1.0, 0.0]])
+_TIDAL = np.eye(4)[::2], np.eye(4)[1::2]
 # Share of an error's prior standard deviation above which the log has no information on it.
 _UNOBSERVED = 0.95
 
