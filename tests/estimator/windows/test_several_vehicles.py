@@ -44,13 +44,14 @@ def test_vehicles_far_apart_are_each_as_alone(scene):
     own = [(0, at(2 * k, ping)) for k, ping in enumerate(pings[:5])]
     other = [(1, at(2 * k + 1, ping)) for k, ping in enumerate(pings[:-6:-1])]
     together = estimates((west, east), merge(own, other, key=lambda event: event[1].time_ns))
-    assert [window.vehicles for window in together.windows] == [(0,), (1,)]
+    assert list(together.where) == [0, 1]
+    assert list(together.states) == list(together.where.values())
     for estimator, events in ((west, own), (east, other)):
         alone = estimates((west, east), events)
         np.testing.assert_allclose(
             weights(estimator, together), weights(estimator, alone), rtol=0.0, atol=1e-10
         )
-        assert len(estimator.of_own(together).windows) == len(alone.windows) == 1
+        assert len(estimator.of_own(together).states) == len(alone.states) == 1
 
 
 def test_each_measurement_counts_once_in_every_window_that_holds_it(scene):
@@ -59,12 +60,14 @@ def test_each_measurement_counts_once_in_every_window_that_holds_it(scene):
     far = next(ping for ping in pings if ping.longitude > west.first[2] + 0.1)
     near = next(ping for ping in pings if ping.longitude > other.first[0] + 0.02)
     begun = estimates((west, other), [(0, pings[0]), (1, far)])
-    assert len(begun.windows) == 2
+    assert len(begun.states) == 2
     state = estimates((west, other), [(0, pings[0]), (1, far), (0, near)])
-    for window, events in zip(state.windows, ([pings[0], near], [far, near]), strict=True):
-        one = west.build(window.region)
+    for (region, own), events in zip(
+        state.states.items(), ([pings[0], near], [far, near]), strict=True
+    ):
+        one = west.build(region)
         expected, _ = one.assimilate(one.initial(), events)
-        np.testing.assert_allclose(window.state.x, expected.x, rtol=0.0, atol=1e-10)
+        np.testing.assert_allclose(own.x, expected.x, rtol=0.0, atol=1e-10)
 
 
 def test_a_vehicle_joins_the_window_that_holds_it_and_the_one_that_all_left_is_kept_once(scene):
@@ -72,9 +75,9 @@ def test_a_vehicle_joins_the_window_that_holds_it_and_the_one_that_all_left_is_k
     east = west.of_vehicle(1, about(west.first[2]))
     events = [(1, next(ping for ping in pings if ping.longitude > west.first[2]))]
     state = estimates((west, east), [*events, *((0, ping) for ping in pings[:9])])
-    (window,) = state.windows
-    assert (window.vehicles, len(state.left), state.number) == ((1, 0), 1, 2)
-    assert state.left[0].region == west.first
+    (window,) = state.states
+    assert (state.where, len(state.left), state.number) == ({1: window, 0: window}, 1, 2)
+    assert state.left[0][0] == west.first
     assert west.without_left(state).left == ()
     assert len(list(west.left_flows(state))) == 1
     assert west.remarks(state)[0].startswith("2 windows followed the vehicles; up to")
@@ -85,6 +88,7 @@ def test_a_vehicle_whose_measurements_are_not_used_takes_its_window_with_it(scen
     state = unused = west.initial()
     for ping in pings:
         state, unused = west.assimilate(state, [ping])[0], west.moved(unused, ping)
-    assert [one.region for one in unused.left] == [one.region for one in state.left]
+    assert [region for region, _ in unused.left] == [region for region, _ in state.left]
     prior = west.build(west.window(state))
-    np.testing.assert_allclose(unused.windows[0].state.x, prior.initial().x, rtol=0.0, atol=1e-10)
+    (own,) = unused.states.values()
+    np.testing.assert_allclose(own.x, prior.initial().x, rtol=0.0, atol=1e-10)

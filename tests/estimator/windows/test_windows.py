@@ -70,10 +70,12 @@ def test_blocks_are_single_steps_and_windows_that_were_left_can_be_forgotten(sce
         assert brief.left == ()
     assert len(flows) == len(kept.left) == brief.number - 1 > 1
     assert estimator.remarks(brief) == estimator.remarks(kept)
-    assert np.array_equal(brief.windows[0].state.x, kept.windows[0].state.x)
+    (last,), (same,) = (list(each.states.values()) for each in (brief, kept))
+    assert np.array_equal(last.x, same.x)
     blocks, _ = estimator.assimilate(estimator.initial(), pings)
-    assert [window.region for window in blocks.left] == [window.region for window in kept.left]
-    assert np.allclose(blocks.windows[0].state.x, kept.windows[0].state.x, atol=1e-8)
+    assert [region for region, _ in blocks.left] == [region for region, _ in kept.left]
+    (last,) = blocks.states.values()
+    assert np.allclose(last.x, same.x, atol=1e-8)
     for one, other in zip(flows, estimator.left_flows(kept), strict=True):
         assert np.array_equal(one.latent, other.latent)
 

@@ -100,7 +100,6 @@ def _windowed(
         found.margin,
         found.bounds,
         estimator_of,
-        first.probability,
         first.grouping,
     )
 
