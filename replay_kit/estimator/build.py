@@ -14,12 +14,13 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.basis.modes import build_basis, mean_variance
 from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.basis.slices import correlation_length
-from replay_kit.estimator.estimator import Evidence, ReducedBasisEstimator
+from replay_kit.estimator.estimator import ReducedBasisEstimator
 from replay_kit.estimator.prior.extras import extras_of
 from replay_kit.estimator.prior.factor import process_of, times_with_spread
 from replay_kit.estimator.prior.fit import Members, choose_settings
 from replay_kit.estimator.update.columns import Observer
 from replay_kit.estimator.update.grouping import Grouping, current_gradient, spread_of
+from replay_kit.estimator.update.revision import Evidence
 
 # Mixtures of the members' own evolutions decorrelate more slowly than the current at a place, by this factor.
 _TRAJECTORY_FACTOR = 5.0

@@ -128,7 +128,7 @@ def _forward(
     steps: list[Step] = []
     for observation in observations:
         before = state
-        state, updates = estimator.update(state, [observation])
+        ((_, _, updates, state),) = estimator.blocks(state, [observation])
         for update in updates:
             if not any(judgement.accepted for judgement in update.judgements):
                 continue
