@@ -77,6 +77,7 @@ def _of_flows(
         np.full(n, np.inf),
     )
     nothing = np.zeros((n_levels, len(ensemble.grid.nodes)))
+    error = nothing + (config.representation_error_std or 0.0)
     basis = Basis(
         ensemble.grid,
         functions,
@@ -85,10 +86,9 @@ def _of_flows(
         latents,
         np.ones(n),
         each,
-        np.zeros(n_levels),
+        error,
     )
     stated = config.paper_error_std if config.preset == "paper" else None
-    error = nothing + (config.representation_error_std or 0.0)
     observer = Observer(basis, process, error, nothing, stated_std=stated)
     return ReducedBasisEstimator(observer, None, None, ensemble.time_ns)
 

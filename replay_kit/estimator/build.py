@@ -79,22 +79,13 @@ def build(
         made = config.spread == "fit" or bool(forecasts[0].made_from)
         averages = config.mean_variance is None
         evidence = Evidence(parts, few, settings, config.dropped_std, made, averages)
-    relative = 1.0 if basis.relative_error is None else basis.relative_error
-    representation = basis.representation_std(config)[:, None] * relative
+    observer = Observer(
+        basis, process, basis.representation, dropped, basis.potential, extras=extras
+    )
+    probability = None if gating is None or gating.gate == "off" else gating.gate_probability
+    notes = (f"prior: {settings}", *([] if time is None else [f"through time: {process}"]))
     return ReducedBasisEstimator(
-        Observer(
-            basis,
-            process,
-            np.broadcast_to(representation, dropped.shape),
-            dropped,
-            basis.potential,
-            extras=extras,
-        ),
-        evidence,
-        None if gating is None or gating.gate == "off" else gating.gate_probability,
-        forecasts[0].time_ns,
-        grouping,
-        (f"prior: {settings}", *([] if time is None else [f"through time: {process}"])),
+        observer, evidence, probability, forecasts[0].time_ns, grouping, notes
     )
 
 
@@ -114,7 +105,7 @@ def _paper(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator
         np.eye(n_levels),
         np.full(len(fixed), np.inf),
     )
-    error = np.zeros((n_levels, len(basis.grid.nodes)))
+    error = basis.representation
     observer = Observer(basis, process, error, error, stated_std=config.paper_error_std)
     return ReducedBasisEstimator(observer, None, None, ensemble.time_ns)
 

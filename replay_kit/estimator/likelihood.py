@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Flag, Observation
 from replay_kit.estimator.estimator import ReducedBasisEstimator
-from replay_kit.estimator.update.columns import Column
 from replay_kit.estimator.update.screening import screened
 
 
@@ -33,64 +31,31 @@ class Likelihood:
     dof: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class JointPrediction:
-    """The prediction of chosen bins of profiles, independent of their measured velocities.
-
-    Attributes:
-        estimator: Has the prior.
-        bins: For each profile the indices of the bins predicted.
-        lower: shape (R, R), lower factor of the rows' covariance.
-        log_error: Half the log-determinant of the measured values' error covariance.
-    """
-
-    estimator: ReducedBasisEstimator
-    bins: tuple[NDArray[np.intp], ...]
-    lower: Array
-    log_error: float
-
-    def of(self, profiles: Sequence[Observation]) -> Likelihood:
-        """Return the likelihood of profiles that differ from those predicted in velocity alone.
-
-        Args:
-            profiles: As many as were predicted, with the same places, depths and errors.
-        """
-        each = [column.compressed(0) for column in _columns(self.estimator, profiles, self.bins)]
-        whitened = solve_triangular(self.lower, np.concatenate([y for y, _, _ in each]), lower=True)
-        nis = float(whitened @ whitened) + sum(square for _, square, _ in each)
-        half_log_det = float(np.log(np.diag(self.lower)).sum())
-        dof = sum(y.size + left for y, _, left in each)
-        return Likelihood(-0.5 * nis - half_log_det - self.log_error, nis, dof)
-
-
-def predict_jointly(
+def joint_likelihood(
     estimator: ReducedBasisEstimator,
     profiles: Sequence[Observation],
     bins: Sequence[NDArray[np.intp]],
-) -> JointPrediction:
-    """Return the joint prediction of profiles.
+) -> Likelihood:
+    """Return the joint likelihood of profiles.
+
+    One bin relative to a platform of unknown velocity has no information.
 
     Args:
-        estimator: Basis and prior.
-        profiles: Places, depths and errors.
-        bins: For each profile the indices of its bins to predict, at least one in all.
+        estimator: Has the prior.
+        profiles: The profiles.
+        bins: For each the indices of its bins that count, at least one in all.
     """
-    columns = _columns(estimator, profiles, bins)
-    rows = np.concatenate([column.rows(0) @ column.design for column in columns])
-    lower = np.linalg.cholesky(rows @ rows.T + np.eye(len(rows)))
-    noise = sum(len(column.axes) * column.layouts[0].half_log_det for column in columns)
-    return JointPrediction(estimator, tuple(bins), lower, noise)
-
-
-def _columns(
-    estimator: ReducedBasisEstimator,
-    profiles: Sequence[Observation],
-    bins: Sequence[NDArray[np.intp]],
-) -> list[Column]:
-    """Return the columns of the profiles with information: one bin relative to a platform of unknown velocity has none."""
     groups = []
     for profile, used in zip(profiles, bins, strict=True):
         flags = np.full(profile.depth.size, Flag.FAIL, np.int8)
         flags[used] = Flag.GOOD
         groups.append((replace(profile, flags=flags),))
-    return estimator.observer.columns(screened(groups, estimator.grid))
+    columns = estimator.observer.columns(screened(groups, estimator.grid))
+    rows = np.concatenate([column.rows(0) @ column.design for column in columns])
+    values, squares, left = zip(*(column.compressed(0) for column in columns), strict=True)
+    lower = np.linalg.cholesky(rows @ rows.T + np.eye(len(rows)))
+    whitened = solve_triangular(lower, np.concatenate(values), lower=True)
+    nis = float(whitened @ whitened) + sum(squares)
+    half_log_det = float(np.log(np.diag(lower)).sum())
+    half_log_det += sum(len(column.axes) * column.layouts[0].half_log_det for column in columns)
+    return Likelihood(-0.5 * nis - half_log_det, nis, len(rows) + sum(left))

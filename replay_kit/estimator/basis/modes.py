@@ -31,7 +31,6 @@ from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed, embedding
 from replay_kit.estimator.basis.shifts import (
     SHIFT_WEIGHTS,
-    relative_error,
     shifted_copies,
     shifted_residual,
 )
@@ -71,8 +70,7 @@ class Basis:
         singular_values: shape (R,), of all modes, R >= r.
         member_weights: shape (E, Z, r).
         mean_weights: shape (Z, r), of the ensemble mean, as far as the modes span it; None where its amplitude is certain.
-        truncation_std: shape (Z,) [m/s], RMS over the nodes of what the basis leaves of currents like the members.
-        relative_error: shape (Z, N), that at each node over its RMS at the level; None where it is the same everywhere, or stated.
+        representation: shape (Z, N) [m/s], error of what the basis leaves of currents like the members, at the nodes; or as stated.
         potential: shape (M, Z), latent values whose gradient is what the basis loses of the ensemble mean: no flow of it diverges; None
             where that counts for nothing.
     """
@@ -84,9 +82,8 @@ class Basis:
     modes: Array
     singular_values: Array
     member_weights: Array
-    truncation_std: Array
+    representation: Array
     mean_weights: Array | None = None
-    relative_error: Array | None = None
     potential: Array | None = None
 
     @property
@@ -123,11 +120,6 @@ class Basis:
             out[here] = fit_residual(modes, velocity[here].T.ravel() - offset).reshape(2, -1).T
         return out
 
-    def representation_std(self, config: EstimatorConfig) -> Array:
-        """Return the representation error by level, shape (Z,) [m/s]: the configured one, else that of the truncation."""
-        stated = config.representation_error_std
-        return self.truncation_std if stated is None else np.full_like(self.truncation_std, stated)
-
 
 def mean_variance(config: EstimatorConfig) -> float:
     """Return the variance of the amplitude of the ensemble mean: the configured one, else 0.1, which a constant estimate averages over."""
@@ -144,12 +136,8 @@ def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
         return _paper_basis(ensemble, config)
     spanned = (ensemble.n_members - 1) * ensemble.grid.levels.size
     few = bool(ensemble.made_from) if config.modes is None else spanned < config.modes
-    shift = (
-        (correlation_length(ensemble) if config.shift_distance is None else config.shift_distance)
-        if few
-        else 0.0
-    )
-    return _default_basis(ensemble, config, shift)
+    apart = correlation_length(ensemble) if config.shift_distance is None else config.shift_distance
+    return _default_basis(ensemble, config, apart, apart if few else 0.0)
 
 
 def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> FlowEstimate:
@@ -229,7 +217,7 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
         modes,
         singular_values,
         weights,
-        np.zeros(n_levels),
+        np.zeros((n_levels, len(grid.nodes))),
     )
 
 
@@ -239,13 +227,15 @@ def _n_corners(wet: NDArray[np.bool_]) -> int:
     return int(np.count_nonzero(cells[1:, 1:] | cells[:-1, 1:] | cells[1:, :-1] | cells[:-1, :-1]))
 
 
-def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) -> Basis:
+def _default_basis(
+    ensemble: Ensemble, config: EstimatorConfig, apart: float, shift: float
+) -> Basis:
     """Hat functions of depth; SVD of the velocity anomalies about the ensemble mean, which is the offset.
 
     The mean is among what is decomposed, in the size that the variance of its amplitude gives it beside the members' anomalies: so it is
     as well spanned as these, and no mode is spent on it where its amplitude is certain.
 
-    With a ``shift`` above 0 [m], copies of the anomalies shifted by it are among them: a few lagged forecasts span hardly any current but
+    What is left is that of members shifted by the distance ``apart`` [m]. With a ``shift`` above 0 [m], copies of the anomalies shifted by it are among them: a few lagged forecasts span hardly any current but
     their own, and what a basis does not span, the estimate's standard error does not contain.
     """
     grid, nodes, n_members = ensemble.grid, ensemble.grid.nodes, ensemble.n_members
@@ -293,9 +283,10 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
     found = replace(found, vectors=given[:, n_levels:])
     latents, potential = _embedded(functions, nodes, given, mean, config.nugget)
     velocity_modes = functions.velocity(nodes, latents[:, n_levels:]).reshape(2 * len(nodes), -1)
-    apart = correlation_length(ensemble) if config.shift_distance is None else config.shift_distance
     missed = shifted_residual(ensemble, mean.reshape(n_levels, -1), velocity_modes, apart)
     error = np.hypot(missed, ensemble.representation_error_std)
+    if config.representation_error_std is not None:
+        error = np.full_like(missed, config.representation_error_std)
     return Basis(
         grid,
         functions,
@@ -304,9 +295,8 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
         latents[:, n_levels:],
         found.singular_values,
         weights,
-        np.sqrt(np.mean(error**2, axis=1)),
+        error,
         found.products[-n_levels:] / mean_scale if mean_scale else None,
-        relative_error(error) if config.representation_error_std is None else None,
         potential,
     )
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, one_by_one
 from replay_kit.core.grid import Ensemble, Grid
 
 # Values of all members in a block of rows, 32 MB.
@@ -64,11 +64,8 @@ def _rows(ensemble: Ensemble) -> Iterator[tuple[int, int]]:
 def surface_speed(ensemble: Ensemble) -> float:
     """Return the root mean square of a component of all members at the nodes of the first level [m/s]."""
     top = ensemble.grid.wet[0]
-    squares = sum(
-        float(np.sum(np.square(ensemble.rows(start, stop, 0)[:, :, 0, top[start:stop]])))
-        for start, stop in _rows(ensemble)
-    )
-    return float(np.sqrt(squares / (2 * ensemble.n_members * int(top.sum()))))
+    squares = [np.mean(member[:, 0, top] ** 2) for member in one_by_one(ensemble.velocity)]
+    return float(np.sqrt(np.mean(squares)))
 
 
 def cell_size(grid: Grid) -> tuple[float, float]:
@@ -86,37 +83,30 @@ def correlation_length(ensemble: Ensemble) -> float:
     That is the scale of the correlation's parabola at zero distance (Daley 1991, Atmospheric Data Analysis, section 4.3), pooled over
     components, levels and both directions of the grid. It is at least one cell, the resolution of the grid.
     """
-    grid, n_rows = ensemble.grid, ensemble.grid.wet.shape[1]
-    square, slopes = 0.0, np.zeros(2)
-    for start, stop in _rows(ensemble):
-        # one row more, for the gradients to the next block
-        part = slice(start, min(stop + 1, n_rows))
-        anomalies, wet = ensemble.rows(part.start, part.stop), grid.wet[:, part]
-        anomalies -= anomalies.mean(axis=0)
-        anomalies[..., ~wet] = 0.0
-        own = stop - start
-        square += float(np.sum(np.square(anomalies[:, :, :, :own])))
-        for axis, rows in ((0, part.stop - start), (1, own)):
-            spacing = np.hypot(
-                *(np.diff(place[part][:rows], axis=axis) for place in (grid.east, grid.north))
-            )
-            water, values = wet[:, :rows], anomalies[:, :, :, :rows]
-            both = np.delete(water, -1, axis=axis + 1) & np.delete(water, 0, axis=axis + 1)
-            slopes[axis] += np.sum(np.square(np.diff(values, axis=axis + 3) * (both / spacing)))
-    n_values = 2 * ensemble.n_members
-    pairs = np.array(
-        [
-            np.sum(np.delete(grid.wet, -1, axis=axis) & np.delete(grid.wet, 0, axis=axis))
-            for axis in (1, 2)
-        ]
-    )
-    cell = float(np.sqrt(np.prod(cell_size(grid))))
-    slope = float(np.mean(slopes / (n_values * pairs)))
-    return (
-        max(cell, float(np.sqrt(square / (n_values * grid.wet.sum()) / slope)))
-        if slope > 0.0
-        else cell
-    )
+    mean = np.zeros(ensemble.velocity.shape[1:])
+    for member in one_by_one(ensemble.velocity):
+        mean += member / ensemble.n_members
+    square, slopes = mean_squares(ensemble, mean)
+    cell, slope = float(np.sqrt(np.prod(cell_size(ensemble.grid)))), np.mean(slopes)
+    return max(cell, float(np.sqrt(square / slope))) if slope > 0.0 else cell
+
+
+def mean_squares(ensemble: Ensemble, about: Array | float) -> tuple[float, Array]:
+    """Return the mean squares of a component of the members about a field [m^2/s^2], and of its slopes along both axes [1/s^2].
+
+    Args:
+        ensemble: The members, one at a time in memory.
+        about: shape (2, Z, J, I) [m/s].
+    """
+    grid, square, slopes = ensemble.grid, 0.0, np.zeros(2)
+    pairs = [np.delete(grid.wet, -1, axis=-k) & np.delete(grid.wet, 0, axis=-k) for k in (2, 1)]
+    for member in one_by_one(ensemble.velocity):
+        off = member - about
+        square += float(np.mean(off[:, grid.wet] ** 2)) / ensemble.n_members
+        for axis, wet in enumerate(pairs):
+            slope = (np.diff(off, axis=axis - 2) / grid.steps(axis))[:, wet]
+            slopes[axis] += np.sum(slope**2) / max(2 * ensemble.n_members * wet.sum(), 1)
+    return square, slopes
 
 
 # Singular values below this share of the largest: their squares are rounding of the largest one's.

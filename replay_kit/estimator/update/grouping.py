@@ -7,9 +7,10 @@ from math import cos, hypot, isfinite, radians
 
 import numpy as np
 
-from replay_kit.core.arrays import Array, one_by_one
+from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement, Observation, Source, VehicleState
+from replay_kit.estimator.basis.slices import mean_squares
 
 #: Share of the error of a bin's mean that the current's difference within a group may have.
 SHARE = 0.25
@@ -147,20 +148,7 @@ def _are_alike(first: Observation, profile: Observation) -> bool:
 
 def current_gradient(ensemble: Ensemble) -> float:
     """Return the RMS difference of an ensemble's currents between neighbouring grid points over their distance [1/s], the larger axis's."""
-    grid, found = ensemble.grid, [0.0]
-    for axis in (-2, -1):
-        way = grid.steps(axis)
-        wet = np.delete(grid.wet, -1, axis=axis) & np.delete(grid.wet, 0, axis=axis)
-        if wet.any():
-            # one member at a time: ensembles may be larger than memory
-            squares = [
-                float(np.sum(np.square(np.diff(member, axis=axis) / way)[:, wet]))
-                for member in one_by_one(ensemble.velocity)
-            ]
-            found.append(
-                float(np.sqrt(sum(squares) / (ensemble.n_members * np.count_nonzero(wet))))
-            )
-    return max(found)
+    return float(np.sqrt(2.0 * mean_squares(ensemble, 0.0)[1].max()))
 
 
 def spread_of(ensembles: Sequence[Ensemble]) -> float:

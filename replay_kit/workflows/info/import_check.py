@@ -31,7 +31,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Reason, VehicleState, usable
 from replay_kit.estimator import ReducedBasisEstimator, build
-from replay_kit.estimator.likelihood import Likelihood, predict_jointly
+from replay_kit.estimator.likelihood import Likelihood, joint_likelihood
 from replay_kit.estimator.update.screening import screen
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import merge
@@ -245,12 +245,14 @@ def _trials_of_directions(
 ) -> list[_Trial]:
     """Return what undoing each fault of directions gains."""
     as_is = [sounding.observation for sounding in chosen]
-    prediction = predict_jointly(
-        estimator, as_is, [_usable(observation, estimator) for observation in as_is]
-    )
-    logged = prediction.of(as_is)
+    bins = [_usable(observation, estimator) for observation in as_is]
+    logged = joint_likelihood(estimator, as_is, bins)
     return [
-        _trial(fault, logged, prediction.of([fault.undo(sounding) for sounding in chosen]))
+        _trial(
+            fault,
+            logged,
+            joint_likelihood(estimator, [fault.undo(sounding) for sounding in chosen], bins),
+        )
         for fault in direction_faults(chosen)
     ]
 
@@ -277,8 +279,7 @@ def _trials_of_depths(chosen: Sequence[Sounding], estimator: ReducedBasisEstimat
             _usable(observation, estimator).size for observation in as_is
         ):
             logged, other = (
-                predict_jointly(estimator, profiles, bins).of(profiles)
-                for profiles in (as_is, undone)
+                joint_likelihood(estimator, profiles, bins) for profiles in (as_is, undone)
             )
             found.append(_trial(fault, logged, other))
     return found
