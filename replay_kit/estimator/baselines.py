@@ -181,11 +181,9 @@ def nearest_member(ensemble: Ensemble, config: EstimatorConfig) -> NearestMember
 def _squares(column: Column) -> Array:
     """Return the squares of measured minus each unknown's current over the errors, shape (k,)."""
     total = np.zeros(column.design.shape[1])
-    for layout, about in zip(column.layouts, column.about, strict=True):
-        by_component = column.design.reshape(column.axes.shape[1], -1, column.design.shape[1])
-        predicted = np.einsum("mf,afk,ca->mck", layout.functions, by_component, column.axes)
-        off = layout.whiten @ (about[..., None] - predicted).reshape(len(about), -1)
-        total += np.square(off.reshape(len(off), -1, total.size)).sum(axis=(0, 1))
+    for i in range(len(column.layouts)):
+        y, left, _ = column.compressed(i)
+        total += np.square(y[:, None] - column.rows(i) @ column.design).sum(axis=0) + left
     return total
 
 

@@ -235,8 +235,9 @@ def _default_basis(
     The mean is among what is decomposed, in the size that the variance of its amplitude gives it beside the members' anomalies: so it is
     as well spanned as these, and no mode is spent on it where its amplitude is certain.
 
-    What is left is that of members shifted by the distance ``apart`` [m]. With a ``shift`` above 0 [m], copies of the anomalies shifted by it are among them: a few lagged forecasts span hardly any current but
-    their own, and what a basis does not span, the estimate's standard error does not contain.
+    With a ``shift`` above 0 [m], copies of the anomalies shifted by it are among them: a few lagged forecasts span hardly any current but
+    their own, and what a basis does not span, the estimate's standard error does not contain. What is left is measured on members shifted
+    by ``apart`` [m].
     """
     grid, nodes, n_members = ensemble.grid, ensemble.grid.nodes, ensemble.n_members
     n_levels, functions = (

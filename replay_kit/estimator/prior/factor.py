@@ -10,6 +10,7 @@ unknown of unit variance (``core/flow/process.py``). Of the localised part only 
 structure only the vertical functions above another: what is dropped is part of the stated error, place by place.
 """
 
+from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +21,6 @@ from replay_kit.core.flow.process import Process
 from replay_kit.estimator.basis.shifts import SHIFT_WEIGHTS, ShiftedModes
 from replay_kit.estimator.prior.localised import localised_part
 
-# Directions that are considered for dropping together, at first.
-_STEP = 256
 # Bound for vertical functions over that for directions.
 _VERTICAL_SHARE = 1.0 / 3.0
 # Share of the largest spread below which the members are equal to rounding.
@@ -153,50 +152,27 @@ def local_directions(
     directions = spread.max() * root[:, None, :] * vectors  # (g, r, r), of the largest spread
     group = np.minimum(np.arange(len(functions)), len(horizontal) - 1)
     height = np.square(functions)
-    dropped = _dropped(height, group, directions, some_nodes(modes.velocity_modes), bound)
-    # the variance that the directions dropped have at all nodes, one group of functions at a time
-    variance = np.zeros((functions.shape[1], len(modes.velocity_modes)))
-    for g, own in enumerate(directions):
-        of_levels = dropped[group == g].T @ height[group == g]  # (r, Z)
-        used = of_levels.any(axis=1)
-        variance += of_levels[used].T @ np.square(modes.velocity_modes @ own[:, used]).T
-    q, b = np.nonzero(~dropped)
+
+    def variance(dropped: NDArray[np.bool_], modes: Array) -> Array:
+        """Return what directions, shape (q, r), have together at each level and row of the modes, one group of functions at a time."""
+        total = np.zeros((height.shape[1], len(modes)))
+        for g, own in enumerate(directions):
+            of_levels = height[group == g].T @ dropped[group == g]  # (Z, r)
+            used = of_levels.any(axis=0)
+            total += of_levels[:, used] @ np.square(modes @ own[:, used]).T
+        return total
+
+    # the smallest are dropped, while all together stay below the bound everywhere
+    some = some_nodes(modes.velocity_modes)
+    size = np.square(some @ directions).max(axis=1)[group] * height.max(axis=1)[:, None]
+    order = np.argsort(size, axis=None).argsort().reshape(size.shape)
+    n = bisect_right(
+        range(1, size.size + 1), bound**2, key=lambda n: variance(order < n, some).max()
+    )
+    q, b = np.nonzero(order >= n)
     local = functions[q][:, :, None] * (directions[group[q], :, b] / spread.max())[:, None, :]
-    return local, np.sqrt(variance.reshape(len(variance), 2, -1).mean(axis=1))
-
-
-def _dropped(
-    height: Array, group: NDArray[np.intp], directions: Array, velocity_modes: Array, bound: float
-) -> NDArray[np.bool_]:
-    """Return which directions, shape (q, r), are dropped: the smallest, while all together stay below a bound everywhere.
-
-    Args:
-        height: shape (q, Z), squares of the vertical functions.
-        group: shape (q,), which directions each has.
-        directions: shape (g, r, r), by column.
-        velocity_modes: shape (2P, r), at some nodes.
-        bound: [m/s].
-    """
-    at_nodes = np.square(velocity_modes @ directions).swapaxes(1, 2).copy()  # (g, r, 2P)
-    size = at_nodes.max(axis=2)[group] * height.max(axis=1)[:, None]
-    q, b = np.unravel_index(np.argsort(size, axis=None), size.shape)
-    total, n = np.zeros((height.shape[1], at_nodes.shape[2])), 0
-
-    def more(count: int) -> Array:
-        some = slice(n, n + count)
-        return np.asarray(height[q[some]].T @ at_nodes[group[q[some]], b[some]])
-
-    # a step that is too long is halved
-    step = _STEP
-    while step and n < q.size:
-        with_more = total + more(step)
-        if with_more.max() > bound**2:
-            step //= 2
-        else:
-            total, n = with_more, n + step
-    out = np.zeros(size.shape, np.bool_)
-    out[q[:n], b[:n]] = True
-    return out
+    left = variance(order < n, modes.velocity_modes).reshape(len(height.T), 2, -1)
+    return local, np.sqrt(left.mean(axis=1))
 
 
 def some_nodes(velocity_modes: Array) -> Array:
@@ -217,21 +193,15 @@ def vertical_functions(
         velocity_modes: shape (2P, r) [m/s for a weight of one], at some nodes.
         bound: Of the standard deviation that those dropped have together [m/s].
     """
-    covariance = sum(
-        np.einsum("kzr,kyr->zy", each, each, optimize=True) for each in (*moving, fixed)
-    )
+    covariance = sum(np.einsum("kzr,kyr->zy", own, own, optimize=True) for own in (*moving, fixed))
+    each = [np.concatenate([own, fixed]) for own in moving]
     functions = np.linalg.eigh(covariance)[1].T[::-1]
-
-    def at_nodes(patterns: Array, function: Array) -> Array:
-        in_function = np.tensordot(function, patterns, ([0], [1]))
-        products = velocity_modes @ (in_function.T @ in_function)
-        return np.asarray(np.sum(products * velocity_modes, axis=1))
-
     left, total = np.zeros(functions.shape[1]), 0.0
     for n in range(len(functions), 1, -1):
-        of_times = np.max([at_nodes(each, functions[n - 1]) for each in moving], axis=0)
-        # of a function that holds nothing rounding may leave less than nothing
-        variance = max((of_times + at_nodes(fixed, functions[n - 1])).max(), 0.0)
+        of_function = [
+            velocity_modes @ np.tensordot(own, functions[n - 1], (1, 0)).T for own in each
+        ]
+        variance = max(np.square(own).sum(axis=1).max() for own in of_function)
         total += variance
         if total > bound**2:
             return functions[:n], np.sqrt(left)

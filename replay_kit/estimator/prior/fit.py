@@ -318,12 +318,12 @@ def predicted(
     values = (truth @ rows.T / noise[:, None]).ravel()
     error = (values @ of_noise).reshape(truth.shape) - truth
 
-    def variance(covariance: Callable[[int], Array]) -> Array:
-        at = [np.einsum("nr,nr->n", modes @ covariance(z), modes) for z in range(n_levels)]
-        return np.maximum(at, 0.0)
+    def variance(covariance: Array) -> Array:
+        return np.asarray(np.maximum(np.sum((modes @ covariance) * modes, axis=2), 0.0))
 
     taken, given = (
-        each.reshape(size, n_levels, n_modes).swapaxes(0, 1) for each in (whitened, of_noise)
+        each.reshape(size, n_levels, n_modes).transpose(1, 2, 0) for each in (whitened, of_noise)
     )
-    posterior = variance(lambda z: by_level[z, :, z] - taken[z].T @ taken[z])
-    return error @ modes.T, posterior, variance(lambda z: given[z].T @ given[z])
+    own = by_level[np.arange(n_levels), :, np.arange(n_levels)]
+    posterior = variance(own - taken @ taken.swapaxes(1, 2))
+    return error @ modes.T, posterior, variance(given @ given.swapaxes(1, 2))

@@ -75,7 +75,7 @@ class Evidence:
         return MembersPrior.of(self.members, self.settings, self.bound)
 
     def revised(self, before: int, state: State) -> State:
-        """Return a state under the prior that the log suggests, if it is time to ask; ``before`` its last block so many profiles counted."""
+        """Return a state under the prior that the log suggests, where it is time to ask: after more profiles than ``before``."""
         if _is_refuted(state.doubt):
             return self._rescaled(state)
         if any(before < count <= state.profiles for count in SCALED):
