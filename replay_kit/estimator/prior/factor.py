@@ -11,6 +11,7 @@ structure only the vertical functions above another: what is dropped is part of 
 """
 
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,26 +154,28 @@ def local_directions(
     group = np.minimum(np.arange(len(functions)), len(horizontal) - 1)
     height = np.square(functions)
 
-    def variance(dropped: NDArray[np.bool_], modes: Array) -> Array:
-        """Return what directions, shape (q, r), have together at each level and row of the modes, one group of functions at a time."""
-        total = np.zeros((height.shape[1], len(modes)))
-        for g, own in enumerate(directions):
-            of_levels = height[group == g].T @ dropped[group == g]  # (Z, r)
+    # the smallest are dropped, while all together stay below the bound everywhere
+    some = np.square(some_nodes(modes.velocity_modes) @ directions)  # (g, 2P, r)
+    size = some.max(axis=1)[group] * height.max(axis=1)[:, None]
+    order = np.argsort(size, axis=None).argsort().reshape(size.shape)
+
+    def variance(n: int, at: Callable[[int, NDArray[np.bool_]], Array]) -> Array:
+        """Return what the n smallest have together at each level and place, of which ``at`` gives what some of a group have."""
+        total = np.zeros(1)
+        for g in range(len(directions)):
+            of_levels = height[group == g].T @ (order < n)[group == g]  # (Z, r)
             used = of_levels.any(axis=0)
-            total += of_levels[:, used] @ np.square(modes @ own[:, used]).T
+            total = total + of_levels[:, used] @ at(g, used).T
         return total
 
-    # the smallest are dropped, while all together stay below the bound everywhere
-    some = some_nodes(modes.velocity_modes)
-    size = np.square(some @ directions).max(axis=1)[group] * height.max(axis=1)[:, None]
-    order = np.argsort(size, axis=None).argsort().reshape(size.shape)
-    n = bisect_right(
-        range(1, size.size + 1), bound**2, key=lambda n: variance(order < n, some).max()
-    )
+    def largest(n: int) -> float:
+        return float(variance(n, lambda g, used: some[g][:, used]).max())
+
+    n = bisect_right(range(1, size.size + 1), bound**2, key=largest) if bound else 0
     q, b = np.nonzero(order >= n)
     local = functions[q][:, :, None] * (directions[group[q], :, b] / spread.max())[:, None, :]
-    left = variance(order < n, modes.velocity_modes).reshape(len(height.T), 2, -1)
-    return local, np.sqrt(left.mean(axis=1))
+    at_all = variance(n, lambda g, used: np.square(modes.velocity_modes @ directions[g][:, used]))
+    return local, np.sqrt(at_all.reshape(len(at_all), 2, -1).mean(axis=1))
 
 
 def some_nodes(velocity_modes: Array) -> Array:

@@ -24,7 +24,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.evidence import coverage, crps_gaussian
 from replay_kit.core.progress import counted, each_call
 from replay_kit.estimator.basis.shifts import ShiftedModes
-from replay_kit.estimator.prior.factor import PriorSettings, process_of
+from replay_kit.estimator.prior.factor import PriorSettings, local_directions
 from replay_kit.estimator.prior.localised import tiles, vertical_functions
 
 # Candidates for the sample covariance's share.
@@ -256,10 +256,11 @@ def _score_member(
 ) -> Array:
     """Return the logarithmic score and the coverage, shape (2, shares), over the numbers of columns."""
     others = np.delete(members.weights, member, axis=0)
-    even = replace(settings, sample_share=0.5)
-    process, parts, _ = process_of(others[None], modes, even, None, 0.0, 0.0)
-    patterns = (process.functions.T @ process.loading(0)).reshape(process.size, -1)
-    sample, localised = (2.0 * each.T @ each for each in np.split(patterns, [parts.sample.stop]))
+    copies = modes.copies((others - others.mean(axis=0)) / np.sqrt(len(others) - 1.0))
+    whole = replace(settings, sample_share=0.0)
+    local, _ = local_directions(copies[None], np.ones(1), modes, whole, 0.0)
+    flat = (each.reshape(len(each), -1) for each in (copies, local))
+    sample, localised = (each.T @ each for each in flat)
     truth = members.weights[member] - others.mean(axis=0)
     scores = []
     for n_columns in _COLUMNS:
@@ -322,8 +323,8 @@ def predicted(
         return np.asarray(np.maximum(np.sum((modes @ covariance) * modes, axis=2), 0.0))
 
     taken, given = (
-        each.reshape(size, n_levels, n_modes).transpose(1, 2, 0) for each in (whitened, of_noise)
+        each.reshape(size, n_levels, n_modes).swapaxes(0, 1) for each in (whitened, of_noise)
     )
     own = by_level[np.arange(n_levels), :, np.arange(n_levels)]
-    posterior = variance(own - taken @ taken.swapaxes(1, 2))
-    return error @ modes.T, posterior, variance(given @ given.swapaxes(1, 2))
+    posterior = variance(own - taken.swapaxes(1, 2) @ taken)
+    return error @ modes.T, posterior, variance(given.swapaxes(1, 2) @ given)
