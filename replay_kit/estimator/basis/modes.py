@@ -40,6 +40,7 @@ from replay_kit.estimator.basis.slices import (
     decompose,
     ensemble_slices,
     exact_svd,
+    gathered,
     slice_blocks,
     surface_speed,
 )
@@ -202,11 +203,8 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
             f"{', '.join(f'{level:g}' for level in grid.levels)} m has the condition {condition:.1e}, expected less than "
             f"{_WORST_CONDITION:.1e}: choose levels farther apart (forecast.levels) or a shorter length"
         )
-    by_level = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1))
-    by_member = np.asarray(by_level, dtype=np.float64).reshape(n_levels, n_members, size)
-    latent = embed(
-        functions, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0
-    )  # (2N, E Z)
+    by_level = np.asarray(np.linalg.solve(kernel_of_depth, slices), np.float64)
+    latent = embed(functions, grid.nodes, by_level.reshape(-1, size).T, 0.0)  # (2N, E Z)
     modes, singular_values = exact_svd(latent, config.modes)
     weights = (modes.T @ latent).T.reshape(n_members, n_levels, -1)
     return Basis(
@@ -239,46 +237,30 @@ def _default_basis(
     their own, and what a basis does not span, the estimate's standard error does not contain. What is left is measured on members shifted
     by ``apart`` [m].
     """
-    grid, nodes, n_members = ensemble.grid, ensemble.grid.nodes, ensemble.n_members
-    n_levels, functions = (
-        grid.levels.size,
-        default_functions(grid, config, config.speed or surface_speed(ensemble)),
-    )
+    grid, nodes, n_levels = ensemble.grid, ensemble.grid.nodes, ensemble.grid.levels.size
+    functions = default_functions(grid, config, config.speed or surface_speed(ensemble))
     mean = np.empty((n_levels, 2, len(nodes)))
-    mean_scale = float(np.sqrt(mean_variance(config) * n_members))
+    mean_scale = float(np.sqrt(mean_variance(config) * ensemble.n_members))
 
-    def with_mean(slices: Array, part: slice) -> Array:
-        return np.concatenate([slices, mean_scale * mean[..., part]]) if mean_scale else slices
-
-    def anomalies() -> Iterator[tuple[slice, Array]]:
+    def spanned() -> Iterator[tuple[slice, Array]]:
         for part, block in slice_blocks(ensemble):
-            mean[..., part] = block.mean(axis=0)
-            yield (
-                part,
-                with_mean((block - mean[..., part]).reshape(n_members * n_levels, 2, -1), part),
-            )
+            here = mean[..., part] = block.mean(axis=0)
+            anomalies = (block - here).reshape(-1, *here.shape[1:])
+            yield part, np.concatenate([anomalies, mean_scale * here])
 
-    n_slices, spanned = n_members * n_levels, anomalies
     if shift > 0.0:
-        slices = ensemble_slices(ensemble)
-        mean[:] = slices.mean(axis=0).reshape(mean.shape)
-        copies = shifted_copies(slices - mean.reshape(n_levels, -1), nodes, shift).reshape(
-            -1, 2, len(nodes)
-        )
-        n_slices, spanned = (
-            len(copies),
-            lambda: iter([(slice(None), with_mean(copies, slice(None)))]),
-        )
-    # copies, taken node by node, diverge, and modes beyond the number of flows without divergence would be alike
-    n_modes = (
-        min(config.modes or 2 * len(nodes), _n_corners(grid.wet[0]))
-        if shift > 0.0
-        else config.modes
-    )
-    found = decompose(spanned, n_slices + (n_levels if mean_scale else 0), len(nodes), n_modes)
+        whole = gathered(spanned, len(nodes)).T
+        copies = shifted_copies(whole[None, :-n_levels], nodes, shift).reshape(-1, whole.shape[1])
+        both = np.concatenate([copies, whole[-n_levels:]]).reshape(-1, 2, len(nodes))
+        # copies, taken node by node, diverge, and modes beyond the number of flows without divergence would be alike
+        most = min(config.modes or 2 * len(nodes), _n_corners(grid.wet[0]))
+        found = decompose(lambda: [(slice(None), both)], len(nodes), most)
+    else:
+        found = decompose(spanned, len(nodes), config.modes)
     # the first copy is not shifted, but weighted
-    scale = SHIFT_WEIGHTS[0] if shift > 0.0 else 1.0
-    weights = found.products[: n_members * n_levels].reshape(n_members, n_levels, -1) / scale
+    products = found.products[: ensemble.n_members * n_levels] / (
+        SHIFT_WEIGHTS[0] if shift else 1.0
+    )
     given = np.hstack([mean.reshape(n_levels, -1).T, found.vectors])
     # a view, so that no second copy of the vectors takes memory beside the band of a large region
     found = replace(found, vectors=given[:, n_levels:])
@@ -295,7 +277,7 @@ def _default_basis(
         latents[:, :n_levels],
         latents[:, n_levels:],
         found.singular_values,
-        weights,
+        products.reshape(ensemble.n_members, n_levels, -1),
         error,
         found.products[-n_levels:] / mean_scale if mean_scale else None,
         potential,

@@ -137,24 +137,22 @@ class Decomposition:
     products: Array
 
 
-def decompose(
-    blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None
-) -> Decomposition:
+def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> Decomposition:
     """Return the leading directions of slices; see the module.
 
     Args:
         blocks: The slices.
-        n_slices: Number of slices M.
         n_nodes: Number of nodes N.
         n_modes: Number of clear directions at most; None for as many as the slices have.
     """
+    n_slices = len(next(iter(blocks()))[1])
     if 2 * n_nodes * n_slices <= _SMALL:
-        columns = _gathered(blocks, n_slices, n_nodes)
+        columns = gathered(blocks, n_nodes)
         vectors, values = exact_svd(columns, n_modes)
         products = columns.T @ vectors
     else:
         of_slices = _by_nodes if n_slices > 2 * n_nodes else _by_slices
-        vectors, values, products = of_slices(blocks, n_slices, n_nodes, n_modes)
+        vectors, values, products = of_slices(blocks, n_nodes, n_modes)
         sign = _signs(vectors)
         vectors, products = vectors * sign, products * sign
     clear = None if n_modes is None else int(np.sum(values > _CLEAR * values[0]))
@@ -168,42 +166,35 @@ def exact_svd(columns: Array, n_modes: int | None) -> tuple[Array, Array]:
     return (u * _signs(u))[:, : min(n_modes or rank, rank)], s
 
 
-def _gathered(blocks: SliceBlocks, n_slices: int, n_nodes: int) -> Array:
+def gathered(blocks: SliceBlocks, n_nodes: int) -> Array:
     """Return all slices as columns, shape (2N, M)."""
-    by_component = np.empty((n_slices, 2, n_nodes))
-    for nodes, block in blocks():
-        by_component[:, :, nodes] = block
-    return by_component.reshape(n_slices, -1).T
+    parts = sorted(blocks(), key=lambda each: each[0].start or 0)
+    return np.concatenate([block for _, block in parts], axis=2).reshape(-1, 2 * n_nodes).T
 
 
 def _by_slices(
-    blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None
+    blocks: SliceBlocks, n_nodes: int, n_modes: int | None
 ) -> tuple[Array, Array, Array]:
     """Return vectors, singular values and products, by A'A."""
-    gram = np.zeros((n_slices, n_slices), order="F")
-    for _, block in blocks():
-        gram = scipy.linalg.blas.dsyrk(
-            1.0, block.reshape(n_slices, -1).T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1
-        )
+    gram = np.asarray(sum(_flat(block) @ _flat(block).T for _, block in blocks()))
     values, right = _leading(gram, n_modes)
     scale = values[: right.shape[1]]
     by_component = np.empty((2, n_nodes, scale.size))
-    to_vectors = right / scale
     for nodes, block in blocks():
-        by_component[:, nodes] = (block.reshape(n_slices, -1).T @ to_vectors).reshape(
-            2, -1, scale.size
-        )
+        by_component[:, nodes] = (_flat(block).T @ (right / scale)).reshape(2, -1, scale.size)
     vectors = by_component.reshape(2 * n_nodes, -1)
-    upper = np.asarray(np.linalg.cholesky(vectors.T @ vectors)).T
+    upper = np.linalg.cholesky(vectors.T @ vectors).T
     inverse = scipy.linalg.solve_triangular(upper, np.eye(scale.size))
     return vectors @ inverse, values, (right * scale) @ inverse
 
 
-def _by_nodes(
-    blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None
-) -> tuple[Array, Array, Array]:
+def _flat(block: Array) -> Array:
+    return block.reshape(len(block), -1)
+
+
+def _by_nodes(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[Array, Array, Array]:
     """Return the same by A A'."""
-    columns = _gathered(blocks, n_slices, n_nodes)
+    columns = gathered(blocks, n_nodes)
     values, vectors = _leading(columns @ columns.T, n_modes)
     return vectors, values, columns.T @ vectors
 

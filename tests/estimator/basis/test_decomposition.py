@@ -31,7 +31,7 @@ def test_it_spans_what_the_dense_decomposition_spans(monkeypatch, n_slices, rank
     columns = (
         rng.standard_normal((2 * n_nodes, rank)) * np.geomspace(1.0, 1e-3, rank)
     ) @ rng.standard_normal((rank, n_slices))
-    found = decompose(blocks_of(columns, n_nodes), n_slices, n_nodes, n_modes)
+    found = decompose(blocks_of(columns, n_nodes), n_nodes, n_modes)
     vectors, values = exact_svd(columns, n_modes)
     u = np.linalg.svd(columns)[0][:, : min(rank, n_modes or rank)]
     assert found.vectors.shape == vectors.shape == u.shape
