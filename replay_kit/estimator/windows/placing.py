@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.region import (
     DEGREE,
@@ -99,17 +101,15 @@ def next_window(
     room = room_in(region, bounds, place)
     if room >= 0.5 * margin or not inside(bounds, *place):
         return None
-    (x, y), half = centre(region), (0.5 * width(region), 0.5 * (region[3] - region[1]))
-    lengths = (degree_of_longitude(y), DEGREE)
-    ahead = [0.0, 0.0]
+    (x, y), half = centre(region), np.array([width(region), region[3] - region[1]]) / 2.0
+    at, ahead = (
+        np.array([float(unwrap_longitude(place[0], x)) - x, place[1] - y]) / half,
+        np.zeros(2),
+    )
     if room >= 0.0:
-        from_centre = (float(unwrap_longitude(place[0], x)) - x) / half[0], (place[1] - y) / half[1]
-        longest = max(map(abs, from_centre))
-        ahead = [
-            max(size - _BEHIND * margin / length, 0.0) * part / longest
-            for size, length, part in zip(half, lengths, from_centre, strict=True)
-        ]
-    found = moved_into(bounds, (place[0] + ahead[0], place[1] + ahead[1]), half)
+        behind = _BEHIND * margin / np.array([degree_of_longitude(y), DEGREE])
+        ahead = np.maximum(half - behind, 0.0) * at / np.abs(at).max()
+    found = moved_into(bounds, place + ahead, half)
     return found if room_in(found, bounds, place) > room + _MORE * margin else None
 
 
@@ -124,17 +124,13 @@ def room_in(region: Region, bounds: Region, place: tuple[float, float]) -> float
     return float(rooms[inwards > _SAME].min(initial=np.inf))
 
 
-def moved_into(bounds: Region, middle: tuple[float, float], half: tuple[float, float]) -> Region:
-    """Return a window about a place, moved into a box where it reaches beyond it."""
-    wide, (x, y) = width(bounds), centre(bounds)
-    east = (
-        middle[0]
-        if wide == 360.0
-        else x + _within(float(unwrap_longitude(middle[0], x)) - x, 0.5 * wide - half[0])
-    )
-    north = y + _within(middle[1] - y, 0.5 * (bounds[3] - bounds[1]) - half[1])
-    return rounded((east - half[0], north - half[1], east + half[0], north + half[1]))
-
-
-def _within(value: float, most: float) -> float:
-    return min(max(value, -most), most) if most > 0.0 else 0.0
+def moved_into(bounds: Region, middle: ArrayLike, half: Array) -> Region:
+    """Return a window about a place, shape (2,), of half a width and height, moved into a box where it reaches beyond it [degrees]."""
+    x, (east, north) = centre(bounds), np.asarray(middle, np.float64)
+    room = np.maximum(np.array([width(bounds), bounds[3] - bounds[1]]) / 2.0 - half, 0.0)
+    if width(bounds) < 360.0:
+        away = float(unwrap_longitude(east, x[0])) - x[0]
+        east = x[0] + np.clip(away, -room[0], room[0])
+    at = np.array([east, x[1] + np.clip(north - x[1], -room[1], room[1])])
+    (west, south), (east, north) = (at - half).tolist(), (at + half).tolist()
+    return rounded((west, south, east, north))
