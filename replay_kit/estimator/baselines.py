@@ -19,16 +19,15 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.extensions import additions
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import DepthFunctions
-from replay_kit.core.flow.process import Process
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.basis.embedding import embed
 from replay_kit.estimator.basis.modes import Basis, default_functions
 from replay_kit.estimator.basis.slices import ensemble_slices
+from replay_kit.estimator.build import independent
 from replay_kit.estimator.estimator import ReducedBasisEstimator
 from replay_kit.estimator.interface import Estimator, Stepped, require_estimator
 from replay_kit.estimator.update.columns import Column, Observer
-from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.innovations import misfits
 from replay_kit.estimator.update.screening import screened
 
@@ -67,15 +66,8 @@ def _of_flows(
     each = np.zeros((n, n_levels, n * n_levels))
     each[own, levels, own * n_levels + levels] = 1.0
     mean, variance = prior
-    process = Process(
-        np.array([ensemble.time_ns or 0], np.int64),
-        np.tensordot(mean, each, 1)[None],
-        np.empty((1, 0, *each.shape[1:])),
-        np.sqrt(variance)[:, None, None] * each,
-        np.ones(1),
-        np.eye(n_levels),
-        np.full(n, np.inf),
-    )
+    patterns = np.sqrt(variance)[:, None, None] * each
+    process = independent(ensemble.time_ns, np.tensordot(mean, each, 1), patterns)
     nothing = np.zeros((n_levels, len(ensemble.grid.nodes)))
     error = nothing + (config.representation_error_std or 0.0)
     basis = Basis(
@@ -133,13 +125,12 @@ class NearestMember(Estimator[MemberErrors]):
         return np.asarray(np.eye(self.distance.size)[nearest])
 
     def assimilate(
-        self, state: MemberErrors, block: Sequence[Measurement | ProfileGroup]
+        self, state: MemberErrors, block: Sequence[Any]
     ) -> tuple[MemberErrors, list[Stepped[MemberErrors]]]:
         """Return the state after measurements, and the outcome of each."""
         found = []
         for event in block:
-            events = event.profiles if isinstance(event, ProfileGroup) else (event,)
-            (group,) = screened([events], self.members.grid, relative=False)
+            (group,) = screened([(event,)], self.members.grid, relative=False)
             after, innovation = state, group[0].unused()
             for column in self.members.observer.columns([group]):
                 squares = state.sum_of_squares + _squares(column)

@@ -94,20 +94,30 @@ def _paper(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator
     basis = build_basis(ensemble, config)
     mean, variance = basis.member_weights.mean(axis=0), basis.member_weights.var(axis=0, ddof=1)
     factor = config.spread if isinstance(config.spread, float) else 1.0
-    n_levels, n_modes = mean.shape
-    fixed = np.diag(np.sqrt(factor * variance).ravel()).reshape(-1, n_levels, n_modes)
-    process = Process(
-        np.array([ensemble.time_ns or 0], np.int64),
-        mean[None],
-        np.empty((1, 0, n_levels, n_modes)),
-        fixed,
-        np.ones(1),
-        np.eye(n_levels),
-        np.full(len(fixed), np.inf),
-    )
+    fixed = np.diag(np.sqrt(factor * variance).ravel()).reshape(-1, *mean.shape)
+    process = independent(ensemble.time_ns, mean, fixed)
     error = basis.representation
     observer = Observer(basis, process, error, error, stated_std=config.paper_error_std)
     return ReducedBasisEstimator(observer, None, None, ensemble.time_ns)
+
+
+def independent(time_ns: int | None, mean: Array, patterns: Array) -> Process:
+    """Return the process of constant unknowns, each level its own function of depth.
+
+    Args:
+        time_ns: Of the forecast [ns, UTC].
+        mean: shape (Z, r), weights of unknowns that are zero.
+        patterns: shape (k, Z, r), of the unknowns.
+    """
+    return Process(
+        np.array([time_ns or 0], np.int64),
+        mean[None],
+        np.empty((1, 0, *mean.shape)),
+        patterns,
+        np.ones(1),
+        np.eye(len(mean)),
+        np.full(len(patterns), np.inf),
+    )
 
 
 def scales_of(weights: Array, times_ns: NDArray[np.int64], time: TimeConfig) -> tuple[float, float]:

@@ -6,8 +6,8 @@ in memory as a whole.
 **Decomposition.** With A (2N, M), one column a slice, A'A = V S^2 V' is M x M whatever the grid's size, and U = A V S^-1. The first pass
 over blocks of nodes adds up A'A, the second makes U, so A itself is never in memory. Squaring loses the directions below 1e-7 of the
 largest, which are taken for rounding. What it costs the others in orthogonality, one Cholesky QR step restores: with U'U = L L', U <- U
-L'^-1 (Yamamoto et al. 2015, Electronic Transactions on Numerical Analysis 44, 306-326). Where slices outnumber the nodes' components, A A'
-is the smaller of the two, and its eigenvectors are U. A small A is decomposed itself, which costs a fraction of a second.
+L'^-1 (Yamamoto et al. 2015, Electronic Transactions on Numerical Analysis 44, 306-326). A small A, and one of
+more slices than nodes' components, is decomposed itself.
 
 Where not all directions are asked for, those below 2e-4 of the largest are left out too. Which they are is chance: members rounded to 1e-5
 m/s have others. As all span the localised covariance alike, however weak, they would move an estimate by several percent.
@@ -146,13 +146,12 @@ def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> Decompo
         n_modes: Number of clear directions at most; None for as many as the slices have.
     """
     n_slices = len(next(iter(blocks()))[1])
-    if 2 * n_nodes * n_slices <= _SMALL:
+    if 2 * n_nodes * n_slices <= _SMALL or n_slices > 2 * n_nodes:
         columns = gathered(blocks, n_nodes)
         vectors, values = exact_svd(columns, n_modes)
         products = columns.T @ vectors
     else:
-        of_slices = _by_nodes if n_slices > 2 * n_nodes else _by_slices
-        vectors, values, products = of_slices(blocks, n_nodes, n_modes)
+        vectors, values, products = _by_slices(blocks, n_nodes, n_modes)
         sign = _signs(vectors)
         vectors, products = vectors * sign, products * sign
     clear = None if n_modes is None else int(np.sum(values > _CLEAR * values[0]))
@@ -176,8 +175,11 @@ def _by_slices(
     blocks: SliceBlocks, n_nodes: int, n_modes: int | None
 ) -> tuple[Array, Array, Array]:
     """Return vectors, singular values and products, by A'A."""
-    gram = np.asarray(sum(_flat(block) @ _flat(block).T for _, block in blocks()))
-    values, right = _leading(gram, n_modes)
+    gram = sum(_flat(block) @ _flat(block).T for _, block in blocks())
+    squares, right = scipy.linalg.eigh(gram, overwrite_a=True, check_finite=False, driver="evd")
+    values = np.sqrt(np.maximum(squares[::-1], 0.0))
+    rank = int(np.sum(values > _RANK * values[0]))
+    right = right[:, ::-1][:, : min(n_modes or rank, rank)]
     scale = values[: right.shape[1]]
     by_component = np.empty((2, n_nodes, scale.size))
     for nodes, block in blocks():
@@ -190,23 +192,6 @@ def _by_slices(
 
 def _flat(block: Array) -> Array:
     return block.reshape(len(block), -1)
-
-
-def _by_nodes(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[Array, Array, Array]:
-    """Return the same by A A'."""
-    columns = gathered(blocks, n_nodes)
-    values, vectors = _leading(columns @ columns.T, n_modes)
-    return vectors, values, columns.T @ vectors
-
-
-def _leading(gram: Array, n_modes: int | None) -> tuple[Array, Array]:
-    """Return the square roots of all eigenvalues, decreasing, and the leading eigenvectors; the lower half of ``gram`` is overwritten."""
-    squares, vectors = scipy.linalg.eigh(
-        gram, lower=True, overwrite_a=True, check_finite=False, driver="evd"
-    )
-    values = np.sqrt(np.maximum(squares[::-1], 0.0))
-    rank = int(np.sum(values > _RANK * values[0]))
-    return values, vectors[:, ::-1][:, : min(n_modes or rank, rank)]
 
 
 def _signs(vectors: Array) -> Array:

@@ -91,7 +91,8 @@ def localised(
         nodes: shape (N, 2) [m].
         radius: Where the taper reaches zero [m].
     """
-    n_nodes, precision = len(nodes), np.float64 if len(nodes) <= _FEW_NODES else np.float32
+    n_nodes = len(nodes)
+    precision: Any = np.float64 if n_nodes <= _FEW_NODES else np.float32
     order, ends = tiles(nodes, _TILE)
     factors = _factors(covariances)
     back = np.stack([projector[:, part * n_nodes + order].T for part in range(2)], axis=1)

@@ -35,36 +35,53 @@ def outcomes(
         return found
     assert update.after is not None
     used, accepted = update.column.screened, list[int]()
+    # by one that is rejected nothing changes
+    unchanged = replace(update, mean_after=update.before, covariance_after=update.covariance)
+    unchanged = replace(unchanged, signal=0.0, log_likelihood=np.nan)
     for i, judgement in enumerate(update.judgements):
         if judgement.accepted:
             accepted.append(i)
         else:
-            found.append(Stepped(used[i].event, before, before, _innovation(update, [i], False)))
+            found.append(Stepped(used[i].event, before, before, _innovation(unchanged, [i])))
     if accepted:
         # Any: what is grouped are profiles
         events: Any = tuple(used[i].event for i in accepted)
         event = ProfileGroup(events) if len(events) > 1 else events[0]
         known = against if len(accepted) == len(used) else None
-        innovation = _innovation(update, accepted, True)
+        factors = [1.0 / update.judgements[i].error_factor for i in accepted]
+        innovation = replace(
+            _innovation(update, accepted),
+            accepted=True,
+            decision="accepted",
+            error_inflation=len(factors) / sum(factors),
+        )
         found.append(Stepped(event, before, update.after, innovation, known))
     return found
 
 
-def _innovation(update: Update, at: Sequence[int], accepted: bool) -> Innovation:
+def _innovation(update: Update, at: Sequence[int]) -> Innovation:
     """Return the innovation of some of the measurements of a column together: means over them, and sums."""
     column, judgements = update.column, [update.judgements[i] for i in at]
     own, first = [column.screened[i] for i in at], column.screened[at[0]].unused()
-    after, covariance = update.before, update.covariance
-    if accepted:
-        after, covariance = update.mean_after, update.covariance_after
-    means = np.stack([update.before, after, np.zeros_like(after)])
-    shown = [one.among(column.misfit(i, means)) for i, one in zip(at, own, strict=True)]
-    variances = [one.among(_variances(update, i)) for i, one in zip(at, own, strict=True)]
-    each = np.concatenate([np.stack(shown, axis=1), np.stack(variances, axis=1)])
+    means = np.stack([update.before, update.mean_after, np.zeros_like(update.before)])
+    noise = np.sum(column.axes**2, axis=0)
+    shown = [
+        one.among(
+            np.stack(
+                [
+                    *column.misfit(i, means),
+                    column.predicted_variance(i, update.covariance),
+                    np.outer(column.layouts[i].std ** 2, noise),
+                ]
+            )
+        )
+        for i, one in zip(at, own, strict=True)
+    ]
+    each = np.stack(shown, axis=1)
     # of no measurement that uses a value the mean is NaN
     counts, total = np.isfinite(each[0]).sum(axis=0), np.nansum(each, axis=1)
     mean = np.divide(total, counts, out=np.full(total.shape, np.nan), where=counts > 0)
-    innovation, residual, prior, of_estimate, noise = mean
+    innovation, residual, prior, of_estimate, of_noise = mean
     flags, totals, dof = first.flags, None, sum(one.rows + one.left for one in judgements)
     if len(at) > 1:
         flags = np.where(counts[:, 0] > 0, Flag.GOOD, flags).astype(np.int8)
@@ -73,45 +90,31 @@ def _innovation(update: Update, at: Sequence[int], accepted: bool) -> Innovation
             np.array([getattr(one, name) for one in own]) for name in ("reasons", "flags")
         )
         totals = GroupTotals(dof // 2, before, left, against, tuple(reasons_of(reasons, of_bins)))
-    published = replace(
+    estimated_std = np.nan
+    if own[0].linear.label.mean is not None:
+        variance = column.predicted_variance(0, update.covariance_after)
+        estimated_std = float(np.sqrt(np.mean(variance)))
+    return replace(
         first,
         time_ns=mean_time([one.event for one in own]),
         flags=flags,
         depth=np.mean([one.linear.value_depth for one in own], axis=0),
         innovation=innovation,
         # the estimate's error is shared, the noise is not
-        innovation_std=np.sqrt(of_estimate + noise / np.maximum(counts, 1)),
+        innovation_std=np.sqrt(of_estimate + of_noise / np.maximum(counts, 1)),
         residual=residual,
         prior_innovation=prior,
         nis=sum(one.nis for one in judgements),
         dof=dof,
-        accepted=accepted,
-        decision="accepted" if accepted else "rejected",
+        decision="rejected",
         gate_statistic=judgements[0].statistic,
         gate=judgements[0].threshold,
-        signal_dof=0.0,
+        signal_dof=update.signal,
+        log_likelihood=update.log_likelihood,
+        estimated_std=estimated_std,
         profiles=len(at),
         totals=totals,
     )
-    if own[0].linear.label.mean is not None:
-        std = float(np.sqrt(np.mean(column.predicted_variance(0, covariance))))
-        published = replace(published, estimated_std=std)
-    if not accepted:
-        return published
-    inflation = len(at) / sum(1.0 / one.error_factor for one in judgements)
-    return replace(
-        published,
-        error_inflation=inflation,
-        signal_dof=update.signal,
-        log_likelihood=update.log_likelihood,
-    )
-
-
-def _variances(update: Update, i: int) -> Array:
-    """Return the estimate's and the noise's part of the variance of a measurement's innovation, shape (2, n, 2) [m^2/s^2]."""
-    column = update.column
-    noise = np.outer(column.layouts[i].std ** 2, np.sum(column.axes**2, axis=0))
-    return np.stack([column.predicted_variance(i, update.covariance), noise])
 
 
 def misfits(group: Sequence[Screened], column: Column, mean: Array) -> Array:
