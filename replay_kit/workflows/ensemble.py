@@ -60,9 +60,7 @@ def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int) -> Fit
     basis, length = build_basis(ensemble, config), correlation_length(ensemble)
     members = Members.leading(basis.member_weights, basis.at_nodes, basis.grid.nodes)
     rows = fit_settings(members, length, left_out)
-    return Fitted(
-        tuple(rows), best(rows), length, ensemble.source, min(left_out, ensemble.n_members)
-    )
+    return Fitted(rows, best(rows), length, ensemble.source, min(left_out, ensemble.n_members))
 
 
 def write_fit(fitted: Fitted, path: Path) -> None:

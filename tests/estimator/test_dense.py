@@ -9,7 +9,6 @@ from replay_kit.config.estimation import TimeConfig
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.estimator import build, smooth
 from replay_kit.estimator.basis.slices import ensemble_slices
-from replay_kit.estimator.likelihood import joint_likelihood
 from replay_kit.estimator.update.grouping import ProfileGroup
 from tests.estimator.seas import (
     CONFIG,
@@ -229,20 +228,3 @@ def test_a_scale_error_moves_the_estimate_by_the_jacobian_and_smoothing_takes_al
             smoothed.x, moved(at, len(log)), atol=1e-8 * np.abs(state.x).max()
         )
     assert any("scale" in line for line in estimator.remarks(state))
-
-
-@pytest.mark.parametrize("unreferenced", [(), (1, 3), (0, 1, 2, 3)])
-def test_the_joint_likelihood_is_the_density_of_all_values(unreferenced):
-    estimator = build([SEA], CONFIG)
-    log = [relative(p) if k in unreferenced else p for k, p in enumerate(profiles(4))]
-    bins = [np.flatnonzero(each.depth <= LEVELS[-1]) for each in log]
-    found, twin = joint_likelihood(estimator, log, bins), twin_of(estimator)
-    seen, density, total = [], 0.0, 0.0
-    for each in log:
-        rows = twin.rows(each)
-        nis, log_density, _ = twin.predicted(seen, rows, 0)
-        seen.append((rows, 0))
-        density, total = density + log_density, total + nis
-    assert (found.log, found.nis) == pytest.approx((density, total), rel=1e-9)
-    assert found.dof == sum(len(rows[1]) for rows, _ in seen)
-    assert joint_likelihood(estimator, [relative(log[0])], [np.arange(2)]).dof == 2

@@ -183,7 +183,7 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
     return better if others.min() < least else chosen
 
 
-def fit_settings(members: Members, length: float, count: int) -> list[FitRow]:
+def fit_settings(members: Members, length: float, count: int) -> tuple[FitRow, ...]:
     """Return rows of all candidates: shares for each shift, then for the best shift with other radii; none with fewer than four members.
 
     Args:
@@ -198,10 +198,10 @@ def fit_settings(members: Members, length: float, count: int) -> list[FitRow]:
         return scored(members, PriorSettings(_SHARE_OF_FEW, shift, radius), left_out, advance)
 
     if not left_out:
-        return []
+        return ()
     found = [row for shift in _SHIFTS for row in rows(shift * length, RADIUS_IN_LENGTHS * length)]
     shift = best(found).shift
-    return [*found, *(row for radius in _RADII for row in rows(shift, radius * length))]
+    return (*found, *(row for radius in _RADII for row in rows(shift, radius * length)))
 
 
 def best(rows: Sequence[FitRow]) -> PriorSettings:

@@ -177,11 +177,11 @@ def _screened(
     """Return a measurement as assimilated where the region's water has a use for it; None for a position."""
     if isinstance(event, VehicleState):
         return None
-    own = config.estimator.name == OWN
-    ((one,),) = screened([(event,)], forecasts.ensemble.grid, relative=own)
-    unused = one.unused()
+    grid = forecasts.ensemble.grid
+    ((one,),) = screened([(event,)], grid, relative=config.estimator.name == OWN)
     accepted = one.is_used or _in_later_window(event, forecasts)
-    return Assimilation(replace(unused, accepted=accepted), unused.innovation, None)
+    unused = replace(one.unused(), accepted=accepted)
+    return Assimilation(unused, unused.innovation, None)
 
 
 def _in_later_window(event: Measurement, forecasts: Forecasts) -> bool:

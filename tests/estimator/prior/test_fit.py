@@ -123,7 +123,7 @@ def test_the_shift_is_a_length_or_half_of_it_as_suits_members_left_out(length, s
 
 def test_three_members_are_too_few_to_spare_one():
     three = members_of(0, 3, lambda rng, nodes: rng.standard_normal(len(nodes)), n_side=3)
-    assert fit_settings(three, 1e4, 6) == []
+    assert fit_settings(three, 1e4, 6) == ()
     assert choose_settings(three, 1e4, EstimatorConfig()).sample_share == pytest.approx(2 / 3)
 
 
