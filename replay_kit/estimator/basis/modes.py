@@ -254,16 +254,14 @@ def _default_basis(
         both = np.concatenate([copies, whole[-n_levels:]]).reshape(-1, 2, len(nodes))
         # copies, taken node by node, diverge, and modes beyond the number of flows without divergence would be alike
         most = min(config.modes or 2 * len(nodes), _n_corners(grid.wet[0]))
-        found = decompose(lambda: [(slice(None), both)], len(nodes), most)
+        vectors, values, every = decompose(lambda: [(slice(None), both)], len(nodes), most)
     else:
-        found = decompose(spanned, len(nodes), config.modes)
+        vectors, values, every = decompose(spanned, len(nodes), config.modes)
     # the first copy is not shifted, but weighted
-    products = found.products[: ensemble.n_members * n_levels] / (
-        SHIFT_WEIGHTS[0] if shift else 1.0
-    )
-    given = np.hstack([mean.reshape(n_levels, -1).T, found.vectors])
-    # a view, so that no second copy of the vectors takes memory beside the band of a large region
-    found = replace(found, vectors=given[:, n_levels:])
+    products = every[: ensemble.n_members * n_levels] / (SHIFT_WEIGHTS[0] if shift else 1.0)
+    given = np.hstack([mean.reshape(n_levels, -1).T, vectors])
+    # no second copy of the vectors is to take memory beside the band of a large region
+    del vectors
     latents, potential = _embedded(functions, nodes, given, mean, config.nugget)
     velocity_modes = functions.velocity(nodes, latents[:, n_levels:]).reshape(2 * len(nodes), -1)
     missed = shifted_residual(ensemble, mean.reshape(n_levels, -1), velocity_modes, apart)
@@ -276,10 +274,10 @@ def _default_basis(
         DepthFunctions("hat", config.length_vertical),
         latents[:, :n_levels],
         latents[:, n_levels:],
-        found.singular_values,
+        values,
         products.reshape(ensemble.n_members, n_levels, -1),
         error,
-        found.products[-n_levels:] / mean_scale if mean_scale else None,
+        every[-n_levels:] / mean_scale if mean_scale else None,
         potential,
     )
 

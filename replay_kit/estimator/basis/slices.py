@@ -14,7 +14,6 @@ m/s have others. As all span the localised covariance alike, however weak, they 
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -122,28 +121,17 @@ _SMALL = 500_000
 SliceBlocks = Callable[[], Iterable[tuple[slice, Array]]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Decomposition:
-    """The leading directions of slices.
-
-    Attributes:
-        vectors: shape (2N, r), orthonormal columns.
-        singular_values: shape (min(M, 2N),), of all directions, decreasing.
-        products: shape (M, r), of each slice with the vectors.
-    """
-
-    vectors: Array
-    singular_values: Array
-    products: Array
-
-
-def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> Decomposition:
+def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[Array, Array, Array]:
     """Return the leading directions of slices; see the module.
 
     Args:
         blocks: The slices.
         n_nodes: Number of nodes N.
         n_modes: Number of clear directions at most; None for as many as the slices have.
+
+    Returns:
+        shape (2N, r), orthonormal columns; shape (min(M, 2N),), singular values of all directions, decreasing; shape (M, r), products of
+        each slice with the columns.
     """
     n_slices = len(next(iter(blocks()))[1])
     if 2 * n_nodes * n_slices <= _SMALL or n_slices > 2 * n_nodes:
@@ -155,7 +143,7 @@ def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> Decompo
         sign = _signs(vectors)
         vectors, products = vectors * sign, products * sign
     clear = None if n_modes is None else int(np.sum(values > _CLEAR * values[0]))
-    return Decomposition(vectors[:, :clear], values, products[:, :clear])
+    return vectors[:, :clear], values, products[:, :clear]
 
 
 def exact_svd(columns: Array, n_modes: int | None) -> tuple[Array, Array]:

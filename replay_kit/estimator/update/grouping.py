@@ -1,6 +1,6 @@
 """Which profiles are combined: those near enough in time and place that the current between them hardly differs."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import cos, hypot, isfinite, radians
@@ -128,22 +128,15 @@ def _error_of(first: Observation) -> float:
 
 def _are_alike(first: Observation, profile: Observation) -> bool:
     """Return whether profiles are of one instrument and dive, have as many bins in nearly the same depths, and lack the same."""
-    if first.depth.size != profile.depth.size or first.depth.size < 2 or first.dive != profile.dive:
+    if first.depth.size < 2 or _kind(first) != _kind(profile):
         return False
-    one, other = first.source, profile.source
-    if (one.input, one.topic) != (
-        other.input,
-        other.topic,
-    ) or first.correlation_depth != profile.correlation_depth:
-        return False
-    lacks = (first.platform_velocity is None) != (profile.platform_velocity is None)
-    if lacks or (first.common_std < np.inf) != (profile.common_std < np.inf):
-        return False
-    cell, step = (
-        abs(float(first.depth[1] - first.depth[0])),
-        abs(float(profile.depth[0] - first.depth[0])),
-    )
-    return step <= cell
+    return bool(abs(profile.depth[0] - first.depth[0]) <= abs(first.depth[1] - first.depth[0]))
+
+
+def _kind(profile: Observation) -> tuple[Hashable, ...]:
+    source, lacks = profile.source, profile.platform_velocity is None
+    kept = profile.dive, profile.depth.size, profile.correlation_depth, profile.common_std < np.inf
+    return source.input, source.topic, lacks, *kept
 
 
 def current_gradient(ensemble: Ensemble) -> float:

@@ -30,18 +30,18 @@ def test_it_spans_what_the_dense_decomposition_spans(monkeypatch, n_slices, rank
     columns = (
         rng.standard_normal((2 * n_nodes, rank)) * np.geomspace(1.0, 1e-3, rank)
     ) @ rng.standard_normal((rank, n_slices))
-    found = decompose(blocks_of(columns, n_nodes), n_nodes, n_modes)
+    own, singular, products = decompose(blocks_of(columns, n_nodes), n_nodes, n_modes)
     vectors, values = exact_svd(columns, n_modes)
     u = np.linalg.svd(columns)[0][:, : min(rank, n_modes or rank)]
-    assert found.vectors.shape == vectors.shape == u.shape
-    np.testing.assert_allclose(found.vectors.T @ found.vectors, np.eye(u.shape[1]), atol=1e-12)
-    np.testing.assert_allclose(found.vectors @ found.vectors.T, u @ u.T, atol=1e-9)
-    np.testing.assert_allclose(found.vectors, vectors, atol=1e-8)
+    assert own.shape == vectors.shape == u.shape
+    np.testing.assert_allclose(own.T @ own, np.eye(u.shape[1]), atol=1e-12)
+    np.testing.assert_allclose(own @ own.T, u @ u.T, atol=1e-9)
+    np.testing.assert_allclose(own, vectors, atol=1e-8)
     # their squares are right to rounding of the largest
     np.testing.assert_allclose(
-        found.singular_values[:rank] ** 2, values[:rank] ** 2, rtol=0.0, atol=1e-14 * values[0] ** 2
+        singular[:rank] ** 2, values[:rank] ** 2, rtol=0.0, atol=1e-14 * values[0] ** 2
     )
-    np.testing.assert_allclose(found.products, columns.T @ found.vectors, atol=1e-10)
+    np.testing.assert_allclose(products, columns.T @ own, atol=1e-10)
 
 
 def test_blocks_of_rows_change_nothing_with_land_and_steps_of_the_sea_floor(monkeypatch):
