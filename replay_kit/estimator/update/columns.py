@@ -55,7 +55,8 @@ class Column:
 
     def rows(self, i: int) -> Array:
         """Return the rows of a measurement on the column's unknowns, shape (c p, q), component after component."""
-        return np.asarray(np.kron(self.axes, self.layouts[i].r))
+        blocks = self.axes[:, None, :, None] * self.layouts[i].r[:, None]
+        return blocks.reshape(-1, self.axes.shape[1] * blocks.shape[3])
 
     def compressed(self, i: int) -> tuple[Array, float, int]:
         """Return a measurement's rows of unit noise, shape (c p,), the square that the compression leaves, and its degrees of freedom."""

@@ -35,14 +35,14 @@ def outcomes(
         return found
     assert update.after is not None
     used, accepted = update.column.screened, list[int]()
-    # by one that is rejected nothing changes
-    unchanged = replace(update, mean_after=update.before, covariance_after=update.covariance)
-    unchanged = replace(unchanged, signal=0.0, log_likelihood=np.nan)
     for i, judgement in enumerate(update.judgements):
         if judgement.accepted:
             accepted.append(i)
         else:
-            found.append(Stepped(used[i].event, before, before, _innovation(unchanged, [i])))
+            # nothing changes
+            moments: Any = {"mean_after": update.before, "covariance_after": update.covariance}
+            same = replace(update, **moments, signal=0.0, log_likelihood=np.nan)
+            found.append(Stepped(used[i].event, before, before, _innovation(same, [i])))
     if accepted:
         # Any: what is grouped are profiles
         events: Any = tuple(used[i].event for i in accepted)
@@ -64,32 +64,25 @@ def _innovation(update: Update, at: Sequence[int]) -> Innovation:
     column, judgements = update.column, [update.judgements[i] for i in at]
     own, first = [column.screened[i] for i in at], column.screened[at[0]].unused()
     means = np.stack([update.before, update.mean_after, np.zeros_like(update.before)])
-    noise = np.sum(column.axes**2, axis=0)
-    shown = [
-        one.among(
-            np.stack(
-                [
-                    *column.misfit(i, means),
-                    column.predicted_variance(i, update.covariance),
-                    np.outer(column.layouts[i].std ** 2, noise),
-                ]
-            )
-        )
-        for i, one in zip(at, own, strict=True)
-    ]
-    each = np.stack(shown, axis=1)
-    # of no measurement that uses a value the mean is NaN
-    counts, total = np.isfinite(each[0]).sum(axis=0), np.nansum(each, axis=1)
-    mean = np.divide(total, counts, out=np.full(total.shape, np.nan), where=counts > 0)
-    innovation, residual, prior, of_estimate, of_noise = mean
-    flags, totals, dof = first.flags, None, sum(one.rows + one.left for one in judgements)
+    noise, shown = np.sum(column.axes**2, axis=0), list[Array]()
+    for i, one in zip(at, own, strict=True):
+        predicted = column.predicted_variance(i, update.covariance)
+        stated = np.outer(column.layouts[i].std ** 2, noise)
+        shown.append(one.among(np.array([*column.misfit(i, means), predicted, stated])))
+    mean, counts, totals, flags = shown[0], np.ones(1), None, first.flags
+    dof = sum(one.rows + one.left for one in judgements)
     if len(at) > 1:
+        each = np.stack(shown, axis=1)
+        # of a value that no measurement uses the mean is NaN
+        counts, total = np.isfinite(each[0]).sum(axis=0), np.nansum(each, axis=1)
+        mean = np.divide(total, counts, out=np.full(total.shape, np.nan), where=counts > 0)
         flags = np.where(counts[:, 0] > 0, Flag.GOOD, flags).astype(np.int8)
         before, left, against = np.nansum(each[:3] ** 2, axis=(1, 2, 3)).tolist()
         reasons, of_bins = (
             np.array([getattr(one, name) for one in own]) for name in ("reasons", "flags")
         )
         totals = GroupTotals(dof // 2, before, left, against, tuple(reasons_of(reasons, of_bins)))
+    innovation, residual, prior, of_estimate, of_noise = mean
     estimated_std = np.nan
     if own[0].linear.label.mean is not None:
         variance = column.predicted_variance(0, update.covariance_after)

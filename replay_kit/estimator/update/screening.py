@@ -81,7 +81,8 @@ class Screened:
         linear: The same as estimators see it.
         flags: shape (m,).
         reasons: shape (m,).
-        refused: Why it is not used although it has usable values.
+        used: shape (m,), which values are used.
+        refused: Why none is although some are usable.
         turn: shape (2, 2), of true east and true north, along the local axes at its last point.
     """
 
@@ -89,13 +90,9 @@ class Screened:
     linear: LinearMeasurement
     flags: NDArray[np.int8]
     reasons: NDArray[np.int32]
+    used: NDArray[np.bool_]
     refused: Reason
     turn: Array
-
-    @property
-    def used(self) -> NDArray[np.bool_]:
-        """Which values are used, shape (m,)."""
-        return usable(self.flags) & (not self.refused)
 
     @property
     def is_used(self) -> bool:
@@ -173,13 +170,14 @@ def screened(
             old, own = min(event.time_ns for event in group) < earliest, list[Screened]()
             for _ in group:
                 event, one, flags, reasons, turn = next(each)
-                refused = Reason.NONE
-                if usable(flags).any():
+                used, refused = usable(flags), Reason.NONE
+                if used.any():
                     if old or is_duplicate(last, one):
                         refused = Reason.OUT_OF_ORDER if old else Reason.DUPLICATE
+                        used = np.zeros_like(used)
                     else:
                         last = one
-                own.append(Screened(event, one, flags, reasons, refused, turn))
+                own.append(Screened(event, one, flags, reasons, used, refused, turn))
             found.append(tuple(own))
     return found
 
