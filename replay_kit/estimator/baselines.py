@@ -81,7 +81,7 @@ def _of_flows(
         error,
     )
     stated = config.paper_error_std if config.preset == "paper" else None
-    observer = Observer(basis, process, error, nothing, stated_std=stated)
+    observer = Observer(basis, process, nothing, stated_std=stated)
     return ReducedBasisEstimator(observer, None, None, ensemble.time_ns)
 
 

@@ -79,9 +79,7 @@ def build(
         made = config.spread == "fit" or bool(forecasts[0].made_from)
         averages = config.mean_variance is None
         evidence = Evidence(parts, few, settings, config.dropped_std, made, averages)
-    observer = Observer(
-        basis, process, basis.representation, dropped, basis.potential, extras=extras
-    )
+    observer = Observer(basis, process, dropped, extras=extras)
     probability = None if gating is None or gating.gate == "off" else gating.gate_probability
     notes = (f"prior: {settings}", *([] if time is None else [f"through time: {process}"]))
     return ReducedBasisEstimator(
@@ -96,8 +94,7 @@ def _paper(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator
     factor = config.spread if isinstance(config.spread, float) else 1.0
     fixed = np.diag(np.sqrt(factor * variance).ravel()).reshape(-1, *mean.shape)
     process = independent(ensemble.time_ns, mean, fixed)
-    error = basis.representation
-    observer = Observer(basis, process, error, error, stated_std=config.paper_error_std)
+    observer = Observer(basis, process, basis.representation, stated_std=config.paper_error_std)
     return ReducedBasisEstimator(observer, None, None, ensemble.time_ns)
 
 

@@ -274,7 +274,7 @@ class ReducedBasisEstimator(Estimator[State]):
             basis.modes,
             None if state.time_ns is None and self.time_ns is None else at,
             unknowns,
-            observer.potential,
+            basis.potential,
         )
 
     def remarks(self, state: State) -> list[str]:

@@ -35,6 +35,12 @@ _KNOTS_A_LENGTH = 2
 # C and S of a vector that turns clockwise, and of both components of a tide, shape (2, u)
 _TURNING = np.eye(2), np.array([[0.0, 1.0], [-1.0, 0.0]])
 _TIDAL = np.eye(4)[::2], np.eye(4)[1::2]
+# Factor, digits and unit of an error for people.
+_IN_WORDS = {
+    "heading": (180.0 / np.pi, 1, "degrees"),
+    "scale": (1e2, 1, "%"),
+    "shear": (1e3, 2, "mm/s a metre"),
+}
 # Share of an error's prior standard deviation above which the log has no information on it.
 _UNOBSERVED = 0.95
 
@@ -218,8 +224,5 @@ def extras_of(config: TimeConfig, latitude: float, deepest: float, reference_ns:
 
 def in_words(name: str, estimate: float, std: float) -> str:
     """Return an error of the instrument as text for people."""
-    if name == "heading":
-        return f"heading {np.rad2deg(estimate):+.1f} +- {np.rad2deg(std):.1f} degrees"
-    if name == "scale":
-        return f"scale {1e2 * estimate:+.1f} +- {1e2 * std:.1f} %"
-    return f"shear {1e3 * estimate:+.2f} +- {1e3 * std:.2f} mm/s a metre"
+    factor, digits, unit = _IN_WORDS[name]
+    return f"{name} {factor * estimate:+.{digits}f} +- {factor * std:.{digits}f} {unit}"

@@ -95,18 +95,14 @@ class Observer:
     Attributes:
         basis: Basis flows.
         process: The unknowns.
-        representation: shape (Z, N) [m/s], error of what the modes do not hold, at the nodes.
-        dropped: shape (Z, N) [m/s], prior standard deviation of what was dropped of what they do.
-        potential: shape (M, Z), latent values of the part of the mean with divergence; None without one.
+        dropped: shape (Z, N) [m/s], prior standard deviation of what was dropped of what the modes hold, at the nodes.
         stated_std: Error of all values [m/s] instead of their own; None for these.
         extras: Unknowns beside those of the process; None without any.
     """
 
     basis: Basis
     process: Process
-    representation: Array
     dropped: Array
-    potential: Array | None = None
     stated_std: float | None = None
     extras: Extras | None = None
 
@@ -127,7 +123,7 @@ class Observer:
     @cached_property
     def _latents(self) -> Array:
         """Latent values of the flow whose weights are zero, of the potential beside it, and of the modes: a place is looked up once."""
-        potential = [] if self.potential is None else [self.potential]
+        potential = [] if self.basis.potential is None else [self.basis.potential]
         return np.hstack([self.basis.offset, *potential, self.basis.modes])
 
     @cached_property
@@ -138,7 +134,7 @@ class Observer:
     def error(self, scale: float, nodes: Any = slice(None)) -> Array:
         """Return the error of what the unknowns do not hold at nodes, shape (Z, n) or (Z,) [m/s], under a factor on the prior variance."""
         dropped = np.sqrt(scale) * self.dropped[:, nodes]
-        return np.asarray(np.hypot(self.representation[:, nodes], dropped))
+        return np.asarray(np.hypot(self.basis.representation[:, nodes], dropped))
 
     def columns(self, groups: Sequence[Sequence[Screened]], scale: float = 1.0) -> list[Column]:
         """Return the columns that groups of measurements see, under a factor on the prior variance; none for one without a usable value."""
@@ -159,7 +155,7 @@ class Observer:
         times = np.array([mean_time([one.linear for one in own]) for own in groups], np.int64)
         both = basis.horizontal.velocity(places, self._latents)
         offset, modes = both[..., :n], both[..., both.shape[2] - basis.n_modes :]
-        if self.potential is not None:
+        if basis.potential is not None:
             offset = offset + gradient(both[..., n : 2 * n])
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
         known, nodes = offset.swapaxes(0, 1) + mean, nearest_node(grid, places)  # (n, 2, Z)
@@ -210,7 +206,11 @@ class Observer:
         by_time = (shares.T[:, None] * weights).reshape(-1, len(places))
         by_level = (by_time[:, :, None] * levels).swapaxes(1, 2)  # (T m, Z, P)
         flat = by_level.reshape(-1, len(places))
-        latents = [basis.offset, basis.modes, *([] if self.potential is None else [self.potential])]
+        latents = [
+            basis.offset,
+            basis.modes,
+            *([] if basis.potential is None else [basis.potential]),
+        ]
         offset, modes, *turned = basis.horizontal.sums(places, flat, *latents)
         for each in turned:
             offset = offset + gradient(each)

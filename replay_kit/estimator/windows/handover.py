@@ -111,7 +111,7 @@ def _at(observer: Observer, points: Array) -> tuple[Process, Array, Array]:
     """Return the unknowns, and velocities at points: of the modes, shape (2P, r), and of unknowns that are zero, shape (2P, Z)."""
     basis, process = observer.basis, observer.process
     modes = basis.horizontal.velocity(points, basis.modes).reshape(2 * len(points), -1)
-    offset = with_potential(basis.horizontal, points, basis.offset, observer.potential)
+    offset = with_potential(basis.horizontal, points, basis.offset, basis.potential)
     return process, modes, offset.reshape(len(modes), -1) + modes @ process.mean_at(0).T
 
 
