@@ -82,30 +82,27 @@ def correlation_length(ensemble: Ensemble) -> float:
     That is the scale of the correlation's parabola at zero distance (Daley 1991, Atmospheric Data Analysis, section 4.3), pooled over
     components, levels and both directions of the grid. It is at least one cell, the resolution of the grid.
     """
-    mean = np.zeros(ensemble.velocity.shape[1:])
-    for member in one_by_one(ensemble.velocity):
-        mean += member / ensemble.n_members
-    square, slopes = mean_squares(ensemble, mean)
+    square, *slopes = mean_squares(ensemble).tolist()
     cell, slope = float(np.sqrt(np.prod(cell_size(ensemble.grid)))), np.mean(slopes)
     return max(cell, float(np.sqrt(square / slope))) if slope > 0.0 else cell
 
 
-def mean_squares(ensemble: Ensemble, about: Array | float) -> tuple[float, Array]:
-    """Return the mean squares of a component of the members about a field [m^2/s^2], and of its slopes along both axes [1/s^2].
+def mean_squares(ensemble: Ensemble, about_mean: bool = True) -> Array:
+    """Return the mean squares of a component of the members [m^2/s^2], and of its slopes along both axes of the grid [1/s^2], shape (3,).
 
     Args:
         ensemble: The members, one at a time in memory.
-        about: shape (2, Z, J, I) [m/s].
+        about_mean: Whether those of their anomalies.
     """
-    grid, square, slopes = ensemble.grid, 0.0, np.zeros(2)
-    pairs = [np.delete(grid.wet, -1, axis=-k) & np.delete(grid.wet, 0, axis=-k) for k in (2, 1)]
+    grid, total = ensemble.grid, np.zeros(3)
+    mean: Array | float = 0.0
+    for member in one_by_one(ensemble.velocity) if about_mean else ():
+        mean = mean + member / ensemble.n_members
     for member in one_by_one(ensemble.velocity):
-        off = member - about
-        square += float(np.mean(off[:, grid.wet] ** 2)) / ensemble.n_members
-        for axis, wet in enumerate(pairs):
-            slope = (np.diff(off, axis=axis - 2) / grid.steps(axis))[:, wet]
-            slopes[axis] += np.sum(slope**2) / max(2 * ensemble.n_members * wet.sum(), 1)
-    return square, slopes
+        off = np.where(grid.wet, member - mean, np.nan)
+        slopes = (np.diff(off, axis=axis - 2) / grid.steps(axis) for axis in (0, 1))
+        total += [np.nansum(each**2) / max(np.isfinite(each).sum(), 1) for each in (off, *slopes)]
+    return total / ensemble.n_members
 
 
 # Singular values below this share of the largest: their squares are rounding of the largest one's.

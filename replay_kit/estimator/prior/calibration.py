@@ -140,7 +140,8 @@ def _of_kernels(prior: MembersPrior, member: int) -> Array:
     rows, others = prior.members.columns(_FEW_COLUMNS, member), len(prior.members.weights) - 1
 
     def seen(each: Array) -> Array:
-        return (rows @ each.swapaxes(1, 2) / prior.noise).reshape(len(each), -1).T
+        at = np.einsum("mr,kzr,z->mzk", rows, each, 1.0 / prior.noise, optimize=True)
+        return np.asarray(at.reshape(len(rows) * len(prior.noise), len(each)))
 
     (sample, local), found = map(seen, patterns), []
     total = sample @ sample.T + local @ local.T + np.eye(len(sample))

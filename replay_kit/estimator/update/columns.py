@@ -151,12 +151,9 @@ class Observer:
         basis, grid = self.basis, self.basis.grid
         middles = [np.array([each.linear.middle for each in group]) for group in groups]
         each = np.array([(mean_longitude(lon), lat.mean()) for lon, lat in (m.T for m in middles)])
-        places, n = np.column_stack(to_local(grid.projection, *each.T)), grid.levels.size
+        places = np.column_stack(to_local(grid.projection, *each.T))
         times = np.array([mean_time([one.linear for one in own]) for own in groups], np.int64)
-        both = basis.horizontal.velocity(places, self._latents)
-        offset, modes = both[..., :n], both[..., both.shape[2] - basis.n_modes :]
-        if basis.potential is not None:
-            offset = offset + gradient(both[..., n : 2 * n])
+        offset, modes = self._flows(basis.horizontal.velocity(places, self._latents))
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
         known, nodes = offset.swapaxes(0, 1) + mean, nearest_node(grid, places)  # (n, 2, Z)
         for g, group in enumerate(groups):
@@ -173,6 +170,14 @@ class Observer:
                 design = _beside(design, self.extras.column(time_ns, relative))
             design = design.reshape(-1, self.size)
             yield Column(group, time_ns, design, axes[0], layouts, about)
+
+    def _flows(self, both: Array) -> tuple[Array, Array]:
+        """Return the flow whose weights are zero, shape (2, n, Z), and the modes, shape (2, n, r), of the velocities of ``_latents``."""
+        n = self.basis.grid.levels.size
+        offset, modes = both[..., :n], both[..., both.shape[2] - self.basis.n_modes :]
+        if self.basis.potential is not None:
+            offset = offset + gradient(both[..., n : 2 * n])
+        return offset, modes
 
     def _layout(self, one: Screened, node: int, scale: float) -> Layout:
         """Return the layout of a measurement at one place near a node, under a factor on the prior variance."""
@@ -206,14 +211,8 @@ class Observer:
         by_time = (shares.T[:, None] * weights).reshape(-1, len(places))
         by_level = (by_time[:, :, None] * levels).swapaxes(1, 2)  # (T m, Z, P)
         flat = by_level.reshape(-1, len(places))
-        latents = [
-            basis.offset,
-            basis.modes,
-            *([] if basis.potential is None else [basis.potential]),
-        ]
-        offset, modes, *turned = basis.horizontal.sums(places, flat, *latents)
-        for each in turned:
-            offset = offset + gradient(each)
+        (both,) = basis.horizontal.sums(places, flat, self._latents)
+        offset, modes = self._flows(both)
         n, n_levels = len(weights), levels.shape[1]
         sums = modes.reshape(2, shares.shape[1], n, n_levels, -1)
         known = np.einsum("ctnzz->cn", offset.reshape(*sums.shape[:4], n_levels))

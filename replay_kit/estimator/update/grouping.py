@@ -141,10 +141,9 @@ def _kind(profile: Observation) -> tuple[Hashable, ...]:
 
 def current_gradient(ensemble: Ensemble) -> float:
     """Return the RMS difference of an ensemble's currents between neighbouring grid points over their distance [1/s], the larger axis's."""
-    return float(np.sqrt(2.0 * mean_squares(ensemble, 0.0)[1].max()))
+    return float(np.sqrt(2.0 * mean_squares(ensemble, about_mean=False)[1:].max()))
 
 
 def spread_of(ensembles: Sequence[Ensemble]) -> float:
     """Return the RMS standard deviation of a component of ensembles' members [m/s]."""
-    variances = [np.mean(np.var(each.velocity, axis=0)[:, each.grid.wet]) for each in ensembles]
-    return float(np.sqrt(np.mean(variances)))
+    return float(np.sqrt(np.mean([mean_squares(each)[0] for each in ensembles])))

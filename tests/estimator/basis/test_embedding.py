@@ -70,16 +70,15 @@ def test_a_nugget_that_is_too_small_is_refused():
 @pytest.mark.parametrize(("rows", "width", "size"), [(1, 3, 1), (7, 4, 1), (9, 3, 5), (4, 6, 8)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_solutions_and_products_of_blocks_are_dense_ones(rows, width, size, dtype):
-    rng = np.random.default_rng(rows)
-    band = rng.uniform(-1.0, 1.0, (rows, width, size, size)).astype(dtype)
-    band[:, 0] += band[:, 0].swapaxes(1, 2) + 4.0 * width * size * np.eye(size)
-    dense = np.zeros((rows, size, rows, size))
+    rng, n = np.random.default_rng(rows), rows * size
+    row = np.arange(n) // size
+    dense = rng.uniform(-1.0, 1.0, (n, n)) * (np.abs(row[:, None] - row) < width)
+    dense += dense.T + 4.0 * width * size * np.eye(n)
+    band = np.zeros((rows, width, size, size), dtype)
     for i in range(rows):
         for d in range(min(width, rows - i)):
-            dense[i + d, :, i], dense[i, :, i + d] = band[i, d], band[i, d].T
-    dense = dense.reshape(rows * size, -1)
-    right = rng.standard_normal((rows * size, 5))
-    atol = 1e-5 if dtype == np.float32 else 1e-13
+            band[i, d] = dense.reshape(rows, size, rows, size)[i + d, :, i]
+    right, atol = rng.standard_normal((n, 5)), 1e-5 if dtype == np.float32 else 1e-13
     np.testing.assert_allclose(times(band, right[:, 0]), dense @ right[:, 0], rtol=1e3 * atol)
     solution = solve(factored(band.copy()), right)
     assert solution.dtype == dtype
