@@ -11,7 +11,6 @@ structure only the vertical functions above another: what is dropped is part of 
 """
 
 from bisect import bisect_right
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,23 +158,24 @@ def local_directions(
     size = some.max(axis=1)[group] * height.max(axis=1)[:, None]
     order = np.argsort(size, axis=None).argsort().reshape(size.shape)
 
-    def variance(n: int, at: Callable[[int, NDArray[np.bool_]], Array]) -> Array:
-        """Return what the n smallest have together at each level and place, of which ``at`` gives what some of a group have."""
-        total = np.zeros(1)
-        for g in range(len(directions)):
-            of_levels = height[group == g].T @ (order < n)[group == g]  # (Z, r)
-            used = of_levels.any(axis=0)
-            total = total + of_levels[:, used] @ at(g, used).T
-        return total
+    groups = [np.flatnonzero(group == g) for g in range(len(directions))]
+
+    def of_levels(n: int) -> list[Array]:
+        """Return what the n smallest of each group count for at each level, shapes (Z, r)."""
+        return [height[own].T @ (order[own] < n) for own in groups]
 
     def largest(n: int) -> float:
-        return float(variance(n, lambda g, used: some[g][:, used]).max())
+        each = zip(of_levels(n), some, strict=True)
+        return float(np.max(sum(counts @ at.T for counts, at in each)))
 
     n = bisect_right(range(1, size.size + 1), bound**2, key=largest) if bound else 0
     q, b = np.nonzero(order >= n)
     local = functions[q][:, :, None] * (directions[group[q], :, b] / spread.max())[:, None, :]
-    at_all = variance(n, lambda g, used: np.square(modes.velocity_modes @ directions[g][:, used]))
-    return local, np.sqrt(at_all.reshape(len(at_all), 2, -1).mean(axis=1))
+    left = np.zeros((len(height.T), len(modes.velocity_modes)))
+    for counts, own in zip(of_levels(n), directions, strict=True):
+        used = counts.any(axis=0)
+        left += counts[:, used] @ np.square(modes.velocity_modes @ own[:, used]).T
+    return local, np.sqrt(left.reshape(len(left), 2, -1).mean(axis=1))
 
 
 def some_nodes(velocity_modes: Array) -> Array:
