@@ -42,14 +42,16 @@ def build(
     """
     if config.preset == "paper":
         return _paper(forecasts[0], config)
-    pooled = replace(forecasts[0], velocity=np.concatenate([each.velocity for each in forecasts]))
-    basis = build_basis(pooled, config)
-    n_times, n_members = len(forecasts), forecasts[0].n_members
+    n_times, n_members, pooled = len(forecasts), forecasts[0].n_members, forecasts[0]
+    length = correlation_length(forecasts[n_times // 2])
+    if n_times > 1:
+        pooled = replace(pooled, velocity=np.concatenate([each.velocity for each in forecasts]))
+    basis = build_basis(pooled, config, length if n_times == 1 else None)
     weights = basis.member_weights.reshape(n_times, n_members, *basis.member_weights.shape[1:])
     # fitted at the time in the middle
     middle, at_nodes = n_times // 2, basis.at_nodes
     few = Members.leading(weights[middle], at_nodes, basis.grid.nodes)
-    settings = choose_settings(few, correlation_length(forecasts[middle]), config)
+    settings = choose_settings(few, length, config)
     if isinstance(config.spread, float):
         mean = weights.mean(axis=1, keepdims=True)
         weights = mean + np.sqrt(config.spread) * (weights - mean)

@@ -57,7 +57,8 @@ def solve(factor: Band, right: Array) -> Array:
         after -= column[1 : len(after) + 1] @ x[i]
     for i in reversed(range(len(factor))):
         after, column = x[i + 1 : i + factor.shape[1]], factor[i]
-        x[i] -= np.tensordot(column[1 : len(after) + 1], after, ([0, 1], [0, 1]))
+        below = column[1 : len(after) + 1].reshape(len(after) * factor.shape[2], factor.shape[3])
+        x[i] -= below.T @ after.reshape(len(below), x.shape[2])
         x[i] = _solved(column[0], x[i], 1)
     return np.asarray(x.reshape(right.shape))
 
@@ -76,7 +77,7 @@ def times(band: Band, x: Array) -> Array:
     for i, column in enumerate(band):
         near = given[i : i + len(column)]
         out[i : i + len(column)] += column[: len(near)] @ given[i]
-        out[i] += np.tensordot(column[1 : len(near)], near[1:], ([0, 1], [0, 1]))
+        out[i] += near[1:].ravel() @ column[1 : len(near)].reshape(near[1:].size, len(out[i]))
     return out.ravel()
 
 

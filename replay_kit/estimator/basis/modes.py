@@ -126,8 +126,8 @@ def mean_variance(config: EstimatorConfig) -> float:
     return _MEAN_VARIANCE if config.mean_variance is None else config.mean_variance
 
 
-def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
-    """Return the basis of the configuration's preset.
+def build_basis(ensemble: Ensemble, config: EstimatorConfig, length: float | None = None) -> Basis:
+    """Return the basis of the configuration's preset; ``length`` is the ensemble's correlation length [m], where it is known.
 
     Raises:
         EstimatorError: The paper's vertical functions cannot be told apart at the levels.
@@ -136,7 +136,9 @@ def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
         return _paper_basis(ensemble, config)
     spanned = (ensemble.n_members - 1) * ensemble.grid.levels.size
     few = bool(ensemble.made_from) if config.modes is None else spanned < config.modes
-    apart = correlation_length(ensemble) if config.shift_distance is None else config.shift_distance
+    apart = config.shift_distance
+    if apart is None:
+        apart = correlation_length(ensemble) if length is None else length
     return _default_basis(ensemble, config, apart, apart if few else 0.0)
 
 

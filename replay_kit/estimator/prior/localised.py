@@ -104,7 +104,9 @@ def localised(
         some = factors[start : start + at_once].astype(precision)
         fields = np.empty((len(some), n_nodes, 2, factors.shape[2]), dtype=precision)
         for part in range(2):
-            fields[:, :, part] = at_nodes[part * n_nodes + order] @ some
+            here = at_nodes[part * n_nodes + order]
+            for own, factor in zip(fields, some, strict=True):
+                own[:, part] = here @ factor
         parts.append(_half(fields, back, nodes[order], ends, radius))
     half = np.concatenate(parts)
     whole = half + half.swapaxes(1, 2)
