@@ -27,8 +27,13 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.functions import DepthFunctions, HorizontalFunctions, NodeKernel
-from replay_kit.core.flow.lattice import HALF_WINDOW, WINDOW, StreamFunctionLattice
+from replay_kit.core.flow.functions import DepthFunctions, NodeKernel
+from replay_kit.core.flow.lattice import (
+    HALF_WINDOW,
+    WINDOW,
+    HorizontalFunctions,
+    StreamFunctionLattice,
+)
 from replay_kit.core.grid import Projection
 
 

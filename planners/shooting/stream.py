@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.functions import HorizontalFunctions, NodeKernel
+from replay_kit.core.flow.functions import NodeKernel
 from replay_kit.core.flow.lattice import WINDOW, StreamFunctionLattice
 
 #: Orders of derivatives along each axis: 0 to 3.
@@ -169,7 +169,7 @@ class NodeStream:
 
 def stream_of(flow: FlowEstimate, latent: Array) -> Separable:
     """Return the stream function of a flow's own functions, for latent values of shape (M, C)."""
-    functions: HorizontalFunctions = flow.horizontal
+    functions = flow.horizontal
     if isinstance(functions, NodeKernel):
         return NodeStream(functions, np.ascontiguousarray(latent.T))
     if not isinstance(functions, StreamFunctionLattice):

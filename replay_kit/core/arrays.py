@@ -6,9 +6,9 @@ import mmap
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from functools import cache, wraps
+from functools import cache
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from replay_kit.core.errors import ReplayKitError
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+Times = NDArray[np.int64]
 
 #: Largest array that is kept in memory [bytes].
 IN_MEMORY = 1 << 30
@@ -101,28 +104,3 @@ def _parts(kind: type[Any]) -> tuple[Callable[[Any], tuple[Any, ...]], type[Any]
     opened = dataclasses.make_dataclass(kind.__name__, names, slots=True, repr=False, eq=False)
     opened.__init__.__defaults__ = kind.__init__.__defaults__  # type: ignore[misc]
     return attrgetter(*names), opened
-
-
-_Kind = TypeVar("_Kind", bound=type)
-
-
-def made_often(kind: _Kind) -> _Kind:
-    """Let the values of a frozen class of five fields and more be constructed in half of the time, as ``replace`` makes them.
-
-    Args:
-        kind: A class whose values ``replace`` makes itself.
-    """
-    parts, made = _parts(kind), cast(Any, kind)
-    assert parts is not None, "it has slots, and nothing but its fields"
-    factories = {field.default_factory for field in dataclasses.fields(made)}
-    assert factories == {dataclasses.MISSING}, "its defaults are values"
-    opened = parts[1]
-    begin, set_part = opened.__init__, object.__setattr__
-
-    def construct(self: Any, *args: Any, **named: Any) -> None:
-        set_part(self, "__class__", opened)
-        begin(self, *args, **named)
-        self.__class__ = kind
-
-    made.__init__ = wraps(made.__init__)(construct)
-    return kind

@@ -61,12 +61,9 @@ def flown_dive(
         sum(abs(after - before) for before, after in pairwise([0.0, *depths, 0.0])), 2.0 * deepest
     )
     dive = FlownDive(seconds, deepest, hypot(*way), climbed / seconds, begin_ns)
-    known = isfinite(deepest) and isfinite(dive.along) and isfinite(dive.vertical)
-    return (
-        dive
-        if known and deepest > 0.0 and degrees(atan2(dive.vertical, dive.along)) < _STEEPEST
-        else None
-    )
+    known = isfinite(deepest + dive.along + dive.vertical) and deepest > 0.0
+    steep = degrees(atan2(dive.vertical, dive.along)) >= _STEEPEST
+    return dive if known and not steep else None
 
 
 @dataclass(frozen=True, slots=True)

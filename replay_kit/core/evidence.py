@@ -8,13 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Times
 
 
 def bootstrap_interval(
-    statistic: Callable[[NDArray[np.int64]], Array],
+    statistic: Callable[[Times], Array],
     cases: int,
     resamples: int = 2000,
     share: float = 0.9,
@@ -54,12 +53,12 @@ class BlockEvidence:
     values: int = 0
     measurements: int = 0
 
-    def with_measurement(
-        self, log_density: float, values: int, measurements: int
-    ) -> "BlockEvidence":
-        """Return the sums with a measurement, or with several that were combined."""
+    def __add__(self, other: "BlockEvidence") -> "BlockEvidence":
+        """Return the sums of both."""
         return BlockEvidence(
-            self.log_density + log_density, self.values + values, self.measurements + measurements
+            self.log_density + other.log_density,
+            self.values + other.values,
+            self.measurements + other.measurements,
         )
 
     @property
@@ -81,13 +80,7 @@ class Evidence:
     @property
     def total(self) -> BlockEvidence:
         """Of the whole log."""
-        each = self.blocks.values()
-        sums = (
-            sum(block.log_density for block in each),
-            sum(block.values for block in each),
-            sum(block.measurements for block in each),
-        )
-        return BlockEvidence(*sums)
+        return sum(self.blocks.values(), BlockEvidence())
 
     @property
     def by_dive(self) -> dict[int, BlockEvidence]:

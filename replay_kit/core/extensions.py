@@ -94,7 +94,7 @@ ObjectiveName = Literal["time", "energy", "odds", "closest"]
 
 def is_objective(name: str) -> bool:
     """Return whether an objective has a name."""
-    return name in get_args(ObjectiveName) or name in names_of("objectives")
+    return name in objective_names()
 
 
 def objective_names() -> tuple[str, ...]:

@@ -9,10 +9,11 @@ from math import atan, cos, radians, sin, sqrt, tan
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import shapely
+from numpy.typing import ArrayLike
 from pyproj import Geod, Proj
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.grid import Grid, Projection
 
 _ELLIPSOID = Geod(ellps="WGS84")
@@ -54,17 +55,14 @@ def grid_bearing_of_true_north(
     longitude = np.fmod(np.asarray(longitude, dtype=np.float64), 360.0)
     latitude = np.asarray(latitude, dtype=np.float64)
     known = np.isfinite(longitude) & np.isfinite(latitude)
-    if not known.all() or not known.size:
-        # pyproj takes neither no places nor places that are not numbers
-        turns = np.full(known.shape, np.nan)
-        if known.any():
-            turns[known] = grid_bearing_of_true_north(projection, longitude[known], latitude[known])
-        return turns
-    if known.size == 1:
-        one = _bearing_at(projection, float(longitude.flat[0]), float(latitude.flat[0]))
-        return np.full(known.shape, one)
-    factors = _proj(projection).get_factors(longitude, latitude)
-    return -np.deg2rad(np.asarray(factors.meridian_convergence, dtype=np.float64))
+    # pyproj takes neither no places nor places that are not numbers
+    turns = np.full(known.shape, np.nan)
+    if known.size == 1 and known.all():
+        turns[...] = _bearing_at(projection, longitude.item(), latitude.item())
+    elif known.any():
+        factors = _proj(projection).get_factors(longitude[known], latitude[known])
+        turns[known] = -np.deg2rad(factors.meridian_convergence)
+    return turns
 
 
 # all vectors of a measurement turn by the angle at its place
@@ -224,29 +222,17 @@ def unwrap_longitude(longitude: ArrayLike, near: float) -> Array:
     return near + np.mod(longitude - near + 180.0, 360.0) - 180.0
 
 
-def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> NDArray[np.bool_]:
+def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> Mask:
     """Return whether local points [m] lie inside the grid's outline, its edge included to a millimetre; the shape is kept."""
-    start, edge, square = _edges(grid)
-    east, north = np.broadcast_arrays(
-        np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
-    )
-    dx, dy = east[..., None] - start[:, 0], north[..., None] - start[:, 1]
-    # even-odd rule: count the edges that a ray towards growing east crosses
-    straddles = (dy >= 0.0) != (dy - edge[:, 1] >= 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left_of = dx < dy / edge[:, 1] * edge[:, 0]
-    inside = np.sum(straddles & left_of, axis=-1) % 2 == 1
-    along = np.clip((dx * edge[:, 0] + dy * edge[:, 1]) / square, 0.0, 1.0)
-    to_edge = np.hypot(dx - along * edge[:, 0], dy - along * edge[:, 1]).min(axis=-1)
-    return np.asarray(inside | (to_edge < 1e-3))
+    return np.asarray(shapely.contains_xy(_inside(grid), east, north))
 
 
 @lru_cache(maxsize=8)
-def _edges(grid: Grid) -> tuple[Array, Array, Array]:
-    """Return the edges of a grid's outline: where each begins, how it leads to the next, shapes (n, 2), and its squared length, (n,)."""
-    start = outline(grid)
-    edge = np.roll(start, -1, axis=0) - start
-    return start, edge, np.sum(edge**2, axis=1)
+def _inside(grid: Grid) -> shapely.Polygon:
+    """Return the polygon of a grid's outline and a millimetre around it."""
+    polygon = shapely.Polygon(outline(grid)).buffer(1e-3, join_style="mitre")
+    shapely.prepare(polygon)
+    return polygon
 
 
 def outline(grid: Grid) -> Array:

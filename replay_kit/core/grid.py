@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, one_by_one, release
+from replay_kit.core.arrays import Array, Mask, one_by_one, release
 from replay_kit.core.text import span_text, time_text
 
 
@@ -42,7 +41,7 @@ class Grid:
     east: Array
     north: Array
     levels: Array
-    wet: NDArray[np.bool_]
+    wet: Mask
 
     def __repr__(self) -> str:
         """Return its shape and what it covers."""

@@ -151,31 +151,18 @@ class RawMessage(NamedTuple):
         return self.channel.topic
 
 
-class ChannelWriter(Protocol):
-    """A file being written in which schemas and channels are declared, as MCAP's own writer."""
-
-    def register_schema(self, name: str, encoding: str, data: bytes, /) -> int:
-        """Declare a schema and return its number."""
-        ...
-
-    def register_channel(
-        self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str], /
-    ) -> int:
-        """Declare a channel and return its number."""
-        ...
-
-
 class OutChannels:
     """Gives the numbers of channels in the file being written; each is declared once, before its first message."""
 
-    def __init__(self, writer: ChannelWriter) -> None:
+    def __init__(self, writer: Any) -> None:
         """Begin with none.
 
         Args:
-            writer: Where new ones are declared.
+            writer: Where new ones are declared, by ``register_schema`` and ``register_channel`` as MCAP's own writer has them.
         """
         self._writer = writer
-        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        # without a schema its number is 0
+        self._schemas: dict[Any, int] = {None: 0}
         self._channels: dict[tuple[int, RawChannel], int] = {}
 
     def number(self, input: int, channel: RawChannel) -> int:
@@ -185,18 +172,12 @@ class OutChannels:
             input: Tells the channels of one log from those of another.
             channel: The channel.
         """
-        key = (input, channel)
-        number = self._channels.get(key)
-        if number is None:
-            number = self._writer.register_channel(
-                channel.topic, channel.encoding, self._schema(channel), dict(channel.metadata)
+        key: tuple[int, RawChannel] = (input, channel)
+        schema: Any = channel.schema
+        if key not in self._channels:
+            if schema not in self._schemas:
+                self._schemas[schema] = self._writer.register_schema(*schema)
+            self._channels[key] = self._writer.register_channel(
+                channel.topic, channel.encoding, self._schemas[schema], dict(channel.metadata)
             )
-            self._channels[key] = number
-        return number
-
-    def _schema(self, channel: RawChannel) -> int:
-        if channel.schema is None:
-            return 0
-        if channel.schema not in self._schemas:
-            self._schemas[channel.schema] = self._writer.register_schema(*channel.schema)
-        return self._schemas[channel.schema]
+        return self._channels[key]

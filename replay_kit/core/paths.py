@@ -118,10 +118,7 @@ def check_paths(
             raise ConfigError(f"{path}: is a folder; give the name of a file")
         if path.is_socket() or path.is_block_device():
             raise ConfigError(f"{path}: is a socket or a disk, not a file; choose another name")
-        if not path.parent.is_dir():
-            raise ConfigError(
-                f"{path}: there is no folder {path.parent}; make it, or choose another place"
-            )
+        _check_parent(path)
         if path.exists() and not overwrite and path not in kept and not is_stream(path):
             raise ConfigError(f"{path}: exists; choose another name or give --overwrite")
 
@@ -187,9 +184,13 @@ def check_folder(out: Path) -> None:
     """Raise ConfigError when a folder for results cannot be made."""
     if out.exists() and not out.is_dir():
         raise ConfigError(f"{out}: is a file; give the name of a folder")
-    if not out.parent.is_dir():
+    _check_parent(out)
+
+
+def _check_parent(path: Path) -> None:
+    if not path.parent.is_dir():
         raise ConfigError(
-            f"{out}: there is no folder {out.parent}; make it, or choose another place"
+            f"{path}: there is no folder {path.parent}; make it, or choose another place"
         )
 
 

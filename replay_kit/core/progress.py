@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from itertools import starmap
+from itertools import count, starmap
 from typing import Any, TypeVar
 
 #: Called with what is done, what there is in all (0 where that is not known), and the stage, which may have details behind a colon.
@@ -36,14 +36,8 @@ def announce(what: str, done: float = 0, total: float = 0) -> None:
 
 def counted(what: str, total: float) -> Callable[[], None]:
     """Return a function that is called after each of some steps and announces how many are done."""
-    done = 0
-
-    def advance() -> None:
-        nonlocal done
-        done += 1
-        announce(what, done, total)
-
-    return advance
+    done = count(1)
+    return lambda: announce(what, next(done), total)
 
 
 Value = TypeVar("Value")
@@ -86,23 +80,11 @@ class Stopwatch:
 
     seconds: dict[str, float] = field(default_factory=dict)
 
-    def stage(self, name: str) -> "_Stage":
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
         """Add the time that a block takes to a stage."""
-        return _Stage(self.seconds, name)
-
-
-class _Stage:
-    """A block of a stage; a generator would take longer than many a block."""
-
-    __slots__ = ("_began", "_name", "_seconds")
-
-    def __init__(self, seconds: dict[str, float], name: str) -> None:
-        self._seconds, self._name, self._began = seconds, name, 0.0
-
-    def __enter__(self) -> None:
-        self._began = time.perf_counter()
-
-    def __exit__(self, *_: object) -> None:
-        self._seconds[self._name] = (
-            self._seconds.get(self._name, 0.0) + time.perf_counter() - self._began
-        )
+        began = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began

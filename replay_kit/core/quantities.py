@@ -141,14 +141,12 @@ def unit_of_clock(time_ns: "NDArray[np.int64]") -> str:
 
 def metres(unit: str) -> float | None:
     """Return the metres of a unit of length, a symbol or a name in any case; None for others."""
-    name = unit.lower().replace("meter", "metre")
-    return _SYMBOLS.get(unit, _METRES.get(name, _METRES.get(name.removesuffix("s"))))
+    return _SYMBOLS.get(unit, _named(unit.lower().replace("meter", "metre"), _METRES))
 
 
 def seconds(unit: str) -> float | None:
     """Return the seconds of a unit of time, in any case; None for others."""
-    name = unit.lower()
-    return _SECONDS.get(name, _SECONDS.get(name.removesuffix("s")))
+    return _named(unit, _SECONDS)
 
 
 def metres_per_second(unit: str) -> float | None:
@@ -162,5 +160,10 @@ def metres_per_second(unit: str) -> float | None:
 
 def decibars(unit: str) -> float | None:
     """Return the decibars of a unit of pressure, in any case; None for others."""
+    return _named(unit, _DECIBARS)
+
+
+def _named(unit: str, factors: dict[str, float]) -> float | None:
+    """Return the factor of a unit, in any case and perhaps in the plural; None for others."""
     name = unit.lower()
-    return _DECIBARS.get(name, _DECIBARS.get(name.removesuffix("s")))
+    return factors.get(name, factors.get(name.removesuffix("s")))

@@ -5,20 +5,21 @@ A box is (west, south, east, north), west > east across the antimeridian; positi
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from math import ceil, floor
+from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Grid
 
 Region = tuple[float, float, float, float]
 #: Metres a degree of latitude, on a sphere of the Earth's area: boxes are no geodesy.
 DEGREE = 111_195.0
-# A box is rounded outwards to so many digits, some 10 m, so that it reads well.
-_BOX_DIGITS = 4
+# A box is rounded outwards to so many parts of a degree, some 10 m, so that it reads well.
+_SHARES = 10_000
 # Beyond this latitude a degree of longitude is taken to be no shorter.
 _FARTHEST = 89.0
 
@@ -54,24 +55,14 @@ def degree_of_longitude(latitude: float) -> float:
 
 def rounded(region: Region) -> Region:
     """Return a box rounded outwards, its longitudes in -180..180."""
-    west, south, east, north = region
-    scale = 10.0**_BOX_DIGITS
-    outwards = [
-        np.floor(west * scale),
-        np.floor(south * scale),
-        np.ceil(east * scale),
-        np.ceil(north * scale),
-    ]
-    west, south, east, north = (round(float(value) / scale, _BOX_DIGITS) for value in outwards)
+    west, south = (floor(value * _SHARES) / _SHARES for value in region[:2])
+    east, north = (ceil(value * _SHARES) / _SHARES for value in region[2:])
     return _wrapped(west), max(south, -90.0), _wrapped(east), min(north, 90.0)
 
 
 def _wrapped(longitude: float) -> float:
-    return (
-        longitude
-        if -180.0 <= longitude <= 180.0
-        else round((longitude + 180.0) % 360.0 - 180.0, _BOX_DIGITS)
-    )
+    inside = -180.0 <= longitude <= 180.0
+    return longitude if inside else round((longitude + 180.0) % 360.0 - 180.0, 4)
 
 
 def centre(region: Region) -> tuple[float, float]:
@@ -98,7 +89,7 @@ def depth_inside(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> A
     return np.asarray(np.minimum(along * degree_of_longitude(middle[1]), across * DEGREE))
 
 
-def inside(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> NDArray[np.bool_]:
+def inside(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> Mask:
     """Return whether places lie in a box; arguments as in ``depth_inside``."""
     return np.asarray(depth_inside(region, longitude, latitude) >= 0.0)
 
@@ -116,13 +107,8 @@ _DIGITS = 7
 
 def positions(longitude: ArrayLike, latitude: ArrayLike, near: float) -> list[list[float]]:
     """Return positions, their longitudes within 180 degrees of ``near``, or a map draws a line around the world."""
-    continuous = unwrap_longitude(np.asarray(longitude, dtype=np.float64), near)
-    found: list[list[float]] = (
-        np.column_stack([continuous, np.asarray(latitude, dtype=np.float64)])
-        .round(_DIGITS)
-        .tolist()
-    )
-    return found
+    places = np.column_stack([unwrap_longitude(longitude, near), np.asarray(latitude, np.float64)])
+    return cast(list[list[float]], places.round(_DIGITS).tolist())
 
 
 def feature(kind: str, coordinates: Any, properties: Mapping[str, Any]) -> Feature:
@@ -138,46 +124,36 @@ def cut_at_antimeridian(one: Feature) -> Feature:
     """Return a feature whose longitudes are within 180 degrees: a line or a polygon across the antimeridian is cut there.
 
     Args:
-        one: Of continuous positions: a point, several, a line, or a polygon without holes that is convex where it crosses.
+        one: Of continuous positions: a point, several, a line or a polygon.
 
     References: RFC 7946, 3.1.9.
     """
+    # loads slowly, and most commands write none
+    import shapely
+
     kind, coordinates = one["geometry"]["type"], one["geometry"]["coordinates"]
-    at = np.atleast_2d(np.array(coordinates[0] if kind == "Polygon" else coordinates, dtype=float))
+    whole = shapely.from_geojson(json.dumps(one["geometry"]))
+    west, _, east, _ = whole.bounds
     # revolutions by which a part of it is off; what only touches the antimeridian has no part beyond
-    first, end = (
-        np.floor((at[:, 0].min() + 180.0) / 360.0),
-        np.ceil((at[:, 0].max() + 180.0) / 360.0),
-    )
-    turns = np.arange(first, max(end, first + 1.0))
-    if np.array_equal(turns, [0.0]):
+    first, end = floor((west + 180.0) / 360.0), ceil((east + 180.0) / 360.0)
+    turns = range(first, max(end, first + 1))
+    if turns == range(1):
         return one
     if "Point" in kind:
-        at[:, 0] = (at[:, 0] + 180.0) % 360.0 - 180.0
-        moved = at.round(_DIGITS).tolist()
-        return feature(kind, moved if kind == "MultiPoint" else moved[0], one["properties"])
-    parts = [_within(at, 360.0 * turn, kind == "LineString") for turn in turns]
-    lists = [part.round(_DIGITS).tolist() for part in parts if len(part) > 1]
-    if kind == "Polygon":
-        lists = [[[*part, part[0]] if part[0] != part[-1] else part] for part in lists]
-    many = len(lists) > 1
-    return feature(f"Multi{kind}" if many else kind, lists if many else lists[0], one["properties"])
-
-
-def _within(at: Array, middle: float, is_line: bool) -> Array:
-    """Return the part of a line or ring, shape (n, 2) [degrees], within 180 degrees of a longitude, as about longitude 0."""
-    for side, sign in ((middle - 180.0, 1.0), (middle + 180.0, -1.0)):
-        inside, found = sign * (at[:, 0] - side) >= 0.0, list[Array]()
-        for k in range(len(at)):
-            if (k or not is_line) and inside[k] != inside[k - 1]:
-                share = (side - at[k - 1, 0]) / (at[k, 0] - at[k - 1, 0])
-                # an end on the side stands there already
-                if 0.0 < share < 1.0:
-                    found.append(np.array([side, at[k - 1, 1] + share * (at[k, 1] - at[k - 1, 1])]))
-            if inside[k]:
-                found.append(at[k])
-        at = np.array(found).reshape(-1, 2)
-    return at - [middle, 0.0]
+        at = np.array(coordinates, dtype=np.float64)
+        at[..., 0] = (at[..., 0] + 180.0) % 360.0 - 180.0
+        return feature(kind, at.round(_DIGITS).tolist(), one["properties"])
+    found = []
+    for middle in (360.0 * turn for turn in turns):
+        part = whole
+        if len(turns) > 1:
+            part = shapely.clip_by_rect(whole, middle - 180.0, -90.0, middle + 180.0, 90.0)
+        part = shapely.transform(part, lambda at, by=middle: (at - [by, 0.0]).round(_DIGITS))
+        for each in shapely.get_parts(part):
+            turned = shapely.geometry.polygon.orient(each) if kind == "Polygon" else each
+            found.append(json.loads(shapely.to_geojson(turned))["coordinates"])
+    many = len(found) > 1
+    return feature(f"Multi{kind}" if many else kind, found if many else found[0], one["properties"])
 
 
 def collection_file(features: Sequence[Feature]) -> str:

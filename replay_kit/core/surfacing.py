@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, nan
-from typing import Literal
+from math import cos, hypot, inf, nan, radians, sin
+from typing import Any, Literal
 
 import numpy as np
 
@@ -11,6 +11,12 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, heading_deg, to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, VehicleState
+
+
+def apart(begin: Any, end: Any) -> tuple[float, float]:
+    """Return how far towards true east and north a place lies from another [m]; both have longitude and latitude."""
+    east, north = to_local(Projection(begin.longitude, begin.latitude), end.longitude, end.latitude)
+    return float(east), float(north)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,24 +45,20 @@ class Ellipse:
         """Return whether a place lies inside."""
         along, across = self._apart(longitude, latitude)
         # an ellipse without width holds what lies on it
-        return bool(
-            (along * self.minor) ** 2 + (across * self.major) ** 2 <= (self.major * self.minor) ** 2
-        )
+        return hypot(along * self.minor, across * self.major) <= self.major * self.minor
 
     def radius_of(self, longitude: float, latitude: float) -> float:
         """Return the factor by which the ellipse is to be scaled to reach a place; infinite for one without width."""
         along, across = self._apart(longitude, latitude)
-        if not self.minor > 0.0:
-            return inf
-        return float(np.hypot(along / self.major, across / self.minor))
+        return hypot(along / self.major, across / self.minor) if self.minor > 0.0 else inf
 
     def _apart(self, longitude: float, latitude: float) -> tuple[float, float]:
         """Return how far a place is from the centre along the major axis and across it [m]."""
-        east, north = to_local(Projection(self.longitude, self.latitude), longitude, latitude)
-        bearing = np.deg2rad(self.bearing_deg)
+        east, north = apart(self, Fix(0, longitude, latitude))
+        bearing = radians(self.bearing_deg)
         return (
-            float(east * np.sin(bearing) + north * np.cos(bearing)),
-            float(east * np.cos(bearing) - north * np.sin(bearing)),
+            east * sin(bearing) + north * cos(bearing),
+            east * cos(bearing) - north * sin(bearing),
         )
 
     def outline(self, projection: Projection) -> Array:
@@ -66,18 +68,13 @@ class Ellipse:
         """
         # the last point is the first to the last bit
         angle = np.deg2rad(10.0 * (np.arange(37) % 36))
-        bearing = np.deg2rad(self.bearing_deg) + float(
-            grid_bearing_of_true_north(projection, self.longitude, self.latitude)
-        )
+        turn = grid_bearing_of_true_north(projection, self.longitude, self.latitude)
+        bearing = radians(self.bearing_deg) + float(turn)
         # the second axis to the left of the first, so that the angle grows counter-clockwise
         along, across = self.major * np.cos(angle), -self.minor * np.sin(angle)
         east, north = to_local(projection, self.longitude, self.latitude)
-        return np.column_stack(
-            [
-                east + along * np.sin(bearing) + across * np.cos(bearing),
-                north + along * np.cos(bearing) - across * np.sin(bearing),
-            ]
-        )
+        east = east + along * sin(bearing) + across * cos(bearing)
+        return np.column_stack([east, north + along * cos(bearing) - across * sin(bearing)])
 
 
 def planned_ellipses(legs: Sequence[Mapping[str, float]]) -> list[Ellipse]:
@@ -137,11 +134,8 @@ class SurfacingOutcome:
     @property
     def inside(self) -> bool | None:
         """Whether the vehicle surfaced inside the ellipse; None without one."""
-        return (
-            None
-            if self.predicted.ellipse is None
-            else self.predicted.ellipse.holds(self.longitude, self.latitude)
-        )
+        ellipse = self.predicted.ellipse
+        return None if ellipse is None else ellipse.holds(self.longitude, self.latitude)
 
 
 def surfacing_outcome(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> SurfacingOutcome:
@@ -152,13 +146,8 @@ def surfacing_outcome(planned_ns: int, predicted: Surfacing, fix: VehicleState) 
         predicted: The predicted surfacing.
         fix: The vehicle's.
     """
-    east, north = to_local(
-        Projection(predicted.longitude, predicted.latitude), fix.longitude, fix.latitude
-    )
-    away, direction = float(np.hypot(east, north)), float(heading_deg(east, north))
-    return SurfacingOutcome(
-        planned_ns, predicted, fix.time_ns, fix.longitude, fix.latitude, away, direction
-    )
+    off, place = apart(predicted, fix), (fix.time_ns, fix.longitude, fix.latitude)
+    return SurfacingOutcome(planned_ns, predicted, *place, hypot(*off), float(heading_deg(*off)))
 
 
 #: What a dive's end is predicted from: the way through the water by the flight model and the mean currents of the dives before; or their
@@ -231,7 +220,7 @@ class DiveOutcome:
     @property
     def distance(self) -> float:
         """From the predicted place to the actual one [m]."""
-        return float(np.hypot(*self.off))
+        return hypot(*self.off)
 
     @property
     def direction_deg(self) -> float:
@@ -241,12 +230,7 @@ class DiveOutcome:
     @property
     def off(self) -> tuple[float, float]:
         """From the predicted place to the actual one, true east and north [m]."""
-        east, north = to_local(
-            Projection(self.forecast.longitude, self.forecast.latitude),
-            self.fix.longitude,
-            self.fix.latitude,
-        )
-        return float(east), float(north)
+        return apart(self.forecast, self.fix)
 
     @property
     def in_inner(self) -> bool:
@@ -284,18 +268,15 @@ def calibrated(forecast: DiveForecast, outcomes: Sequence[DiveOutcome]) -> DiveF
         return forecast
     ages = np.array([forecast.start.time_ns - one.fix.time_ns for one in outcomes])
     weights = 0.5 ** (np.maximum(ages, 0) / _HALF_LIFE_NS)
+    radii = [
+        [
+            getattr(one.forecast, name).radius_of(one.fix.longitude, one.fix.latitude)
+            for one in outcomes
+        ]
+        for name in ("inner", "outer")
+    ]
     factors = [
-        _quantile(
-            np.array(
-                [
-                    getattr(one.forecast, name).radius_of(one.fix.longitude, one.fix.latitude)
-                    for one in outcomes
-                ]
-            ),
-            weights,
-            share,
-        )
-        for name, share in zip(("inner", "outer"), SHARES, strict=True)
+        _quantile(np.array(each), weights, share) for each, share in zip(radii, SHARES, strict=True)
     ]
     if not np.all(np.isfinite(factors)):
         return forecast
@@ -335,6 +316,5 @@ def ellipse_of(longitude: float, latitude: float, cov: Array, radius: float) -> 
 
 def held_shares(outcomes: Sequence[DiveOutcome]) -> tuple[float, float]:
     """Return the shares of surfacings, one at least, in their inner and outer ellipses."""
-    return float(np.mean([one.in_inner for one in outcomes])), float(
-        np.mean([one.in_outer for one in outcomes])
-    )
+    inner, outer = np.mean([(one.in_inner, one.in_outer) for one in outcomes], axis=0).tolist()
+    return inner, outer

@@ -19,18 +19,17 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.extensions import additions
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import DepthFunctions
-from replay_kit.core.flow.process import Process
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.basis.embedding import embed
 from replay_kit.estimator.basis.modes import Basis, default_functions
 from replay_kit.estimator.basis.slices import ensemble_slices
+from replay_kit.estimator.build import independent
 from replay_kit.estimator.estimator import ReducedBasisEstimator
 from replay_kit.estimator.interface import Estimator, Stepped, require_estimator
 from replay_kit.estimator.update.columns import Column, Observer
-from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.innovations import misfits
-from replay_kit.estimator.update.screening import screen_group
+from replay_kit.estimator.update.screening import screened
 
 
 def naive_3d(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
@@ -67,16 +66,10 @@ def _of_flows(
     each = np.zeros((n, n_levels, n * n_levels))
     each[own, levels, own * n_levels + levels] = 1.0
     mean, variance = prior
-    process = Process(
-        np.array([ensemble.time_ns or 0], np.int64),
-        np.tensordot(mean, each, 1)[None],
-        np.empty((1, 0, *each.shape[1:])),
-        np.sqrt(variance)[:, None, None] * each,
-        np.ones(1),
-        np.eye(n_levels),
-        np.full(n, np.inf),
-    )
+    patterns = np.sqrt(variance)[:, None, None] * each
+    process = independent(ensemble.time_ns, np.tensordot(mean, each, 1), patterns)
     nothing = np.zeros((n_levels, len(ensemble.grid.nodes)))
+    error = nothing + (config.representation_error_std or 0.0)
     basis = Basis(
         ensemble.grid,
         functions,
@@ -85,11 +78,10 @@ def _of_flows(
         latents,
         np.ones(n),
         each,
-        np.zeros(n_levels),
+        error,
     )
     stated = config.paper_error_std if config.preset == "paper" else None
-    error = nothing + (config.representation_error_std or 0.0)
-    observer = Observer(basis, process, error, nothing, stated_std=stated)
+    observer = Observer(basis, process, nothing, stated_std=stated)
     return ReducedBasisEstimator(observer, None, None, ensemble.time_ns)
 
 
@@ -124,8 +116,8 @@ class NearestMember(Estimator[MemberErrors]):
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether a measurement has a value that would be used."""
-        found = screen_group((observation,), None, self.members.grid, relative=False)
-        return found.used.size > 0
+        ((one,),) = screened([(observation,)], self.members.grid, relative=False)
+        return one.is_used
 
     def chosen(self, state: MemberErrors) -> Array:
         """Return the weights of the members, shape (E,): one of the nearest, zero of the others."""
@@ -133,16 +125,14 @@ class NearestMember(Estimator[MemberErrors]):
         return np.asarray(np.eye(self.distance.size)[nearest])
 
     def assimilate(
-        self, state: MemberErrors, block: Sequence[Measurement | ProfileGroup]
+        self, state: MemberErrors, block: Sequence[Any]
     ) -> tuple[MemberErrors, list[Stepped[MemberErrors]]]:
         """Return the state after measurements, and the outcome of each."""
         found = []
         for event in block:
-            events = event.profiles if isinstance(event, ProfileGroup) else (event,)
-            group = screen_group(events, None, self.members.grid, relative=False)
-            after, innovation = state, group.unused(0)
-            if group.used.size:
-                (column,) = self.members.observer.columns([group])
+            (group,) = screened([(event,)], self.members.grid, relative=False)
+            after, innovation = state, group[0].unused()
+            for column in self.members.observer.columns([group]):
                 squares = state.sum_of_squares + _squares(column)
                 after = MemberErrors(squares, column.time_ns)
                 before, now = (
@@ -182,11 +172,9 @@ def nearest_member(ensemble: Ensemble, config: EstimatorConfig) -> NearestMember
 def _squares(column: Column) -> Array:
     """Return the squares of measured minus each unknown's current over the errors, shape (k,)."""
     total = np.zeros(column.design.shape[1])
-    for layout, about in zip(column.layouts, column.about, strict=True):
-        by_component = column.design.reshape(column.axes.shape[1], -1, column.design.shape[1])
-        predicted = np.einsum("mf,afk,ca->mck", layout.functions, by_component, column.axes)
-        off = layout.whiten @ (about[..., None] - predicted).reshape(len(about), -1)
-        total += np.square(off.reshape(len(off), -1, total.size)).sum(axis=(0, 1))
+    for i in range(len(column.layouts)):
+        y, left, _ = column.compressed(i)
+        total += np.square(y[:, None] - column.rows(i) @ column.design).sum(axis=0) + left
     return total
 
 

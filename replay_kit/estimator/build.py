@@ -12,15 +12,15 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.process import Process
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.basis.modes import build_basis, mean_variance
+from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.basis.slices import correlation_length
-from replay_kit.estimator.estimator import Evidence, ReducedBasisEstimator
-from replay_kit.estimator.prior.biases import biases
-from replay_kit.estimator.prior.extras import Extras
+from replay_kit.estimator.estimator import ReducedBasisEstimator
+from replay_kit.estimator.prior.extras import extras_of
 from replay_kit.estimator.prior.factor import process_of, times_with_spread
-from replay_kit.estimator.prior.fit import choose_settings, members_in_basis
-from replay_kit.estimator.prior.oscillations import oscillations
+from replay_kit.estimator.prior.fit import Members, choose_settings
 from replay_kit.estimator.update.columns import Observer
 from replay_kit.estimator.update.grouping import Grouping, current_gradient, spread_of
+from replay_kit.estimator.update.revision import Evidence
 
 # Mixtures of the members' own evolutions decorrelate more slowly than the current at a place, by this factor.
 _TRAJECTORY_FACTOR = 5.0
@@ -42,20 +42,22 @@ def build(
     """
     if config.preset == "paper":
         return _paper(forecasts[0], config)
-    pooled = replace(forecasts[0], velocity=np.concatenate([each.velocity for each in forecasts]))
-    basis = build_basis(pooled, config)
-    n_times, n_members = len(forecasts), forecasts[0].n_members
+    n_times, n_members, pooled = len(forecasts), forecasts[0].n_members, forecasts[0]
+    length = correlation_length(forecasts[n_times // 2])
+    if n_times > 1:
+        pooled = replace(pooled, velocity=np.concatenate([each.velocity for each in forecasts]))
+    basis = build_basis(pooled, config, length if n_times == 1 else None)
     weights = basis.member_weights.reshape(n_times, n_members, *basis.member_weights.shape[1:])
     # fitted at the time in the middle
-    middle = forecasts[n_times // 2]
-    members = replace(members_in_basis(basis), weights=weights[n_times // 2])
-    settings = choose_settings(members, correlation_length(middle), config)
+    middle, at_nodes = n_times // 2, basis.at_nodes
+    few = Members.leading(weights[middle], at_nodes, basis.grid.nodes)
+    settings = choose_settings(few, length, config)
     if isinstance(config.spread, float):
         mean = weights.mean(axis=1, keepdims=True)
         weights = mean + np.sqrt(config.spread) * (weights - mean)
     process, parts, dropped = process_of(
         weights,
-        members.shifted(settings),
+        ShiftedModes.by(at_nodes, basis.grid.nodes, settings.shift),
         settings,
         basis.mean_weights,
         mean_variance(config),
@@ -73,29 +75,17 @@ def build(
         grouping = replace(grouping, change=2.0 * spread_of(forecasts) ** 2 / scales[1])
         if time.oscillators or time.biases:
             grid = basis.grid
-            turning = oscillations(time, grid.projection.latitude, float(grid.levels[-1]))
-            extras = Extras(turning, biases(time), int(times_ns[0]))
+            place = grid.projection.latitude, float(grid.levels[-1])
+            extras = extras_of(time, *place, int(times_ns[0]))
     elif config.spread is None or config.spread == "fit":
         made = config.spread == "fit" or bool(forecasts[0].made_from)
         averages = config.mean_variance is None
-        few = members.leading()
         evidence = Evidence(parts, few, settings, config.dropped_std, made, averages)
-    relative = 1.0 if basis.relative_error is None else basis.relative_error
-    representation = basis.representation_std(config)[:, None] * relative
+    observer = Observer(basis, process, dropped, extras=extras)
+    probability = None if gating is None or gating.gate == "off" else gating.gate_probability
+    notes = (f"prior: {settings}", *([] if time is None else [f"through time: {process}"]))
     return ReducedBasisEstimator(
-        Observer(
-            basis,
-            process,
-            np.broadcast_to(representation, dropped.shape),
-            dropped,
-            basis.potential,
-            extras=extras,
-        ),
-        evidence,
-        None if gating is None or gating.gate == "off" else gating.gate_probability,
-        forecasts[0].time_ns,
-        grouping,
-        (f"prior: {settings}", *([] if time is None else [f"through time: {process}"])),
+        observer, evidence, probability, forecasts[0].time_ns, grouping, notes
     )
 
 
@@ -104,20 +94,29 @@ def _paper(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator
     basis = build_basis(ensemble, config)
     mean, variance = basis.member_weights.mean(axis=0), basis.member_weights.var(axis=0, ddof=1)
     factor = config.spread if isinstance(config.spread, float) else 1.0
-    n_levels, n_modes = mean.shape
-    fixed = np.diag(np.sqrt(factor * variance).ravel()).reshape(-1, n_levels, n_modes)
-    process = Process(
-        np.array([ensemble.time_ns or 0], np.int64),
-        mean[None],
-        np.empty((1, 0, n_levels, n_modes)),
-        fixed,
-        np.ones(1),
-        np.eye(n_levels),
-        np.full(len(fixed), np.inf),
-    )
-    error = np.zeros((n_levels, len(basis.grid.nodes)))
-    observer = Observer(basis, process, error, error, stated_std=config.paper_error_std)
+    fixed = np.diag(np.sqrt(factor * variance).ravel()).reshape(-1, *mean.shape)
+    process = independent(ensemble.time_ns, mean, fixed)
+    observer = Observer(basis, process, basis.representation, stated_std=config.paper_error_std)
     return ReducedBasisEstimator(observer, None, None, ensemble.time_ns)
+
+
+def independent(time_ns: int | None, mean: Array, patterns: Array) -> Process:
+    """Return the process of constant unknowns, each level its own function of depth.
+
+    Args:
+        time_ns: Of the forecast [ns, UTC].
+        mean: shape (Z, r), weights of unknowns that are zero.
+        patterns: shape (k, Z, r), of the unknowns.
+    """
+    return Process(
+        np.array([time_ns or 0], np.int64),
+        mean[None],
+        np.empty((1, 0, *mean.shape)),
+        patterns,
+        np.ones(1),
+        np.eye(len(mean)),
+        np.full(len(patterns), np.inf),
+    )
 
 
 def scales_of(weights: Array, times_ns: NDArray[np.int64], time: TimeConfig) -> tuple[float, float]:

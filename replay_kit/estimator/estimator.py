@@ -9,89 +9,36 @@ States are immutable values. The state has the posterior under the Gaussian prio
 all, is applied to what is published of it, after the rows (``update/evidence.py``).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
 from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
-from replay_kit.core.flow.local import Oscillation
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.interface import Estimator, Stepped
-from replay_kit.estimator.prior.biases import bias_remarks
-from replay_kit.estimator.prior.calibration import MembersPrior, calibration, fitted_kernels
-from replay_kit.estimator.prior.factor import Parts
-from replay_kit.estimator.prior.fit import Members
-from replay_kit.estimator.prior.hybrid import PriorSettings
 from replay_kit.estimator.state import Doubt, State, predict
 from replay_kit.estimator.update.assimilate import Update, assimilate, scale_jacobian
 from replay_kit.estimator.update.columns import Column, Observer
-from replay_kit.estimator.update.doubt import is_refuted, noted, rescaled
-from replay_kit.estimator.update.evidence import (
-    CENTRED,
-    SCALED,
-    Marginal,
-    amplitude_mixture,
-    fitted_scale,
-    member_centre,
-    with_marginal,
-    with_mean,
-    with_variance,
-)
+from replay_kit.estimator.update.evidence import CENTRED, SCALED
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.innovations import misfits, outcomes
-from replay_kit.estimator.update.screening import ScreenedGroup, screen_group, screen_groups
+from replay_kit.estimator.update.revision import Evidence, noted
+from replay_kit.estimator.update.screening import Screened, screened
 
 # Columns whose products with the covariance are computed together.
 _TOGETHER = 16
-# Factor on the prior variance, or one over it, from which on the prior is changed, and not the stated errors alone.
-_FAR = 3.0
 # Share of the shortest decorrelation time that a block may span: its rows count at its mean time, without the noise in between. Of a sum
 # over a path, which is surer than a profile, that noise would count: it is a block of its own.
 _SPAN = 0.001
 # Observations late by no more count at the state's time: pings wait for the position after them, other measurements do not.
 _LATE_NS = 1_200_000_000_000
 _NS = 1e9
-
-
-# Not slotted: what members left out show is computed when first asked for.
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What the log may say of the prior.
-
-    Attributes:
-        parts: Which unknowns are what.
-        members: The ensemble's, in few modes.
-        settings: Of the prior.
-        bound: Standard deviation below which directions were dropped [m/s].
-        is_made: Whether the ensemble was made of other fields, whose variance is not that of a forecast.
-        averages_amplitude: Whether the prior variance of the ensemble mean's amplitude is averaged over.
-    """
-
-    parts: Parts
-    members: Members
-    settings: PriorSettings
-    bound: float
-    is_made: bool
-    averages_amplitude: bool
-
-    @cached_property
-    def expected(self) -> float:
-        """The factor on variances that members left out show."""
-        return calibration(self._prior)
-
-    @cached_property
-    def kernels(self) -> Array:
-        """The probabilities of the kernels about members that members left out show, shape (H,)."""
-        return fitted_kernels(self._prior)
-
-    @cached_property
-    def _prior(self) -> MembersPrior:
-        return MembersPrior.of(self.members, self.settings, self.bound)
+_Group = tuple[Screened, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,26 +80,24 @@ class ReducedBasisEstimator(Estimator[State]):
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether a measurement has a value that would be used."""
-        return screen_group((observation,), None, self.grid).used.size > 0
+        ((one,),) = screened([(observation,)], self.grid)
+        return one.is_used
 
     def innovation(self, state: State, event: Measurement | ProfileGroup) -> Array:
         """Return measured minus predicted, shape (n, 2) [m/s], local axes; NaN, or 0 of a group, for values that are not usable."""
         events = event.profiles if isinstance(event, ProfileGroup) else (event,)
-        group = screen_group(events, None, self.grid)
-        if not group.used.size:
-            return np.concatenate([group.unused(i).innovation for i in range(len(events))])
-        (column,) = self.observer.columns([group])
-        return self._against(group, column)(state)
+        (group,) = screened([events], self.grid)
+        columns = self.observer.columns([group])
+        if not columns:
+            return np.concatenate([one.unused().innovation for one in group])
+        return self._against(group, columns[0], state)
 
-    def _against(self, group: ScreenedGroup, column: Column) -> Callable[[State], Array]:
-        """Return what returns measured minus predicted values of a group by an earlier state."""
-
-        def innovation(state: State) -> Array:
-            seconds = 0.0 if state.time_ns is None else max(column.time_ns - state.time_ns, 0) / _NS
-            mean = column.design @ (np.exp(-seconds / self.observer.tau) * state.x)
-            return misfits(group, column, mean)
-
-        return innovation
+    def _against(self, group: _Group, column: Column, state: State) -> Array:
+        """Return measured minus predicted values of a group by an earlier state."""
+        seconds = 0.0 if state.time_ns is None else max(column.time_ns - state.time_ns, 0) / _NS
+        return misfits(
+            group, column, column.design @ (np.exp(-seconds / self.observer.tau) * state.x)
+        )
 
     def initial(self) -> State:
         """Return the state before any observation."""
@@ -174,168 +119,121 @@ class ReducedBasisEstimator(Estimator[State]):
             block: In order; groups as ``grouping`` allows. However it is cut, a constant estimate is the same to rounding.
         """
         found, now = list[Stepped[State]](), state
-        for groups, columns, updates, after in self._blocks(state, block):
-            made, steps = iter(zip(updates, columns, strict=True)), list[Stepped[State]]()
+        for groups, columns, updates, after in self.blocks(state, block):
+            made = iter(zip(columns, updates, strict=True))
             for group in groups:
-                update, column = next(made) if group.used.size else (None, None)
-                against = None if column is None else self._against(group, column)
-                steps += outcomes(group, update, now, against)
-                now = steps[-1].after
-            steps[-1], now = steps[-1]._replace(after=after), after
-            found += steps
+                update, against = None, None
+                if any(one.is_used for one in group):
+                    column, update = next(made)
+                    against = partial(self._against, group, column)
+                found += outcomes(group, update, now, against)
+                now = found[-1].after
+            found[-1], now = found[-1]._replace(after=after), after
         return now, found
 
-    def update(
+    def blocks(
         self, state: State, block: Sequence[Measurement | ProfileGroup]
-    ) -> tuple[State, list[Update]]:
-        """Return the state after measurements, and what those of each column did, as it is computed."""
-        found = list[Update]()
-        for _, _, updates, after in self._blocks(state, block):
-            state, found = after, found + updates
-        return state, found
-
-    def _blocks(
-        self, state: State, block: Sequence[Measurement | ProfileGroup]
-    ) -> Iterator[tuple[list[ScreenedGroup], list[Column], list[Update], State]]:
+    ) -> Iterator[tuple[list[_Group], list[Column], list[Update], State]]:
         """Yield groups that are assimilated together, the columns that they see, what these did, and the state after them."""
         # whether one that comes late counts depends on the state that it meets
         ends = [i for i in range(1, len(block)) if block[i].time_ns < block[i - 1].time_ns]
         for begin, end in pairwise([0, *ends, len(block)]):
             state, waiting = self._screened(state, block[begin:end])
             while waiting:
-                some, waiting = self._together(state, waiting)
-                state, columns, updates = self._block(state, some)
+                n = self._together(state, waiting)
+                some, waiting = waiting[:n], waiting[n:]
+                columns = self.observer.columns(some, state.scale)
+                after, updates = self._assimilated(state, columns)
+                if after.profiles == state.profiles:
+                    # also the time stays: an earlier measurement may still come
+                    after = state
+                after = noted(after, updates)
+                if self.evidence is not None and columns:
+                    after = self.evidence.revised(state.profiles, after)
+                state = after
                 yield some, columns, updates, state
 
     def _screened(
         self, state: State, block: Sequence[Measurement | ProfileGroup]
-    ) -> tuple[State, list[ScreenedGroup]]:
+    ) -> tuple[State, list[_Group]]:
         """Return measurements after screening, and the state with the last one."""
         events = [item.profiles if isinstance(item, ProfileGroup) else (item,) for item in block]
         # a state without a time is before all, and of a constant current none is late
         earliest = -np.inf
         if state.time_ns is not None and np.isfinite(self.observer.tau).any():
             earliest = state.time_ns - _LATE_NS
-        late = [min(event.time_ns for event in each) < earliest for each in events]
-        groups = list(screen_groups(events, state.last, self.grid, late))
+        groups = screened(events, self.grid, state.last, earliest)
         levels, measured, last = self.grid.levels, state.measured, state.last
-        for group in groups:
-            if group.used.size:
-                last = group.usable_linear[-1]
-                if measured is None or not measured.all():
-                    measured = group.measured(levels) | (False if measured is None else measured)
+        for one in (one for group in groups for one in group if one.is_used):
+            last = one.linear
+            if measured is None or not measured.all():
+                depth = last.value_depth[one.used]
+                first, end = (np.abs(levels - z).argmin() for z in (depth.min(), depth.max()))
+                at = np.arange(levels.size)
+                now = (at >= first) & (at <= end)
+                measured = now if measured is None else measured | now
         if last is not state.last:
             state = replace(state, last=last, measured=measured)
         return state, groups
 
-    def _together(
-        self, state: State, waiting: list[ScreenedGroup]
-    ) -> tuple[list[ScreenedGroup], list[ScreenedGroup]]:
-        """Return the groups that are assimilated together, and the rest."""
-        most = _TOGETHER
-        if self._scale_error is not None or state.doubt is not None:
-            return waiting[:1], waiting[1:]
+    def _together(self, state: State, waiting: list[_Group]) -> int:
+        """Return how many of the groups are assimilated together."""
+        most, tau = _TOGETHER, self.observer.tau
+        if self._has_scale_error or state.doubt is not None:
+            return 1
         if self.evidence is not None:
             # the prior is looked at after numbers of profiles, however the log is cut
-            counts = (count for count in (*SCALED, CENTRED) if count > state.profiles)
-            most = min(most, min(counts, default=most + state.profiles) - state.profiles)
-        tau = self.observer.tau
+            counts = (*SCALED, CENTRED, state.profiles + most)
+            most = min(count for count in counts if count > state.profiles) - state.profiles
         if np.isfinite(tau).any():
-            latest = waiting[0].events[0].time_ns + _SPAN * float(tau.min()) * _NS
-            ends = (
-                i
-                for i, each in enumerate(waiting)
-                if each.events[0].time_ns > latest or not each.linear[0].at_one_place
-            )
-            most = min(most, next(ends, most))
-        return waiting[: max(most, 1)], waiting[max(most, 1) :]
-
-    def _block(
-        self, state: State, groups: list[ScreenedGroup]
-    ) -> tuple[State, list[Column], list[Update]]:
-        """Return the state after groups that are assimilated together, the columns that they see, and what these did."""
-        columns = self.observer.columns([each for each in groups if each.used.size], state.scale)
-        if not columns:
-            return state, [], []
-        after, updates = self._assimilated(state, columns)
-        if self._scale_error is not None:
-            after, updates = self._with_jacobian(after, updates)
-        if after.profiles == state.profiles:
-            # also the time stays: an earlier measurement may still come
-            after = state
-        for update in updates:
-            after = noted(after, update.column, not all(j.accepted for j in update.judgements))
-        if self.evidence is not None:
-            after = self._under_evidence(state.profiles, after)
-        return after, columns, updates
+            latest = waiting[0][0].event.time_ns + _SPAN * float(tau.min()) * _NS
+            for i, (first, *_) in enumerate(waiting[:most]):
+                if first.event.time_ns > latest or not first.linear.at_one_place:
+                    return max(i, 1)
+        return most
 
     def _assimilated(self, state: State, columns: list[Column]) -> tuple[State, list[Update]]:
         """Return the state after columns, at the time of the last, or where it changes at their mean time; and what they did."""
-        tau = self.observer.tau
-        if not np.isfinite(tau).any():
+        tau, times = self.observer.tau, [column.time_ns for column in columns]
+        if not columns:
+            return state, []
+        if np.isfinite(tau).any():
+            middle = times[0] + sum(time - times[0] for time in times) // len(times)
+            state = self.predict(state, middle)
+            now = middle if state.time_ns is None else state.time_ns
+            # of unknowns at another time a column knows less by what they decay in between
+            seconds = [abs(now - time) / _NS for time in times]
+            columns = [
+                replace(column, design=column.design * np.exp(-away / tau))
+                for column, away in zip(columns, seconds, strict=True)
+            ]
             after, updates = assimilate(state, columns, self.probability)
-            time_ns, timed = state.time_ns, list[Update]()
-            for each in updates:
-                own = each.column.time_ns
-                if any(judgement.accepted for judgement in each.judgements):
-                    time_ns = own if time_ns is None else max(time_ns, own)
-                assert each.after is not None
-                timed.append(replace(each, after=replace(each.after, time_ns=time_ns)))
-            return replace(after, time_ns=time_ns), timed
-        times = [column.time_ns for column in columns]
-        state = self.predict(state, times[0] + sum(time - times[0] for time in times) // len(times))
-        assert state.time_ns is not None
-        moved = [_moved(column, state.time_ns, tau) for column in columns]
-        return assimilate(state, moved, self.probability)
-
-    def _under_evidence(self, profiles: int, state: State) -> State:
-        """Return a state under the prior that the log suggests, where it is time to ask; ``profiles`` there were before its last block."""
-        assert self.evidence is not None
-        parts = self.evidence.parts
-        if is_refuted(state.doubt):
-            return rescaled(state, parts.scaled)
-        if any(profiles < count <= state.profiles for count in SCALED):
-            factor = self._fitted_scale(state)
-            far = max(factor / self.evidence.expected, 1.0 / factor) > _FAR
-            if self.evidence.is_made or state.scale != 1.0 or far:
-                scales = state.scale, state.scale * factor
-                moments = with_variance(state.x, state.covariance, parts.scaled, *scales)
-                state = replace(state.with_moments(*moments), scale=scales[1])
-        if state.centre is None and state.profiles >= CENTRED:
-            state = replace(state, centre=self._centre(state))
-        return state.with_toward(parts.sample)
-
-    def _fitted_scale(self, state: State) -> float:
-        """Return the most probable factor on the prior variance of members and local directions as the state has it."""
-        assert self.evidence is not None
-        part, root = self.evidence.parts.scaled, np.sqrt(state.scale)
-        plain = self.evidence.is_made or state.scale != 1.0
-        expected = 1.0 if plain else self.evidence.expected
-        lower = state.folded().p[part, part] / state.scale
-        return fitted_scale(state.x[part] / root, lower, expected, state.rows, state.square)
+        else:
+            after, updates = assimilate(state, columns, self.probability)
+            latest = state.time_ns
+            for i, update in enumerate(updates):
+                assert update.after is not None
+                if any(judgement.accepted for judgement in update.judgements):
+                    latest = times[i] if latest is None else max(latest, times[i])
+                updates[i] = replace(update, after=replace(update.after, time_ns=latest))
+            after = replace(after, time_ns=latest)
+        if self._has_scale_error:
+            (update,) = updates
+            after = replace(after, x=after.x - after.products(self.gradient(update)[None])[0])
+            updates = [replace(update, after=after)]
+        return after, updates
 
     @property
-    def _scale_error(self) -> tuple[int, float] | None:
-        """Position of the instrument's scale error among the unknowns, and its prior standard deviation; None where none is estimated."""
-        extras = self.observer.extras
-        if extras is None or "scale" not in extras.biases.names:
-            return None
-        k = extras.biases.names.index("scale")
-        return self.observer.size - extras.biases.size + k, float(extras.biases.std[k])
+    def _has_scale_error(self) -> bool:
+        return self.observer.extras is not None and "scale" in self.observer.extras.names
 
     def gradient(self, update: Update) -> Array:
         """Return the gradient in the unknowns, shape (k,), by which a scale error's Jacobian moves the estimate after an update."""
-        out = np.zeros(self.observer.size)
-        if self._scale_error is not None:
-            at, std = self._scale_error
-            out[at] = std * scale_jacobian(update)
+        out, extras = np.zeros(self.observer.size), self.observer.extras
+        if extras is not None and self._has_scale_error:
+            at = extras.names.index("scale") - len(extras.names)
+            out[at] = extras.std[at] * scale_jacobian(update)
         return out
-
-    def _with_jacobian(self, after: State, updates: list[Update]) -> tuple[State, list[Update]]:
-        """Return the state after one column, moved by the Jacobian of a scale error."""
-        moved = [self.gradient(update) for update in updates]
-        after = replace(after, x=after.x - sum(after.products(each[None])[0] for each in moved))
-        return after, [replace(update, after=after) for update in updates]
 
     # ---- what is published
 
@@ -347,9 +245,15 @@ class ReducedBasisEstimator(Estimator[State]):
 
     def flow(self, state: State) -> FlowEstimate:
         """Return the current estimate of a state, at its time; its standard error is computed when first asked for."""
-        basis, observer = self.observer.basis, self.observer
-        x, p, scale = self._published(state)
-        own = slice(0, observer.process.size)
+        basis, observer, extras = self.observer.basis, self.observer, self.observer.extras
+        own, known = slice(0, observer.process.size), None
+        x, p, scale = (
+            (state.x, state.covariance, 1.0)
+            if self.evidence is None
+            else self.evidence.published(state)
+        )
+        if extras is not None and state.time_ns is not None:
+            known = extras.known(state.x[own.stop :], self.grid.levels, state.time_ns)
         unknowns = Unknowns(
             observer.process,
             basis.offset,
@@ -358,8 +262,8 @@ class ReducedBasisEstimator(Estimator[State]):
             state.time_ns,
             observer.error(state.scale),
             scale,
-            self._oscillation(state),
-            None if self.observer.stated_std is not None else state.measured,
+            known,
+            None if observer.stated_std is not None else state.measured,
         )
         at = self._time(state)
         return FlowEstimate(
@@ -370,17 +274,8 @@ class ReducedBasisEstimator(Estimator[State]):
             basis.modes,
             None if state.time_ns is None and self.time_ns is None else at,
             unknowns,
-            observer.potential,
+            basis.potential,
         )
-
-    def _oscillation(self, state: State) -> Oscillation | None:
-        extras = self.observer.extras
-        if extras is None or state.time_ns is None:
-            return None
-        first = self.observer.process.size
-        amplitude = state.x[first : first + extras.oscillations.size]
-        seconds = (state.time_ns - extras.reference_ns) / _NS
-        return extras.oscillations.known(amplitude, self.grid.levels, seconds, state.time_ns)
 
     def remarks(self, state: State) -> list[str]:
         """Return notes on the instrument's errors, where they are estimated."""
@@ -389,56 +284,12 @@ class ReducedBasisEstimator(Estimator[State]):
             words = f"the variance of the ensemble was multiplied by {state.scale:.2g}, as the measurements show"
             narrow = "; the ensemble hardly holds this water" if state.scale > 4.0 else ""
             found.append(words + narrow)
-        if extras is None or not extras.biases.size:
+        if extras is None:
             return found
-        last = slice(self.observer.size - extras.biases.size, None)
+        last = slice(self.observer.size - extras.std.size, None)
         std = np.sqrt(np.diag(state.covariance)[last])
-        return found + bias_remarks(extras.biases, state.x[last], std)
+        return found + extras.remarks(state.x[last], std)
 
     def _time(self, state: State) -> int:
         at = self.time_ns if state.time_ns is None else state.time_ns
         return int(self.observer.process.times_ns[0]) if at is None else at
-
-    def _published(self, state: State) -> tuple[Array, Array, float | Callable[[], float]]:
-        """Return mean and covariance under the prior that the log suggests, and what returns the factor on all variances."""
-        x, p = state.x, state.covariance
-        if self.evidence is None or not state.profiles:
-            return x, p, 1.0
-
-        @cache
-        def scale() -> float:
-            return max(1.0, self._fitted_scale(state))
-
-        centre = self._centre(state) if state.centre is None else state.centre
-        x, p = self._averaged(x, p)
-        return with_mean(x, p, self.evidence.parts.sample, centre), p, scale
-
-    def _averaged(self, x: Array, p: Array) -> tuple[Array, Array]:
-        """Return mean and covariance after the average over the prior variance of the ensemble mean's amplitude."""
-        assert self.evidence is not None
-        parts, variance = self.evidence.parts, self.evidence.parts.amplitude_variance
-        if not (parts.has_amplitude and self.evidence.averages_amplitude):
-            return x, p
-        size = np.sqrt(variance)
-        mean, left = amplitude_mixture(size * x[0], variance * p[0, 0], variance)
-        return with_marginal(x, p, 0, mean / size, left / variance)
-
-    def _centre(self, state: State) -> Array:
-        """Return the prior mean of the sample's unknowns as the members' kernels move it; zero where the current is like no member."""
-        assert self.evidence is not None
-        parts = self.evidence.parts
-        if state.scale != 1.0 or self.evidence.is_made:
-            return np.zeros(parts.sample.stop - parts.sample.start)
-        x, p = self._averaged(state.x, state.covariance)
-        marginal = Marginal.of(x[parts.sample], p[parts.sample, parts.sample])
-        return member_centre(
-            marginal, parts.anomaly, parts.members, state.profiles, self.evidence.kernels
-        )
-
-
-def _moved(column: Column, time_ns: int, tau: Array) -> Column:
-    """Return a column of the unknowns at another time near its own [ns, UTC], of which it knows less by what they decay in between."""
-    if column.time_ns == time_ns:
-        return column
-    factor = np.exp(-abs(time_ns - column.time_ns) / _NS / tau)
-    return replace(column, design=column.design * factor)

@@ -8,11 +8,11 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Innovation, Measurement, usable
 from replay_kit.core.region import Region
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
-from replay_kit.estimator.update.screening import screen
+from replay_kit.estimator.update.screening import screened
 
 State = TypeVar("State")
 _FUNCTIONS = ("initial", "predict", "assimilate", "flow")
@@ -154,13 +154,9 @@ class Estimator(Protocol[State]):
 
 
 def _misfit(flow: FlowEstimate, event: Measurement) -> Array:
-    """Return measured minus predicted values of a measurement of both components, shape (n, 2) [m/s], local axes; NaN where not usable."""
-    linear, projection = event.linear, flow.grid.projection
-    east, north = to_local(projection, linear.longitude, linear.latitude)
-    predicted = linear.at_values(flow.velocity(east, north, linear.depth))
-    place = float(linear.longitude[-1]), float(linear.latitude[-1])
-    values = np.column_stack(
-        rotate_to_local(projection, *place, *(linear.value @ linear.components).T)
-    )
-    flags, _ = screen([event], flow.grid)
-    return np.where(usable(flags[0])[:, None], values - predicted, np.nan)
+    """Return measured minus predicted values of a measurement, shape (n, 2) [m/s], local axes; NaN where not usable."""
+    ((one,),) = screened([(event,)], flow.grid)
+    linear, (value, axes) = one.linear, one.local()
+    east, north = to_local(flow.grid.projection, linear.longitude, linear.latitude)
+    predicted = linear.at_values(flow.velocity(east, north, linear.depth))[one.used]
+    return one.among((value - predicted @ axes.T) @ axes)

@@ -14,7 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from numpy.typing import ArrayLike
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.flow.estimate import FlowEstimate, warn_outside
+from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import Velocities, best_velocity_at
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
@@ -118,9 +118,7 @@ class ResultFile:
         Raises:
             ForecastError: The result holds no estimate.
         """
-        found = best_velocity_at(self.estimates, longitude, latitude, depth, time)
-        warn_outside(self.estimates, found.time)
-        return found
+        return best_velocity_at(self.estimates, longitude, latitude, depth, time)
 
     @cached_property
     def fixes(self) -> "pd.DataFrame":

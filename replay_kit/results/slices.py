@@ -12,9 +12,9 @@ import foxglove.messages as fox
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.dataset import wet_at
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
+from replay_kit.core.flow.points import known_at
+from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid, Projection, Seabed
 from replay_kit.results.messages import FRAME, orientation, pose, stamp
 
@@ -73,7 +73,7 @@ def depth_slice(flow: FlowEstimate, depth: float) -> Slice:
     grid = flow.grid
     east, north = slice_axes(grid)
     e, n = np.meshgrid(east, north)
-    known = (wet_at(grid, e, n, depth) & inside_grid(grid, e, n))[..., None]
+    known = known_at(grid, e, n, depth)[..., None]
     velocity = np.where(known, flow.velocity(e, n, depth), np.nan)
     error = np.where(known, flow.standard_error(e, n, depth), np.nan) if flow.n_modes else None
     return Slice(float(depth), east, north, velocity, error)

@@ -12,12 +12,12 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.progress import announce, counted
+from replay_kit.core.progress import announce
 from replay_kit.core.version import __version__
 from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.estimator.basis.slices import correlation_length
-from replay_kit.estimator.prior.fit import FitRow, best, fit_settings, fit_steps, members_in_basis
-from replay_kit.estimator.prior.hybrid import PriorSettings
+from replay_kit.estimator.prior.factor import PriorSettings
+from replay_kit.estimator.prior.fit import FitRow, Members, best, fit_settings
 from replay_kit.forecast.describe import Description
 from replay_kit.show.text import print_table
 
@@ -57,17 +57,10 @@ def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int) -> Fit
             f"{ensemble.source}: fitting leaves members out and needs at least 4, got {ensemble.n_members}"
         )
     announce("computing the basis")
-    members = members_in_basis(build_basis(ensemble, config))
-    length = correlation_length(ensemble)
-    rows = fit_settings(
-        members,
-        length,
-        left_out,
-        counted("leaving members out", fit_steps(ensemble.n_members, left_out)),
-    )
-    return Fitted(
-        tuple(rows), best(rows), length, ensemble.source, min(left_out, ensemble.n_members)
-    )
+    basis, length = build_basis(ensemble, config), correlation_length(ensemble)
+    members = Members.leading(basis.member_weights, basis.at_nodes, basis.grid.nodes)
+    rows = fit_settings(members, length, left_out)
+    return Fitted(rows, best(rows), length, ensemble.source, min(left_out, ensemble.n_members))
 
 
 def write_fit(fitted: Fitted, path: Path) -> None:

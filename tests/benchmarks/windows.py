@@ -161,10 +161,9 @@ def windowed(
 
     @lru_cache(maxsize=2)
     def of_region(region: Region) -> ReducedBasisEstimator:
-        return build([of.part(region, members, frame)], config)
+        return build([of.part(region, members, frame)], config, GatingConfig())
 
-    gate = GatingConfig().gate_probability
-    return WindowedEstimator(region, margin, around(corners, 1e4), of_region, gate)
+    return WindowedEstimator(region, margin, around(corners, 1e4), of_region)
 
 
 def rows(tiny: bool) -> list[Row]:

@@ -14,13 +14,11 @@ DOWN = 0.3 * math.sin(math.radians(20.0))
 
 
 def test_a_dive_of_one_yo_or_several_has_the_vertical_speed_of_all():
-    seconds = 2.0 * 500.0 / DOWN
     # the path's depths need not hold the deepest
-    dive = flown_dive(seconds, (0.6 * WAY, 0.8 * WAY), [100.0, 300.0, 490.0, 300.0, 100.0], 500.0)
+    dive = flown_dive(1000.0 / DOWN, (0.6 * WAY, 0.8 * WAY), [100.0, 490.0, 100.0], 500.0)
     found = dive.seconds, dive.depth, dive.along, dive.vertical
-    assert found == pytest.approx((seconds, 500.0, WAY, DOWN))
-    depths = [50.0, 100.0, 50.0, 0.0, 50.0, 100.0, 50.0]
-    twice = flown_dive(4.0 * 100.0 / DOWN, (WAY, 0.0), depths, 100.0)
+    assert found == pytest.approx((1000.0 / DOWN, 500.0, WAY, DOWN))
+    twice = flown_dive(400.0 / DOWN, (WAY, 0.0), [50.0, 100.0, 50.0, 0.0, 50.0, 100.0], 100.0)
     assert twice.vertical == pytest.approx(DOWN)
 
 
@@ -33,14 +31,12 @@ def test_a_dive_that_goes_down_and_up_alone_or_is_not_known_shows_nothing(way, d
 
 
 def test_how_a_vehicle_flew_is_the_median_of_its_dives_in_the_digits_in_which_it_is_said():
-    dives = [
-        FlownDive(seconds, depth, 0.2, 0.1)
-        for seconds, depth in ((3600.0, 20.0), (7000.0, 984.0), (7200.0, 986.0))
-    ]
+    stated = ((3600.0, 20.0), (7000.0, 984.0), (7200.0, 986.0))
+    dives = [FlownDive(*each, 0.2, 0.1) for each in stated]
     flown = AsFlown.of(dives)
-    assert (flown.speed, flown.glide_angle_deg, flown.depth) == (0.22, 27.0, 980.0)
-    assert (flown.duration, flown.dives, flown.surface_time) == (7000.0, 3, None)
     assert flown.vertical == pytest.approx(0.1, abs=0.001)
+    assert flown == replace(flown, speed=0.22, glide_angle_deg=27.0, depth=980.0, duration=7000.0)
+    assert (flown.dives, flown.surface_time) == (3, None)
     assert AsFlown.of(dives[:1]).depth == 20.0
     assert AsFlown.of([]) is None
     assert AsFlown.in_metadata({AS_FLOWN: flown.to_record()}) == flown
@@ -54,7 +50,7 @@ def test_the_spread_of_the_dives_is_that_of_a_normal_distribution_whatever_one_o
     rng = np.random.default_rng(3)
     ways, seconds = rng.normal(0.2, 0.02, 400), rng.normal(7200.0, 300.0, 400)
     ways[7] = 5.0
-    dives = [FlownDive(lasts, 500.0, way, 0.0) for lasts, way in zip(seconds, ways, strict=True)]
+    dives = [FlownDive(lasts, 500.0, way, 0.0) for lasts, way in np.column_stack([seconds, ways])]
     flown = AsFlown.of(dives)
     assert flown.speed_std == pytest.approx(0.02, rel=0.1)
     assert flown.duration_std == pytest.approx(300.0, rel=0.1)

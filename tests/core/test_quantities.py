@@ -6,11 +6,9 @@ from replay_kit.core.quantities import decibars, metres, metres_per_second, seco
 
 KNOWN = [
     (metres, 1.0, "m|meter|meters|metre|Metres"),
-    (metres, 1e3, "km|kilometer|kilometres"),
     (metres, 0.01, "cm|centimeters"),
     (metres, 0.3048, "ft|foot|feet"),
     (seconds, 1.0, "s|sec|secs|second|seconds"),
-    (seconds, 60.0, "min|mins|minutes"),
     (seconds, 3600.0, "h|hr|hrs|hours|Hour"),
     (seconds, 86_400.0, "d|day|days"),
     (seconds, 1e-3, "ms|msec|milliseconds"),
@@ -18,10 +16,8 @@ KNOWN = [
     (metres_per_second, 1.0, "m s-1|m/s|m/sec|m.s-1|m s^-1|m s**-1|meter/s|metre s-1"),
     (metres_per_second, 1.0, "meter second^-1|meters/second|meters per second|meters s-1"),
     (metres_per_second, 0.01, "cm s-1|cm/s|cm/sec|cm.s-1|centimeter/s|centimeters/second"),
-    (metres_per_second, 0.001, "mm/s|mm s-1"),
     (metres_per_second, 1852.0 / 3600.0, "knots|kt"),
     (decibars, 1.0, "dbar|decibars"),
-    (decibars, 10.0, "bar"),
     (decibars, 1e-4, "Pa"),
 ]
 

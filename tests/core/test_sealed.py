@@ -19,8 +19,8 @@ def store(tmp_path):
 
 def test_what_is_written_is_read(store):
     head, parts = read_store(store, KIND)
-    assert (head["run"], [bytes(part) for part in parts]) == ("a", PARTS)
-    assert (read_head(store, KIND) or {})["run"] == "a"
+    assert (head["run"], [*map(bytes, parts)]) == ("a", PARTS)
+    assert read_head(store, KIND) == head
 
 
 @pytest.mark.parametrize("kind", [Kind("shelf", 4, "x"), Kind("basket", 3, "x")])
@@ -32,8 +32,8 @@ def test_another_kind_or_version_is_refused(store, kind):
 
 def test_cut_anywhere_or_with_any_bit_flipped_it_is_refused_by_name(store):
     data = store.read_bytes()
-    for place in range(len(data)):
-        for damaged in (data[:place], data[:place] + bytes([data[place] ^ 4]) + data[place + 1 :]):
+    for place, byte in enumerate(data):
+        for damaged in (data[:place], data[:place] + bytes([byte ^ 4]) + data[place + 1 :]):
             store.unlink()
             store.write_bytes(damaged)
             with pytest.raises(LogError, match=f"^{store}: .*shelf"):

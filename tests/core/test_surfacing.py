@@ -1,7 +1,7 @@
 """Ellipses of surfacings, calibrated by those scored so far."""
 
 from dataclasses import replace
-from math import isnan
+from math import isnan, nan
 
 import numpy as np
 import pytest
@@ -21,9 +21,7 @@ def outcomes_of(rng, count, too_small):
         cov = np.diag(rng.uniform(100.0, 900.0, 2) ** 2)
         inner, outer = (ellipse_of(10.0, 60.0, cov, radius) for radius in RADII)
         start = Fix(k * DIVE_NS, 10.0, 60.0)
-        forecast = DiveForecast(
-            k, k, start, (k + 1) * DIVE_NS, 10.0, 60.0, inner, outer, float("nan")
-        )
+        forecast = DiveForecast(k, k, start, start.time_ns + DIVE_NS, 10.0, 60.0, inner, outer, nan)
         off = too_small * np.sqrt(np.diag(cov)) * rng.standard_normal(2)
         at = (float(part) for part in to_geographic(Projection(10.0, 60.0), *off))
         made.append(DiveOutcome(forecast, Fix((k + 1) * DIVE_NS, *at), 0.0, 0.0, 0.0))
@@ -38,9 +36,8 @@ def test_calibrated_ellipses_hold_their_shares_whatever_the_stated_ones_hold(too
         found = calibrated(last.forecast, earlier)
         assert found.scored == 30
         at = last.fix.longitude, last.fix.latitude
-        inside.append(
-            (found.inner.holds(*at), found.outer.holds(*at), last.forecast.outer.holds(*at))
-        )
+        ellipses = found.inner, found.outer, last.forecast.outer
+        inside.append([ellipse.holds(*at) for ellipse in ellipses])
     half, nine, stated = np.mean(inside, axis=0)
     assert 0.42 < half < 0.62
     assert 0.86 < nine < 0.98

@@ -9,7 +9,6 @@ from replay_kit.config.estimation import TimeConfig
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.estimator import build, smooth
 from replay_kit.estimator.basis.slices import ensemble_slices
-from replay_kit.estimator.likelihood import predict_jointly
 from replay_kit.estimator.update.grouping import ProfileGroup
 from tests.estimator.seas import (
     CONFIG,
@@ -167,27 +166,23 @@ def late(log):
     return log
 
 
-@pytest.mark.parametrize("lag_days", [None, 1.0])
 @pytest.mark.parametrize(
     ("time", "log"),
     [(FORGETFUL, late(profiles(9))), (OSCILLATING, every_kind()), (ERRING, stated(profiles(9)))],
 )
-def test_the_smoother_is_the_joint_gaussian_of_what_it_may_use(time, log, lag_days):
+def test_the_smoother_is_the_joint_gaussian_of_all_measurements(time, log):
     estimator = build(forecasts(), CONFIG, None, time)
     twin, times = twin_of(estimator, time), [each.time_ns for each in log]
     counted = np.maximum.accumulate(times).tolist()
     wanted = [times[4], 0, times[2] + DAY // 7, times[-1], times[-1] + DAY]
     wanted += [times[5], times[4] - HOUR // 12, times[3] - DAY // 4]
-    lag = None if lag_days is None else lag_days * 86_400.0
     rows = []
     for each, time_ns in zip(log, counted, strict=True):
         design, *rest = twin.rows(each)
         # a late one knows less of the unknowns as they are then
         rows.append((design * np.exp((each.time_ns - time_ns) / 1e9 / twin.tau), *rest))
-    for at, state in zip(wanted, smooth(estimator, log, wanted, lag), strict=True):
-        last = times[-1] if lag is None else at + int(lag_days * DAY)
-        seen = [each for each in zip(rows, counted, strict=True) if each[1] <= max(last, at)]
-        x, p = twin.joint(seen, at)
+    for at, state in zip(wanted, smooth(estimator, log, wanted), strict=True):
+        x, p = twin.joint(list(zip(rows, counted, strict=True)), at)
         np.testing.assert_allclose(state.x, x, atol=1e-8 * np.abs(x).max())
         np.testing.assert_allclose(state.covariance, p, atol=1e-8)
         assert estimator.flow(state).time_ns == at
@@ -233,24 +228,3 @@ def test_a_scale_error_moves_the_estimate_by_the_jacobian_and_smoothing_takes_al
             smoothed.x, moved(at, len(log)), atol=1e-8 * np.abs(state.x).max()
         )
     assert any("scale" in line for line in estimator.remarks(state))
-
-
-@pytest.mark.parametrize("unreferenced", [(), (1, 3), (0, 1, 2, 3)])
-def test_the_joint_likelihood_is_the_density_of_all_values(unreferenced):
-    estimator = build([SEA], CONFIG)
-    log = [relative(p) if k in unreferenced else p for k, p in enumerate(profiles(4))]
-    bins = [np.flatnonzero(each.depth <= LEVELS[-1]) for each in log]
-    found, twin = predict_jointly(estimator, log, bins).of(log), twin_of(estimator)
-    seen, density, total = [], 0.0, 0.0
-    for each in log:
-        rows = twin.rows(each)
-        nis, log_density, _ = twin.predicted(seen, rows, 0)
-        seen.append((rows, 0))
-        density, total = density + log_density, total + nis
-    assert (found.log, found.nis) == pytest.approx((density, total), rel=1e-9)
-    assert found.dof == sum(len(rows[1]) for rows, _ in seen)
-    turned = [replace(each, velocity=each.velocity[:, ::-1]) for each in log]
-    ours = predict_jointly(estimator, log, bins).of(turned)
-    assert ours.log == pytest.approx(predict_jointly(estimator, turned, bins).of(turned).log)
-    one_bin = predict_jointly(estimator, [relative(log[0])], [np.arange(2)])
-    assert one_bin.of([relative(log[0])]).dof == 2

@@ -89,8 +89,8 @@ def test_a_wrong_label_is_told_with_the_option_that_mends_it(tmp_path, names, ri
         trusted = build_basis(
             replace(found.ensemble, representation_error_std=0.0), EstimatorConfig(modes=1)
         )
-        expected = np.hypot(trusted.truncation_std, found.ensemble.representation_error_std)
-        assert_allclose(basis.truncation_std, expected, rtol=1e-12)
+        expected = np.hypot(trusted.representation, found.ensemble.representation_error_std)
+        assert_allclose(basis.representation, expected, rtol=1e-12)
         kept = describe_ensemble(path, ForecastConfig(axes="true"))
         assert kept.check.contradicted
         assert kept.ensemble.notes == ()

@@ -19,7 +19,7 @@ with warnings.catch_warnings():
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.file import load, save
+from replay_kit.core.flow.file import load
 from replay_kit.studies.twins.ensemble import write_ensemble
 from tests.synthetic_flow import regular
 from tests.workflows.planning.test_currents import evolving
@@ -78,13 +78,13 @@ def test_a_curvilinear_grid_is_compliant_but_for_the_names_of_its_dimensions(
 @pytest.mark.parametrize("n_modes", [0, 4])
 @pytest.mark.parametrize("time_ns", [None, 1_700_000_000_123_456_789])
 def test_a_saved_estimate_is_compliant(make_flow, tmp_path, complaints, n_modes, time_ns):
-    save(replace(make_flow(n_modes=n_modes), time_ns=time_ns), tmp_path / "flow.nc")
+    replace(make_flow(n_modes=n_modes), time_ns=time_ns).save(tmp_path / "flow.nc")
     assert complaints(tmp_path / "flow.nc") == []
 
 
 @pytest.mark.full
 def test_a_saved_estimate_that_changes_with_time_is_compliant(tmp_path, complaints):
-    save(evolving(), tmp_path / "flow.nc")
+    evolving().save(tmp_path / "flow.nc")
     assert complaints(tmp_path / "flow.nc") == []
 
 
@@ -156,7 +156,7 @@ def test_acdd_lacks_what_only_a_person_can_state(make_flow, tmp_path: Path, name
         elif name == "points":
             flow.along(TRACK | TIMES).to_xarray().to_netcdf(path, engine="h5netcdf")
         else:
-            save(flow, path)
+            flow.save(path)
         return found_by(path, "acdd:1.3", least=2)
 
     lacking = " ".join(written(flow))

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from replay_kit.core.atomic import write_whole
 from replay_kit.core.version import __version__
 
 if TYPE_CHECKING:
     import xarray as xr
-
-#: Of each variable of a file, as xarray takes it.
-Encoding = dict[str, dict[str, object]]
 
 CONVENTIONS = "CF-1.8, CF-1.11, ACDD-1.3"
 CF_TIME = {"units": "seconds since 1970-01-01", "calendar": "standard"}
@@ -27,20 +27,40 @@ _AXES = (
 
 
 def described(
-    dataset: xr.Dataset, title: str, history: str, about: Mapping[str, str] | None = None
+    dataset: xr.Dataset, title: str, made_by: str, about: Mapping[str, str] | None = None
 ) -> xr.Dataset:
-    """Return a dataset with its global attributes, and with the kind of each variable.
+    """Return a dataset with its global attributes, the kind of each variable, and how it is written: times as seconds, what fills gaps.
 
     Args:
         dataset: Its coordinates have their standard names.
         title: What it holds.
-        history: What made it; without a time of writing, so that the same values give the same bytes.
+        made_by: What made it, for the attribute ``history``, whose form CF leaves open; without a time of writing, so that the same values
+            give the same bytes.
         about: Further attributes, such as who made it and under which licence.
     """
     for name, variable in dataset.variables.items():
-        variable.attrs["coverage_content_type"] = _content(str(name), variable, dataset)
+        standard = str(variable.attrs.get("standard_name", ""))
+        # one of the kinds of ISO 19115-1
+        variable.attrs["coverage_content_type"] = (
+            "coordinate"
+            if name in dataset.coords
+            else "qualityInformation"
+            if standard.endswith("standard_error")
+            else "modelResult"
+            if standard.endswith("sea_water_velocity")
+            else "auxiliaryInformation"
+        )
+        # a coordinate has a value everywhere
+        missing = variable.isnull().values if variable.dtype.kind in "Mf" else np.array(False)
+        fills = missing.any() and name not in dataset.dims
+        variable.encoding["_FillValue"] = np.nan if fills else None
         if variable.dtype.kind == "M":
             variable.attrs |= LEAP_SECONDS
+            # CF before 1.9 has no 64-bit integers, which nanoseconds need
+            variable.encoding |= {**CF_TIME, "dtype": "float64"}
+            if missing.all():
+                # xarray cannot tell whether no date at all is one of the calendar, and warns
+                del variable.encoding["calendar"]
     return dataset.assign_attrs(
         {
             "Conventions": CONVENTIONS,
@@ -51,21 +71,11 @@ def described(
             "product_version": __version__,
             "processing_level": "analysis",
             "standard_name_vocabulary": "CF Standard Name Table",
-            "history": history,
+            "history": f"replay-kit {made_by}",
             **_coverage(dataset),
             **(about or {}),
         }
     )
-
-
-def _content(name: str, variable: xr.Variable, dataset: xr.Dataset) -> str:
-    """Return the kind of a variable, one of ISO 19115-1."""
-    standard = str(variable.attrs.get("standard_name", ""))
-    if name in dataset.coords:
-        return "coordinate"
-    if standard.endswith("standard_error"):
-        return "qualityInformation"
-    return "modelResult" if standard.endswith("sea_water_velocity") else "auxiliaryInformation"
 
 
 def _coverage(dataset: xr.Dataset) -> dict[str, object]:
@@ -83,21 +93,19 @@ def _coverage(dataset: xr.Dataset) -> dict[str, object]:
         south, north, west, east = (
             found[f"geospatial_{axis}_{end}"] for axis in ("lat", "lon") for end in ("min", "max")
         )
-        corners = ((south, west), (north, west), (north, east), (south, east), (south, west))
-        box = ", ".join(f"{latitude} {longitude}" for latitude, longitude in corners)
+        box = f"{south} {west}, {north} {west}, {north} {east}, {south} {east}, {south} {west}"
         found |= {"geospatial_bounds": f"POLYGON (({box}))", "geospatial_bounds_crs": "EPSG:4326"}
     if (times := _all_of(dataset, "time")).size:
         if times.dtype.kind == "f":
             times = np.round(times * 1e9).astype("M8[ns]")
-        steps = np.diff(np.unique(times)) / np.timedelta64(1, "s")
-        first, last = np.datetime_as_string(np.array([times.min(), times.max()], "M8[s]"))
-        duration = (times.max() - times.min()) / np.timedelta64(1, "s")
+        times, second = np.unique(times), np.timedelta64(1, "s")
+        first, last = np.datetime_as_string(times[[0, -1]].astype("M8[s]"))
         found |= {
             "time_coverage_start": f"{first}Z",
             "time_coverage_end": f"{last}Z",
-            "time_coverage_duration": f"PT{duration:.0f}S",
+            "time_coverage_duration": f"PT{(times[-1] - times[0]) / second:.0f}S",
             # of a single time the step to the next is nothing
-            "time_coverage_resolution": f"PT{np.median(steps) if steps.size else 0.0:.0f}S",
+            "time_coverage_resolution": f"PT{np.median(np.diff(times)) / second if times.size > 1 else 0.0:.0f}S",
         }
     return found
 
@@ -112,43 +120,30 @@ def _all_of(dataset: xr.Dataset, standard: str) -> np.ndarray:
     return np.concatenate(values) if values else np.empty(0)
 
 
-def encoding_of(dataset: xr.Dataset) -> Encoding:
-    """Return how variables are written: times as float64 seconds, and with a fill value those alone that miss something.
+def write_dataset(dataset: xr.Dataset, path: Path) -> None:
+    """Write a dataset as NetCDF, its values compressed; the file appears whole or not at all.
 
-    CF before 1.9 has no 64-bit integers, which nanoseconds need; a coordinate has a value everywhere.
+    Raises:
+        ConfigError: The file cannot be created.
+        ReplayKitError: It cannot be written to its end, as on a full disk.
     """
-    encoding: Encoding = {}
-    for name, variable in dataset.variables.items():
-        missing = variable.isnull().values if variable.dtype.kind in "Mf" else np.array(False)
-        each: dict[str, object] = {
-            "_FillValue": np.nan if missing.any() and name not in dataset.dims else None
-        }
-        if variable.dtype.kind == "M":
-            # of no date at all xarray cannot tell whether it is one of the calendar, and warns
-            each |= (
-                {"units": CF_TIME["units"], "dtype": "float64"}
-                if missing.all()
-                else {**CF_TIME, "dtype": "float64"}
-            )
-        encoding[str(name)] = each
-    return encoding
+    for variable in dataset.variables.values():
+        if variable.dtype.kind == "f" and variable.ndim:
+            variable.encoding |= {"zlib": True, "complevel": 4}
+    # made in memory, since the HDF5 library crashes the process when a disk is full
+    write_whole(path, netcdf_bytes(dataset))
 
 
-def encoded(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a dataset that ``to_netcdf`` writes as ``encoding_of`` says."""
-    for name, encoding in encoding_of(dataset).items():
-        dataset.variables[name].encoding.update(encoding)
-    return dataset
+def netcdf_bytes(dataset: xr.Dataset) -> bytes:
+    """Return a dataset as the bytes of a NetCDF-4 file, its variables as their encodings say.
 
-
-def history(made_by: str, time_ns: int | None) -> str:
-    """Return the global attribute ``history``: program, version, function and the time of the estimate.
-
-    CF leaves its form open. It has no time of writing, because the same flow must give the same bytes.
-
-    Args:
-        made_by: The function that made the dataset.
-        time_ns: Of the flow [ns, UTC]; None without one.
+    ``to_netcdf`` would take a lock named after the buffer's address from the scheduler, where the process is a worker of Dask. Addresses
+    are used again by other missions, and the scheduler then no longer knows the lock. No other thread sees the buffer.
     """
-    at = "" if time_ns is None else f", time = {np.datetime64(time_ns, 'ns')}Z"
-    return f"replay-kit {__version__}: {made_by}(flow{at})"
+    import h5netcdf
+    from xarray.backends import H5NetCDFStore
+
+    buffer = io.BytesIO()
+    with h5netcdf.File(buffer, "w") as file:
+        dataset.dump_to_store(H5NetCDFStore(file))
+    return buffer.getvalue()

@@ -22,7 +22,7 @@ Estimates, truths and ensemble members are all this one value.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -31,15 +31,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices, Mask
+from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.functions import DepthFunctions, HorizontalFunctions, depth_weights
+from replay_kit.core.flow.functions import DepthFunctions, depth_weights
+from replay_kit.core.flow.lattice import HorizontalFunctions
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
 from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
 from replay_kit.core.paths import as_path
-from replay_kit.core.quantities import to_time_ns
 from replay_kit.core.text import time_text
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from replay_kit.core.flow.points import Velocities
 
 # Points evaluated at once: bounds the matrices to some tens of MB.
-_CHUNK = 512
+_CHUNK = 2_048
 _NS = 1e9
 # Depths so far above the surface are rounded, as those of a planned track [m].
 _ROUNDED = 1e-3
@@ -80,7 +81,7 @@ class Unknowns:
     error: Array
     scaled: float | Callable[[], float] = 1.0
     oscillation: Oscillation | None = None
-    measured: NDArray[np.bool_] | None = None
+    measured: Mask | None = None
 
     @cached_property
     def scale(self) -> float:
@@ -105,20 +106,9 @@ class Unknowns:
             values, vectors = np.linalg.eigh(self.p)
             return np.asarray(vectors * np.sqrt(self.scale * np.maximum(values, 0.0)))
 
-    def __reduce__(self) -> tuple[type[Unknowns], tuple[object, ...]]:
-        """Pickle the factor, not what returns it."""
-        names = (
-            "process",
-            "offset",
-            "x",
-            "p",
-            "time_ns",
-            "error",
-            "scale",
-            "oscillation",
-            "measured",
-        )
-        return type(self), tuple(getattr(self, name) for name in names)
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields for a pickle: the factor, not what returns it."""
+        return vars(replace(self, scaled=self.scale))
 
     def latent(self, modes: Array, time_ns: int) -> Array:
         """Return the latent values of the flow at a time [ns, UTC], with the unknowns as they are, shape (M, Z)."""
@@ -126,23 +116,14 @@ class Unknowns:
 
     def at(self, time_ns: int) -> Unknowns:
         """Return the unknowns at a later time [ns, UTC]: each decays, and its variance returns to 1; an earlier one changes nothing."""
-        if (
-            self.time_ns is None
-            or time_ns <= self.time_ns
-            or not np.isfinite(self.process.tau).any()
-        ):
+        constant = not np.isfinite(self.process.tau).any()
+        if self.time_ns is None or time_ns <= self.time_ns or constant:
             return self
         kept = self.process.kept((time_ns - self.time_ns) / _NS)
         # symmetric to the last bit, as files keep one half
         p = self.p * np.outer(kept, kept)
         p[np.diag_indices_from(p)] += 1.0 - kept**2
         return replace(self, x=kept * self.x, p=p, time_ns=time_ns)
-
-    def factor(self, time_ns: int) -> Array:
-        """Return F' L, the weights of independent unknowns of unit variance in the vertical functions, shape (k, K, r)."""
-        loading = self.process.loading(time_ns)
-        rows = self.root.T @ loading.reshape(len(loading), -1)
-        return np.asarray(rows.reshape(-1, *loading.shape[1:]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,18 +162,19 @@ class FlowEstimate:
 
     def __repr__(self) -> str:
         """Return its time, region and size."""
-        data = "" if self.span_ns is None else f", data {_span_text(self.span_ns)}"
         holds = (
             "no model of time"
             if self.unknowns is None
-            else f"constant in time{data}"
+            else "constant in time"
             if self.process is None
-            else f"at(time) gives it for another time{data}"
+            else "at(time) gives it for another time"
         )
+        if self.unknowns is not None and self.span_ns is not None:
+            holds += f", data {_span_text(self.span_ns)}"
         uncertainty = f"{self.n_modes} modes a level" if self.n_modes else "no uncertainty"
         return f"FlowEstimate for {time_text(self.time_ns)} ({holds}), {uncertainty}\n  {self.grid}"
 
-    # ---- in the local frame
+    # ---- in time
 
     def at(self, time_ns: int) -> FlowEstimate:
         """Return the estimate for a time [ns, UTC]; where the current changes, its uncertainty grows with time.
@@ -204,11 +186,10 @@ class FlowEstimate:
             EstimatorError: The flow carries no model of time, as one of a truth or of a member.
         """
         self.require_model_of_time()
-        warn_outside([self], np.array(time_ns))
+        warn_outside([self], np.array(time_ns), 3)
         if self.process is None:
             return self
-        last = self.last_observation_ns
-        return self.moved(time_ns if last is None else max(time_ns, last))
+        return self.moved(max(time_ns, self.last_observation_ns or time_ns))
 
     def moved(self, time_ns: int) -> FlowEstimate:
         """Return the flow for a time of the forecast [ns, UTC]; of unknowns after it as they are."""
@@ -243,6 +224,8 @@ class FlowEstimate:
         """Time before which the estimate does not change [ns, UTC]; None without one."""
         return None if self.process is None or self.unknowns is None else self.unknowns.time_ns
 
+    # ---- in the local frame
+
     @property
     def nodes(self) -> Array:
         """Nodes of the grid, shape (N, 2) [m]."""
@@ -272,17 +255,14 @@ class FlowEstimate:
         Returns:
             Array of the broadcast shape with one more axis of length 2.
         """
-        points, depths, shape = _flatten(east, north, depth)
-        out = np.empty((depths.size, 2))
-        for places, part, at in _by_place(points):
-            by_level = self._true(places, self.by_level(places), true_axes)
-            weights = depth_weights(self.depth_functions, depths[part], self.levels)
-            out[part] = np.einsum("cpz,pz->pc", by_level[:, at], weights)
-        return out.reshape(*shape, 2)
 
-    def by_level(self, places: Array) -> Array:
-        """Return the velocity at the levels over places, shape (2, P, Z) [m/s], local axes; ``places`` of shape (P, 2) [m]."""
-        return with_potential(self.horizontal, places, self.latent, self.potential)
+        def here(places: Array, at: Indices, depths: Array) -> Array:
+            local = with_potential(self.horizontal, places, self.latent, self.potential)
+            by_level = self._true(places, local, true_axes)[:, at]
+            weights = depth_weights(self.depth_functions, depths, self.levels)
+            return np.asarray(np.einsum("cpz,pz->pc", by_level, weights))
+
+        return _over_places(here, east, north, depth)
 
     def standard_error(
         self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
@@ -294,43 +274,24 @@ class FlowEstimate:
         Raises:
             EstimatorError: The flow carries no uncertainty.
         """
-        self._uncertain("standard_error")
-        points, depths, shape = _flatten(east, north, depth)
-        variance = np.empty((depths.size, 2))
-        for places, part, at in _by_place(points):
-            covariance = self._of_functions(places, true_axes)
-            own = self._in_functions(depths[part])
+        variance = self.variance(east, north, depth, true_axes)
+        return np.sqrt(np.where(self._known(east, north, depth)[..., None], variance, np.nan))
+
+    def variance(
+        self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
+    ) -> Array:
+        """Return the square of ``standard_error`` [m^2/s^2], with numbers also where nothing is known."""
+        self._uncertain()
+
+        def here(places: Array, at: Indices, depths: Array) -> Array:
+            rows = self._rows(places, true_axes).transpose(2, 3, 1, 0)
+            covariance = rows @ rows.swapaxes(2, 3)
+            own, levels = self._in_functions(depths), depth_weights(_LINEAR, depths, self.levels)
             of_flow = np.einsum("pk,cpkl,pl->pc", own, covariance[:, at], own, optimize=True)
-            levels = depth_weights(_LINEAR, depths[part], self.levels)
-            beside = self._beside(places, covariance)[:, at]
-            variance[part] = of_flow + np.einsum("pz,cpz->pc", levels, beside) ** 2
-        variance[~self._known(points, depths)] = np.nan
-        return np.sqrt(np.maximum(variance, 0.0)).reshape(*shape, 2)
+            beside = np.einsum("pz,cpz->pc", levels, self._beside(places, covariance)[:, at])
+            return np.asarray(np.maximum(of_flow + beside**2, 0.0))
 
-    def columns(
-        self, places: Array, depth: Array, true_axes: bool = True
-    ) -> tuple[Array, Array | None]:
-        """Return velocity and its variance at every depth over every place, shapes (2, D, P); None without uncertainty.
-
-        Args:
-            places: shape (P, 2) [m].
-            depth: shape (D,) [m].
-            true_axes: As of ``velocity``.
-        """
-        by_depth = depth_weights(self.depth_functions, checked_depth(depth), self.levels)
-        velocity = np.empty((2, depth.size, len(places)))
-        variance = np.empty_like(velocity) if self.n_modes else None
-        own, levels = self._in_functions(depth), depth_weights(_LINEAR, depth, self.levels)
-        for start in range(0, len(places), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            here = self._true(places[part], self.by_level(places[part]), true_axes)
-            velocity[..., part] = by_depth @ here.swapaxes(1, 2)
-            if variance is not None:
-                covariance = self._of_functions(places[part], true_axes)
-                of_flow = np.einsum("dk,cpkl,dl->cdp", own, covariance, own, optimize=True)
-                beside = self._beside(places[part], covariance)
-                variance[..., part] = of_flow + (levels @ beside.swapaxes(1, 2)) ** 2
-        return velocity, variance
+        return _over_places(here, east, north, depth)
 
     def velocity_covariance(
         self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
@@ -349,16 +310,12 @@ class FlowEstimate:
             EstimatorError: The flow carries no uncertainty.
         """
         self._uncertain("velocity_covariance")
-        points, depths, _ = _flatten(east, north, depth)
-        modes = self._true(points, self.horizontal.velocity(points, self.modes), true_axes)
-        design = np.einsum("pk,cpr->cpkr", self._in_functions(depths), modes)
-        rows = np.tensordot(
-            self._factor, design.reshape(2 * len(points), *design.shape[2:]), ([1, 2], [1, 2])
-        )
-        covariance: Array = rows.T @ rows
-        unknown = np.tile(~self._known(points, depths), 2)
-        covariance[unknown] = covariance[:, unknown] = np.nan
-        return covariance
+        at = np.broadcast_arrays(east, north, checked_depth(depth))
+        points, depths = np.column_stack([axis.ravel() for axis in at[:2]]), at[2].ravel()
+        rows = np.einsum("pk,qkcp->qcp", self._in_functions(depths), self._rows(points, true_axes))
+        rows[..., ~self._known(points[:, 0], points[:, 1], depths)] = np.nan
+        rows = rows.reshape(len(rows), -1)
+        return np.asarray(rows.T @ rows)
 
     def sample(self, n: int, seed: int) -> tuple[FlowEstimate, ...]:
         """Return n flows drawn from the estimate's Gaussian, without uncertainty; the same seed gives the same flows.
@@ -385,8 +342,7 @@ class FlowEstimate:
             EstimatorError: The flow carries no uncertainty.
         """
         known = self._uncertain("sample")
-        last = known.time_ns
-        times = [time if last is None else max(time, last) for time in times_ns]
+        times = [max(time, known.time_ns or time) for time in times_ns]
         rng, first = np.random.default_rng(seed), known.at(times[0])
         about = rng.standard_normal((n, len(first.x))) @ first.root.T
         mean, mean_flow, drawn = first.x, self.mean_flow(), list[list[FlowEstimate]]()
@@ -407,37 +363,31 @@ class FlowEstimate:
 
     @cached_property
     def _factor(self) -> Array:
-        """F' L at the flow's time, shape (k, K, r)."""
-        assert self.unknowns is not None
-        return self.unknowns.factor(self.time_ns or 0)
+        """F' L at the flow's time, the weights of independent unknowns of unit variance in the vertical functions, shape (k, K, r)."""
+        known = self._uncertain()
+        return np.tensordot(known.root, known.process.loading(self.time_ns or 0), ([0], [0]))
 
-    def _of_functions(self, places: Array, true_axes: bool) -> Array:
-        """Return the covariance of the vertical functions' amplitudes at places, shape (2, P, K, K) [m^2/s^2]."""
+    def _rows(self, places: Array, true_axes: bool) -> Array:
+        """Return the effect of independent unknowns of unit variance on the vertical functions' amplitudes, shape (k, K, 2, P) [m/s]."""
         modes = self._true(places, self.horizontal.velocity(places, self.modes), true_axes)
-        factor = self._factor
-        rows = factor.reshape(-1, factor.shape[2]) @ modes.reshape(-1, modes.shape[2]).T
-        by_unknown = rows.reshape(*factor.shape[:2], 2, -1).transpose(2, 3, 1, 0)  # (2, P, K, k)
-        return np.asarray(by_unknown @ by_unknown.swapaxes(2, 3))
+        return np.tensordot(self._factor, modes, ([2], [2]))
 
     def _in_functions(self, depths: Array) -> Array:
-        """Return the vertical functions at depths [m], shape (n, K); none without uncertainty."""
+        """Return the vertical functions at depths [m], shape (n, K)."""
         weights = depth_weights(self.depth_functions, depths, self.levels)
-        if self.unknowns is None:
-            return weights[:, :0]
-        return np.asarray(weights @ self.unknowns.process.functions.T)
+        return np.asarray(weights @ self._uncertain().process.functions.T)
 
     def _beside(self, places: Array, covariance: Array) -> Array:
         """Return the error beside that of the unknowns at the levels over places, shape (2, P, Z) [m/s].
 
         Args:
             places: shape (P, 2) [m].
-            covariance: Of the vertical functions there, as of ``_of_functions``.
+            covariance: Of the vertical functions' amplitudes there, shape (2, P, K, K) [m^2/s^2].
         """
-        unknowns = self._uncertain("standard_error")
+        unknowns = self._uncertain()
         # of what the unknowns do not hold, that of the nearest node
-        nearest = nearest_node(self.grid, places)
-        error = np.sqrt(unknowns.scale) * unknowns.error[:, nearest].T
-        beside = np.repeat(error[None] ** 2, 2, axis=0)
+        variance_of_node = unknowns.scale * unknowns.error[:, nearest_node(self.grid, places)] ** 2
+        beside = np.stack([variance_of_node.T] * 2)
         seen = unknowns.measured
         if seen is not None and not seen.all():
             own = unknowns.process.functions
@@ -453,7 +403,7 @@ class FlowEstimate:
     @cached_property
     def _between_levels(self) -> Array:
         """Covariance of a component between the levels under the prior at the flow's time, mean over the nodes, shape (Z, Z)."""
-        process = self._uncertain("standard_error").process
+        process = self._uncertain().process
         modes = self.horizontal.velocity(self.nodes, self.modes).reshape(-1, self.n_modes)
         gram, loading = modes.T @ modes / len(modes), process.loading(self.time_ns or 0)
         of_functions = np.einsum("kar,rs,kbs->ab", loading, gram, loading, optimize=True)
@@ -464,14 +414,16 @@ class FlowEstimate:
         if not true_axes:
             return rows
         lon, lat = to_geographic(self.grid.projection, *places.T)
-        return np.stack(
-            rotate_to_geographic(self.grid.projection, lon[:, None], lat[:, None], *rows)
+        turned = rotate_to_geographic(self.grid.projection, lon[:, None], lat[:, None], *rows)
+        return np.stack(turned)
+
+    def _known(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Mask:
+        """Return whether points lie inside the grid's outline and not below the last level."""
+        return np.asarray(
+            inside_grid(self.grid, east, north) & (np.asarray(depth) <= self.levels[-1])
         )
 
-    def _known(self, points: Array, depths: Array) -> NDArray[np.bool_]:
-        return np.asarray(inside_grid(self.grid, *points.T) & (depths <= self.levels[-1]))
-
-    def _uncertain(self, what: str) -> Unknowns:
+    def _uncertain(self, what: str = "standard_error") -> Unknowns:
         if self.unknowns is None or not self.n_modes:
             raise EstimatorError(
                 f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) carries none"
@@ -497,11 +449,9 @@ class FlowEstimate:
                 negative or not finite.
             ConfigError: A time is none.
         """
-        from replay_kit.core.flow.points import velocity_at
+        from replay_kit.core.flow.points import best_velocity_at
 
-        found = velocity_at(self, longitude, latitude, depth, time)
-        warn_outside([self], found.time)
-        return found
+        return best_velocity_at([self], longitude, latitude, depth, time)
 
     def along(self, track: Any) -> Velocities:
         """Return velocity and standard error along a track, such as ``result.fixes``.
@@ -519,7 +469,7 @@ class FlowEstimate:
         from replay_kit.core.flow.points import velocity_along
 
         found = velocity_along(self, track)
-        warn_outside([self], found.time)
+        warn_outside([self], found.time, 3)
         return found
 
     def to_xarray(
@@ -547,37 +497,21 @@ class FlowEstimate:
         """
         from replay_kit.core.flow.dataset import to_dataset
 
-        if time is None:
-            return to_dataset(self, longitude, latitude, depth)
-        time_ns = to_time_ns(time)
-        self.require_model_of_time()
-        warn_outside([self], time_ns)
-        datasets = [
-            to_dataset(
-                self if self.process is None else self.at(each), longitude, latitude, depth, each
-            )
-            for each in time_ns.ravel().tolist()
-        ]
-        if time_ns.ndim == 0:
-            return datasets[0]
-        import xarray as xr
-
-        from replay_kit.core.flow.cf import described, encoded, history
-
-        held = [name for name in ("estimate_time",) if name in datasets[0].coords]
-        many = xr.concat(datasets, "time", coords=held, combine_attrs="drop_conflicts")
-        made_by = history("to_dataset", self.time_ns)
-        return encoded(described(many, many.attrs["title"], made_by, self.about))
+        return to_dataset(self, longitude, latitude, depth, time)
 
     def to_pandas(self, **axes: ArrayLike) -> pd.DataFrame:
         """Return ``to_xarray(**axes)`` as a table with a row a point and time where the flow is known."""
         return self.to_xarray(**axes).to_dataframe().dropna(subset=["u"]).reset_index()
 
     def save(self, path: str | Path) -> None:
-        """Write the flow to NetCDF without loss; ``replay_kit.open_estimate`` reads it back."""
-        from replay_kit.core.flow.file import save
+        """Write the flow to NetCDF without loss, whole or not at all; ``replay_kit.open_estimate`` reads it back.
 
-        save(self, as_path(path, "estimate"))
+        Raises:
+            ConfigError: The file cannot be written.
+        """
+        from replay_kit.core.flow.file import save_bytes
+
+        write_whole(as_path(path, "estimate"), save_bytes(self))
 
 
 def with_potential(
@@ -603,26 +537,26 @@ def gradient(turned: Array) -> Array:
     return np.stack([-turned[1], turned[0]])
 
 
-def warn_outside(flows: Sequence[FlowEstimate], times: NDArray[Any]) -> None:
-    """Warn the caller's caller where constant estimates, which are one's windows, are asked for times outside the span of their data.
+def warn_outside(flows: Sequence[FlowEstimate], times: NDArray[Any], stacklevel: int) -> None:
+    """Warn the user where constant estimates, which are one's windows, are asked for times outside the span of their data.
 
     Args:
         flows: Those that change do not warn, nor do those whose span is not known.
         times: Any shape [ns, UTC]; NaT is none.
+        stacklevel: Of the user's call, as ``warnings.warn`` has it.
     """
     constant = [one for one in flows if one.unknowns is not None and one.process is None]
-    spans = [one.span_ns for one in constant if one.span_ns is not None]
-    if not spans:
+    ends = [end for one in constant if one.span_ns is not None for end in one.span_ns]
+    if not ends:
         return
-    span = min(first for first, _ in spans), max(last for _, last in spans)
-    asked = np.asarray(times).astype(np.int64).ravel()
-    no_time = np.iinfo(np.int64).min
-    outside = asked[((asked < span[0]) | (asked > span[1])) & (asked != no_time)]
+    asked, span = np.ravel(times).astype(np.int64), (min(ends), max(ends))
+    # NaT is none
+    outside = asked[((asked < span[0]) | (asked > span[1])) & (asked >= 0)]
     if outside.size:
         warnings.warn(
             f"time: {time_text(int(outside[0]))} is outside the estimate's data, {_span_text(span)}; its model is constant in time: the "
             "current is that of estimate_time, and its standard error does not grow",
-            stacklevel=3,
+            stacklevel=stacklevel,
         )
 
 
@@ -650,37 +584,35 @@ def checked_depth(depth: ArrayLike, above: float = _ROUNDED) -> Array:
     return values
 
 
-def nearest_node(grid: Grid, places: Array) -> NDArray[np.intp]:
+def nearest_node(grid: Grid, places: Array) -> Indices:
     """Return the position of the node nearest to each place, shape (P,); ``places`` of shape (P, 2) [m]."""
-    out = np.empty(len(places), np.intp)
-    for part in _chunks(len(places)):
-        square = ((places[part, None] - grid.nodes) ** 2).sum(axis=2)
-        out[part] = square.argmin(axis=1)
-    return out
+    parts = np.split(places, range(_CHUNK, len(places), _CHUNK))
+    squares = (((part[:, None] - grid.nodes) ** 2).sum(axis=2) for part in parts)
+    return np.concatenate([square.argmin(axis=1) for square in squares])
 
 
-def _flatten(
-    east: ArrayLike, north: ArrayLike, depth: ArrayLike
-) -> tuple[Array, Array, tuple[int, ...]]:
-    each = (np.asarray(a, dtype=np.float64) for a in (east, north, checked_depth(depth)))
-    e, n, d = np.broadcast_arrays(*each)
-    return np.column_stack([e.ravel(), n.ravel()]), d.ravel(), d.shape
-
-
-def _chunks(size: int) -> Iterator[slice]:
-    for start in range(0, size, _CHUNK):
-        yield slice(start, min(start + _CHUNK, size))
-
-
-def _by_place(points: Array) -> Iterator[tuple[Array, NDArray[np.intp], NDArray[np.intp]]]:
-    """Yield some places, shape (M, 2), the positions of the points that lie there, and which of the places each lies at.
+def _over_places(
+    value: Callable[[Array, Indices, Array], Array],
+    east: ArrayLike,
+    north: ArrayLike,
+    depth: ArrayLike,
+) -> Array:
+    """Return two values at each point of the local frame, shape (..., 2); the last three arguments broadcast together.
 
     On a grid, and along a profile, many points lie over one place: what depends on the place alone is computed once.
+
+    Args:
+        value: Returns those, shape (n, 2), of the places, shape (P, 2) [m], of some points, which of them each point lies over, shape
+            (n,), and its depth, shape (n,) [m].
+        east: [m].
+        north: [m].
+        depth: [m], positive down.
     """
-    east_north, at = np.unique(points[:, 0] + 1j * points[:, 1], return_inverse=True)
-    order = np.argsort(at, kind="stable")
-    for part in _chunks(east_north.size):
-        first, last = np.searchsorted(at, [part.start, part.stop], sorter=order)
-        points_here = order[first:last]
-        places = east_north[part]
-        yield np.column_stack([places.real, places.imag]), points_here, at[points_here] - part.start
+    at = np.broadcast_arrays(np.asarray(east) + 1j * np.asarray(north), checked_depth(depth))
+    points, depths = (axis.ravel() for axis in at)
+    order, out = np.argsort(points, kind="stable"), np.empty((points.size, 2))
+    for start in range(0, points.size, _CHUNK):
+        part = order[start : start + _CHUNK]
+        places, over = np.unique(points[part], return_inverse=True)
+        out[part] = value(np.column_stack([places.real, places.imag]), over, depths[part])
+    return out.reshape(*at[1].shape, 2)

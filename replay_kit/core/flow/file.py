@@ -12,23 +12,21 @@ import io
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, Encoding, described, history
+from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, described, netcdf_bytes
 from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
 from replay_kit.core.flow.functions import (
     DepthFunctions,
-    HorizontalFunctions,
     HorizontalKernel,
     NodeKernel,
 )
-from replay_kit.core.flow.lattice import StreamFunctionLattice
+from replay_kit.core.flow.lattice import HorizontalFunctions, StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
 from replay_kit.core.flow.process import Process
 from replay_kit.core.grid import Grid, Projection
@@ -46,144 +44,72 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT, FORMAT_VERSION = "replay_kit.FlowEstimate", 7
-_EARLIER = (6,)
-EXACT_TIME = "nanoseconds_since_1970"
-_NODE_KERNEL, _LATTICE = "node kernel", "stream function lattice"
-_AXES = ("east", "north")
+# a flow without uncertainty has the same form there
+_EARLIER = 6
+_EXACT_TIME = "nanoseconds_since_1970"
+_KINDS: dict[str, type] = {
+    "node kernel": NodeKernel,
+    "stream function lattice": StreamFunctionLattice,
+}
 
-
-class Field(NamedTuple):
-    """A variable of the file.
-
-    Attributes:
-        name: In the file.
-        dims: Names of its dimensions.
-        words: Unit and meaning.
-        of: Returns its values; None where the flow has none.
-    """
-
-    name: str
-    dims: tuple[str, ...]
-    words: str
-    of: Callable[[FlowEstimate], Array | None]
-
-
-def _part(owner: str, name: str) -> Callable[[FlowEstimate], Array | None]:
-    """Return what returns an attribute of a part of a flow, such as ``unknowns.process``, where it has that part."""
-
-    def value(flow: FlowEstimate) -> Array | None:
-        held: Any = flow
-        for step in owner.split("."):
-            held = None if held is None else getattr(held, step)
-        return None if held is None else np.asarray(getattr(held, name))
-
-    return value
-
-
-_PROCESS, _LOCAL = "unknowns.process", "local"
-FIELDS = (
-    Field("depth", ("depth",), "m, levels, positive down", lambda flow: flow.grid.levels),
-    Field("longitude", ("y", "x"), "degrees east", _part("grid", "longitude")),
-    Field("latitude", ("y", "x"), "degrees north", _part("grid", "latitude")),
-    Field("east", ("y", "x"), "m, local east", _part("grid", "east")),
-    Field("north", ("y", "x"), "m, local north", _part("grid", "north")),
-    # CF wants dimensions that are no axes, as a curvilinear grid's, before the depth
-    Field(
-        "wet",
-        ("y", "x", "depth"),
-        "1 where the forecast has a velocity",
-        lambda flow: np.moveaxis(flow.grid.wet, 0, -1).astype(np.int8),
-    ),
-    Field(
-        "latent",
-        ("function", "depth"),
-        "latent values, one a horizontal function",
-        lambda flow: flow.latent,
-    ),
-    Field(
-        "potential",
-        ("function", "depth"),
-        "latent values of the part with divergence",
-        lambda flow: flow.potential,
-    ),
-    Field("modes", ("function", "mode"), "latent values of the modes", lambda flow: flow.modes),
-    Field(
-        "node_east", ("node",), "m, local, of the nodes of the kernel", lambda flow: _node(flow, 0)
-    ),
-    Field(
-        "node_north", ("node",), "m, local, of the nodes of the kernel", lambda flow: _node(flow, 1)
-    ),
-    Field(
-        "offset",
-        ("function", "depth"),
-        "latent values where all weights are 0",
-        _part("unknowns", "offset"),
-    ),
-    Field("unknowns", ("unknown",), "mean of the unknowns", _part("unknowns", "x")),
-    Field(
-        "unknowns_covariance",
-        ("pair",),
-        "covariance of the unknowns; its lower half, row by row",
-        lambda flow: _half(flow),
-    ),
-    Field(
-        "error",
-        ("level", "wet_node"),
-        "m/s, what the unknowns do not hold",
-        _part("unknowns", "error"),
-    ),
-    Field(
-        "measured",
-        ("level",),
-        "1 for levels among those whose depths were measured",
-        lambda flow: _measured(flow),
-    ),
-    Field("mean", ("forecast", "level", "mode"), "mean of the weights", _part(_PROCESS, "mean")),
-    Field(
-        "moving",
-        ("forecast", "moving_unknown", "vertical", "mode"),
-        "weights of one unit of each unknown that moves",
-        _part(_PROCESS, "moving"),
-    ),
-    Field(
-        "fixed",
-        ("fixed_unknown", "vertical", "mode"),
-        "weights of one unit of each other unknown",
-        _part(_PROCESS, "fixed"),
-    ),
-    Field("spread", ("forecast",), "growth of these", _part(_PROCESS, "spread")),
-    Field("functions", ("vertical", "level"), "vertical functions", _part(_PROCESS, "functions")),
-    Field("tau", ("unknown",), "s, decorrelation time of each unknown", _part(_PROCESS, "tau")),
-    Field(
-        "forecast_time",
-        ("forecast",),
-        "times of the forecast",
-        lambda flow: _seconds(_part(_PROCESS, "times_ns")(flow)),
-    ),
-    Field("time", (), "time of the estimate", lambda flow: _seconds(flow.time_ns)),
-    *(
-        Field(f"oscillation_{name}", dims, words, _part("oscillation", name))
-        for name, dims, words in (
-            ("omega", ("oscillation",), "rad/s, angular velocity"),
-            ("cosine", ("oscillation", "component", "depth"), "m/s, local, of its cosine"),
-            ("sine", ("oscillation", "component", "depth"), "m/s, local, of its sine"),
-        )
-    ),
-    *(
-        Field(f"local_{name}", dims, words, _part(_LOCAL, name))
-        for name, dims, words in (
-            (
-                "probability",
-                ("local",),
-                "probability of each process of the current beside the flow",
-            ),
-            ("std", ("local",), "m/s, of a component in the long run"),
-            ("scale", ("local",), "s, decorrelation time"),
-            ("mean", ("local", "component"), "m/s, local east and north, after the last dive"),
-            ("cov", ("local", "component", "component_2"), "m2/s2, its covariance"),
-        )
-    ),
-)
+#: Variables: name, what of the flow it holds, dimensions, unit and meaning; and attributes: numbers, texts, and times as decimal digits.
+#: Those that a flow has not, or that are empty, are left out.
+FIELDS = [
+    row.split(" | ")
+    for row in (
+        "depth | grid.levels | depth | m, levels, positive down",
+        "longitude | grid.longitude | y x | degrees east",
+        "latitude | grid.latitude | y x | degrees north",
+        "east | grid.east | y x | m, local east",
+        "north | grid.north | y x | m, local north",
+        # CF wants dimensions that are no axes, as a curvilinear grid's, before the depth
+        "wet | grid.wet | y x depth | 1 where the forecast has a velocity",
+        "latent | latent | function depth | latent values, one a horizontal function",
+        "potential | potential | function depth | latent values of the part with divergence",
+        "modes | modes | function mode | latent values of the modes",
+        "node_east | horizontal.nodes.T.0 | node | m, local, of the nodes of the kernel",
+        "node_north | horizontal.nodes.T.1 | node | m, local, of the nodes of the kernel",
+        "offset | unknowns.offset | function depth | latent values where all weights are 0",
+        "unknowns | unknowns.x | unknown | mean of the unknowns",
+        "unknowns_covariance | unknowns.p | pair | covariance of the unknowns; its lower half, row by row",
+        "error | unknowns.error | level wet_node | m/s, what the unknowns do not hold",
+        "measured | unknowns.measured | level | 1 for levels among those whose depths were measured",
+        "mean | unknowns.process.mean | forecast level mode | mean of the weights",
+        "moving | unknowns.process.moving | forecast moving_unknown vertical mode | weights of one unit of each unknown that moves",
+        "fixed | unknowns.process.fixed | fixed_unknown vertical mode | weights of one unit of each other unknown",
+        "spread | unknowns.process.spread | forecast | growth of these",
+        "functions | unknowns.process.functions | vertical level | vertical functions",
+        "tau | unknowns.process.tau | unknown | s, decorrelation time of each unknown",
+        "forecast_time | unknowns.process.times_ns | forecast | times of the forecast",
+        "time | time_ns |  | time of the estimate",
+        "oscillation_omega | unknowns.oscillation.omega | oscillation | rad/s, angular velocity",
+        "oscillation_cosine | unknowns.oscillation.cosine | oscillation component depth | m/s, local, of its cosine",
+        "oscillation_sine | unknowns.oscillation.sine | oscillation component depth | m/s, local, of its sine",
+        "local_probability | local.probability | local | probability of each process of the current beside the flow",
+        "local_std | local.std | local | m/s, of a component in the long run",
+        "local_scale | local.scale | local | s, decorrelation time",
+        "local_mean | local.mean | local component | m/s, local east and north, after the last dive",
+        "local_cov | local.cov | local component component_2 | m2/s2, its covariance",
+        "depth_function_kind | depth_functions.kind | attribute",
+        "projection_longitude | grid.projection.longitude | attribute",
+        "projection_latitude | grid.projection.latitude | attribute",
+        "depth_function_length | depth_functions.length | attribute",
+        "kernel_length_east | horizontal.kernel.length_east | attribute",
+        "kernel_length_north | horizontal.kernel.length_north | attribute",
+        "kernel_speed | horizontal.kernel.speed | attribute",
+        "lattice_origin_east | horizontal.origin.0 | attribute",
+        "lattice_origin_north | horizontal.origin.1 | attribute",
+        "lattice_spacing_east | horizontal.spacing.0 | attribute",
+        "lattice_spacing_north | horizontal.spacing.1 | attribute",
+        "lattice_shape_east | horizontal.shape.0 | attribute",
+        "lattice_shape_north | horizontal.shape.1 | attribute",
+        "scale | unknowns.scale | attribute",
+        "unknowns_time | unknowns.time_ns | attribute",
+        "oscillation_scale | unknowns.oscillation.scale | attribute",
+        "oscillation_time | unknowns.oscillation.time_ns | attribute",
+        "local_time | local.time_ns | attribute",
+    )
+]
 _STANDARD = {
     "depth": {"standard_name": "depth", "units": "m", "positive": "down", "axis": "Z"},
     "east": {"units": "m"},
@@ -193,106 +119,73 @@ _STANDARD = {
 }
 
 
+def _whole(half: Array) -> Array:
+    """Return a symmetric matrix of its lower half, row by row."""
+    size = int(np.sqrt(2 * half.size))
+    p, lower = np.empty((size, size)), np.tril_indices(size)
+    p[lower] = p.T[lower] = half
+    return p
+
+
+# Values that the file has in another form: to it, and from it.
+_CODED: dict[str, tuple[Callable[[Any], Array], Callable[[Any], Any]]] = {
+    "wet": (
+        lambda wet: np.moveaxis(wet, 0, -1).astype(np.int8),
+        lambda wet: np.ascontiguousarray(np.moveaxis(wet, -1, 0).astype(bool)),
+    ),
+    "measured": (lambda seen: seen.astype(np.int8), lambda seen: seen.astype(bool)),
+    "unknowns_covariance": (lambda p: p[np.tril_indices(len(p))], _whole),
+}
+
+
+def _held(flow: FlowEstimate, names: str) -> Any:
+    """Return a part of a flow by names of attributes and positions with dots between; None where it is not there."""
+    held: Any = flow
+    for name in names.split("."):
+        held = held[int(name)] if name.isdigit() and held is not None else getattr(held, name, None)
+    return held
+
+
 def to_lossless(flow: FlowEstimate) -> xr.Dataset:
     """Return the flow as the dataset from which ``load`` makes an equal one."""
     import xarray as xr  # loads slowly, and who reads a saved flow needs it not
 
-    variables = {}
-    for each in FIELDS:
-        values = each.of(flow)
-        # NetCDF has no dimension of length zero that is not unlimited
-        if values is not None and np.asarray(values).size:
-            about = {"long_name": each.words, **_STANDARD.get(each.name, {})}
-            variables[each.name] = xr.Variable(each.dims, values, about)
-    unknowns, kernel = flow.unknowns, flow.horizontal.kernel
-    exact = {"time": [flow.time_ns]}
-    if unknowns is not None:
-        exact["forecast_time"] = unknowns.process.times_ns.tolist()
-    for name, times in exact.items():
-        if name in variables:
-            variables[name].attrs[EXACT_TIME] = " ".join(map(str, times))
-    numbers = {
-        "projection_longitude": flow.grid.projection.longitude,
-        "projection_latitude": flow.grid.projection.latitude,
-        "depth_function_length": flow.depth_functions.length,
-        **{
-            f"kernel_{name}": getattr(kernel, name)
-            for name in ("length_east", "length_north", "speed")
-        },
-    }
-    if isinstance(flow.horizontal, StreamFunctionLattice):
-        for part in ("origin", "spacing", "shape"):
-            pair = zip(_AXES, getattr(flow.horizontal, part), strict=True)
-            numbers |= {f"lattice_{part}_{axis}": value for axis, value in pair}
-    if unknowns is not None:
-        numbers["scale"] = unknowns.scale
-    attrs: dict[str, object] = {
+    kind = next(name for name, kind in _KINDS.items() if isinstance(flow.horizontal, kind))
+    variables: dict[str, xr.Variable] = {}
+    attrs: dict[str, Any] = {
         "replay_kit_format": FORMAT,
         "replay_kit_format_version": np.int32(FORMAT_VERSION),
-        "horizontal_functions": _NODE_KERNEL
-        if isinstance(flow.horizontal, NodeKernel)
-        else _LATTICE,
-        "depth_function_kind": flow.depth_functions.kind,
-        **{name: np.float64(number) for name, number in numbers.items()},
+        "horizontal_functions": kind,
     }
-    if unknowns is not None and unknowns.time_ns is not None:
-        attrs["unknowns_time"] = str(unknowns.time_ns)
-    if flow.oscillation is not None:
-        attrs["oscillation_scale"] = np.float64(flow.oscillation.scale)
-        attrs["oscillation_time"] = str(flow.oscillation.time_ns)
-    if flow.local is not None:
-        attrs["local_time"] = str(flow.local.time_ns)
+    for name, names, dims, *words in FIELDS:
+        values, is_time = _held(flow, names), names.endswith("_ns")
+        # NetCDF has no dimension of length zero that is not unlimited
+        if values is None or not np.size(values):
+            continue
+        if not words:
+            attrs[name] = str(values) if is_time or isinstance(values, str) else np.float64(values)
+            continue
+        about = {"long_name": words[0], **_STANDARD.get(name, {})}
+        if is_time:
+            about[_EXACT_TIME] = " ".join(map(str, np.ravel(values).tolist()))
+            values = np.asarray(values) / 1e9
+        to_file, _ = _CODED.get(name, (np.asarray, None))
+        variables[name] = xr.Variable(dims.split(), to_file(values), about)
     if flow.span_ns is not None:
         attrs["data_span"] = "{} {}".format(*flow.span_ns)
     if flow.about:
         attrs["replay_kit_about"] = json.dumps(dict(flow.about))
-    dataset, made_by = xr.Dataset(variables, attrs=attrs), history("save", flow.time_ns)
-    return described(dataset, "Ocean current estimate without loss", made_by, flow.about)
-
-
-def save(flow: FlowEstimate, path: Path) -> None:
-    """Write the flow without loss; ``load`` gives equal arrays, bit for bit. The file appears whole or not at all.
-
-    Raises:
-        ConfigError: The file cannot be written.
-    """
-    write_whole(Path(path), save_bytes(flow))
+    dataset = xr.Dataset(variables, attrs=attrs)
+    return described(dataset, "Ocean current estimate without loss", "save", flow.about)
 
 
 def save_bytes(flow: FlowEstimate) -> bytes:
-    """Return the bytes of the file that ``save`` writes, with their seal; the same flow and libraries give the same bytes."""
-    dataset = to_lossless(flow)
-    return sealed(_bytes(dataset, {str(name): {"_FillValue": None} for name in dataset.variables}))
-
-
-def write_dataset(dataset: xr.Dataset, path: Path, encoding: Encoding) -> None:
-    """Write a dataset as NetCDF; the file appears whole or not at all.
-
-    Raises:
-        ConfigError: The file cannot be created.
-        ReplayKitError: It cannot be written to its end, as on a full disk.
-    """
-    # made in memory, since the HDF5 library crashes the process when a disk is full
-    write_whole(path, _bytes(dataset, encoding))
-
-
-def _bytes(dataset: xr.Dataset, encoding: Encoding) -> bytes:
-    """Return a dataset as the bytes of a NetCDF-4 file.
-
-    ``to_netcdf`` would take a lock named after the buffer's address from the scheduler, where the process is a worker of Dask. Addresses
-    are used again by other missions, and the scheduler then no longer knows the lock. No other thread sees the buffer.
-    """
-    import h5netcdf
-    from xarray.backends import H5NetCDFStore
-
-    buffer = io.BytesIO()
-    with h5netcdf.File(buffer, "w") as file:
-        dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)
-    return buffer.getvalue()
+    """Return the bytes of a saved flow, with their seal; the same flow and libraries give the same bytes."""
+    return sealed(netcdf_bytes(to_lossless(flow)))
 
 
 def load(path: str | Path) -> FlowEstimate:
-    """Return the flow that ``save`` wrote.
+    """Return the flow that ``FlowEstimate.save`` wrote.
 
     Raises:
         ForecastError: The file is missing, damaged, not such a file, or of another format version.
@@ -323,14 +216,14 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
         with h5py.File(io.BytesIO(data if content is None else content)) as file:
             attrs = _attributes(file)
             kind, version = (attrs.get(f"replay_kit_format{part}") for part in ("", "_version"))
-            # a flow without uncertainty has had the same form before
-            certain = version in _EARLIER and "modes" not in file
-            if kind == FORMAT and (version == FORMAT_VERSION or certain):
+            if kind == FORMAT and (
+                version == FORMAT_VERSION or (version == _EARLIER and "modes" not in file)
+            ):
                 if content is None:
                     raise ValueError(
                         "its checksum is missing: it was cut, or written by another program"
                     )
-                return _flow(attrs, *_values(file, len(data)))
+                return _flow(attrs, _values(file, len(data)))
     # what the HDF5 library and the values of a damaged file lead to has no end
     except Exception as error:
         raise ForecastError(
@@ -347,8 +240,8 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
     )
 
 
-def _values(file: h5py.File, size: int) -> tuple[dict[str, Array], dict[str, str]]:
-    """Return the arrays of a file, and the exact times of those that state them.
+def _values(file: h5py.File, size: int) -> dict[str, Any]:
+    """Return the values of a file's variables and attributes by what of the flow they are.
 
     Raises:
         ValueError: They claim more bytes than a file of a size can hold.
@@ -361,8 +254,18 @@ def _values(file: h5py.File, size: int) -> tuple[dict[str, Array], dict[str, str
     }
     if why := claim_text(sum(array.nbytes for array in arrays.values()), size):
         raise ValueError(why)
-    exact = {n: _attributes(a)[EXACT_TIME] for n, a in arrays.items() if EXACT_TIME in a.attrs}
-    return {name: np.asarray(array[()]) for name, array in arrays.items()}, exact
+    found, attrs = dict[str, Any](), _attributes(file)
+    for name, names, dims, *words in FIELDS:
+        is_time = names.endswith("_ns")
+        if not words and name in attrs:
+            found[names] = int(attrs[name]) if is_time else attrs[name]
+        elif name in arrays and is_time:
+            times = np.array(_attributes(arrays[name])[_EXACT_TIME].split(), dtype=np.int64)
+            found[names] = times if dims else int(times[0])
+        elif name in arrays:
+            _, from_file = _CODED.get(name, (None, np.asarray))
+            found[names] = from_file(arrays[name][()])
+    return found
 
 
 def _attributes(of: h5py.HLObject) -> dict[str, Any]:
@@ -370,128 +273,59 @@ def _attributes(of: h5py.HLObject) -> dict[str, Any]:
     return {name: plain_attribute(value) for name, value in of.attrs.items()}
 
 
-def _flow(
-    attrs: Mapping[str, Any], values: Mapping[str, Array], exact: Mapping[str, str]
-) -> FlowEstimate:
-    """Return the flow of what a file has.
+def _flow(attrs: Mapping[str, Any], found: dict[str, Any]) -> FlowEstimate:
+    """Return the flow of a file's attributes, and of its values by what of the flow they are.
 
     Raises:
-        KeyError: Something is missing in it.
+        KeyError, TypeError: Something is missing in it.
         ValueError: Its parts do not fit together.
     """
-    place = (float(attrs[f"projection_{axis}"]) for axis in ("longitude", "latitude"))
-    grid = Grid(
-        projection=Projection(*place),
-        **{name: values[name] for name in ("longitude", "latitude", "east", "north")},
-        levels=values["depth"],
-        wet=np.ascontiguousarray(np.moveaxis(values["wet"], -1, 0).astype(np.bool_)),
-    )
-    latent, functions, kind = (
-        values["latent"],
-        _horizontal(attrs, values),
-        attrs["depth_function_kind"],
-    )
-    if kind not in ("hat", "gaussian") or latent.shape[0] != functions.size:
+
+    def of(part: str) -> dict[str, Any]:
+        """Return what a part of the flow, by its names with dots between, is made of."""
+        named = (key.rpartition(".") for key in found)
+        return {name: found[f"{whole}{dot}{name}"] for whole, dot, name in named if whole == part}
+
+    horizontal, unknowns = _horizontal(attrs["horizontal_functions"], of), None
+    latent, kind = found["latent"], found["depth_functions.kind"]
+    if kind not in ("hat", "gaussian") or latent.shape[0] != horizontal.size:
         raise ValueError(
-            f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {functions.size} horizontal functions"
+            f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {horizontal.size} horizontal functions"
         )
-    local = None
-    if "local_time" in attrs:
-        names = ("probability", "std", "scale", "mean", "cov")
-        parts = {name: values[f"local_{name}"] for name in names}
-        local = LocalCurrent(**parts, time_ns=int(attrs["local_time"]))
+    if "unknowns.x" in found:
+        parts, mean = of("unknowns.process"), found["unknowns.process.mean"]
+        shape = len(parts["functions"]), mean.shape[2]
+        nothing = {"moving": np.empty((len(mean), 0, *shape)), "fixed": np.empty((0, *shape))}
+        turning, held = of("unknowns.oscillation"), {"time_ns": None, **of("unknowns")}
+        unknowns = Unknowns(
+            process=Process(**nothing | parts),
+            oscillation=Oscillation(**turning) if turning else None,
+            scaled=held.pop("scale"),
+            **held,
+        )
+    first, last = map(int, attrs.get("data_span", "0 0").split())
     return FlowEstimate(
-        grid=grid,
-        horizontal=functions,
-        depth_functions=DepthFunctions(kind, float(attrs["depth_function_length"])),
-        latent=latent,
-        modes=values.get("modes", np.empty((latent.shape[0], 0))),
-        time_ns=int(exact["time"]) if "time" in values else None,
-        unknowns=_unknowns(attrs, values, exact) if "unknowns" in values else None,
-        potential=values.get("potential"),
-        local=local,
-        about=json.loads(str(attrs.get("replay_kit_about", "{}"))),
-        span_ns=_span(attrs),
+        grid=Grid(Projection(**of("grid.projection")), **of("grid")),
+        horizontal=horizontal,
+        depth_functions=DepthFunctions(**of("depth_functions")),
+        unknowns=unknowns,
+        local=LocalCurrent(**of("local")) if of("local") else None,
+        about=json.loads(attrs.get("replay_kit_about", "{}")),
+        span_ns=(first, last) if "data_span" in attrs else None,
+        **{"modes": np.empty((latent.shape[0], 0)), "time_ns": None} | of(""),
     )
 
 
-def _span(attrs: Mapping[str, Any]) -> tuple[int, int] | None:
-    if "data_span" not in attrs:
-        return None
-    first, last = map(int, attrs["data_span"].split())
-    return first, last
-
-
-def _unknowns(
-    attrs: Mapping[str, Any], values: Mapping[str, Array], exact: Mapping[str, str]
-) -> Unknowns:
-    mean, functions = values["mean"], values["functions"]
-    shape = len(functions), mean.shape[2]
-    process = Process(
-        times_ns=np.array(exact["forecast_time"].split(), dtype=np.int64),
-        mean=mean,
-        moving=values.get("moving", np.empty((len(mean), 0, *shape))),
-        fixed=values.get("fixed", np.empty((0, *shape))),
-        spread=values["spread"],
-        functions=functions,
-        tau=values["tau"],
-    )
-    p = np.empty((process.size, process.size))
-    half = np.tril_indices(process.size)
-    p[half] = p.T[half] = values["unknowns_covariance"]
-    oscillation = None
-    if "oscillation_omega" in values:
-        omega, cosine, sine = (
-            values[f"oscillation_{name}"] for name in ("omega", "cosine", "sine")
-        )
-        scale, time_ns = float(attrs["oscillation_scale"]), int(attrs["oscillation_time"])
-        oscillation = Oscillation(omega, cosine, sine, scale, time_ns)
-    return Unknowns(
-        process,
-        values["offset"],
-        values["unknowns"],
-        p,
-        int(attrs["unknowns_time"]) if "unknowns_time" in attrs else None,
-        values["error"],
-        float(attrs["scale"]),
-        oscillation,
-        values["measured"].astype(bool) if "measured" in values else None,
-    )
-
-
-def _horizontal(attrs: Mapping[str, Any], values: Mapping[str, Array]) -> HorizontalFunctions:
-    """Return the horizontal functions of a file."""
-    kernel = HorizontalKernel(
-        *(float(attrs[f"kernel_{name}"]) for name in ("length_east", "length_north", "speed"))
-    )
-    kind = attrs["horizontal_functions"]
-    if kind == _NODE_KERNEL:
-        return NodeKernel(kernel, np.column_stack([values["node_east"], values["node_north"]]))
-    if kind != _LATTICE:
+def _horizontal(kind: str, of: Callable[[str], dict[str, Any]]) -> HorizontalFunctions:
+    """Return horizontal functions of a kind of what a file has of their parts."""
+    if kind not in _KINDS:
         raise ValueError(
-            f"horizontal functions {kind!r}; expected {_NODE_KERNEL!r} or {_LATTICE!r}"
+            f"horizontal functions {kind!r}; expected {' or '.join(map(repr, _KINDS))}"
         )
+    kernel = HorizontalKernel(**of("horizontal.kernel"))
+    if _KINDS[kind] is NodeKernel:
+        return NodeKernel(kernel, np.column_stack(list(of("horizontal.nodes.T").values())))
     origin, spacing, shape = (
-        [float(attrs[f"lattice_{part}_{axis}"]) for axis in _AXES]
-        for part in ("origin", "spacing", "shape")
+        tuple(of(f"horizontal.{part}").values()) for part in ("origin", "spacing", "shape")
     )
-    size = int(shape[0]), int(shape[1])
-    return StreamFunctionLattice(kernel, (origin[0], origin[1]), (spacing[0], spacing[1]), size)
-
-
-def _node(flow: FlowEstimate, axis: int) -> Array | None:
-    """Return a coordinate of the nodes of a kernel, all east then all north; None of a lattice."""
-    return flow.horizontal.nodes[:, axis] if isinstance(flow.horizontal, NodeKernel) else None
-
-
-def _measured(flow: FlowEstimate) -> Array | None:
-    known = None if flow.unknowns is None else flow.unknowns.measured
-    return None if known is None else known.astype(np.int8)
-
-
-def _half(flow: FlowEstimate) -> Array | None:
-    return None if flow.unknowns is None else flow.unknowns.p[np.tril_indices(len(flow.unknowns.p))]
-
-
-def _seconds(time_ns: Any) -> Array | None:
-    return None if time_ns is None else np.asarray(time_ns) / 1e9
+    return StreamFunctionLattice(kernel, origin, spacing, (int(shape[0]), int(shape[1])))

@@ -14,9 +14,10 @@ above the first level and below the last: the flow there is that of the nearest 
 
 from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 
@@ -36,16 +37,6 @@ class HorizontalKernel:
     speed: float
 
 
-def _gaussian(kernel: HorizontalKernel, points: Array, nodes: Array) -> tuple[Array, Array, Array]:
-    """Return (dx/lx^2, dy/ly^2, k), each of shape (P, N)."""
-    dx = points[:, 0, None] - nodes[:, 0]
-    dy = points[:, 1, None] - nodes[:, 1]
-    sx = dx / kernel.length_east**2
-    sy = dy / kernel.length_north**2
-    sigma = kernel.speed * kernel.length_east
-    return sx, sy, sigma**2 * np.exp(-0.5 * (sx * dx + sy * dy))
-
-
 def velocity_kernel(kernel: HorizontalKernel, points: Array, nodes: Array) -> Array:
     """Return K between points and nodes, shape (2P, 2N) [m^2/s^2].
 
@@ -54,47 +45,15 @@ def velocity_kernel(kernel: HorizontalKernel, points: Array, nodes: Array) -> Ar
         points: shape (P, 2) [m], east and north.
         nodes: shape (N, 2) [m], east and north.
     """
-    sx, sy, k = _gaussian(kernel, points, nodes)
-    p, n = k.shape
+    (dx, dy), (p, n) = points.T[:, :, None] - nodes.T[:, None], (len(points), len(nodes))
+    sx, sy = dx / kernel.length_east**2, dy / kernel.length_north**2
+    k = (kernel.speed * kernel.length_east) ** 2 * np.exp(-0.5 * (sx * dx + sy * dy))
     out = np.empty((2 * p, 2 * n))
     out[:p, :n] = k * (1.0 / kernel.length_north**2 - sy * sy)
     out[p:, n:] = k * (1.0 / kernel.length_east**2 - sx * sx)
     np.multiply(k, sx * sy, out=out[:p, n:])
     out[p:, :n] = out[:p, n:]
     return out
-
-
-class HorizontalFunctions(Protocol):
-    """Divergence-free functions of the horizontal place, of which a flow is a sum: one latent value weights each."""
-
-    @property
-    def kernel(self) -> HorizontalKernel:
-        """The kernel whose lengths they have."""
-
-    @property
-    def size(self) -> int:
-        """Number of functions, hence of latent values."""
-
-    @property
-    def key(self) -> Hashable:
-        """What two sets of equal functions share."""
-
-    def velocity(self, points: Array, latent: Array) -> Array:
-        """Return the velocity [m/s], shape (2, P, k), east then north, of k sums of the functions.
-
-        Args:
-            points: shape (P, 2) [m], east and north.
-            latent: shape (size, k).
-        """
-
-    def sums(self, points: Array, weights: Array, *latents: Array) -> list[Array]:
-        """Return weighted sums over points of the velocities of each latent, shape (2, m, k): without those at the points.
-
-        Args:
-            points: shape (P, 2) [m], east and north.
-            weights: shape (m, P).
-            latents: Each of shape (size, k).
-        """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,14 +80,8 @@ class NodeKernel:
 
     def velocity(self, points: Array, latent: Array) -> Array:
         """Return the velocity [m/s], shape (2, P, k), at points, shape (P, 2) [m], of latent velocities, shape (2N, k)."""
-        return np.asarray(
-            (velocity_kernel(self.kernel, points, self.nodes) @ latent).reshape(2, len(points), -1)
-        )
-
-    def sums(self, points: Array, weights: Array, *latents: Array) -> list[Array]:
-        """Return weighted sums over points, as ``HorizontalFunctions`` has them."""
-        design = velocity_kernel(self.kernel, points, self.nodes).reshape(2, len(points), -1)
-        return [weights @ design @ latent for latent in latents]
+        stacked = velocity_kernel(self.kernel, points, self.nodes) @ latent
+        return np.asarray(stacked.reshape(2, len(points), -1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,16 +105,19 @@ def depth_weights(functions: DepthFunctions, depth: Array, levels: Array) -> Arr
         depth: shape (n,) [m], positive down.
         levels: shape (Z,) [m], increasing.
     """
-    depth = np.clip(depth, levels[0], levels[-1])
     if functions.kind == "gaussian":
+        depth = np.clip(depth, levels[0], levels[-1])
         return np.asarray(np.exp(-0.5 * ((depth[:, None] - levels) / functions.length) ** 2))
-    weights = np.zeros((depth.size, levels.size))
-    if levels.size == 1:
-        weights[:, 0] = 1.0
-        return weights
-    upper = np.clip(np.searchsorted(levels, depth, side="right") - 1, 0, levels.size - 2)
-    fraction = (depth - levels[upper]) / (levels[upper + 1] - levels[upper])
-    rows = np.arange(depth.size)
-    weights[rows, upper] = 1.0 - fraction
-    weights[rows, upper + 1] = fraction
+    return hats(depth, levels)
+
+
+def hats(at: NDArray[Any], knots: NDArray[Any]) -> Array:
+    """Return the weight of each of some increasing knots, shape (n, T), at places: linear between them, constant outside them."""
+    if knots.size == 1:
+        return np.ones((len(at), 1))
+    rows = np.arange(len(at))
+    before = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, knots.size - 2)
+    share = np.clip((at - knots[before]) / np.diff(knots)[before], 0.0, 1.0)
+    weights = np.zeros((len(at), knots.size))
+    weights[rows, before], weights[rows, before + 1] = 1.0 - share, share
     return weights

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
-from replay_kit.core.flow.functions import HorizontalKernel
+from replay_kit.core.arrays import Array, Indices
+from replay_kit.core.flow.functions import HorizontalKernel, NodeKernel
 
 # Spacing of the lattice in kernel lengths: 0.9 cells where the kernel has two.
 _SPACING = 0.45
@@ -46,7 +45,7 @@ class Tile(NamedTuple):
         design: shape (2, P, n_east, n_north) [1/m], velocities of the lattice's Gaussians at the points.
     """
 
-    points: NDArray[np.intp]
+    points: Indices
     east: slice
     north: slice
     design: Array
@@ -87,8 +86,12 @@ class StreamFunctionLattice:
         """Return the velocity [m/s], shape (2, P, k), at points, shape (P, 2) [m], of coefficients, shape (size, k) [m^2/s]."""
         k = latent.shape[1]
         if len(points) <= _FEW:
-            rows, design = self.windows(points)
-            return np.asarray(np.matmul(design, latent[rows])[..., 0, :])
+            (east, gx, slope_x), (north, gy, slope_y) = self._windows(points)
+            near = latent[
+                ((east * self.shape[1])[:, :, None] + north[:, None]).reshape(len(points), -1)
+            ]
+            design = _velocities(gx, slope_x, gy, slope_y).reshape(2, len(points), 1, -1)
+            return np.asarray((design @ near)[..., 0, :])
         on_lattice, out = latent.reshape(*self.shape, k), np.empty((2, len(points), k))
         for tile in self.tiles(points):
             n = tile.points.size
@@ -96,19 +99,8 @@ class StreamFunctionLattice:
             out[:, tile.points] = (tile.design.reshape(2 * n, -1) @ part).reshape(2, n, k)
         return out
 
-    def sums(self, points: Array, weights: Array, *latents: Array) -> list[Array]:
-        """Return weighted sums over points, as ``HorizontalFunctions`` has them."""
-        out = [np.zeros((2 * len(weights), latent.shape[1])) for latent in latents]
-        for tile in self.tiles(points):
-            of_points = tile.design.reshape(2, tile.points.size, -1)
-            design = np.matmul(weights[:, tile.points], of_points).reshape(2 * len(weights), -1)
-            for whole, latent in zip(out, latents, strict=True):
-                near = latent.reshape(*self.shape, -1)[tile.east, tile.north]
-                whole += design @ near.reshape(design.shape[1], -1)
-        return [whole.reshape(2, len(weights), -1) for whole in out]
-
     def velocity_of_each(
-        self, points: Array, flows: NDArray[np.intp], parts: Sequence[tuple[Array, Array]]
+        self, points: Array, flows: Indices, parts: Sequence[tuple[Array, Array]]
     ) -> Array:
         """Return the velocity [m/s], shape (P, 2), at points each of which is in a flow of its own.
 
@@ -117,9 +109,7 @@ class StreamFunctionLattice:
             flows: shape (P,), numbers of the flows.
             parts: Weights, shape (1,) or (P, 1), and coefficients, shape (K, size) [m^2/s], whose sum the flows are; one at least.
         """
-        (first_x, gx, slope_x), (first_y, gy, slope_y) = (
-            self._window(points[:, axis], axis) for axis in (0, 1)
-        )
+        (first_x, gx, slope_x), (first_y, gy, slope_y) = self._windows(points)
         corner = flows * self.size + first_x[:, 0] * self.shape[1] + first_y[:, 0]
         taken = corner[:, None] + (np.arange(WINDOW)[:, None] * self.shape[1] + _LINES).ravel()
         near = np.zeros(taken.shape)
@@ -131,67 +121,39 @@ class StreamFunctionLattice:
             [np.einsum("pe,pe->p", of, along[..., k]) for k, of in enumerate((gx, slope_x))]
         )
 
-    def windows(self, points: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return the functions that reach each of some points, shape (P, n), and their velocities [1/m], shape (2, P, 1, n).
-
-        A place is reached by the ``WINDOW`` nearest lattice lines in each direction.
-
-        Args:
-            points: shape (P, 2) [m].
-        """
-        (east, gx, slope_x), (north, gy, slope_y) = (
-            self._window(points[:, axis], axis) for axis in (0, 1)
-        )
-        rows = (east * self.shape[1])[:, :, None] + north[:, None]
-        design = _velocities(gx, slope_x, gy, slope_y)
-        return rows.reshape(len(points), -1), design.reshape(2, len(points), 1, -1)
-
     def tiles(self, points: Array) -> Iterator[Tile]:
         """Yield the points, shape (P, 2) [m], by tiles of neighbours, with the functions that reach any of them.
 
         The design is zero where a function does not reach a point, so that its velocity does not depend on its neighbours.
         """
-        first = np.stack([self._first(points[:, axis], axis) for axis in (0, 1)])
-        tile = (first[0] // _TILE) * (self.shape[1] // _TILE + 1) + first[1] // _TILE
+        windows = self._windows(points)
+        cells = [lines[:, 0] // _TILE for lines, _, _ in windows]
+        tile = cells[0] * (self.shape[1] // _TILE + 1) + cells[1]
         order = np.argsort(tile, kind="stable")
-        ends = np.flatnonzero(np.diff(tile[order])) + 1
-        for chosen in np.split(order, ends):
-            if chosen.size:
-                (east, gx, slope_x), (north, gy, slope_y) = (
-                    self._axis(points[chosen, axis], first[axis, chosen], axis) for axis in (0, 1)
-                )
-                yield Tile(
-                    chosen,
-                    east,
-                    north,
-                    _velocities(gx, slope_x, gy, slope_y),
-                )
+        for chosen in np.split(order, np.flatnonzero(np.diff(tile[order])) + 1):
+            if not chosen.size:
+                continue
+            axes, rows = [], np.arange(chosen.size)[:, None]
+            for lines, gaussian, slope in windows:
+                near = lines[chosen]
+                reach = slice(int(near.min()), int(near.max()) + 1)
+                both = np.zeros((2, chosen.size, reach.stop - reach.start))
+                both[:, rows, near - reach.start] = gaussian[chosen], slope[chosen]
+                axes.append((reach, both))
+            (east, (gx, slope_x)), (north, (gy, slope_y)) = axes
+            yield Tile(chosen, east, north, _velocities(gx, slope_x, gy, slope_y))
 
-    def _first(self, at: Array, axis: int) -> NDArray[np.intp]:
-        """Return the first lattice line that counts at each place along an axis, shape (P,)."""
-        cell = np.floor((at - self.origin[axis]) / self.spacing[axis]) - (HALF_WINDOW - 1)
-        cell = np.minimum(np.maximum(cell, 0), self.shape[axis] - WINDOW)
-        return np.asarray(cell, dtype=np.intp)
-
-    def _window(self, at: Array, axis: int) -> tuple[NDArray[np.intp], Array, Array]:
-        """Return the lattice lines that count at each place along an axis, their Gaussians and slopes [1/m], each of shape (P, WINDOW)."""
-        lines = self._first(at, axis)[:, None] + _LINES
-        gaussian, rate = self._gaussians(at, lines, axis)
-        return lines, gaussian, rate * gaussian
-
-    def _axis(self, at: Array, first: NDArray[np.intp], axis: int) -> tuple[slice, Array, Array]:
-        """Return lattice lines along an axis, the Gaussians around them at places along it, shape (P, n), and their slopes [1/m]."""
-        lines = np.arange(first.min(), first.max() + WINDOW)
-        gaussian, rate = self._gaussians(at, lines, axis)
-        ahead = lines - first[:, None]
-        gaussian[(ahead < 0) | (ahead >= WINDOW)] = 0.0
-        return slice(int(lines[0]), int(lines[-1]) + 1), gaussian, rate * gaussian
-
-    def _gaussians(self, at: Array, lines: NDArray[np.intp], axis: int) -> tuple[Array, Array]:
-        """Return the Gaussians of lattice lines at places along an axis, shape (P, n), and the rates of their logarithms [1/m]."""
-        distance = at[:, None] - (self.origin[axis] + self.spacing[axis] * lines)
-        inverse = 1.0 / self.widths[axis] ** 2
-        return np.exp((-0.5 * inverse) * distance * distance), -inverse * distance
+    def _windows(self, points: Array) -> list[tuple[Indices, Array, Array]]:
+        """Return the lattice lines that count at points along each axis, their Gaussians and slopes [1/m], each of shape (P, WINDOW)."""
+        found = []
+        for axis, at in enumerate(points.T):
+            cell = np.floor((at - self.origin[axis]) / self.spacing[axis]) - (HALF_WINDOW - 1)
+            first = np.minimum(np.maximum(cell, 0), self.shape[axis] - WINDOW).astype(np.intp)
+            lines, inverse = first[:, None] + _LINES, 1.0 / self.widths[axis] ** 2
+            distance = at[:, None] - (self.origin[axis] + self.spacing[axis] * lines)
+            gaussian = np.exp((-0.5 * inverse) * distance * distance)
+            found.append((lines, gaussian, -inverse * distance * gaussian))
+        return found
 
 
 def _velocities(gx: Array, slope_x: Array, gy: Array, slope_y: Array) -> Array:
@@ -208,10 +170,9 @@ def lattice_over(kernel: HorizontalKernel, nodes: Array) -> StreamFunctionLattic
         np.ceil((high - low + _MARGIN * np.sqrt(2.0) * lengths) / spacing).astype(int) + 1, WINDOW
     )
     origin = 0.5 * (low + high) - 0.5 * (shape - 1) * spacing
-    return StreamFunctionLattice(
-        kernel, _pair(origin), _pair(spacing), (int(shape[0]), int(shape[1]))
-    )
+    each = (tuple(values.tolist()) for values in (origin, spacing, shape))
+    return StreamFunctionLattice(kernel, *each)
 
 
-def _pair(values: Array) -> tuple[float, float]:
-    return float(values[0]), float(values[1])
+#: Divergence-free functions of the horizontal place, of which a flow is a sum: one latent value weights each.
+HorizontalFunctions = NodeKernel | StreamFunctionLattice

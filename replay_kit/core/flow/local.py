@@ -7,7 +7,6 @@ process. Several processes are averaged, each with its probability, one of them 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -36,12 +35,11 @@ class LocalCurrent:
 
     def at(self, time_ns: int) -> "LocalCurrent":
         """Return what is known for a time [ns, UTC]; for one before the last dive, as at that dive."""
-        kept = np.exp(-max(time_ns - self.time_ns, 0) / 1e9 / self.scale)
-        fresh = ((1.0 - kept**2) * self.std**2)[:, None, None] * np.eye(2)
-        cov = kept[:, None, None] ** 2 * self.cov + fresh
-        return replace(
-            self, mean=kept[:, None] * self.mean, cov=cov, time_ns=max(time_ns, self.time_ns)
-        )
+        time_ns = max(time_ns, self.time_ns)
+        kept = np.exp(-(time_ns - self.time_ns) / 1e9 / self.scale)[:, None]
+        fresh = ((1.0 - kept**2) * self.std[:, None] ** 2)[..., None] * np.eye(2)
+        cov = kept[..., None] ** 2 * self.cov + fresh
+        return replace(self, mean=kept * self.mean, cov=cov, time_ns=time_ns)
 
     def velocity(self, time_ns: int) -> Array:
         """Return the expected velocity at a time [ns, UTC], shape (2,) [m/s]."""
@@ -51,11 +49,8 @@ class LocalCurrent:
         """Return the standard deviation of a component at a time [ns, UTC], the mean of both [m/s]."""
         now = self.at(time_ns)
         about = now.mean - self.probability @ now.mean
-        return float(
-            np.sqrt(
-                self.probability @ (np.einsum("hii->h", now.cov) + np.sum(about**2, axis=1)) / 2.0
-            )
-        )
+        each = np.trace(now.cov, axis1=1, axis2=2) + np.sum(about**2, axis=1)
+        return float(np.sqrt(self.probability @ each / 2.0))
 
     def sample(self, times_ns: Sequence[int], n: int, seed: int) -> Array:
         """Return n courses of the velocity drawn through time, shape (n, T, 2) [m/s].
@@ -65,25 +60,16 @@ class LocalCurrent:
             n: Number of courses.
             seed: The same seed gives the same courses.
         """
-        rng, times = (
-            np.random.default_rng([seed, 1]),
-            [max(time_ns, self.time_ns) for time_ns in times_ns],
-        )
-        first = self.at(times[0])
+        rng, times = np.random.default_rng([seed, 1]), np.maximum(times_ns, self.time_ns)
+        first = self.at(int(times[0]))
         which = rng.choice(len(self.probability), n, p=self.probability)
         values, vectors = np.linalg.eigh(first.cov)
-        roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-        drawn = [
-            first.mean[which] + np.einsum("nij,nj->ni", roots[which], rng.standard_normal((n, 2)))
-        ]
-        for before, after in pairwise(times):
-            past = (after - before) / 1e9 / self.scale[which, None]
-            noise = (
-                self.std[which, None]
-                * np.sqrt(-np.expm1(-2.0 * past))
-                * rng.standard_normal((n, 2))
-            )
-            drawn.append(np.exp(-past) * drawn[-1] + noise)
+        roots = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])[which]
+        drawn = [first.mean[which] + np.einsum("nij,nj->ni", roots, rng.standard_normal((n, 2)))]
+        scale, std = self.scale[which, None], self.std[which, None]
+        for seconds in np.diff(times) / 1e9:
+            noise = std * np.sqrt(-np.expm1(-2.0 * seconds / scale)) * rng.standard_normal((n, 2))
+            drawn.append(np.exp(-seconds / scale) * drawn[-1] + noise)
         return np.stack(drawn, axis=1)
 
 

@@ -1,21 +1,20 @@
 """Velocities of a flow, or of the estimates of several windows, at places in degrees and along tracks."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask, Times
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.cf import described, encoded
-from replay_kit.core.flow.dataset import ATTRIBUTES, wet_at
-from replay_kit.core.flow.estimate import FlowEstimate, checked_depth
+from replay_kit.core.flow.estimate import FlowEstimate, checked_depth, warn_outside
 from replay_kit.core.geodesy import inside_grid, to_local
+from replay_kit.core.grid import Grid
 from replay_kit.core.quantities import to_time_ns
 from replay_kit.core.text import place_text, span_text, time_text
-from replay_kit.core.version import __version__
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,19 +23,11 @@ if TYPE_CHECKING:
 
 #: A vehicle's pressure sensor may read so far above the surface when it lies there [m].
 WASHED = 1.0
-_NO_TIME = "no time"
+KnownAt = Callable[[Grid, Array, Array, Array], Mask]
+_NO_TIME, _NAT = "no time", np.iinfo(np.int64).min
 # Columns of a table of velocities; the first five are coordinates.
-_COLUMNS = (
-    "time",
-    "longitude",
-    "latitude",
-    "depth",
-    "estimate_time",
-    "u",
-    "v",
-    "u_standard_error",
-    "v_standard_error",
-)
+_COORDINATES = ["time", "longitude", "latitude", "depth", "estimate_time"]
+_VALUES = ["u", "v", "u_standard_error", "v_standard_error"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -72,42 +63,32 @@ class Velocities:
 
     def __repr__(self) -> str:
         """Return where and when, and the velocities with their standard errors."""
-        known = np.isfinite(self.u)
-        rest = (
-            ""
-            if known.all()
-            else f"\n  {np.sum(~known)} of {known.size} outside the region, on land or below the last level: NaN"
-        )
-        depths = f"{span_text(self.depth)} m deep"
-        if known.shape == ():
-            where = f"{place_text(float(self.longitude), float(self.latitude))}, {depths}, {self._times()}"
-            values = f"u {self.u:.3f} +- {self.u_standard_error:.3f}, v {self.v:.3f} +- {self.v_standard_error:.3f} m/s"
-            return f"Velocity at {where}\n  {values} (true east, true north){rest}"
-        errors = span_text([self.u_standard_error, self.v_standard_error], 2)
-        values = f"u {span_text(self.u, 2)}, v {span_text(self.v, 2)}, standard error {errors} m/s"
-        return f"Velocities at {known.size} points {known.shape}, {depths}, {self._times()}\n  {values} (true east, true north){rest}"
-
-    def _times(self) -> str:
+        known, depths = np.isfinite(self.u), f"{span_text(self.depth)} m deep"
         asked, held = _ends(self.time), _ends(self.estimate_time)
-        return asked if held in (asked, _NO_TIME) else f"{asked} (estimate for {held})"
+        times = asked if held in (asked, _NO_TIME) else f"{asked} (estimate for {held})"
+        if known.shape == ():
+            place = place_text(float(self.longitude), float(self.latitude))
+            where = f"Velocity at {place}, {depths}, {times}"
+            values = f"u {self.u:.3f} +- {self.u_standard_error:.3f}, v {self.v:.3f} +- {self.v_standard_error:.3f} m/s"
+        else:
+            where = f"Velocities at {known.size} points {known.shape}, {depths}, {times}"
+            errors = span_text([self.u_standard_error, self.v_standard_error], 2)
+            values = (
+                f"u {span_text(self.u, 2)}, v {span_text(self.v, 2)}, standard error {errors} m/s"
+            )
+        text = f"{where}\n  {values} (true east, true north)"
+        if known.all():
+            return text
+        return f"{text}\n  {np.sum(~known)} of {known.size} outside the region, on land or below the last level: NaN"
 
     def _columns(self) -> dict[str, Array]:
-        return {name: np.ravel(getattr(self, name)) for name in _COLUMNS}
+        return {name: np.ravel(getattr(self, name)) for name in _COORDINATES + _VALUES}
 
     def to_xarray(self) -> "xr.Dataset":
         """Return a CF dataset on the dimension ``point``."""
-        import xarray as xr
+        from replay_kit.core.flow.dataset import of_points
 
-        values = {
-            name: ("point", column, ATTRIBUTES[name]) for name, column in self._columns().items()
-        }
-        dataset = described(
-            xr.Dataset(values).set_coords(_COLUMNS[:5]),
-            "Ocean current estimate at points",
-            f"replay-kit {__version__}: Velocities.to_xarray",
-            {"featureType": "point", **self.about},
-        )
-        return encoded(dataset)
+        return of_points(self._columns(), _COORDINATES, self.about)
 
     def to_og1(self, platform: str, **stated: str) -> "xr.Dataset":
         """Return a trajectory after OG1.0 (OceanGliders), on the dimension ``N_MEASUREMENTS``; what is not stated is left out.
@@ -136,99 +117,34 @@ def _ends(dates: NDArray[np.datetime64]) -> str:
     return " to ".join(dict.fromkeys(time_text(int(end)) for end in (times.min(), times.max())))
 
 
-def velocity_at(
-    flow: FlowEstimate,
-    longitude: ArrayLike,
-    latitude: ArrayLike,
-    depth: ArrayLike,
-    time: Any = None,
-) -> Velocities:
-    """Return the velocities at points; see ``FlowEstimate.velocity_at``."""
-    points = longitude, latitude, checked_depth(depth)
-    if time is None:
-        return _velocities(flow, points, None)
-    time_ns, first = to_time_ns(time), flow.last_observation_ns
-    flow.require_model_of_time()
-    if first is not None and time_ns.size and time_ns.min() < first:
-        raise EstimatorError(
-            f"time: {time_text(int(time_ns.min()))} is before the last observation of the estimate, {time_text(first)}; expected that time "
-            "or a later one: leave time out for the estimate's own, or look back with the command smooth"
-        )
-    return _velocities(flow, points, time_ns)
+def known_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Mask:
+    """Return whether a flow on a grid is known at points: ``wet_at``, and inside the grid's outline."""
+    return wet_at(grid, east, north, depth) & inside_grid(grid, east, north)
 
 
-def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
-    """Return the velocities along a track; see ``FlowEstimate.along``."""
-    if not isinstance(track, Mapping) and not hasattr(track, "keys"):
-        kind = type(track).__name__
-        raise EstimatorError(
-            f"track: expected a table, dataset or mapping with longitude, latitude, depth and perhaps time, got {kind}"
-        )
-    columns = {
-        name: track[name] for name in ("longitude", "latitude", "depth", "time") if name in track
-    }
-    index = getattr(track, "index", None)
-    if "time" not in columns and getattr(index, "name", None) == "time":
-        columns["time"] = index
-    if missing := [name for name in ("longitude", "latitude", "depth") if name not in columns]:
-        raise EstimatorError(
-            f"track: expected longitude, latitude, depth and perhaps time, but {', '.join(missing)} is missing"
-        )
-    time = columns.pop("time", None)
-    columns["depth"] = checked_depth(columns["depth"], WASHED)
-    return _velocities(flow, tuple(columns.values()), None if time is None else to_time_ns(time))
+def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Mask:
+    """Return True where the grid's nearest point at the nearest level is wet and the point lies in the box of the grid and its levels.
 
+    A point farther than half a cell's diagonal from every grid point is off the grid, hence not wet. Depths above the first level
+    take the first level; below the last one the forecast has no water.
 
-def _velocities(
-    flow: FlowEstimate, points: tuple[Any, ...], time_ns: NDArray[np.int64] | None
-) -> Velocities:
-    """Return the velocities at points.
-
-    Those before the last observation of an estimate are at the time of that, and those of one that does not change at its own.
+    Args:
+        grid: The grid.
+        east: [m], local frame; the three broadcast together. What is not finite is off the grid.
+        north: [m], local frame.
+        depth: [m], positive down.
     """
-    own = np.iinfo(np.int64).min if flow.time_ns is None else flow.time_ns  # the former is NaT
-    axes = (np.asarray(axis, dtype=np.float64) for axis in points)
-    longitude, latitude, depth, asked = np.broadcast_arrays(
-        *axes, np.int64(own) if time_ns is None else time_ns
-    )
-    if np.any(np.abs(latitude) > 90.0):
-        raise EstimatorError(
-            f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth"
-        )
-    at = np.column_stack([axis.ravel() for axis in (longitude, latitude, np.maximum(depth, 0.0))])
-    first = flow.last_observation_ns
-    held = (
-        np.full(len(at), own)
-        if flow.process is None
-        else asked.ravel()
-        if first is None
-        else np.maximum(asked.ravel(), first)
-    )
-    if time_ns is None or flow.process is None:
-        values = _evaluate(flow, *at.T)
-    else:
-        values = np.empty((len(at), 4))
-        for time in np.unique(held).tolist():
-            here = held == time
-            values[here] = _evaluate(flow.at(time), *at[here].T)
-    kept = (column.reshape(depth.shape)[()] for column in values.T)
-    dates = (value.reshape(depth.shape).astype("datetime64[ns]")[()] for value in (asked, held))
-    return Velocities(longitude[()], latitude[()], depth[()], *dates, *kept, about=flow.about)
-
-
-def _evaluate(flow: FlowEstimate, longitude: Array, latitude: Array, depth: Array) -> Array:
-    """Return velocity and standard error, shape (n, 4), at points, each shape (n,); NaN where nothing is known."""
-    out = np.full((depth.size, 4), np.nan)
-    known = np.isfinite(longitude + latitude)
-    east, north = to_local(flow.grid.projection, longitude[known], latitude[known])
-    known[known] = wet_at(flow.grid, east, north, depth[known]) & inside_grid(
-        flow.grid, east, north
-    )
-    east, north = to_local(flow.grid.projection, longitude[known], latitude[known])
-    out[known, :2] = flow.velocity(east, north, depth[known], true_axes=True)
-    if flow.n_modes:
-        out[known, 2:] = flow.standard_error(east, north, depth[known], true_axes=True)
-    return out
+    places = np.stack(np.broadcast_arrays(east, north), axis=-1)
+    places = np.where(np.isfinite(places), places, 1e12)
+    tree = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()]))
+    distance, nearest = tree.query(places)
+    depth = np.asarray(depth, dtype=np.float64)
+    level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
+    # A hair more than the half diagonal, so that the corners shared by four cells belong to one; a single row has no cells.
+    cell = [float(np.max(grid.steps(axis), initial=0.0)) for axis in (0, 1)]
+    on_grid = distance <= 0.5 * np.hypot(cell[0], cell[1]) * (1.0 + 1e-6)
+    wet = grid.wet.reshape(grid.levels.size, -1)[level, nearest]
+    return np.asarray(wet & on_grid & (depth <= grid.levels[-1]))
 
 
 def best_velocity_at(
@@ -243,18 +159,100 @@ def best_velocity_at(
     Windows overlap: near the side of one that the vehicle had left, another knows the current better.
 
     Args:
-        flows: At least one, each with its uncertainty; of equal ones the later counts.
+        flows: At least one; of several each with its uncertainty, and of equal ones the later counts.
         longitude: [degrees east], any shape; the four broadcast together.
         latitude: [degrees north].
         depth: [m], positive down.
-        time: As of ``FlowEstimate.velocity_at``.
+        time: As of ``FlowEstimate.velocity_at``, which says what is raised and what is warned of, too.
     """
-    found = [velocity_at(flow, longitude, latitude, depth, time) for flow in reversed(flows)]
-    errors = np.array([np.hypot(one.u_standard_error, one.v_standard_error) for one in found])
-    best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)
-    names = ("time", "estimate_time", "u", "v", "u_standard_error", "v_standard_error")
-    chosen = (
-        np.take_along_axis(np.array([getattr(one, name) for one in found]), best[None], axis=0)[0]
-        for name in names
+    asked, latest = own_or(time), max(flow.last_observation_ns or 0 for flow in flows)
+    if time is not None:
+        for flow in flows:
+            flow.require_model_of_time()
+        if asked.size and asked.min() < latest:
+            raise EstimatorError(
+                f"time: {time_text(int(asked.min()))} is before the last observation of the estimate, {time_text(latest)}; expected that "
+                "time or a later one: leave time out for the estimate's own, or look back with the command smooth"
+            )
+    found = velocities(flows, longitude, latitude, checked_depth(depth), asked)
+    warn_outside(flows, found.time, 4)
+    return found
+
+
+def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
+    """Return the velocities along a track; see ``FlowEstimate.along``."""
+    if not hasattr(track, "keys"):
+        kind = type(track).__name__
+        raise EstimatorError(
+            f"track: expected a table, dataset or mapping with longitude, latitude, depth and perhaps time, got {kind}"
+        )
+    place = ("longitude", "latitude", "depth")
+    if missing := [name for name in place if name not in track]:
+        raise EstimatorError(
+            f"track: expected longitude, latitude, depth and perhaps time, but {', '.join(missing)} is missing"
+        )
+    index = getattr(track, "index", None)
+    time = track.get("time", index if getattr(index, "name", None) == "time" else None)
+    longitude, latitude, depth = (track[name] for name in place)
+    return velocities([flow], longitude, latitude, checked_depth(depth, WASHED), own_or(time))
+
+
+def own_or(time: Any) -> Times:
+    """Return times [ns, UTC] as of ``to_time_ns``; none is NaT, which stands for a flow's own."""
+    return np.array(_NAT) if time is None else to_time_ns(time)
+
+
+def velocities(
+    flows: Sequence[FlowEstimate],
+    longitude: ArrayLike,
+    latitude: ArrayLike,
+    depth: Array,
+    time_ns: Times,
+    known_at: KnownAt = known_at,
+) -> Velocities:
+    """Return the velocities at points, each of the surest of some flows.
+
+    Those before the last observation of an estimate are at the time of that, and those of one that does not change at its own.
+
+    Args:
+        flows: At least one.
+        longitude: [degrees east]; the four broadcast together.
+        latitude: [degrees north].
+        depth: [m], positive down.
+        time_ns: As of ``own_or``.
+        known_at: Whether a flow is known at local points of its grid; elsewhere it is NaN.
+    """
+    # on a grid many points lie over one place
+    places = np.broadcast_arrays(*(np.asarray(axis, np.float64) for axis in (longitude, latitude)))
+    if np.any(np.abs(places[1]) > 90.0):
+        raise EstimatorError(
+            f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth"
+        )
+
+    def of(flow: FlowEstimate) -> tuple[NDArray[Any], ...]:
+        """Return the times asked for and those that velocities hold for [ns, UTC], the velocities and their errors."""
+        at = [*to_local(flow.grid.projection, *places), np.maximum(depth, 0.0)]
+        own = _NAT if flow.time_ns is None else flow.time_ns
+        asked = np.where(time_ns == _NAT, own, time_ns)
+        *at, known, asked = np.broadcast_arrays(*at, known_at(flow.grid, *at), asked)
+        held = np.full_like(asked, own)
+        if flow.process is not None:
+            held = np.maximum(asked, flow.last_observation_ns or asked)
+        values = np.full((*held.shape, 4), np.nan)
+        for time in np.unique(held).tolist():
+            here, now = known & (held == time), flow if time == own else flow.at(time)
+            east, north, down = (axis[here] for axis in at)
+            values[here, :2] = now.velocity(east, north, down, True)
+            if now.n_modes:
+                values[here, 2:] = now.variance(east, north, down, True) ** 0.5
+        return asked, held, *np.moveaxis(values, -1, 0)
+
+    found = [of(flow) for flow in reversed(flows)]
+    errors = np.array([np.hypot(u_error, v_error) for *_, u_error, v_error in found])
+    best = np.argmin(np.where(np.isnan(errors), np.inf, errors), axis=0)[None]
+    asked, held, *values = (
+        np.take_along_axis(np.array(each), best, axis=0)[0] for each in zip(*found, strict=True)
     )
-    return Velocities(found[0].longitude, found[0].latitude, found[0].depth, *chosen)
+    dates = (each.astype("datetime64[ns]") for each in (asked, held))
+    at = (axis[()] for axis in np.broadcast_arrays(*places, depth, asked)[:3])
+    return Velocities(*at, *dates, *values, about=flows[-1].about)

@@ -14,14 +14,13 @@ an estimate that does not change has tau = inf. Everything is linear between the
 L_i are sums of K vertical functions, which are fewer than the levels.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Times
+from replay_kit.core.flow.functions import hats
 
 _NS = 1e9
 
@@ -40,7 +39,7 @@ class Process:
         tau: shape (k,) [s], decorrelation times; inf for constants.
     """
 
-    times_ns: NDArray[np.int64]
+    times_ns: Times
     mean: Array
     moving: Array
     fixed: Array
@@ -65,16 +64,9 @@ class Process:
             return f"constant in time; {self.size} unknowns"
         return f"decorrelation times {', '.join(f'{day:.1f}' for day in days)} days; {self.size} unknowns"
 
-    def shares(self, times_ns: NDArray[np.int64]) -> Array:
+    def shares(self, times_ns: Times) -> Array:
         """Return the share of each forecast time at times [ns, UTC], shape (n, T): linear between these, constant outside them."""
-        if self.times_ns.size == 1:
-            return np.ones((len(times_ns), 1))
-        before = np.clip(np.searchsorted(self.times_ns, times_ns) - 1, 0, self.times_ns.size - 2)
-        first, step = self.times_ns[before], np.diff(self.times_ns)[before]
-        share = np.clip((times_ns - first) / step, 0.0, 1.0)
-        out, rows = np.zeros((len(times_ns), self.times_ns.size)), np.arange(len(times_ns))
-        out[rows, before], out[rows, before + 1] = 1.0 - share, share
-        return out
+        return hats(times_ns, self.times_ns)
 
     def mean_at(self, time_ns: int) -> Array:
         """Return m at a time [ns, UTC], shape (Z, r)."""
@@ -92,7 +84,7 @@ class Process:
         in_functions = np.tensordot(unknowns, self.loading(time_ns), 1)
         return np.asarray(self.mean_at(time_ns) + self.functions.T @ in_functions)
 
-    def project(self, modes: Array, times_ns: NDArray[np.int64]) -> tuple[Array, Array]:
+    def project(self, modes: Array, times_ns: Times) -> tuple[Array, Array]:
         """Return the current at places: of unknowns that are zero, and of one unit of each.
 
         Args:
@@ -103,16 +95,12 @@ class Process:
             shapes (n, 2, Z) and (n, 2, K, k) [m/s].
         """
         shares, n = self.shares(times_ns), len(modes)
-        flat = modes.reshape(2 * n, -1).T
-        known = np.zeros((n, 2, self.mean.shape[1]))
-        unit = np.zeros((self.size, len(self.functions), n, 2))
-        of_fixed = self.moving.shape[1]
-        for j in np.flatnonzero(shares.any(axis=0)):
-            share = shares[:, j, None]
-            known += share[..., None] * (modes @ self.mean[j].T)
-            unit[:of_fixed] += share * _times(self.moving[j], flat, n)
-        unit[of_fixed:] = (shares @ self.spread)[:, None] * _times(self.fixed, flat, n)
-        return known, np.ascontiguousarray(unit.transpose(2, 3, 1, 0))
+        flat, at = modes.reshape(2 * n, -1).T, np.flatnonzero(shares.any(axis=0))
+        known = sum(shares[:, j, None, None] * (modes @ self.mean[j].T) for j in at)
+        moving = sum(shares[:, j, None] * _times(self.moving[j], flat, n) for j in at)
+        fixed = (shares @ self.spread)[:, None] * _times(self.fixed, flat, n)
+        unit = np.concatenate([moving, fixed])
+        return np.asarray(known), np.ascontiguousarray(unit.transpose(2, 3, 1, 0))
 
     def project_sums(self, sums: Array, shares: Array) -> tuple[Array, Array]:
         """Return sums of the current over points: of unknowns that are zero, and of one unit of each.
@@ -124,14 +112,11 @@ class Process:
         Returns:
             shapes (m,) and (m, k) [m/s].
         """
-        known, moving = np.zeros(sums.shape[1]), np.zeros((sums.shape[1], self.moving.shape[1]))
-        axes, fixed = ([1, 2], [1, 2]), np.zeros((sums.shape[1], len(self.fixed)))
-        for j in np.flatnonzero(shares):
-            known += np.tensordot(sums[j], self.mean[j], 2)
-            in_functions = self.functions @ sums[j]
-            moving += np.tensordot(in_functions, self.moving[j], axes)
-            fixed += self.spread[j] * np.tensordot(in_functions, self.fixed, axes)
-        return known, np.hstack([moving, fixed])
+        at, axes, in_functions = np.flatnonzero(shares), ([1, 2], [1, 2]), self.functions @ sums
+        known = sum(np.tensordot(sums[j], self.mean[j], 2) for j in at)
+        moving = sum(np.tensordot(in_functions[j], self.moving[j], axes) for j in at)
+        fixed = np.tensordot(np.tensordot(self.spread, in_functions, 1), self.fixed, axes)
+        return np.asarray(known), np.hstack([moving, fixed])
 
     def kept(self, seconds: float) -> Array:
         """Return the factor exp(-dt / tau) of each unknown after a time [s], shape (k,)."""
@@ -140,10 +125,8 @@ class Process:
     def since(self, time_ns: int) -> "Process":
         """Return the process without the forecast's times that count only before a time [ns, UTC]."""
         first = max(int(np.searchsorted(self.times_ns, time_ns, side="right")) - 1, 0)
-        named = {
-            name: getattr(self, name)[first:] for name in ("times_ns", "mean", "moving", "spread")
-        }
-        return replace(self, **named)
+        changing = ("times_ns", "mean", "moving", "spread")
+        return replace(self, **{name: getattr(self, name)[first:] for name in changing})
 
     @cached_property
     def _only(self) -> Array:
@@ -152,10 +135,7 @@ class Process:
 
     def _at(self, time_ns: int, values: Array) -> Array:
         (shares,) = self.shares(np.array([time_ns]))
-        used: Sequence[int] = np.flatnonzero(shares).tolist()
-        if len(used) == 1:
-            return np.asarray(values[used[0]])
-        return np.asarray(sum(shares[j] * values[j] for j in used))
+        return np.asarray(sum(shares[j] * values[j] for j in np.flatnonzero(shares)))
 
 
 def _times(patterns: Array, flat: Array, n: int) -> Array:

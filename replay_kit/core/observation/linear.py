@@ -7,12 +7,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, made_often
+from replay_kit.core.arrays import Array, Indices, Times
 from replay_kit.core.observation.quality import Flag, Source
 from replay_kit.core.text import span_text, time_text
 
 
-@made_often
 @dataclass(frozen=True, slots=True)
 class VehicleState:
     """Where the vehicle was at one time.
@@ -46,7 +45,6 @@ class Fix(NamedTuple):
 Kind = Literal["", "shear", "radar", "drifters", "sensors"]
 
 
-@made_often
 @dataclass(frozen=True, slots=True)
 class Label:
     """What statistics say of a measurement; no estimate depends on it.
@@ -101,7 +99,7 @@ class LinearMeasurement:
     """
 
     time_ns: int
-    point_time_ns: NDArray[np.int64] | None
+    point_time_ns: Times | None
     longitude: Array
     latitude: Array
     depth: Array
@@ -168,16 +166,15 @@ class LinearMeasurement:
         at = [_half_way(row) for row in self.weights]
         return self.longitude[at], self.latitude[at]
 
-    def covariance(self, used: NDArray[np.intp]) -> Array:
+    def covariance(self, used: Indices) -> Array:
         """Return the error covariance of some values of a component [m^2/s^2], without the shared error where that is infinite."""
-        own, depth = self.error_std[used], self.value_depth[used]
-        cov = np.diag(own**2)
+        own, depth, correlation = self.error_std[used], self.value_depth[used], np.eye(len(used))
         if self.correlation is not None:
-            cov = np.outer(own, own) * self.correlation[np.ix_(used, used)]
+            correlation = self.correlation[np.ix_(used, used)]
         elif self.correlation_depth > 0.0:
-            distance = np.abs(depth[:, None] - depth) / self.correlation_depth
-            cov = np.outer(own, own) * np.exp(-distance)
-        return cov + self.common_std**2 if 0.0 < self.common_std < np.inf else cov
+            correlation = np.exp(-np.abs(depth[:, None] - depth) / self.correlation_depth)
+        shared = self.common_std**2 if self.common_std < np.inf else 0.0
+        return np.asarray(np.outer(own, own) * correlation + shared)
 
 
 def _half_way(weights: Array) -> int:
@@ -212,7 +209,7 @@ class PathMean:
     """
 
     time_ns: int
-    path_time_ns: NDArray[np.int64]
+    path_time_ns: Times
     longitude: Array
     latitude: Array
     depth: Array
@@ -259,14 +256,9 @@ class PathMean:
     def __repr__(self) -> str:
         """Return when and over what path the mean was taken, and the mean."""
         (u, v), path = self.velocity, f"{self.depth.size} points, {span_text(self.depth)} m deep"
-        corrected = (
-            ""
-            if self.corrected is None
-            else "; corrected u {:.3f}, v {:.3f} +- {:.3f} m/s".format(
-                *self.corrected, self.used_std
-            )
-        )
-        return (
-            f"PathMean ({self.kind}) {time_text(self.time_ns)}, dive {self.dive}: {path}\n"
-            f"  u {u:.3f}, v {v:.3f} +- {self.error_std:.3f} m/s (true axes){corrected}"
-        )
+        first = f"PathMean ({self.kind}) {time_text(self.time_ns)}, dive {self.dive}: {path}"
+        text = f"{first}\n  u {u:.3f}, v {v:.3f} +- {self.error_std:.3f} m/s (true axes)"
+        if self.corrected is None:
+            return text
+        u, v = self.corrected
+        return f"{text}; corrected u {u:.3f}, v {v:.3f} +- {self.used_std:.3f} m/s"

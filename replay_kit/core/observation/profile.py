@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, made_often
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation.linear import Fix, Label, LinearMeasurement, PathMean
 from replay_kit.core.observation.quality import Flag, Reason, Source
@@ -17,7 +17,6 @@ from replay_kit.core.text import place_text, span_text, time_text
 Reference = Literal["earth", "platform"]
 
 
-@made_often
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observation:
     """One profile of the horizontal current: n bins under one position.
@@ -97,7 +96,7 @@ class Observation:
         Raises:
             ConfigError: The lengths differ, an error is not above 0, or a place is none.
         """
-        depths, east, north = (np.atleast_1d(np.asarray(x, np.float64)) for x in (depth, u, v))
+        depths, east, north = (np.array(x, np.float64, ndmin=1) for x in (depth, u, v))
         errors = _stated_errors(error, depths.size)
         if not depths.shape == east.shape == north.shape == errors.shape or depths.ndim != 1:
             shapes = ", ".join(str(x.shape) for x in (depths, east, north, errors))
@@ -228,12 +227,12 @@ def _stated_errors(error: Any, n: int) -> Array:
     Raises:
         ConfigError: One is missing or not above 0.
     """
-    errors = np.asarray(np.nan if error is None else error, np.float64)
+    errors = np.array(error, np.float64)
     if not (errors > 0.0).all() or not np.isfinite(errors).all():
         raise ConfigError(
             f"error: expected the standard error of each component [m/s], above 0, got {error!r}; it is not guessed"
         )
-    return np.full(n, float(errors)) if errors.ndim == 0 else errors
+    return np.full(n, errors) if errors.ndim == 0 else errors
 
 
 #: What an estimator may be given.

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.text import span_text, time_text
 
 
@@ -41,7 +41,7 @@ class Flag(IntEnum):
 _GOOD, _SUSPECT = np.int8(Flag.GOOD), np.int8(Flag.SUSPECT)
 
 
-def usable(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
+def usable(flags: NDArray[np.int8]) -> Mask:
     """Return which bins are used: good ones and suspect ones; where the latter are unwanted, measurement quality control fails them."""
     return np.asarray((flags == _GOOD) | (flags == _SUSPECT))
 

@@ -14,26 +14,17 @@ A factor larger than half a gigabyte is made in single precision, and its soluti
 from collections.abc import Callable, Iterator
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse.linalg
 from numpy.typing import NDArray
-from scipy.linalg import lapack
-from scipy.linalg.blas import dsbmv, dtrsm, ssbmv, strsm
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.functions import HorizontalFunctions, NodeKernel, velocity_kernel
-from replay_kit.core.flow.lattice import WINDOW, StreamFunctionLattice
+from replay_kit.core.flow.functions import NodeKernel, velocity_kernel
+from replay_kit.core.flow.lattice import WINDOW, HorizontalFunctions, StreamFunctionLattice
 
-#: Lower band of a symmetric matrix, shape (n, b + 1): element [j, d] is that of row j + d and column j; single or double precision.
+#: Lower band of a symmetric matrix by blocks, shape (R, w, C, C): [i, d] is that of block row i + d and column i, if there is one.
 Band = NDArray[np.floating]
-
-_BLOCK = 256
-
-
-def rows_and_columns(band: Band) -> Band:
-    """Return a view of a lower band, shape (n, n), by column and row; only elements between the diagonal and the band's edge are meant."""
-    n, step, item = len(band), band.shape[1] - 1, band.itemsize
-    return np.lib.stride_tricks.as_strided(band, (n, n), (step * item, item))
 
 
 def factored(band: Band) -> Band:
@@ -42,61 +33,52 @@ def factored(band: Band) -> Band:
     Raises:
         EstimatorError: The matrix is not positive definite.
     """
-    factor = lapack.spbtrf if band.dtype == np.float32 else lapack.dpbtrf
-    lower, info = factor(band.T, lower=1, overwrite_ab=1)
-    if info > 0:
-        raise EstimatorError(
-            f"the equations of the basis are singular at unknown {info} of {len(band)}; set a larger [estimator] nugget"
-        )
-    return np.asarray(lower.T)
+    for i, column in enumerate(band):
+        below = column[1 : len(band) - i]
+        try:
+            column[0] = np.linalg.cholesky(column[0])
+        except np.linalg.LinAlgError as error:
+            raise EstimatorError(
+                f"the equations of the basis are singular in row {i} of {len(band)}; set a larger [estimator] nugget"
+            ) from error
+        rows = below.reshape(-1, band.shape[3])
+        below[:] = _solved(column[0], rows.T).T.reshape(below.shape)
+        for d in range(len(below)):
+            band[i + 1 + d, : len(below) - d] -= below[d:] @ below[d].T
+    return band
 
 
 def solve(factor: Band, right: Array) -> Array:
     """Return the solution, shape (n, k), of L L' x = right, from the factor that ``factored`` returns; in its precision."""
-    x = np.array(right, dtype=factor.dtype, order="C")
-    triangular = strsm if factor.dtype == np.float32 else dtrsm
-    blocks = list(_blocks(factor))
-    for at in blocks:
-        x[at.columns] = triangular(1.0, at.diagonal, x[at.columns], lower=1)
-        x[at.full_rows] -= at.full.T @ x[at.columns]
-        x[at.last_rows] -= at.last.T @ x[at.columns]
-    for at in reversed(blocks):
-        x[at.columns] -= at.full @ x[at.full_rows]
-        x[at.columns] -= at.last @ x[at.last_rows]
-        x[at.columns] = triangular(1.0, at.diagonal, x[at.columns], lower=1, trans_a=1)
-    return np.asarray(x)
+    x = np.array(right, dtype=factor.dtype).reshape(len(factor), factor.shape[2], -1)
+    for i, column in enumerate(factor):
+        after = x[i + 1 : i + len(column)]
+        x[i] = _solved(column[0], x[i])
+        after -= column[1 : len(after) + 1] @ x[i]
+    for i in reversed(range(len(factor))):
+        after, column = x[i + 1 : i + factor.shape[1]], factor[i]
+        below = column[1 : len(after) + 1].reshape(len(after) * factor.shape[2], factor.shape[3])
+        x[i] -= below.T @ after.reshape(len(below), x.shape[2])
+        x[i] = _solved(column[0], x[i], 1)
+    return np.asarray(x.reshape(right.shape))
 
 
-class _Block:
-    """Some columns of a lower band: the block on the diagonal, the rows below that have all of them, and those after with the last ones."""
-
-    def __init__(self, elements: Band, width: int, start: int, stop: int) -> None:
-        n = len(elements)
-        self.elements, self.columns = elements, slice(start, stop)
-        self.full_rows = slice(stop, max(stop, min(n, start + width + 1)))
-        self.last_rows = slice(self.full_rows.stop, max(self.full_rows.stop, min(n, stop + width)))
-
-    @property
-    def diagonal(self) -> Band:
-        """By row and column; above the diagonal it has no meaning."""
-        return self.elements[self.columns, self.columns].T
-
-    @property
-    def full(self) -> Band:
-        """By column and row."""
-        return self.elements[self.columns, self.full_rows]
-
-    @property
-    def last(self) -> Band:
-        """By column and row, zero beyond the band's edge."""
-        return np.tril(self.elements[self.columns, self.last_rows], -1)
+def _solved(lower: Band, right: Band, transposed: int = 0) -> Band:
+    found = scipy.linalg.solve_triangular(
+        lower, right, trans=transposed, lower=True, check_finite=False
+    )
+    return np.asarray(found)
 
 
-def _blocks(factor: Band) -> Iterator[_Block]:
-    elements, width = rows_and_columns(factor), factor.shape[1] - 1
-    step = min(_BLOCK, width + 1)
-    for start in range(0, len(factor), step):
-        yield _Block(elements, width, start, min(start + step, len(factor)))
+def times(band: Band, x: Array) -> Array:
+    """Return the product of a symmetric band, of which all of the diagonal's blocks count, with a vector, shape (n,)."""
+    given = x.reshape(len(band), -1)
+    out = np.zeros_like(given)
+    for i, column in enumerate(band):
+        near = given[i : i + len(column)]
+        out[i : i + len(column)] += column[: len(near)] @ given[i]
+        out[i] += near[1:].ravel() @ column[1 : len(near)].reshape(near[1:].size, len(out[i]))
+    return out.ravel()
 
 
 # Largest factor in double precision [bytes].
@@ -143,11 +125,13 @@ def _on_lattice(
     """Return what returns the coefficients, shape (size, m), from the normal equations."""
     equations = NormalEquations(lattice, nodes)
     single = (
-        equations.size * (equations.half_width + 1) * 8 > _DOUBLE and nugget >= _LEAST_NUGGET_SINGLE
+        equations.size * WINDOW * equations.shape[1] * 8 > _DOUBLE
+        and nugget >= _LEAST_NUGGET_SINGLE
     )
     band = equations.band(np.float32 if single else np.float64)
     ridge = nugget * _largest_eigenvalue(band)
-    band[:, 0] += ridge
+    diagonal = np.arange(band.shape[3])
+    band[:, 0, diagonal, diagonal] += ridge
     factor = factored(band)
 
     def coefficients(velocity: Array) -> Array:
@@ -169,18 +153,14 @@ def _on_lattice(
 
 
 def _largest_eigenvalue(band: Band) -> float:
-    product, width = ssbmv if band.dtype == np.float32 else dsbmv, band.shape[1] - 1
+    n = band.shape[0] * band.shape[2]
     operator = scipy.sparse.linalg.LinearOperator(
-        (len(band), len(band)),
-        matvec=lambda x: product(width, 1.0, band.T, x, lower=1),
-        dtype=band.dtype,
+        (n, n), matvec=lambda x: times(band, x), dtype=band.dtype
     )
-    start = np.ones(len(band), dtype=band.dtype)
-    return float(
-        scipy.sparse.linalg.eigsh(
-            operator, k=1, tol=_EIGENVALUE, v0=start, return_eigenvectors=False
-        )[0]
+    (found,) = scipy.sparse.linalg.eigsh(
+        operator, k=1, tol=_EIGENVALUE, v0=np.ones(n, band.dtype), return_eigenvectors=False
     )
+    return float(found)
 
 
 class NormalEquations:
@@ -188,19 +168,18 @@ class NormalEquations:
 
     Attributes:
         size: Number of unknowns.
-        half_width: Of the band: the unknowns of ``WINDOW - 1`` rows of the lattice and as many of the next.
+        shape: Rows of the lattice, and points in each; those of ``WINDOW`` rows see each other.
     """
 
     def __init__(self, lattice: StreamFunctionLattice, nodes: Array) -> None:
         self._lattice, self._nodes = lattice, nodes
         self._turned = lattice.shape[0] < lattice.shape[1]
-        self._shape = lattice.shape[::-1] if self._turned else lattice.shape
+        self.shape = lattice.shape[::-1] if self._turned else lattice.shape
         self.size = lattice.size
-        self.half_width = (WINDOW - 1) * (self._shape[1] + 1)
 
     def right(self, velocity: Array) -> Array:
         """Return G'v, shape (size, m), of velocities at the nodes, shape (2N, m)."""
-        out, n = np.zeros((*self._shape, velocity.shape[1])), len(self._nodes)
+        out, n = np.zeros((*self.shape, velocity.shape[1])), len(self._nodes)
         for points, *at, design in self._tiles():
             here = np.concatenate([velocity[points], velocity[n + points]])
             out[*at] += (design.T @ here).reshape(out[*at].shape)
@@ -208,7 +187,7 @@ class NormalEquations:
 
     def product(self, coefficients: Array) -> Array:
         """Return G'G times coefficients, shape (size, m)."""
-        given = coefficients.reshape(*self._shape, -1)
+        given = coefficients.reshape(*self.shape, -1)
         out = np.zeros_like(given)
         for _, *at, design in self._tiles():
             here = np.ascontiguousarray(given[*at]).reshape(design.shape[1], -1)
@@ -216,26 +195,22 @@ class NormalEquations:
         return out.reshape(self.size, -1)
 
     def band(self, dtype: type[np.floating]) -> Band:
-        """Return the lower band of G'G, shape (size, half_width + 1)."""
-        band = np.zeros((self.size, self.half_width + 1), dtype=dtype)
-        elements = rows_and_columns(band).reshape(*self._shape, *self._shape)
+        """Return the lower band of G'G, a block for each two rows of the lattice."""
+        n_rows, n_columns = self.shape
+        band = np.zeros((n_rows, WINDOW, n_columns, n_columns), dtype=dtype)
         for _, rows, columns, design in self._tiles():
             n = rows.stop - rows.start, columns.stop - columns.start
             block = (design.T @ design).reshape(*n, *n)
-            lower = np.tri(n[1]).T
-            for i, row in enumerate(range(rows.start, rows.stop)):
-                elements[row, columns, row, columns] += block[i, :, i] * lower
-                below = min(n[0], i + WINDOW)
-                elements[row, columns, row + 1 : rows.start + below, columns] += block[
-                    i, :, i + 1 : below
-                ]
+            for i in range(n[0]):
+                near = block[i : i + WINDOW, :, i]
+                band[rows.start + i, : len(near), columns, columns] += near
         return band
 
     def by_east(self, coefficients: Array) -> Array:
         """Return coefficients, shape (size, m), in the order of the lattice."""
         if not self._turned:
             return coefficients
-        return np.ascontiguousarray(coefficients.reshape(*self._shape, -1).swapaxes(0, 1)).reshape(
+        return np.ascontiguousarray(coefficients.reshape(*self.shape, -1).swapaxes(0, 1)).reshape(
             self.size, -1
         )
 

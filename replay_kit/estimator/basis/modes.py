@@ -21,17 +21,15 @@ from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate, gradient
 from replay_kit.core.flow.functions import (
     DepthFunctions,
-    HorizontalFunctions,
     HorizontalKernel,
     NodeKernel,
     depth_weights,
 )
-from replay_kit.core.flow.lattice import lattice_over
+from replay_kit.core.flow.lattice import HorizontalFunctions, lattice_over
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed, embedding
 from replay_kit.estimator.basis.shifts import (
     SHIFT_WEIGHTS,
-    relative_error,
     shifted_copies,
     shifted_residual,
 )
@@ -41,6 +39,7 @@ from replay_kit.estimator.basis.slices import (
     decompose,
     ensemble_slices,
     exact_svd,
+    gathered,
     slice_blocks,
     surface_speed,
 )
@@ -71,8 +70,7 @@ class Basis:
         singular_values: shape (R,), of all modes, R >= r.
         member_weights: shape (E, Z, r).
         mean_weights: shape (Z, r), of the ensemble mean, as far as the modes span it; None where its amplitude is certain.
-        truncation_std: shape (Z,) [m/s], RMS over the nodes of what the basis leaves of currents like the members.
-        relative_error: shape (Z, N), that at each node over its RMS at the level; None where it is the same everywhere, or stated.
+        representation: shape (Z, N) [m/s], error of what the basis leaves of currents like the members, at the nodes; or as stated.
         potential: shape (M, Z), latent values whose gradient is what the basis loses of the ensemble mean: no flow of it diverges; None
             where that counts for nothing.
     """
@@ -84,15 +82,20 @@ class Basis:
     modes: Array
     singular_values: Array
     member_weights: Array
-    truncation_std: Array
+    representation: Array
     mean_weights: Array | None = None
-    relative_error: Array | None = None
     potential: Array | None = None
 
     @property
     def n_modes(self) -> int:
         """Number of modes r for each level."""
         return int(self.modes.shape[1])
+
+    @property
+    def at_nodes(self) -> Array:
+        """The modes' velocities at the nodes, shape (2N, r) [m/s for a weight of one]."""
+        at_nodes = self.horizontal.velocity(self.grid.nodes, self.modes)
+        return at_nodes.reshape(-1, self.n_modes)
 
     def depth_weights(self, depth: Array) -> Array:
         """Return the weights of the levels at depths [m], shape (n, Z)."""
@@ -117,19 +120,14 @@ class Basis:
             out[here] = fit_residual(modes, velocity[here].T.ravel() - offset).reshape(2, -1).T
         return out
 
-    def representation_std(self, config: EstimatorConfig) -> Array:
-        """Return the representation error by level, shape (Z,) [m/s]: the configured one, else that of the truncation."""
-        stated = config.representation_error_std
-        return self.truncation_std if stated is None else np.full_like(self.truncation_std, stated)
-
 
 def mean_variance(config: EstimatorConfig) -> float:
     """Return the variance of the amplitude of the ensemble mean: the configured one, else 0.1, which a constant estimate averages over."""
     return _MEAN_VARIANCE if config.mean_variance is None else config.mean_variance
 
 
-def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
-    """Return the basis of the configuration's preset.
+def build_basis(ensemble: Ensemble, config: EstimatorConfig, length: float | None = None) -> Basis:
+    """Return the basis of the configuration's preset; ``length`` is the ensemble's correlation length [m], where it is known.
 
     Raises:
         EstimatorError: The paper's vertical functions cannot be told apart at the levels.
@@ -138,12 +136,10 @@ def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
         return _paper_basis(ensemble, config)
     spanned = (ensemble.n_members - 1) * ensemble.grid.levels.size
     few = bool(ensemble.made_from) if config.modes is None else spanned < config.modes
-    shift = (
-        (correlation_length(ensemble) if config.shift_distance is None else config.shift_distance)
-        if few
-        else 0.0
-    )
-    return _default_basis(ensemble, config, shift)
+    apart = config.shift_distance
+    if apart is None:
+        apart = correlation_length(ensemble) if length is None else length
+    return _default_basis(ensemble, config, apart, apart if few else 0.0)
 
 
 def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> FlowEstimate:
@@ -208,11 +204,8 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
             f"{', '.join(f'{level:g}' for level in grid.levels)} m has the condition {condition:.1e}, expected less than "
             f"{_WORST_CONDITION:.1e}: choose levels farther apart (forecast.levels) or a shorter length"
         )
-    by_level = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1))
-    by_member = np.asarray(by_level, dtype=np.float64).reshape(n_levels, n_members, size)
-    latent = embed(
-        functions, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0
-    )  # (2N, E Z)
+    by_level = np.asarray(np.linalg.solve(kernel_of_depth, slices), np.float64)
+    latent = embed(functions, grid.nodes, by_level.reshape(-1, size).T, 0.0)  # (2N, E Z)
     modes, singular_values = exact_svd(latent, config.modes)
     weights = (modes.T @ latent).T.reshape(n_members, n_levels, -1)
     return Basis(
@@ -223,7 +216,7 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
         modes,
         singular_values,
         weights,
-        np.zeros(n_levels),
+        np.zeros((n_levels, len(grid.nodes))),
     )
 
 
@@ -233,74 +226,59 @@ def _n_corners(wet: NDArray[np.bool_]) -> int:
     return int(np.count_nonzero(cells[1:, 1:] | cells[:-1, 1:] | cells[1:, :-1] | cells[:-1, :-1]))
 
 
-def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) -> Basis:
+def _default_basis(
+    ensemble: Ensemble, config: EstimatorConfig, apart: float, shift: float
+) -> Basis:
     """Hat functions of depth; SVD of the velocity anomalies about the ensemble mean, which is the offset.
 
     The mean is among what is decomposed, in the size that the variance of its amplitude gives it beside the members' anomalies: so it is
     as well spanned as these, and no mode is spent on it where its amplitude is certain.
 
     With a ``shift`` above 0 [m], copies of the anomalies shifted by it are among them: a few lagged forecasts span hardly any current but
-    their own, and what a basis does not span, the estimate's standard error does not contain.
+    their own, and what a basis does not span, the estimate's standard error does not contain. What is left is measured on members shifted
+    by ``apart`` [m].
     """
-    grid, nodes, n_members = ensemble.grid, ensemble.grid.nodes, ensemble.n_members
-    n_levels, functions = (
-        grid.levels.size,
-        default_functions(grid, config, config.speed or surface_speed(ensemble)),
-    )
+    grid, nodes, n_levels = ensemble.grid, ensemble.grid.nodes, ensemble.grid.levels.size
+    functions = default_functions(grid, config, config.speed or surface_speed(ensemble))
     mean = np.empty((n_levels, 2, len(nodes)))
-    mean_scale = float(np.sqrt(mean_variance(config) * n_members))
+    mean_scale = float(np.sqrt(mean_variance(config) * ensemble.n_members))
 
-    def with_mean(slices: Array, part: slice) -> Array:
-        return np.concatenate([slices, mean_scale * mean[..., part]]) if mean_scale else slices
-
-    def anomalies() -> Iterator[tuple[slice, Array]]:
+    def spanned() -> Iterator[tuple[slice, Array]]:
         for part, block in slice_blocks(ensemble):
-            mean[..., part] = block.mean(axis=0)
-            yield (
-                part,
-                with_mean((block - mean[..., part]).reshape(n_members * n_levels, 2, -1), part),
-            )
+            here = mean[..., part] = block.mean(axis=0)
+            anomalies = (block - here).reshape(-1, *here.shape[1:])
+            yield part, np.concatenate([anomalies, mean_scale * here])
 
-    n_slices, spanned = n_members * n_levels, anomalies
     if shift > 0.0:
-        slices = ensemble_slices(ensemble)
-        mean[:] = slices.mean(axis=0).reshape(mean.shape)
-        copies = shifted_copies(slices - mean.reshape(n_levels, -1), nodes, shift).reshape(
-            -1, 2, len(nodes)
-        )
-        n_slices, spanned = (
-            len(copies),
-            lambda: iter([(slice(None), with_mean(copies, slice(None)))]),
-        )
-    # copies, taken node by node, diverge, and modes beyond the number of flows without divergence would be alike
-    n_modes = (
-        min(config.modes or 2 * len(nodes), _n_corners(grid.wet[0]))
-        if shift > 0.0
-        else config.modes
-    )
-    found = decompose(spanned, n_slices + (n_levels if mean_scale else 0), len(nodes), n_modes)
+        whole = gathered(spanned, len(nodes)).T
+        copies = shifted_copies(whole[None, :-n_levels], nodes, shift).reshape(-1, whole.shape[1])
+        both = np.concatenate([copies, whole[-n_levels:]]).reshape(-1, 2, len(nodes))
+        # copies, taken node by node, diverge, and modes beyond the number of flows without divergence would be alike
+        most = min(config.modes or 2 * len(nodes), _n_corners(grid.wet[0]))
+        vectors, values, every = decompose(lambda: [(slice(None), both)], len(nodes), most)
+    else:
+        vectors, values, every = decompose(spanned, len(nodes), config.modes)
     # the first copy is not shifted, but weighted
-    scale = SHIFT_WEIGHTS[0] if shift > 0.0 else 1.0
-    weights = found.products[: n_members * n_levels].reshape(n_members, n_levels, -1) / scale
-    given = np.hstack([mean.reshape(n_levels, -1).T, found.vectors])
-    # a view, so that no second copy of the vectors takes memory beside the band of a large region
-    found = replace(found, vectors=given[:, n_levels:])
+    products = every[: ensemble.n_members * n_levels] / (SHIFT_WEIGHTS[0] if shift else 1.0)
+    given = np.hstack([mean.reshape(n_levels, -1).T, vectors])
+    # no second copy of the vectors is to take memory beside the band of a large region
+    del vectors
     latents, potential = _embedded(functions, nodes, given, mean, config.nugget)
     velocity_modes = functions.velocity(nodes, latents[:, n_levels:]).reshape(2 * len(nodes), -1)
-    apart = correlation_length(ensemble) if config.shift_distance is None else config.shift_distance
     missed = shifted_residual(ensemble, mean.reshape(n_levels, -1), velocity_modes, apart)
     error = np.hypot(missed, ensemble.representation_error_std)
+    if config.representation_error_std is not None:
+        error = np.full_like(missed, config.representation_error_std)
     return Basis(
         grid,
         functions,
         DepthFunctions("hat", config.length_vertical),
         latents[:, :n_levels],
         latents[:, n_levels:],
-        found.singular_values,
-        weights,
-        np.sqrt(np.mean(error**2, axis=1)),
-        found.products[-n_levels:] / mean_scale if mean_scale else None,
-        relative_error(error) if config.representation_error_std is None else None,
+        values,
+        products.reshape(ensemble.n_members, n_levels, -1),
+        error,
+        every[-n_levels:] / mean_scale if mean_scale else None,
         potential,
     )
 

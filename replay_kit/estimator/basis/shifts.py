@@ -109,12 +109,6 @@ def shift_sources(nodes: Array, shift: float) -> NDArray[np.intp]:
 _MEMBERS, _LEVELS = 12, 8
 
 
-def relative_error(error_std: Array) -> Array:
-    """Return an error at each node over its root mean square at the level, shape (Z, N); ``error_std`` alike [m/s]."""
-    level = np.sqrt(np.mean(error_std**2, axis=1, keepdims=True))
-    return np.divide(error_std, level, out=np.ones_like(error_std), where=level > 0.0)
-
-
 def shifted_residual(ensemble: Ensemble, mean: Array, velocity_modes: Array, shift: float) -> Array:
     """Return the root mean square over components of what the modes leave of members shifted to four sides, shape (Z, N) [m/s].
 

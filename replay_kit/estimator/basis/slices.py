@@ -6,20 +6,19 @@ in memory as a whole.
 **Decomposition.** With A (2N, M), one column a slice, A'A = V S^2 V' is M x M whatever the grid's size, and U = A V S^-1. The first pass
 over blocks of nodes adds up A'A, the second makes U, so A itself is never in memory. Squaring loses the directions below 1e-7 of the
 largest, which are taken for rounding. What it costs the others in orthogonality, one Cholesky QR step restores: with U'U = L L', U <- U
-L'^-1 (Yamamoto et al. 2015, Electronic Transactions on Numerical Analysis 44, 306-326). Where slices outnumber the nodes' components, A A'
-is the smaller of the two, and its eigenvectors are U. A small A is decomposed itself, which costs a fraction of a second.
+L'^-1 (Yamamoto et al. 2015, Electronic Transactions on Numerical Analysis 44, 306-326). A small A, and one of
+more slices than nodes' components, is decomposed itself.
 
 Where not all directions are asked for, those below 2e-4 of the largest are left out too. Which they are is chance: members rounded to 1e-5
 m/s have others. As all span the localised covariance alike, however weak, they would move an estimate by several percent.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, one_by_one
 from replay_kit.core.grid import Ensemble, Grid
 
 # Values of all members in a block of rows, 32 MB.
@@ -64,11 +63,8 @@ def _rows(ensemble: Ensemble) -> Iterator[tuple[int, int]]:
 def surface_speed(ensemble: Ensemble) -> float:
     """Return the root mean square of a component of all members at the nodes of the first level [m/s]."""
     top = ensemble.grid.wet[0]
-    squares = sum(
-        float(np.sum(np.square(ensemble.rows(start, stop, 0)[:, :, 0, top[start:stop]])))
-        for start, stop in _rows(ensemble)
-    )
-    return float(np.sqrt(squares / (2 * ensemble.n_members * int(top.sum()))))
+    squares = [np.mean(member[:, 0, top] ** 2) for member in one_by_one(ensemble.velocity)]
+    return float(np.sqrt(np.mean(squares)))
 
 
 def cell_size(grid: Grid) -> tuple[float, float]:
@@ -86,37 +82,27 @@ def correlation_length(ensemble: Ensemble) -> float:
     That is the scale of the correlation's parabola at zero distance (Daley 1991, Atmospheric Data Analysis, section 4.3), pooled over
     components, levels and both directions of the grid. It is at least one cell, the resolution of the grid.
     """
-    grid, n_rows = ensemble.grid, ensemble.grid.wet.shape[1]
-    square, slopes = 0.0, np.zeros(2)
-    for start, stop in _rows(ensemble):
-        # one row more, for the gradients to the next block
-        part = slice(start, min(stop + 1, n_rows))
-        anomalies, wet = ensemble.rows(part.start, part.stop), grid.wet[:, part]
-        anomalies -= anomalies.mean(axis=0)
-        anomalies[..., ~wet] = 0.0
-        own = stop - start
-        square += float(np.sum(np.square(anomalies[:, :, :, :own])))
-        for axis, rows in ((0, part.stop - start), (1, own)):
-            spacing = np.hypot(
-                *(np.diff(place[part][:rows], axis=axis) for place in (grid.east, grid.north))
-            )
-            water, values = wet[:, :rows], anomalies[:, :, :, :rows]
-            both = np.delete(water, -1, axis=axis + 1) & np.delete(water, 0, axis=axis + 1)
-            slopes[axis] += np.sum(np.square(np.diff(values, axis=axis + 3) * (both / spacing)))
-    n_values = 2 * ensemble.n_members
-    pairs = np.array(
-        [
-            np.sum(np.delete(grid.wet, -1, axis=axis) & np.delete(grid.wet, 0, axis=axis))
-            for axis in (1, 2)
-        ]
-    )
-    cell = float(np.sqrt(np.prod(cell_size(grid))))
-    slope = float(np.mean(slopes / (n_values * pairs)))
-    return (
-        max(cell, float(np.sqrt(square / (n_values * grid.wet.sum()) / slope)))
-        if slope > 0.0
-        else cell
-    )
+    square, *slopes = mean_squares(ensemble).tolist()
+    cell, slope = float(np.sqrt(np.prod(cell_size(ensemble.grid)))), np.mean(slopes)
+    return max(cell, float(np.sqrt(square / slope))) if slope > 0.0 else cell
+
+
+def mean_squares(ensemble: Ensemble, about_mean: bool = True) -> Array:
+    """Return the mean squares of a component of the members [m^2/s^2], and of its slopes along both axes of the grid [1/s^2], shape (3,).
+
+    Args:
+        ensemble: The members, one at a time in memory.
+        about_mean: Whether those of their anomalies.
+    """
+    grid, total = ensemble.grid, np.zeros(3)
+    mean: Array | float = 0.0
+    for member in one_by_one(ensemble.velocity) if about_mean else ():
+        mean = mean + member / ensemble.n_members
+    for member in one_by_one(ensemble.velocity):
+        off = np.where(grid.wet, member - mean, np.nan)
+        slopes = (np.diff(off, axis=axis - 2) / grid.steps(axis) for axis in (0, 1))
+        total += [np.nansum(each**2) / max(np.isfinite(each).sum(), 1) for each in (off, *slopes)]
+    return total / ensemble.n_members
 
 
 # Singular values below this share of the largest: their squares are rounding of the largest one's.
@@ -132,43 +118,29 @@ _SMALL = 500_000
 SliceBlocks = Callable[[], Iterable[tuple[slice, Array]]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Decomposition:
-    """The leading directions of slices.
-
-    Attributes:
-        vectors: shape (2N, r), orthonormal columns.
-        singular_values: shape (min(M, 2N),), of all directions, decreasing.
-        products: shape (M, r), of each slice with the vectors.
-    """
-
-    vectors: Array
-    singular_values: Array
-    products: Array
-
-
-def decompose(
-    blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None
-) -> Decomposition:
+def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[Array, Array, Array]:
     """Return the leading directions of slices; see the module.
 
     Args:
         blocks: The slices.
-        n_slices: Number of slices M.
         n_nodes: Number of nodes N.
         n_modes: Number of clear directions at most; None for as many as the slices have.
+
+    Returns:
+        shape (2N, r), orthonormal columns; shape (min(M, 2N),), singular values of all directions, decreasing; shape (M, r), products of
+        each slice with the columns.
     """
-    if 2 * n_nodes * n_slices <= _SMALL:
-        columns = _gathered(blocks, n_slices, n_nodes)
+    n_slices = len(next(iter(blocks()))[1])
+    if 2 * n_nodes * n_slices <= _SMALL or n_slices > 2 * n_nodes:
+        columns = gathered(blocks, n_nodes)
         vectors, values = exact_svd(columns, n_modes)
         products = columns.T @ vectors
     else:
-        of_slices = _by_nodes if n_slices > 2 * n_nodes else _by_slices
-        vectors, values, products = of_slices(blocks, n_slices, n_nodes, n_modes)
+        vectors, values, products = _by_slices(blocks, n_nodes, n_modes)
         sign = _signs(vectors)
         vectors, products = vectors * sign, products * sign
     clear = None if n_modes is None else int(np.sum(values > _CLEAR * values[0]))
-    return Decomposition(vectors[:, :clear], values, products[:, :clear])
+    return vectors[:, :clear], values, products[:, :clear]
 
 
 def exact_svd(columns: Array, n_modes: int | None) -> tuple[Array, Array]:
@@ -178,54 +150,33 @@ def exact_svd(columns: Array, n_modes: int | None) -> tuple[Array, Array]:
     return (u * _signs(u))[:, : min(n_modes or rank, rank)], s
 
 
-def _gathered(blocks: SliceBlocks, n_slices: int, n_nodes: int) -> Array:
+def gathered(blocks: SliceBlocks, n_nodes: int) -> Array:
     """Return all slices as columns, shape (2N, M)."""
-    by_component = np.empty((n_slices, 2, n_nodes))
-    for nodes, block in blocks():
-        by_component[:, :, nodes] = block
-    return by_component.reshape(n_slices, -1).T
+    parts = sorted(blocks(), key=lambda each: each[0].start or 0)
+    return np.concatenate([block for _, block in parts], axis=2).reshape(-1, 2 * n_nodes).T
 
 
 def _by_slices(
-    blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None
+    blocks: SliceBlocks, n_nodes: int, n_modes: int | None
 ) -> tuple[Array, Array, Array]:
     """Return vectors, singular values and products, by A'A."""
-    gram = np.zeros((n_slices, n_slices), order="F")
-    for _, block in blocks():
-        gram = scipy.linalg.blas.dsyrk(
-            1.0, block.reshape(n_slices, -1).T, beta=1.0, c=gram, trans=1, lower=1, overwrite_c=1
-        )
-    values, right = _leading(gram, n_modes)
+    gram = sum(_flat(block) @ _flat(block).T for _, block in blocks())
+    squares, right = scipy.linalg.eigh(gram, overwrite_a=True, check_finite=False, driver="evd")
+    values = np.sqrt(np.maximum(squares[::-1], 0.0))
+    rank = int(np.sum(values > _RANK * values[0]))
+    right = right[:, ::-1][:, : min(n_modes or rank, rank)]
     scale = values[: right.shape[1]]
     by_component = np.empty((2, n_nodes, scale.size))
-    to_vectors = right / scale
     for nodes, block in blocks():
-        by_component[:, nodes] = (block.reshape(n_slices, -1).T @ to_vectors).reshape(
-            2, -1, scale.size
-        )
+        by_component[:, nodes] = (_flat(block).T @ (right / scale)).reshape(2, -1, scale.size)
     vectors = by_component.reshape(2 * n_nodes, -1)
-    upper = np.asarray(np.linalg.cholesky(vectors.T @ vectors)).T
+    upper = np.linalg.cholesky(vectors.T @ vectors).T
     inverse = scipy.linalg.solve_triangular(upper, np.eye(scale.size))
     return vectors @ inverse, values, (right * scale) @ inverse
 
 
-def _by_nodes(
-    blocks: SliceBlocks, n_slices: int, n_nodes: int, n_modes: int | None
-) -> tuple[Array, Array, Array]:
-    """Return the same by A A'."""
-    columns = _gathered(blocks, n_slices, n_nodes)
-    values, vectors = _leading(columns @ columns.T, n_modes)
-    return vectors, values, columns.T @ vectors
-
-
-def _leading(gram: Array, n_modes: int | None) -> tuple[Array, Array]:
-    """Return the square roots of all eigenvalues, decreasing, and the leading eigenvectors; the lower half of ``gram`` is overwritten."""
-    squares, vectors = scipy.linalg.eigh(
-        gram, lower=True, overwrite_a=True, check_finite=False, driver="evd"
-    )
-    values = np.sqrt(np.maximum(squares[::-1], 0.0))
-    rank = int(np.sum(values > _RANK * values[0]))
-    return values, vectors[:, ::-1][:, : min(n_modes or rank, rank)]
+def _flat(block: Array) -> Array:
+    return block.reshape(len(block), -1)
 
 
 def _signs(vectors: Array) -> Array:

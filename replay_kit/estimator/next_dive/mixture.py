@@ -72,11 +72,8 @@ class Mixture:
 
 def log_densities(errors: Array, covs: Array) -> Array:
     """Return the logarithm of the density of errors, shape (..., 2), under Gaussians of some covariances, shape (..., 2, 2)."""
-    first, second = np.moveaxis(errors, -1, 0)
-    (east, both), (_, north) = np.moveaxis(covs, (-2, -1), (0, 1))
-    determinant = east * north - both**2
-    square = (north * first**2 - 2.0 * both * first * second + east * second**2) / determinant
-    return np.asarray(-0.5 * square - 0.5 * np.log(determinant) - np.log(2.0 * np.pi))
+    square = np.sum(errors * np.linalg.solve(covs, errors[..., None])[..., 0], axis=-1)
+    return np.asarray(-0.5 * square - 0.5 * np.linalg.slogdet(covs)[1] - np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,10 +1,16 @@
 """The prior of the unknowns: members, their shifted copies, local directions, and the amplitude of the ensemble mean.
 
+Every member is used unshifted and, with half the weight each, shifted to the four sides: the shape of eddies in the members holds for
+eddies nearby too (spatial averages of covariances, Berre and Desroziers 2010, Mon. Wea. Rev. 138; valid-space shifting, Xu et al. 2011).
+The sample covariance of so many members still has chance correlations between distant places, and low rank. The localised part (hybrid
+covariance, Hamill and Snyder 2000) has full rank and no distant correlations (``localised.py``).
+
 The hybrid covariance a cov(members and shifted copies) + (1 - a) localised is written as the sum of outer products of patterns, one an
 unknown of unit variance (``core/flow/process.py``). Of the localised part only the directions above a bound are kept, and of the depth
 structure only the vertical functions above another: what is dropped is part of the stated error, place by place.
 """
 
+from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,17 +19,34 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.process import Process
 from replay_kit.estimator.basis.shifts import SHIFT_WEIGHTS, ShiftedModes
-from replay_kit.estimator.prior.hybrid import PriorSettings
 from replay_kit.estimator.prior.localised import localised_part
 
-# Directions that are considered for dropping together, at first.
-_STEP = 256
 # Bound for vertical functions over that for directions.
 _VERTICAL_SHARE = 1.0 / 3.0
 # Share of the largest spread below which the members are equal to rounding.
 _LEAST_SPREAD = 1e-3
 # Nodes at which the largest variance is looked for, at most.
 _NODES = 600
+
+
+@dataclass(frozen=True, slots=True)
+class PriorSettings:
+    """The settings of a hybrid prior.
+
+    Attributes:
+        sample_share: Of the sample covariance; the localised one has the rest.
+        shift: Distance of the shifted copies [m]; 0 makes none.
+        radius: Where the localised part's taper reaches zero [m].
+    """
+
+    sample_share: float
+    shift: float
+    radius: float
+
+    def __str__(self) -> str:
+        """Return the settings in words."""
+        shift, radius = self.shift / 1e3, self.radius / 1e3
+        return f"sample share {self.sample_share:.2f}, members shifted by {shift:.1f} km, taper to zero at {radius:.1f} km"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,50 +152,30 @@ def local_directions(
     directions = spread.max() * root[:, None, :] * vectors  # (g, r, r), of the largest spread
     group = np.minimum(np.arange(len(functions)), len(horizontal) - 1)
     height = np.square(functions)
-    dropped = _dropped(height, group, directions, some_nodes(modes.velocity_modes), bound)
-    # the variance that the directions dropped have at all nodes, one group of functions at a time
-    variance = np.zeros((functions.shape[1], len(modes.velocity_modes)))
-    for g, own in enumerate(directions):
-        of_levels = dropped[group == g].T @ height[group == g]  # (r, Z)
-        used = of_levels.any(axis=1)
-        variance += of_levels[used].T @ np.square(modes.velocity_modes @ own[:, used]).T
-    q, b = np.nonzero(~dropped)
+
+    # the smallest are dropped, while all together stay below the bound everywhere
+    some = np.square(some_nodes(modes.velocity_modes) @ directions)  # (g, 2P, r)
+    size = some.max(axis=1)[group] * height.max(axis=1)[:, None]
+    order = np.argsort(size, axis=None).argsort().reshape(size.shape)
+
+    groups = [np.flatnonzero(group == g) for g in range(len(directions))]
+
+    def of_levels(n: int) -> list[Array]:
+        """Return what the n smallest of each group count for at each level, shapes (Z, r)."""
+        return [height[own].T @ (order[own] < n) for own in groups]
+
+    def largest(n: int) -> float:
+        each = zip(of_levels(n), some, strict=True)
+        return float(np.max(sum(counts @ at.T for counts, at in each)))
+
+    n = bisect_right(range(1, size.size + 1), bound**2, key=largest) if bound else 0
+    q, b = np.nonzero(order >= n)
     local = functions[q][:, :, None] * (directions[group[q], :, b] / spread.max())[:, None, :]
-    return local, np.sqrt(variance.reshape(len(variance), 2, -1).mean(axis=1))
-
-
-def _dropped(
-    height: Array, group: NDArray[np.intp], directions: Array, velocity_modes: Array, bound: float
-) -> NDArray[np.bool_]:
-    """Return which directions, shape (q, r), are dropped: the smallest, while all together stay below a bound everywhere.
-
-    Args:
-        height: shape (q, Z), squares of the vertical functions.
-        group: shape (q,), which directions each has.
-        directions: shape (g, r, r), by column.
-        velocity_modes: shape (2P, r), at some nodes.
-        bound: [m/s].
-    """
-    at_nodes = np.square(velocity_modes @ directions).swapaxes(1, 2).copy()  # (g, r, 2P)
-    size = at_nodes.max(axis=2)[group] * height.max(axis=1)[:, None]
-    q, b = np.unravel_index(np.argsort(size, axis=None), size.shape)
-    total, n = np.zeros((height.shape[1], at_nodes.shape[2])), 0
-
-    def more(count: int) -> Array:
-        some = slice(n, n + count)
-        return np.asarray(height[q[some]].T @ at_nodes[group[q[some]], b[some]])
-
-    # a step that is too long is halved
-    step = _STEP
-    while step and n < q.size:
-        with_more = total + more(step)
-        if with_more.max() > bound**2:
-            step //= 2
-        else:
-            total, n = with_more, n + step
-    out = np.zeros(size.shape, np.bool_)
-    out[q[:n], b[:n]] = True
-    return out
+    left = np.zeros((len(height.T), len(modes.velocity_modes)))
+    for counts, own in zip(of_levels(n), directions, strict=True):
+        used = counts.any(axis=0)
+        left += counts[:, used] @ np.square(modes.velocity_modes @ own[:, used]).T
+    return local, np.sqrt(left.reshape(len(left), 2, -1).mean(axis=1))
 
 
 def some_nodes(velocity_modes: Array) -> Array:
@@ -193,21 +196,15 @@ def vertical_functions(
         velocity_modes: shape (2P, r) [m/s for a weight of one], at some nodes.
         bound: Of the standard deviation that those dropped have together [m/s].
     """
-    covariance = sum(
-        np.einsum("kzr,kyr->zy", each, each, optimize=True) for each in (*moving, fixed)
-    )
+    covariance = sum(np.einsum("kzr,kyr->zy", own, own, optimize=True) for own in (*moving, fixed))
+    each = [np.concatenate([own, fixed]) for own in moving]
     functions = np.linalg.eigh(covariance)[1].T[::-1]
-
-    def at_nodes(patterns: Array, function: Array) -> Array:
-        in_function = np.tensordot(function, patterns, ([0], [1]))
-        products = velocity_modes @ (in_function.T @ in_function)
-        return np.asarray(np.sum(products * velocity_modes, axis=1))
-
     left, total = np.zeros(functions.shape[1]), 0.0
     for n in range(len(functions), 1, -1):
-        of_times = np.max([at_nodes(each, functions[n - 1]) for each in moving], axis=0)
-        # of a function that holds nothing rounding may leave less than nothing
-        variance = max((of_times + at_nodes(fixed, functions[n - 1])).max(), 0.0)
+        of_function = [
+            velocity_modes @ np.tensordot(own, functions[n - 1], (1, 0)).T for own in each
+        ]
+        variance = max(np.square(own).sum(axis=1).max() for own in of_function)
         total += variance
         if total > bound**2:
             return functions[:n], np.sqrt(left)

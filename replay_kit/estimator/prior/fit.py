@@ -3,12 +3,12 @@
 A member is left out, a few columns of it are measured with noise, and the prior of the others predicts the rest of it.
 The best settings have the least mean continuous ranked probability score, which measures error and stated uncertainty together.
 
-With R'R the precision that is measured of a level's weights, H = I (x) R and P = C'C - W'W the posterior covariance, W = L^-1 H P,
-L L' = I + H P H'. Six members in turn and six shares take about a second in the leading 50 modes, the leading 8 functions of depth
-and at 1,200 nodes, whatever the region's size, so the default is fitted whenever it is built; ``replay-kit fit`` also tries more shifts
-and radii, with more members. Shifts of one correlation length came out best on most ensembles, of half of it on others: the default
-tries the second with the share that suits the first. Farther ones are now and then chosen on members left out and err more on truths,
-and radii from 4.5 to 9 hardly differ, so the default does not fit these.
+With R'R the precision that is measured of a level's weights, H = N^-1 (x) R with N the error of each level, and P - W'W the posterior
+covariance, W = L^-1 H P, L L' = I + H P H'. Six members in turn and six shares take about a second in the leading 50 modes, the leading 8
+functions of depth and at 1,200 nodes, whatever the region's size, so the default is fitted whenever it is built; ``replay-kit fit`` also
+tries more shifts and radii, with more members. Shifts of one correlation length came out best on most ensembles, of half of it on others:
+the default tries the second with the share that suits the first. Farther ones are now and then chosen on members left out and err more on
+truths, and radii from 4.5 to 9 hardly differ, so the default does not fit these.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,9 +23,8 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.evidence import coverage, crps_gaussian
 from replay_kit.core.progress import counted, each_call
-from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.basis.shifts import ShiftedModes
-from replay_kit.estimator.prior.hybrid import PriorSettings, covariances
+from replay_kit.estimator.prior.factor import PriorSettings, local_directions
 from replay_kit.estimator.prior.localised import tiles, vertical_functions
 
 # Candidates for the sample covariance's share.
@@ -69,7 +68,7 @@ class FitRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Members:
-    """The members in modes of their basis.
+    """The members in few modes of their basis.
 
     Attributes:
         weights: shape (E, Z, r).
@@ -81,40 +80,48 @@ class Members:
     velocity_modes: Array
     nodes: Array
 
-    def shifted(self, settings: PriorSettings) -> ShiftedModes:
-        """Return the modes with what shifts fields in them."""
-        return ShiftedModes.by(self.velocity_modes, self.nodes, settings.shift)
-
-    def leading(self) -> "Members":
-        """Return the same in fewer modes, at fewer nodes, evenly spread, and in the leading functions of depth instead of many levels.
+    @staticmethod
+    def leading(weights: Array, velocity_modes: Array, nodes: Array) -> "Members":
+        """Return members in the leading modes, at fewer nodes, evenly spread, and in the leading functions of depth instead of many levels.
 
         The functions are orthonormal, so white noise of every level is white noise of every function. What was given in another order,
         turned or mirrored, comes out alike: members from the nearest to their mean to the farthest, and nodes in the order of tiles of
         their own frame, in which neighbours follow each other.
         """
-        weights, at_nodes = self.weights[..., :_MODES], self.velocity_modes[:, :_MODES]
+        weights, at_nodes = weights[..., :_MODES], velocity_modes[:, :_MODES]
         anomalies = weights - weights.mean(axis=0)
-        n_nodes, by_distance = len(self.nodes), np.argsort(np.sum(anomalies**2, axis=(1, 2)))
-        frame = own_frame(self.nodes, _energy(anomalies, at_nodes))
-        order, _ = tiles(frame, max(1, n_nodes // _NODES))
+        n_nodes, by_distance = len(nodes), np.argsort(np.sum(anomalies**2, axis=(1, 2)))
+        order, _ = tiles(_own_frame(nodes, _energy(anomalies, at_nodes)), max(1, n_nodes // _NODES))
         some = order[evenly(min(_NODES, n_nodes), n_nodes)]
         if weights.shape[1] > _DEPTH_FUNCTIONS:
             functions, _ = vertical_functions(anomalies)
             weights = functions[:_DEPTH_FUNCTIONS] @ weights
         both = np.concatenate([some, some + n_nodes])
-        return Members(weights[by_distance], at_nodes[both], self.nodes[some])
+        return Members(weights[by_distance], at_nodes[both], nodes[some])
 
     def columns(self, count: int, member: int) -> Array:
-        """Return the rows of columns at nodes in the weights of each level, over the error of a value, shape (2 n, r).
+        """Return rows that say what columns at nodes do of the weights of each level, shape (m, r): at most as many as there are modes.
 
         Args:
-            count: Number of columns n, evenly spread over the order of the nodes.
+            count: Number of columns, evenly spread over the order of the nodes.
             member: Its position; each is measured at other places, by the golden section.
         """
-        n_nodes = len(self.nodes)
-        at = evenly(count, n_nodes, (0.5 + member * _GOLDEN) % 1.0)
-        both = np.concatenate([self.velocity_modes[at], self.velocity_modes[at + n_nodes]])
-        return np.asarray(both / LEVEL_ERROR_STD)
+        at = evenly(count, len(self.nodes), (0.5 + member * _GOLDEN) % 1.0)
+        return np.asarray(np.linalg.qr(self.at(at), mode="r"))
+
+    def some(self, count: int) -> tuple[NDArray[np.intp], Array]:
+        """Return so many nodes at most, evenly spread, and the modes there, shape (2 n, r)."""
+        nodes = evenly(min(count, len(self.nodes)), len(self.nodes))
+        return nodes, self.at(nodes)
+
+    def at(self, nodes: NDArray[np.intp]) -> Array:
+        """Return the modes at some nodes, shape (2 n, r)."""
+        return np.asarray(self.velocity_modes[np.concatenate([nodes, nodes + len(self.nodes)])])
+
+    def left_out(self, count: int) -> list[int]:
+        """Return the positions of members that are left out in turn, so many, or all; none of fewer than four."""
+        n = len(self.weights)
+        return [int(member) for member in evenly(min(count, n), n)] if n > 3 else []
 
 
 def evenly(count: int, total: int, first: float = 0.5) -> NDArray[np.intp]:
@@ -122,7 +129,7 @@ def evenly(count: int, total: int, first: float = 0.5) -> NDArray[np.intp]:
     return ((np.arange(count) + first) * (total / count)).astype(np.intp)
 
 
-def own_frame(nodes: Array, energy: Array) -> Array:
+def _own_frame(nodes: Array, energy: Array) -> Array:
     """Return nodes in a frame that turns and mirrors with them, shape (N, 2) [m]: along the main axes of their energy.
 
     Args:
@@ -142,13 +149,6 @@ def _energy(anomalies: Array, velocity_modes: Array) -> Array:
     return np.asarray(square.reshape(2, -1).sum(axis=0) + np.finfo(float).tiny)
 
 
-def members_in_basis(basis: Basis) -> Members:
-    """Return an ensemble's members in their basis."""
-    nodes = basis.grid.nodes
-    velocity_modes = basis.horizontal.velocity(nodes, basis.modes).reshape(2 * len(nodes), -1)
-    return Members(basis.member_weights, velocity_modes, nodes)
-
-
 def choose_settings(members: Members, length: float, config: EstimatorConfig) -> PriorSettings:
     """Return the settings of the configuration, with what it leaves open: distances from the ensemble's length, the share fitted.
 
@@ -162,12 +162,12 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
     if config.sample_share is not None:
         return PriorSettings(config.sample_share, shift, radius)
     start = PriorSettings(_SHARE_OF_FEW, shift, radius)
-    if members.weights.shape[0] < 4:
+    left_out = members.left_out(_LEFT_OUT)
+    if not left_out:
         return start
-    few, left_out = members.leading(), withheld(members, _LEFT_OUT)
-    fitted, some = config.shift_distance is None, left_out[::2]
-    advance = counted("fitting the prior", len(left_out) + (len(some) if fitted else 0))
-    scores = _scores(few, start, SHARES, left_out, advance)[:, 0]
+    some, fitted = left_out[::2], config.shift_distance is None
+    advance = counted("fitting the prior", len(left_out) + fitted * len(some))
+    scores = _scores(members, start, SHARES, left_out, advance)[:, 0]
     share = int(np.argmin(scores.mean(axis=0)))
     chosen = replace(start, sample_share=SHARES[share])
     if not fitted:
@@ -175,47 +175,33 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
     # most often the first of them say that the other shift suits less well
     nearer = replace(chosen, shift=_NEARER * length)
     least = scores.mean(axis=0)[share] - _GAIN
-    first = _scores(few, nearer, (SHARES[share],), some, advance)[:, 0] - scores[::2, share]
+    first = _scores(members, nearer, (SHARES[share],), some, advance)[:, 0] - scores[::2, share]
     if first.mean() > -_GAIN:
         return chosen
-    others = _scores(few, nearer, SHARES, left_out, lambda: None)[:, 0].mean(axis=0)
+    others = _scores(members, nearer, SHARES, left_out, lambda: None)[:, 0].mean(axis=0)
     better = replace(nearer, sample_share=SHARES[int(np.argmin(others))])
     return better if others.min() < least else chosen
 
 
-def fit_settings(
-    members: Members, length: float, left_out: int, advance: Callable[[], None] = lambda: None
-) -> list[FitRow]:
+def fit_settings(members: Members, length: float, count: int) -> tuple[FitRow, ...]:
     """Return rows of all candidates: shares for each shift, then for the best shift with other radii; none with fewer than four members.
 
     Args:
         members: All of the ensemble.
         length: Correlation length [m].
-        left_out: Number of members left out in turn.
-        advance: Called ``fit_steps(...)`` times.
+        count: Number of members left out in turn.
     """
-    radius = RADIUS_IN_LENGTHS * length
-    rows = []
-    for shift in _SHIFTS:
-        rows += score_sample_shares(
-            members, PriorSettings(_SHARE_OF_FEW, shift * length, radius), SHARES, left_out, advance
-        )
-    if rows:
-        shift = best(rows).shift
-        for radii in _RADII:
-            rows += score_sample_shares(
-                members,
-                PriorSettings(_SHARE_OF_FEW, shift, radii * length),
-                SHARES,
-                left_out,
-                advance,
-            )
-    return rows
+    left_out = members.left_out(count)
+    advance = counted("leaving members out", (len(_SHIFTS) + len(_RADII)) * len(left_out))
 
+    def rows(shift: float, radius: float) -> list[FitRow]:
+        return scored(members, PriorSettings(_SHARE_OF_FEW, shift, radius), left_out, advance)
 
-def fit_steps(n_members: int, left_out: int) -> int:
-    """Return how often ``fit_settings`` advances."""
-    return (len(_SHIFTS) + len(_RADII)) * min(left_out, n_members)
+    if not left_out:
+        return ()
+    found = [row for shift in _SHIFTS for row in rows(shift * length, RADIUS_IN_LENGTHS * length)]
+    shift = best(found).shift
+    return (*found, *(row for radius in _RADII for row in rows(shift, radius * length)))
 
 
 def best(rows: Sequence[FitRow]) -> PriorSettings:
@@ -223,36 +209,22 @@ def best(rows: Sequence[FitRow]) -> PriorSettings:
     return min(rows, key=lambda row: row.score).settings
 
 
-def score_sample_shares(
+def scored(
     members: Members,
     settings: PriorSettings,
-    shares: Sequence[float],
-    left_out: int,
+    left_out: Sequence[int],
     advance: Callable[[], None] = lambda: None,
 ) -> list[FitRow]:
-    """Return one row for each share, from the same columns of the same members; none with fewer than four members.
-
-    Args:
-        members: All of the ensemble; the leading modes are used.
-        settings: Shift and radius; its share is not used.
-        shares: Of the sample covariance, to try.
-        left_out: Number of members left out in turn, evenly spread over the ensemble.
-        advance: Called after each member.
-    """
-    n_members = members.weights.shape[0]
-    if n_members < 4:
-        return []
-    log_score, coverage = _scores(
-        members.leading(), settings, shares, withheld(members, left_out), advance
-    ).mean(axis=0)
+    """Return one row for each share of the sample covariance, from the same columns of the same members; arguments as of ``_scores``."""
+    means = _scores(members, settings, SHARES, left_out, advance).mean(axis=0)
     return [
-        FitRow(replace(settings, sample_share=share), float(s), float(c))
-        for share, s, c in zip(shares, log_score, coverage, strict=True)
+        FitRow(replace(settings, sample_share=share), *each)
+        for share, each in zip(SHARES, means.T.tolist(), strict=True)
     ]
 
 
 def _scores(
-    few: Members,
+    members: Members,
     settings: PriorSettings,
     shares: Sequence[float],
     left_out: Sequence[int],
@@ -261,19 +233,18 @@ def _scores(
     """Return the logarithmic score and the coverage of each member left out, shape (members, 2, shares).
 
     Args:
-        few: All members, in the leading modes.
+        members: All, in few modes.
         settings: Shift and radius; its share is not used.
         shares: Of the sample covariance, to try.
         left_out: The members' positions.
         advance: Called after each member.
     """
-    by_member, modes = [], few.shifted(settings)
-    for scored in each_call(
-        _score_member, ((few, modes, member, settings, shares) for member in left_out)
-    ):
-        by_member.append(scored)
+    found, modes = [], ShiftedModes.by(members.velocity_modes, members.nodes, settings.shift)
+    calls = ((members, modes, member, settings, shares) for member in left_out)
+    for each in each_call(_score_member, calls):
+        found.append(each)
         advance()
-    return np.array(by_member)
+    return np.array(found)
 
 
 def _score_member(
@@ -285,60 +256,75 @@ def _score_member(
 ) -> Array:
     """Return the logarithmic score and the coverage, shape (2, shares), over the numbers of columns."""
     others = np.delete(members.weights, member, axis=0)
-    sample, localised = covariances(others, modes, settings.radius)
+    copies = modes.copies((others - others.mean(axis=0)) / np.sqrt(len(others) - 1.0))
+    whole = replace(settings, sample_share=0.0)
+    local, _ = local_directions(copies[None], np.ones(1), modes, whole, 0.0)
+    flat = (each.reshape(len(each), -1) for each in (copies, local))
+    sample, localised = (each.T @ each for each in flat)
     truth = members.weights[member] - others.mean(axis=0)
     scores = []
     for n_columns in _COLUMNS:
-        rows = np.asarray(np.linalg.qr(members.columns(n_columns, member), mode="r"))
+        rows = members.columns(n_columns, member)
         priors = (share * sample + (1.0 - share) * localised for share in shares)
         scores.append([score_withheld(members, truth, prior, rows) for prior in priors])
     return np.asarray(np.mean(scores, axis=0).T, dtype=np.float64)
 
 
-def withheld(members: Members, count: int) -> list[int]:
-    """Return the positions of members that are left out in turn, so many, or all."""
-    n_members = len(members.weights)
-    return [int(member) for member in evenly(min(count, n_members), n_members)]
-
-
 def score_withheld(
     members: Members, truth: Array, prior: Array, rows: Array
 ) -> tuple[float, float]:
-    """Return the logarithm of CRPS over the mean absolute anomaly, over at most 300 nodes, and the coverage of 90 % intervals.
-
-    The measurements have a noise of unit variance, over which both are averaged: with the posterior covariance P and the rows H, the
-    noise n has the part P H' n in the estimate.
+    """Return the logarithm of CRPS over the mean absolute anomaly, over some nodes, and the coverage of 90 % intervals.
 
     Args:
         members: Their modes.
+        truth: As of ``predicted``.
+        prior: Alike.
+        rows: Alike, of one error for all levels.
+    """
+    _, modes = members.some(_SCORED)
+    noise = np.full(len(truth), LEVEL_ERROR_STD)
+    error, variance, of_noise = predicted(truth, prior, rows, noise, modes)
+    std, scatter = np.sqrt(variance), np.sqrt(of_noise)
+    relative = np.mean(crps_gaussian(error, std, scatter)) / np.mean(np.abs(truth @ modes.T))
+    return float(np.log(relative)), coverage(error, std, 0.9, scatter)
+
+
+def predicted(
+    truth: Array, prior: Array, rows: Array, noise: Array, modes: Array
+) -> tuple[Array, Array, Array]:
+    """Return the error of a truth's currents after measurements, their variance, and what the noise adds to the error's; shapes (Z, n).
+
+    Both are averaged over the noise: with the posterior covariance P and the rows H, the noise n has the part P H' n in the estimate.
+
+    Args:
         truth: shape (Z, r), weights about the prior's mean.
         prior: shape (Z r, Z r), covariance.
-        rows: shape (k, r), what is measured of each level's weights.
+        rows: shape (m, r), what is measured of each level's weights.
+        noise: shape (Z,), error of the rows of each level.
+        modes: shape (n, r), of the currents.
     """
-    n_levels, n_modes = truth.shape
-    some = evenly(min(_SCORED, len(members.nodes)), len(members.nodes))
-    modes = members.velocity_modes[np.concatenate([some, some + len(members.nodes)])]
-    cross = np.matmul(rows, prior.reshape(n_levels, n_modes, -1)).reshape(-1, prior.shape[0])  # H P
-    innovation = np.matmul(cross.reshape(len(cross), n_levels, n_modes), rows.T).reshape(
-        len(cross), -1
+    (n_levels, n_modes), size = truth.shape, len(rows) * len(truth)
+    by_level = prior.reshape(n_levels, n_modes, n_levels, n_modes)
+    cross = (rows @ by_level.reshape(n_levels, n_modes, -1) / noise[:, None, None]).reshape(
+        size, -1
+    )  # H P
+    innovation = (cross.reshape(size, n_levels, n_modes) @ rows.T / noise[:, None]).reshape(
+        size, -1
     )
-    innovation[np.diag_indices_from(innovation)] += 1.0
+    innovation[np.diag_indices(size)] += 1.0
     factor = scipy.linalg.cholesky(innovation, lower=True, overwrite_a=True, check_finite=False)
     # transposed, arrays are in the order of the Fortran routine
     whitened = dtrsm(1.0, factor, cross.T, side=1, lower=1, trans_a=1).T
     of_noise = dtrsm(1.0, factor, whitened.T, side=1, lower=1).T
-    error = ((truth @ rows.T).ravel() @ of_noise).reshape(truth.shape) - truth
+    values = (truth @ rows.T / noise[:, None]).ravel()
+    error = (values @ of_noise).reshape(truth.shape) - truth
 
-    def variance(covariance: Callable[[int], Array]) -> Array:
-        at = [np.einsum("nr,nr->n", modes @ covariance(z), modes) for z in range(n_levels)]
-        return np.maximum(at, 0.0)
+    def variance(covariance: Array) -> Array:
+        return np.asarray(np.maximum(np.sum((modes @ covariance) * modes, axis=2), 0.0))
 
-    by_level = prior.reshape(n_levels, n_modes, n_levels, n_modes)
-    taken, noise = (
-        each.reshape(-1, n_levels, n_modes).swapaxes(0, 1) for each in (whitened, of_noise)
+    taken, given = (
+        each.reshape(size, n_levels, n_modes).swapaxes(0, 1) for each in (whitened, of_noise)
     )
-    std = np.sqrt(variance(lambda z: by_level[z, :, z] - taken[z].T @ taken[z]))
-    scatter = np.sqrt(variance(lambda z: noise[z].T @ noise[z]))
-    error = error @ modes.T
-    relative = np.mean(crps_gaussian(error, std, scatter)) / np.mean(np.abs(truth @ modes.T))
-    return float(np.log(relative)), coverage(error, std, 0.9, scatter)
+    own = by_level[np.arange(n_levels), :, np.arange(n_levels)]
+    posterior = variance(own - taken.swapaxes(1, 2) @ taken)
+    return error @ modes.T, posterior, variance(given.swapaxes(1, 2) @ given)

@@ -7,7 +7,6 @@ counts once, and no N x N matrix is made. In large regions the products are in s
 cancels out over the nodes.
 """
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -17,8 +16,8 @@ from scipy.spatial.distance import cdist
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.basis.shifts import ShiftedModes
 
-# Nodes in a tile at most, and tiles in one product.
-_TILE, _RUN = 100, 3
+# Nodes in a tile at most.
+_TILE = 100
 # Fields of so many functions of depth are in memory together [bytes].
 _FIELD_BYTES = 1 << 29
 # Up to so many nodes double precision costs next to nothing.
@@ -92,29 +91,26 @@ def localised(
         nodes: shape (N, 2) [m].
         radius: Where the taper reaches zero [m].
     """
-    n_nodes, precision = len(nodes), np.float64 if len(nodes) <= _FEW_NODES else np.float32
+    n_nodes = len(nodes)
+    precision: Any = np.float64 if n_nodes <= _FEW_NODES else np.float32
     order, ends = tiles(nodes, _TILE)
     factors = _factors(covariances)
-    back = np.stack(
-        [projector[:, component * n_nodes + order].T for component in range(2)], axis=1
-    ).astype(precision)
+    back = np.stack([projector[:, part * n_nodes + order].T for part in range(2)], axis=1)
+    back, at_nodes = (each.astype(precision) for each in (back, velocity_modes))
     at_once = max(1, _FIELD_BYTES // (factors.shape[2] * back[:, :, 0].nbytes))
-    parts = []
+    parts = list[Array]()
     for start in range(0, len(factors), at_once):
-        some = factors[start : start + at_once]
         # (g, N, 2, f), and ``back`` (N, 2, r), node after node: a run of tiles is adjacent in memory
+        some = factors[start : start + at_once].astype(precision)
         fields = np.empty((len(some), n_nodes, 2, factors.shape[2]), dtype=precision)
-        for component in range(2):
-            at_nodes = velocity_modes[component * n_nodes + order].astype(precision)
-            for group, factor in enumerate(some.astype(precision)):
-                fields[group, :, component] = at_nodes @ factor
+        for part in range(2):
+            here = at_nodes[part * n_nodes + order]
+            for own, factor in zip(fields, some, strict=True):
+                own[:, part] = here @ factor
         parts.append(_half(fields, back, nodes[order], ends, radius))
     half = np.concatenate(parts)
-    return (
-        _positive(half + half.swapaxes(1, 2))
-        if precision is np.float32
-        else half + half.swapaxes(1, 2)
-    )
+    whole = half + half.swapaxes(1, 2)
+    return _positive(whole) if precision is np.float32 else whole
 
 
 def _half(
@@ -129,25 +125,26 @@ def _half(
         ends: Of the tiles.
         radius: Where the taper reaches zero [m].
     """
-    n_modes = back.shape[2]
-    half = np.zeros((len(fields), n_modes, n_modes))
-    for first, last, runs in _pairs(places, ends, radius):
-        here, n = fields[:, first:last].reshape(len(fields), 2 * (last - first), -1), last - first
-        projected = np.zeros((len(fields), 2 * n, n_modes), dtype=back.dtype)
-        for start, stop in runs:
-            there, m = (
-                fields[:, start:stop].reshape(len(fields), 2 * (stop - start), -1),
-                stop - start,
-            )
-            taper = gaspari_cohn(cdist(places[first:last], places[start:stop]), radius)
-            if start == first:
-                taper[:, :n] = 0.5 * taper[:, :n]
-            of_both = taper.astype(back.dtype).repeat(2, axis=0).repeat(2, axis=1)
-            to_modes = back[start:stop].reshape(2 * m, n_modes)
-            product = np.matmul(here, there.swapaxes(1, 2))
-            product *= of_both
-            projected += (product.reshape(-1, 2 * m) @ to_modes).reshape(projected.shape)
-        half += np.matmul(back[first:last].reshape(2 * n, n_modes).T, projected)
+    (n_groups, *_), n_modes = fields.shape, back.shape[2]
+    half, starts = np.zeros((n_groups, n_modes, n_modes)), np.append(0, ends[:-1])
+    low, high = (extreme.reduceat(places, starts, axis=0) for extreme in (np.minimum, np.maximum))
+    for tile, first in enumerate(starts):
+        own = slice(first, ends[tile])
+        here = fields[:, own].reshape(n_groups, -1, fields.shape[3])
+        apart = np.maximum(np.maximum(low[tile:] - high[tile], low[tile] - high[tile:]), 0.0)
+        near = tile + np.flatnonzero(np.hypot(*apart.T) < radius)
+        projected = np.zeros((n_groups, here.shape[1], n_modes), dtype=back.dtype)
+        for other in near:
+            at = slice(starts[other], ends[other])
+            there = fields[:, at].reshape(n_groups, -1, fields.shape[3])
+            taper = gaspari_cohn(cdist(places[own], places[at]), radius)
+            if other == tile:
+                taper *= 0.5
+            product = here @ there.swapaxes(1, 2)
+            product *= taper.astype(back.dtype).repeat(2, axis=0).repeat(2, axis=1)
+            flat = product.reshape(-1, product.shape[2]) @ back[at].reshape(-1, n_modes)
+            projected += flat.reshape(projected.shape)
+        half += back[own].reshape(-1, n_modes).T @ projected
     return half
 
 
@@ -171,26 +168,6 @@ def tiles(nodes: Array, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         by_place = tile[np.argsort(along, kind="stable")]
         left += [by_place[tile.size // 2 :], by_place[: tile.size // 2]]
     return np.concatenate(done), np.cumsum([tile.size for tile in done])
-
-
-def _pairs(
-    places: Array, ends: NDArray[np.intp], radius: float
-) -> Iterator[tuple[int, int, list[tuple[int, int]]]]:
-    """Yield each tile, its first and last node, and the runs of tiles within reach from itself on."""
-    starts = np.append(0, ends[:-1])
-    low, high = (function.reduceat(places, starts, axis=0) for function in (np.minimum, np.maximum))
-    for tile, (first, last) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
-        apart = np.maximum(np.maximum(low[tile:] - high[tile], low[tile] - high[tile:]), 0.0)
-        near = tile + np.flatnonzero(np.hypot(*apart.T) < radius)
-        yield (
-            first,
-            last,
-            [
-                (int(starts[part[0]]), int(ends[part[-1]]))
-                for run in np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
-                for part in np.split(run, range(_RUN, run.size, _RUN))
-            ],
-        )
 
 
 def _factors(covariances: Array) -> Array:

@@ -242,7 +242,7 @@ def scale_jacobian(update: Update) -> float:
     """
     column, total = update.column, 0.0
     for i, judgement in enumerate(update.judgements):
-        profile, layout = column.screened.usable_linear[i], column.layouts[i]
+        profile, layout = column.screened[i].linear, column.layouts[i]
         common = _scale_error_std(profile)
         if common is None or not judgement.accepted:
             continue

@@ -9,37 +9,28 @@ constant: W loses its direction.
 Values that are sums over several places, as a mean along a path, are their own column: q is their number, and J is one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import gradient, nearest_node
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import LinearMeasurement
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.extras import Extras
-from replay_kit.estimator.update.grouping import mean_time
-from replay_kit.estimator.update.layouts import Layout, Sight, layout_key, layouts_of
-from replay_kit.estimator.update.screening import (
-    ScreenedGroup,
-    local_values,
-    relative_velocities,
-)
+from replay_kit.estimator.update.grouping import mean_longitude, mean_time
+from replay_kit.estimator.update.layouts import Layout
+from replay_kit.estimator.update.screening import Screened
 
 # Between levels the representation error is linear; above and below them that of the nearest holds.
 _LINEAR = DepthFunctions("hat", 0.0)
 # Layouts that are remembered.
 _REMEMBERED = 64
-# A measurement, which of its values are used, and the node nearest to it.
-_Used = tuple[LinearMeasurement, NDArray[np.bool_], int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +38,7 @@ class Column:
     """Measurements that see one column, n of them.
 
     Attributes:
-        screened: The measurements after screening.
+        screened: The measurements.
         time_ns: For which they count [ns, UTC].
         design: shape (q, k), D at that time.
         axes: shape (c, a), of each measured component along the column's components.
@@ -55,7 +46,7 @@ class Column:
         about: Of each measurement, shape (m, c) [m/s]: its values less what is known.
     """
 
-    screened: ScreenedGroup
+    screened: tuple[Screened, ...]
     time_ns: int
     design: Array
     axes: Array
@@ -104,18 +95,14 @@ class Observer:
     Attributes:
         basis: Basis flows.
         process: The unknowns.
-        representation: shape (Z, N) [m/s], error of what the modes do not hold, at the nodes.
-        dropped: shape (Z, N) [m/s], prior standard deviation of what was dropped of what they do.
-        potential: shape (M, Z), latent values of the part of the mean with divergence; None without one.
+        dropped: shape (Z, N) [m/s], prior standard deviation of what was dropped of what the modes hold, at the nodes.
         stated_std: Error of all values [m/s] instead of their own; None for these.
         extras: Unknowns beside those of the process; None without any.
     """
 
     basis: Basis
     process: Process
-    representation: Array
     dropped: Array
-    potential: Array | None = None
     stated_std: float | None = None
     extras: Extras | None = None
 
@@ -136,7 +123,7 @@ class Observer:
     @cached_property
     def _latents(self) -> Array:
         """Latent values of the flow whose weights are zero, of the potential beside it, and of the modes: a place is looked up once."""
-        potential = [] if self.potential is None else [self.potential]
+        potential = [] if self.basis.potential is None else [self.basis.potential]
         return np.hstack([self.basis.offset, *potential, self.basis.modes])
 
     @cached_property
@@ -145,142 +132,116 @@ class Observer:
         return {}
 
     def error(self, scale: float, nodes: Any = slice(None)) -> Array:
-        """Return the error of what the unknowns do not hold at some nodes, shape (Z, n) [m/s], under a factor on the prior variance."""
+        """Return the error of what the unknowns do not hold at nodes, shape (Z, n) or (Z,) [m/s], under a factor on the prior variance."""
         dropped = np.sqrt(scale) * self.dropped[:, nodes]
-        return np.asarray(np.hypot(self.representation[:, nodes], dropped))
+        return np.asarray(np.hypot(self.basis.representation[:, nodes], dropped))
 
-    def columns(self, groups: Sequence[ScreenedGroup], scale: float = 1.0) -> list[Column]:
-        """Return the columns that groups of measurements see, under a factor on the prior variance; each has a usable value."""
-        at_place = [each for each in groups if each.usable_linear[0].at_one_place]
-        found = iter(self._at_places(at_place, scale) if at_place else ())
+    def columns(self, groups: Sequence[Sequence[Screened]], scale: float = 1.0) -> list[Column]:
+        """Return the columns that groups of measurements see, under a factor on the prior variance; none for one without a usable value."""
+        used = [own for group in groups if (own := tuple(each for each in group if each.is_used))]
+        at_place = self._at_places([own for own in used if own[0].linear.at_one_place], scale)
         return [
-            next(found) if each.usable_linear[0].at_one_place else self._along_path(each, scale)
-            for each in groups
+            next(at_place) if own[0].linear.at_one_place else self._along_path(own, scale)
+            for own in used
         ]
 
-    def _at_places(self, groups: Sequence[ScreenedGroup], scale: float) -> list[Column]:
+    def _at_places(self, groups: Sequence[tuple[Screened, ...]], scale: float) -> Iterator[Column]:
+        if not groups:
+            return
         basis, grid = self.basis, self.basis.grid
-        middles = np.array([each.middle for each in groups])
-        places = np.column_stack(to_local(grid.projection, *middles.T))
-        times = np.array([mean_time(each.usable_linear) for each in groups], np.int64)
-        both, n = basis.horizontal.velocity(places, self._latents), grid.levels.size
-        offset, modes = both[..., :n], both[..., both.shape[2] - basis.n_modes :]
-        if self.potential is not None:
-            offset = offset + gradient(both[..., n : 2 * n])
+        middles = [np.array([each.linear.middle for each in group]) for group in groups]
+        each = np.array([(mean_longitude(lon), lat.mean()) for lon, lat in (m.T for m in middles)])
+        places = np.column_stack(to_local(grid.projection, *each.T))
+        times = np.array([mean_time([one.linear for one in own]) for own in groups], np.int64)
+        offset, modes = self._flows(basis.horizontal.velocity(places, self._latents))
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
-        known = offset.swapaxes(0, 1) + mean  # (n, 2, Z)
-        nodes, out = nearest_node(grid, places), []
-        each = [
-            (linear, used, node)
-            for group, node in zip(groups, nodes.tolist(), strict=True)
-            for linear, used in zip(group.usable_linear, group.is_used, strict=True)
-        ]
-        layouts, (measurements, flags, _) = (
-            iter(self._layouts_of(each, scale)),
-            zip(*each, strict=True),
-        )
-        values = local_values(measurements, flags, grid.projection)
+        known, nodes = offset.swapaxes(0, 1) + mean, nearest_node(grid, places)  # (n, 2, Z)
         for g, group in enumerate(groups):
-            own = tuple(islice(layouts, len(group.usable_linear)))
-            about, axes = list[Array](), np.eye(2)
-            for layout, (value, axes) in zip(own, values, strict=False):
-                about.append(value - layout.levels @ known[g].T @ axes.T)
-            design = self._with_extras(designs[g], group, int(times[g]))
-            out.append(Column(group, int(times[g]), design, axes, own, tuple(about)))
-        return out
+            layouts = tuple(self._layout(one, int(nodes[g]), scale) for one in group)
+            values, axes = zip(*(one.local() for one in group), strict=True)
+            about = tuple(
+                value - layout.levels @ known[g].T @ axes[0].T
+                for value, layout in zip(values, layouts, strict=True)
+            )
+            design, time_ns = designs[g], int(times[g])
+            if self.extras is not None:
+                stated = [v for one in group if (v := one.relative_velocity()) is not None]
+                relative = np.mean(stated, axis=0) if stated else None
+                design = _beside(design, self.extras.column(time_ns, relative))
+            design = design.reshape(-1, self.size)
+            yield Column(group, time_ns, design, axes[0], layouts, about)
 
-    def _with_extras(self, design: Array, group: ScreenedGroup, time_ns: int) -> Array:
-        """Return the design of a column, shape (q, k), of that of the process, shape (2, K, k')."""
-        if self.extras is not None:
-            relative = relative_velocities(group.usable_linear, group.is_used, self.basis.grid)
-            mean = None if relative is None else relative.mean(axis=0)
-            more, (_, n, size) = self.extras.column(time_ns, mean), design.shape
-            both = np.zeros((2, n + more.shape[1], size + more.shape[2]))
-            both[:, :n, :size], both[:, n:, size:] = design, more
-            design = both
-        return design.reshape(-1, design.shape[2])
+    def _flows(self, both: Array) -> tuple[Array, Array]:
+        """Return the flow whose weights are zero, shape (2, n, Z), and the modes, shape (2, n, r), of the velocities of ``_latents``."""
+        n = self.basis.grid.levels.size
+        offset, modes = both[..., :n], both[..., both.shape[2] - self.basis.n_modes :]
+        if self.basis.potential is not None:
+            offset = offset + gradient(both[..., n : 2 * n])
+        return offset, modes
 
-    def _layouts_of(self, some: Sequence[_Used], scale: float) -> list[Layout]:
-        """Return the layouts of measurements, under a factor on the prior variance."""
-        keys = [(layout_key(linear, used), node, scale) for linear, used, node in some]
-        new = {key: one for key, one in zip(keys, some, strict=True) if key not in self._layouts}
-        known = {key: self._layouts[key] for key in keys if key not in new}
-        if new:
-            known |= zip(new, self._made(list(new.values()), scale), strict=True)
-        self._layouts.update(known)
-        for key in list(self._layouts)[:-_REMEMBERED]:
-            del self._layouts[key]
-        return [known[key] for key in keys]
-
-    def _made(self, some: Sequence[_Used], scale: float) -> list[Layout]:
-        depth = np.concatenate([linear.depth for linear, _, _ in some])
-        ends = np.cumsum([linear.depth.size for linear, _, _ in some])[:-1]
-        hats = np.split(self.basis.depth_weights(depth), ends)
-        between = np.split(depth_weights(_LINEAR, depth, self.basis.grid.levels), ends)
-        errors, parts = self.error(scale, [node for _, _, node in some]).T, list[Sight]()
-        for i, (linear, used, _) in enumerate(some):
-            at = np.flatnonzero(used)
-            levels = linear.at_values(hats[i])[at]
+    def _layout(self, one: Screened, node: int, scale: float) -> Layout:
+        """Return the layout of a measurement at one place near a node, under a factor on the prior variance."""
+        linear, used, held = one.linear, one.used, self._layouts
+        arrays = linear.depth, linear.weights, linear.error_std, linear.correlation, used
+        parts = (None if each is None else each.tobytes() for each in arrays)
+        key = (linear.common_std, linear.correlation_depth, node, scale, *parts)
+        if key not in held:
+            levels = linear.at_values(self.basis.depth_weights(linear.depth))[used]
             functions = levels @ self.process.functions.T
             if self.extras is not None:
-                more = linear.at_values(self.extras.functions(linear.depth))[at]
+                more = linear.at_values(self.extras.functions(linear.depth))[used]
                 functions = np.hstack([functions, more])
-            covariance = self._covariance(linear, at, linear.at_values(between[i] @ errors[i])[at])
-            parts.append(Sight(levels, functions, covariance, linear.reference == "relative"))
-        return layouts_of(parts)
+            between = depth_weights(_LINEAR, linear.depth, self.basis.grid.levels)
+            error = linear.at_values(between @ self.error(scale, node))[used]
+            covariance = self._covariance(one, error)
+            if len(held) >= _REMEMBERED:
+                del held[next(iter(held))]
+            held[key] = Layout.of(levels, functions, covariance, linear.reference == "relative")
+        return held[key]
 
-    def _along_path(self, group: ScreenedGroup, scale: float) -> Column:
-        (linear,), (used,) = group.usable_linear, group.is_used
-        basis, at, grid = self.basis, np.flatnonzero(used), self.basis.grid
+    def _along_path(self, own: tuple[Screened, ...], scale: float) -> Column:
+        basis, grid, linear = self.basis, self.basis.grid, own[0].linear
         places = np.column_stack(to_local(grid.projection, linear.longitude, linear.latitude))
-        levels = basis.depth_weights(linear.depth)
-        shares = self.process.shares(_times(linear))
-        weights = np.eye(len(places))[at] if linear.weights is None else linear.weights[at]
+        levels, times = basis.depth_weights(linear.depth), linear.point_time_ns
+        if times is None:
+            times = np.full(len(places), linear.time_ns, np.int64)
+        shares = self.process.shares(times)
+        weights = (np.eye(len(places)) if linear.weights is None else linear.weights)[own[0].used]
         # (T m, P Z) sums over the points of each value, by share of each forecast time
         by_time = (shares.T[:, None] * weights).reshape(-1, len(places))
         by_level = (by_time[:, :, None] * levels).swapaxes(1, 2)  # (T m, Z, P)
         flat = by_level.reshape(-1, len(places))
-        offset, modes = basis.horizontal.sums(places, flat, basis.offset, basis.modes)
-        n, n_levels = len(at), levels.shape[1]
+        offset, modes = self._flows(flat @ basis.horizontal.velocity(places, self._latents))
+        n, n_levels = len(weights), levels.shape[1]
         sums = modes.reshape(2, shares.shape[1], n, n_levels, -1)
-        ((values, axes),) = local_values([linear], [used], grid.projection)
-        if self.potential is not None:
-            (turned,) = basis.horizontal.sums(places, flat, self.potential)
-            offset = offset + gradient(turned)
-        own = np.einsum("ctnzz->cn", offset.reshape(2, shares.shape[1], n, n_levels, n_levels))
-        known, design = zip(
-            *(
-                self.process.project_sums(
-                    np.tensordot(axis, sums, 1), np.any(shares, axis=0).astype(np.float64)
-                )
-                for axis in axes
-            ),
+        known = np.einsum("ctnzz->cn", offset.reshape(*sums.shape[:4], n_levels))
+        (values, axes), used = own[0].local(), np.any(shares, axis=0).astype(np.float64)
+        mean, rows = zip(
+            *(self.process.project_sums(np.tensordot(axis, sums, 1), used) for axis in axes),
             strict=True,
         )
-        extra = (
-            depth_weights(_LINEAR, linear.depth, grid.levels)
-            * self.error(scale, nearest_node(grid, places)).T
-        )
-        covariance = self._covariance(linear, at, weights @ extra.sum(axis=1))
-        about = values - (axes @ own).T - np.array(known).T
+        between = depth_weights(_LINEAR, linear.depth, grid.levels)
+        extra = np.sum(between * self.error(scale, nearest_node(grid, places)).T, axis=1)
+        covariance = self._covariance(own[0], weights @ extra)
         relative = linear.reference == "relative"
-        (layout,) = layouts_of([Sight(np.empty((n, 0)), np.eye(n), covariance, relative)])
-        rows = np.concatenate(design)
+        layout = Layout.of(np.empty((n, 0)), np.eye(n), covariance, relative)
+        design = np.concatenate(rows)
         if self.extras is not None:
-            more = axes @ self.extras.sums(weights, linear.depth, _times(linear)).reshape(2, -1)
-            rows = np.hstack([rows, more.reshape(len(rows), -1)])
-        return Column(group, linear.time_ns, rows, np.eye(len(axes)), (layout,), (about,))
+            more = np.tensordot(axes, self.extras.sums(weights, linear.depth, times), 1)
+            design = np.hstack([design, more.reshape(len(design), -1)])
+        about = values - (axes @ known).T - np.array(mean).T
+        return Column(own, linear.time_ns, design, np.eye(len(axes)), (layout,), (about,))
 
-    def _covariance(self, linear: LinearMeasurement, at: NDArray[np.intp], extra: Array) -> Array:
-        """Return the error covariance of some values, shape (m, m) [m^2/s^2], with what the unknowns do not hold, shape (m,) [m/s]."""
-        if self.stated_std is not None and linear.at_one_place:
-            return self.stated_std**2 * np.eye(len(at))
-        covariance = linear.covariance(at)
-        covariance[np.diag_indices_from(covariance)] += extra**2
-        return covariance
+    def _covariance(self, one: Screened, extra: Array) -> Array:
+        """Return the error covariance of the used values, shape (m, m) [m^2/s^2], with what the unknowns do not hold, shape (m,) [m/s]."""
+        if self.stated_std is not None and one.linear.at_one_place:
+            return self.stated_std**2 * np.eye(extra.size)
+        return one.linear.covariance(np.flatnonzero(one.used)) + np.diag(extra**2)
 
 
-def _times(linear: LinearMeasurement) -> NDArray[np.int64]:
-    if linear.point_time_ns is not None:
-        return linear.point_time_ns
-    return np.full(linear.longitude.size, linear.time_ns, np.int64)
+def _beside(design: Array, more: Array) -> Array:
+    """Return designs of other functions and unknowns one beside the other, of shapes (2, K, k): block-diagonal in both."""
+    (_, n, size), (_, n_more, size_more) = design.shape, more.shape
+    both = np.zeros((2, n + n_more, size + size_more))
+    both[:, :n, :size], both[:, n:, size:] = design, more
+    return both

@@ -1,15 +1,16 @@
 """Which profiles are combined: those near enough in time and place that the current between them hardly differs."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import cos, hypot, isfinite, radians
 
 import numpy as np
 
-from replay_kit.core.arrays import Array, one_by_one
+from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement, Observation, Source, VehicleState
+from replay_kit.estimator.basis.slices import mean_squares
 
 #: Share of the error of a bin's mean that the current's difference within a group may have.
 SHARE = 0.25
@@ -127,43 +128,22 @@ def _error_of(first: Observation) -> float:
 
 def _are_alike(first: Observation, profile: Observation) -> bool:
     """Return whether profiles are of one instrument and dive, have as many bins in nearly the same depths, and lack the same."""
-    if first.depth.size != profile.depth.size or first.depth.size < 2 or first.dive != profile.dive:
+    if first.depth.size < 2 or _kind(first) != _kind(profile):
         return False
-    one, other = first.source, profile.source
-    if (one.input, one.topic) != (
-        other.input,
-        other.topic,
-    ) or first.correlation_depth != profile.correlation_depth:
-        return False
-    lacks = (first.platform_velocity is None) != (profile.platform_velocity is None)
-    if lacks or (first.common_std < np.inf) != (profile.common_std < np.inf):
-        return False
-    cell, step = (
-        abs(float(first.depth[1] - first.depth[0])),
-        abs(float(profile.depth[0] - first.depth[0])),
-    )
-    return step <= cell
+    return bool(abs(profile.depth[0] - first.depth[0]) <= abs(first.depth[1] - first.depth[0]))
+
+
+def _kind(profile: Observation) -> tuple[Hashable, ...]:
+    source, lacks = profile.source, profile.platform_velocity is None
+    kept = profile.dive, profile.depth.size, profile.correlation_depth, profile.common_std < np.inf
+    return source.input, source.topic, lacks, *kept
 
 
 def current_gradient(ensemble: Ensemble) -> float:
     """Return the RMS difference of an ensemble's currents between neighbouring grid points over their distance [1/s], the larger axis's."""
-    grid, found = ensemble.grid, [0.0]
-    for axis in (-2, -1):
-        way = grid.steps(axis)
-        wet = np.delete(grid.wet, -1, axis=axis) & np.delete(grid.wet, 0, axis=axis)
-        if wet.any():
-            # one member at a time: ensembles may be larger than memory
-            squares = [
-                float(np.sum(np.square(np.diff(member, axis=axis) / way)[:, wet]))
-                for member in one_by_one(ensemble.velocity)
-            ]
-            found.append(
-                float(np.sqrt(sum(squares) / (ensemble.n_members * np.count_nonzero(wet))))
-            )
-    return max(found)
+    return float(np.sqrt(2.0 * mean_squares(ensemble, about_mean=False)[1:].max()))
 
 
 def spread_of(ensembles: Sequence[Ensemble]) -> float:
     """Return the RMS standard deviation of a component of ensembles' members [m/s]."""
-    variances = [np.mean(np.var(each.velocity, axis=0)[:, each.grid.wet]) for each in ensembles]
-    return float(np.sqrt(np.mean(variances)))
+    return float(np.sqrt(np.mean([mean_squares(each)[0] for each in ensembles])))

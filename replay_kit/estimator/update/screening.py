@@ -1,8 +1,7 @@
 """Screening: which bins of a measurement an estimator of a region can use, and the innovation of a measurement that is not used."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import groupby
 
 import numpy as np
@@ -10,18 +9,16 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, replace
 from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_local
-from replay_kit.core.grid import Grid, Projection
+from replay_kit.core.grid import Grid
 from replay_kit.core.observation import (
     BOTH_COMPONENTS,
     Flag,
     Innovation,
     LinearMeasurement,
     Measurement,
-    PathMean,
     Reason,
     usable,
 )
-from replay_kit.estimator.update.grouping import mean_longitude
 
 
 def screen(
@@ -41,7 +38,7 @@ def screen(
     )
     (first, *others) = measurements
     spread = not (others or first.at_one_place)
-    places = first.value_places if spread else _places(measurements)
+    places = first.value_places if spread else np.array([each.middle for each in measurements]).T
     # shapes (n, 1), or (1, m) of one measurement whose values have places of their own
     east, north = (
         each[None] if spread else each[:, None] for each in to_local(grid.projection, *places)
@@ -75,159 +72,114 @@ def _is_wet(grid: Grid, depth: Array, east: Array, north: Array) -> NDArray[np.b
     return np.asarray(grid.wet.reshape(grid.levels.size, -1)[level, nearest])
 
 
-# Not slotted: what is asked for again and again is kept.
-@dataclass(frozen=True, eq=False)
-class ScreenedGroup:
-    """Measurements with as many values each, after screening.
+@dataclass(frozen=True, slots=True, eq=False)
+class Screened:
+    """A measurement after screening.
 
     Attributes:
-        events: In order.
-        linear: The same as estimators see them.
-        flags: shape (n, m).
-        reasons: shape (n, m).
-        rejected: Those that are not used although they have usable values, and why.
-        used: Positions of those that are used.
-        projection: Of the region.
+        event: The measurement.
+        linear: The same as estimators see it.
+        flags: shape (m,).
+        reasons: shape (m,).
+        used: shape (m,), which values are used.
+        refused: Why none is although some are usable.
+        turn: shape (2, 2), of true east and true north, along the local axes at its last point.
     """
 
-    events: tuple[Measurement, ...]
-    linear: tuple[LinearMeasurement, ...]
+    event: Measurement
+    linear: LinearMeasurement
     flags: NDArray[np.int8]
     reasons: NDArray[np.int32]
-    rejected: Mapping[int, Reason]
-    used: NDArray[np.intp]
-    projection: Projection
-
-    @cached_property
-    def usable_linear(self) -> tuple[LinearMeasurement, ...]:
-        """Those that are used."""
-        return tuple(self.linear[i] for i in self.used)
-
-    @cached_property
-    def is_used(self) -> NDArray[np.bool_]:
-        """Which of their values are used, shape (n, m)."""
-        return usable(self.flags[self.used])
+    used: NDArray[np.bool_]
+    refused: Reason
+    turn: Array
 
     @property
-    def middle(self) -> tuple[float, float]:
-        """Mean longitude and latitude of those that are used [degrees]."""
-        longitude, latitude = _places(self.usable_linear)
-        return mean_longitude(longitude), float(latitude.mean())
+    def is_used(self) -> bool:
+        """Whether any is."""
+        return bool(self.used.any())
 
-    def measured(self, levels: Array) -> NDArray[np.bool_]:
-        """Return the levels nearest to the values that are used, and those between them, shape (Z,); ``levels`` alike [m]."""
-        depth = np.array([each.value_depth for each in self.usable_linear])[self.is_used]
-        first, last = (np.abs(levels - end).argmin() for end in (depth.min(), depth.max()))
-        at = np.arange(levels.size)
-        return np.asarray((at >= first) & (at <= last))
+    def local(self) -> tuple[Array, Array]:
+        """Return the used values, shape (n, c) [m/s], and the components of the local axes that they measure, shape (c, 2).
 
-    def unused(self, i: int) -> Innovation:
-        """Return the innovation of a measurement that is not used."""
-        linear, flags, reasons = self.linear[i], self.flags[i], self.reasons[i]
-        blank = _with_mean_current(
-            unused_innovation(linear, flags, reasons), linear, self.projection
-        )
-        if i not in self.rejected:
-            return blank
-        failed = np.where(usable(flags), Flag.FAIL, flags).astype(np.int8)
-        reasons = reasons | np.int32(self.rejected[i])
-        return replace(blank, flags=failed, reasons=reasons, decision="rejected")
+        Both components become those of the local axes; directions are those at the last point.
+        """
+        value, turned = self.linear.value[self.used], self.linear.components @ self.turn
+        return (value @ turned, BOTH_COMPONENTS) if len(turned) == 2 else (value, turned)
 
+    def relative_velocity(self) -> Array | None:
+        """Return the mean velocity of the used bins relative to the platform, shape (2,) [m/s], local axes; None where it is not stated."""
+        linear, platform = self.linear, self.linear.platform_velocity
+        if platform is None and (linear.reference == "absolute" or len(linear.components) < 2):
+            return None
+        return np.asarray((linear.value[self.used].mean(axis=0) - (platform or 0.0)) @ self.turn)
 
-def screen_group(
-    events: Sequence[Measurement],
-    last: LinearMeasurement | None,
-    grid: Grid,
-    late: bool = False,
-    relative: bool = True,
-) -> ScreenedGroup:
-    """Return measurements after screening.
+    def among(self, values: Array) -> Array:
+        """Return values of the used bins, shape (..., n, 2), among all bins, shape (..., m, 2); NaN for the others."""
+        out = np.full((*values.shape[:-2], self.flags.size, 2), np.nan)
+        out[..., self.used, :] = values
+        return out
 
-    Args:
-        events: With as many values each.
-        last: The last measurement with a usable value before them; an equal one that follows is a duplicate.
-        grid: The region.
-        late: Whether they are too old for the estimate.
-        relative: As of ``screen``.
-    """
-    (group,) = screen_groups([events], last, grid, [late], relative)
-    return group
+    def unused(self) -> Innovation:
+        """Return the innovation of a measurement that is not used, with the mean along a path that it states."""
+        flags, reasons = self.flags, self.reasons | np.int32(self.refused)
+        if self.refused:
+            flags = np.where(usable(flags), Flag.FAIL, flags).astype(np.int8)
+        blank, mean = unused_innovation(self.event, flags, reasons), self.linear.label.mean
+        if self.refused:
+            blank = replace(blank, decision="rejected")
+        if mean is None:
+            return replace(blank, mean_kind=self.linear.label.kind)
+        if mean.corrected is not None:
+            corrected = np.array(mean.corrected) @ self.turn
+            blank = replace(blank, corrected_current=corrected, corrected_std=mean.used_std)
+        measured = np.array(mean.velocity) @ self.turn
+        return replace(blank, mean_current=measured, mean_kind=mean.kind, mean_std=mean.error_std)
 
 
-def screen_groups(
+def screened(
     groups: Sequence[Sequence[Measurement]],
-    last: LinearMeasurement | None,
     grid: Grid,
-    late: Sequence[bool],
+    last: LinearMeasurement | None = None,
+    earliest: float = -np.inf,
     relative: bool = True,
-) -> Iterator[ScreenedGroup]:
-    """Yield groups of measurements after screening, one after another; those of as many values together.
+) -> list[tuple[Screened, ...]]:
+    """Return groups of measurements after screening; those of as many values are screened together.
 
     Args:
-        groups: As of ``screen_group``.
-        last: Alike, before the first.
+        groups: In order; those of a group have as many values each.
         grid: The region.
-        late: Of each group.
+        last: The last measurement with a usable value before them; an equal one that follows is a duplicate.
+        earliest: Time before which they are too old for the estimate [ns, UTC].
         relative: As of ``screen``.
     """
-    linear = [tuple(each.linear for each in events) for events in groups]
+    found = list[tuple[Screened, ...]]()
 
-    def alike(number: int) -> tuple[int, int]:
-        first = linear[number][0]
-        return first.flags.size, -1 if first.at_one_place else number
+    def alike(number: int) -> tuple[tuple[int, ...], int]:
+        first = groups[number][0].linear
+        return first.value.shape, -1 if first.at_one_place else number
 
     for _, numbers in groupby(range(len(groups)), alike):
-        some = list(numbers)
-        together = [each for number in some for each in linear[number]]
-        flags, reasons = screen(together, grid, relative)
-        start = 0
-        for number in some:
-            own = slice(start, start + len(linear[number]))
-            start = own.stop
-            used, rejected = [], dict[int, Reason]()
-            for i in np.flatnonzero(usable(flags[own]).any(axis=1)).tolist():
-                if late[number]:
-                    rejected[i] = Reason.OUT_OF_ORDER
-                elif is_duplicate(last, linear[number][i]):
-                    rejected[i] = Reason.DUPLICATE
-                else:
-                    used.append(i)
-                    last = linear[number][i]
-            yield ScreenedGroup(
-                tuple(groups[number]),
-                linear[number],
-                flags[own],
-                reasons[own],
-                rejected,
-                np.array(used, np.intp),
-                grid.projection,
-            )
-
-
-def _with_mean_current(
-    innovation: Innovation, linear: LinearMeasurement, projection: Projection
-) -> Innovation:
-    """Return an innovation with the measured mean along a path and its correction, or with the source that is not the vehicle's own."""
-    mean = linear.label.mean
-    if mean is None:
-        kind = linear.label.kind
-        return replace(innovation, mean_kind=kind) if kind else innovation
-    if mean.corrected is not None:
-        innovation = replace(
-            innovation,
-            corrected_current=local_mean(mean, projection)[0],
-            corrected_std=mean.used_std,
-        )
-    measured = local_mean(replace(mean, corrected=None), projection)[0]
-    return replace(innovation, mean_current=measured, mean_kind=mean.kind, mean_std=mean.error_std)
-
-
-def local_mean(mean: PathMean, projection: Projection) -> Array:
-    """Return a mean along a path, as it is used, along the local axes, shape (1, 2) [m/s], rotated at the end of the path."""
-    u, v = rotate_to_local(
-        projection, float(mean.longitude[-1]), float(mean.latitude[-1]), *mean.used
-    )
-    return np.array([[float(u), float(v)]])
+        some = [groups[number] for number in numbers]
+        events = [event for group in some for event in group]
+        linear = [event.linear for event in events]
+        ends = np.array([(each.longitude[-1], each.latitude[-1]) for each in linear])
+        axes = rotate_to_local(grid.projection, *ends.T[..., None], *np.eye(2))
+        each = zip(events, linear, *screen(linear, grid, relative), np.stack(axes, -1), strict=True)
+        for group in some:
+            old, own = min(event.time_ns for event in group) < earliest, list[Screened]()
+            for _ in group:
+                event, one, flags, reasons, turn = next(each)
+                used, refused = usable(flags), Reason.NONE
+                if used.any():
+                    if old or is_duplicate(last, one):
+                        refused = Reason.OUT_OF_ORDER if old else Reason.DUPLICATE
+                        used = np.zeros_like(used)
+                    else:
+                        last = one
+                own.append(Screened(event, one, flags, reasons, used, refused, turn))
+            found.append(tuple(own))
+    return found
 
 
 def unused_innovation(
@@ -263,48 +215,3 @@ def is_duplicate(last: LinearMeasurement | None, observation: Measurement) -> bo
     return all(
         np.array_equal(getattr(last, name), getattr(linear, name), equal_nan=True) for name in names
     )
-
-
-def _places(measurements: Sequence[LinearMeasurement]) -> tuple[Array, Array]:
-    """Return longitude and latitude of measurements, shape (n,) each [degrees]."""
-    if all(each.longitude.size == 1 for each in measurements):
-        return (
-            np.concatenate([each.longitude for each in measurements]),
-            np.concatenate([each.latitude for each in measurements]),
-        )
-    longitude, latitude = np.array([*zip(*(each.middle for each in measurements), strict=True)])
-    return longitude, latitude
-
-
-def local_values(
-    measurements: Sequence[LinearMeasurement],
-    used: Sequence[NDArray[np.bool_]],
-    projection: Projection,
-) -> Iterator[tuple[Array, Array]]:
-    """Yield the used values of measurements, shape (n, c) [m/s], and the components of the local axes that they measure, shape (c, 2).
-
-    Both components become those of the local axes; directions are those at the last point.
-    """
-    places = np.array([(each.longitude[-1], each.latitude[-1]) for each in measurements])
-    # of true east and true north, shape (2, 2), along the local axes
-    axes = rotate_to_local(projection, *places.T[..., None], *np.eye(2))
-    for each, own, turn in zip(measurements, used, np.stack(axes, axis=-1), strict=True):
-        value, turned = each.value[own], each.components @ turn
-        yield (value @ turned, BOTH_COMPONENTS) if len(turned) == 2 else (value, turned)
-
-
-def relative_velocities(
-    profiles: Sequence[LinearMeasurement], used: NDArray[np.bool_], grid: Grid
-) -> Array | None:
-    """Return the mean velocity of the used bins relative to the platform, shape (n, 2) [m/s], local axes; None where it is not stated."""
-    first = profiles[0]
-    platform = np.zeros((len(profiles), 2))
-    if first.platform_velocity is not None:
-        platform = np.array([each.platform_velocity for each in profiles])
-    elif first.reference == "absolute" or len(first.components) < 2:
-        return None
-    velocity = np.where(
-        used[..., None], np.array([each.value for each in profiles]) - platform[:, None], 0.0
-    )
-    mean = velocity.sum(axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]
-    return np.column_stack(rotate_to_local(grid.projection, *_places(profiles), *mean.T))

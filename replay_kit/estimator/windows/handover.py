@@ -17,7 +17,6 @@ What the second basis cannot represent, and what the combinations leave out, is 
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import nearest_node, with_potential
@@ -26,6 +25,7 @@ from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
 from replay_kit.estimator.estimator import ReducedBasisEstimator
 from replay_kit.estimator.state import State, conditioned
+from replay_kit.estimator.update.assimilate import lower_solved
 from replay_kit.estimator.update.columns import Observer
 
 # Points of an overlap at most: every second or third row and column of a window's own.
@@ -55,55 +55,46 @@ def hand_over(
     points = overlap(before.grid, after.grid)
     if not len(points):
         return begun, 0.0
-    old, new = before.observer.process, after.observer.process
-    modes, offset = _velocities(before.observer, points)
-    next_modes, next_offset = _velocities(after.observer, points)
-    across = _combinations(old, modes)
-    design = _design(old, old.functions, across.T @ modes)
+    (old, modes, offset), (new, next_modes, next_offset) = (
+        _at(each.observer, points) for each in (before, after)
+    )
+    vertical, across = old.functions, _combinations(old, modes)
+    design = _design(old, vertical, across.T @ modes)
     cross = state.products(design)
     directions, share = _learnt_directions(design @ design.T, cross @ design.T)
     if not share.size:
         return begun, 0.0
     change = modes @ (old.weights(state.x, 0) - old.mean_at(0)).T  # (2P, Z)
-    vertical = old.functions
-    kept = _projected(next_modes, across @ (across.T @ change @ vertical.T) @ vertical)
-    lost = change - kept
+    held = across @ (across.T @ change @ vertical.T) @ vertical
+    # of which the next basis has its least-squares fit
+    lost = change - next_modes @ np.linalg.lstsq(next_modes, held, rcond=1e-6)[0]
     # what is lost is as smooth as the combinations, not white from point to point: all of it lies in as many unknowns as there are of them
     missed = np.sum(lost**2, axis=0) / across.shape[1]
-    nearest = nearest_node(after.grid, points)
-    unheld = np.mean(after.observer.error(begun.scale, nearest) ** 2, axis=1)
-    error = np.repeat(vertical**2 @ (unheld + missed), across.shape[1])
+    unheld = after.observer.error(begun.scale, nearest_node(after.grid, points)) ** 2
+    error = np.repeat(vertical**2 @ (unheld.mean(axis=1) + missed), across.shape[1])
     lower = np.linalg.cholesky(np.diag((1.0 - share) / share) + (directions * error) @ directions.T)
-    known = [
-        (vertical @ (at_zero + v @ process.mean_at(0).T).T @ across).ravel()
-        for process, v, at_zero in ((old, modes, offset), (new, next_modes, next_offset))
-    ]
-    values = directions @ (design @ state.x) / share + directions @ (known[0] - known[1])
+    # what is known at zero unknowns differs too
+    known = (vertical @ (offset - next_offset).T @ across).ravel()
+    values = directions @ (design @ state.x) / share + directions @ known
     rows = directions @ _design(new, vertical, across.T @ next_modes)
-    whitened = np.asarray(
-        scipy.linalg.solve_triangular(lower, np.column_stack([rows, values]), lower=True)
-    )
+    whitened = lower_solved(lower, np.column_stack([rows, values]))
     after_rows = conditioned(begun, whitened[:, :-1], whitened[:, -1])
     return replace(after_rows, profiles=state.profiles), float(np.sqrt(np.mean(lost**2)))
 
 
 def _begun(state: State, before: ReducedBasisEstimator, after: ReducedBasisEstimator) -> State:
     """Return the next window's state before the information of another: under the prior of the same members, as the log showed it."""
-    begun = replace(
-        after.initial(), time_ns=state.time_ns, last=state.last, measured=state.measured
-    )
+    first = after.initial()
+    begun = replace(first, time_ns=state.time_ns, last=state.last, measured=state.measured)
     if before.evidence is None or after.evidence is None:
         return begun
-    if state.doubt is None:
-        begun = replace(begun, doubt=None)
-    p, part = begun.p.copy(order="F"), after.evidence.parts.scaled
+    p, part, centre = begun.p.copy(order="F"), after.evidence.parts.scaled, state.centre
     p[part, part] *= state.scale
-    begun = replace(begun, p=p, scale=state.scale)
-    if state.centre is None:
-        return begun
-    # in the unit of a member's anomaly, which goes with the share of the sample covariance
-    unit = after.evidence.parts.anomaly / before.evidence.parts.anomaly
-    return replace(begun, centre=unit * state.centre)
+    if centre is not None:
+        # in the unit of a member's anomaly, which goes with the share of the sample covariance
+        centre = centre * (after.evidence.parts.anomaly / before.evidence.parts.anomaly)
+    doubt = None if state.doubt is None else begun.doubt
+    return replace(begun, p=p, scale=state.scale, centre=centre, doubt=doubt)
 
 
 def overlap(one: Grid, other: Grid) -> Array:
@@ -116,12 +107,12 @@ def overlap(one: Grid, other: Grid) -> Array:
     return np.column_stack([one.east[chosen], one.north[chosen]])
 
 
-def _velocities(observer: Observer, points: Array) -> tuple[Array, Array]:
-    """Return the velocities at points of the modes, shape (2P, r), and of the flow without weights, shape (2P, Z)."""
-    basis = observer.basis
-    modes = basis.horizontal.velocity(points, basis.modes)
-    offset = with_potential(basis.horizontal, points, basis.offset, observer.potential)
-    return modes.reshape(2 * len(points), -1), offset.reshape(2 * len(points), -1)
+def _at(observer: Observer, points: Array) -> tuple[Process, Array, Array]:
+    """Return the unknowns, and velocities at points: of the modes, shape (2P, r), and of unknowns that are zero, shape (2P, Z)."""
+    basis, process = observer.basis, observer.process
+    modes = basis.horizontal.velocity(points, basis.modes).reshape(2 * len(points), -1)
+    offset = with_potential(basis.horizontal, points, basis.offset, basis.potential)
+    return process, modes, offset.reshape(len(modes), -1) + modes @ process.mean_at(0).T
 
 
 def _design(process: Process, vertical: Array, modes: Array) -> Array:
@@ -142,18 +133,9 @@ def _combinations(process: Process, modes: Array) -> Array:
     std = np.sqrt(np.square(process.loading(0)).sum(axis=(0, 1)))
     across, strength, _ = np.linalg.svd(modes * std, full_matrices=False)
     most = max(_MOST // len(process.functions), 1)
-    return np.asarray(across[:, : min(_count(strength**2), most)])
-
-
-def _count(variance: Array) -> int:
-    """Return how many variances, the largest first, hold all but the share that may be left out."""
-    rest = variance.sum() - np.cumsum(variance)
-    return int(np.argmax(rest <= _LEFT_OUT * variance.sum())) + 1
-
-
-def _projected(modes: Array, velocity: Array) -> Array:
-    """Return the least-squares fit of velocities, shape (2P, Z), by modes."""
-    return np.asarray(modes @ np.linalg.lstsq(modes, velocity, rcond=1e-6)[0])
+    rest = 1.0 - np.cumsum(strength**2) / np.sum(strength**2)
+    most = max(_MOST // len(process.functions), 1)
+    return np.asarray(across[:, : min(int(np.argmax(rest <= _LEFT_OUT)) + 1, most)])
 
 
 def _learnt_directions(before: Array, after: Array) -> tuple[Array, Array]:

@@ -1,9 +1,12 @@
 """Where windows lie, around vehicles and ahead of them, and which vehicle each follows."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.region import (
     DEGREE,
@@ -18,45 +21,28 @@ from replay_kit.estimator.state import State
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Window:
-    """A window, and the estimate in it.
-
-    Attributes:
-        region: West, south, east, north [degrees].
-        state: Of its estimator.
-        vehicles: Numbers of those that it follows.
-    """
-
-    region: Region
-    state: State
-    vehicles: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class WindowedState:
     """The estimates in the windows that follow vehicles, and the last ones of those that all left, until they are forgotten.
 
     Attributes:
-        windows: Those that follow a vehicle, in the order in which they began.
-        left: Windows that were left, in order; those forgotten are not among them.
+        states: Of the estimators of windows that follow a vehicle, in the order in which these began.
+        where: The window of each vehicle, from its first measurement on.
+        left: Windows that were left and their last states, in order; those forgotten are not among them.
         number: Of windows so far.
         loss: Largest root mean square so far of the information on the next window that was not handed over [m/s].
         strays: Of a vehicle, how many measurements in a row lay outside its window; none where the last one did not.
         unusable: Windows that could not be made, each with the reason.
     """
 
-    windows: tuple[Window, ...] = ()
-    left: tuple[Window, ...] = ()
+    states: Mapping[Region, State] = field(default_factory=dict)
+    where: Mapping[int, Region] = field(default_factory=dict)
+    left: tuple[tuple[Region, State], ...] = ()
     number: int = 0
     loss: float = 0.0
     strays: Mapping[int, int] = field(default_factory=dict)
-    unusable: tuple[tuple[Region, str], ...] = ()
+    unusable: Mapping[Region, str] = field(default_factory=dict)
 
-    def of(self, vehicle: int) -> Window | None:
-        """Return the window of a vehicle; None before its first measurement."""
-        return next((one for one in self.windows if vehicle in one.vehicles), None)
-
-    def holding(self, place: tuple[float, float], bounds: Region, least: float) -> Window | None:
+    def holding(self, place: tuple[float, float], bounds: Region, least: float) -> Region | None:
         """Return the window that holds a place farthest from its sides; None where none holds it so far from them.
 
         Args:
@@ -64,36 +50,30 @@ class WindowedState:
             bounds: The forecast's box.
             least: Distance from the sides [m].
         """
-        found = max(self.windows, key=lambda one: room_in(one.region, bounds, place), default=None)
-        held = found is not None and room_in(found.region, bounds, place) >= least
-        return found if held else None
+        rooms = {region: room_in(region, bounds, place) for region in self.states}
+        found = max(rooms, key=rooms.__getitem__, default=None)
+        return found if found is not None and rooms[found] >= least else None
 
-    def entered(self, vehicle: int, window: Window) -> "WindowedState":
-        """Return the state with a vehicle in a window, one of these or a new one; that it was alone in is left."""
-        begins = all(window is not one for one in self.windows)
-        each = [
-            replace(
-                one,
-                vehicles=(
-                    *(number for number in one.vehicles if number != vehicle),
-                    *((vehicle,) if one is window else ()),
-                ),
-            )
-            for one in (*self.windows, *((window,) if begins else ()))
-        ]
+    def entered(self, vehicle: int, region: Region, begun: State) -> "WindowedState":
+        """Return the state with a vehicle in a window, one of these, or a new one in its first state; that it was alone in is left."""
+        where = {**self.where, vehicle: region}
+        states = {**self.states, region: self.states.get(region, begun)}
+        followed = {one: state for one, state in states.items() if one in where.values()}
+        left = [(one, state) for one, state in states.items() if one not in followed]
         return replace(
             self.with_strays(vehicle, 0),
-            windows=tuple(one for one in each if one.vehicles),
-            left=(*self.left, *(one for one in each if not one.vehicles)),
-            number=self.number + begins,
+            states=followed,
+            where=where,
+            left=(*self.left, *left),
+            number=self.number + (region not in self.states),
         )
 
     def with_strays(self, vehicle: int, number: int) -> "WindowedState":
         """Return the state with how many measurements in a row lay outside a vehicle's window."""
         if number == self.strays.get(vehicle, 0):
             return self
-        others = {key: count for key, count in self.strays.items() if key != vehicle}
-        return replace(self, strays={**others, vehicle: number} if number else others)
+        strays = {key: count for key, count in {**self.strays, vehicle: number}.items() if count}
+        return replace(self, strays=strays)
 
 
 # Margins between the vehicle and the side of a new window behind it.
@@ -121,48 +101,36 @@ def next_window(
     room = room_in(region, bounds, place)
     if room >= 0.5 * margin or not inside(bounds, *place):
         return None
-    (x, y), half = centre(region), (0.5 * width(region), 0.5 * (region[3] - region[1]))
-    lengths = (degree_of_longitude(y), DEGREE)
-    ahead = [0.0, 0.0]
+    (x, y), half = centre(region), np.array([width(region), region[3] - region[1]]) / 2.0
+    at, ahead = (
+        np.array([float(unwrap_longitude(place[0], x)) - x, place[1] - y]) / half,
+        np.zeros(2),
+    )
     if room >= 0.0:
-        from_centre = (float(unwrap_longitude(place[0], x)) - x) / half[0], (place[1] - y) / half[1]
-        longest = max(map(abs, from_centre))
-        ahead = [
-            max(size - _BEHIND * margin / length, 0.0) * part / longest
-            for size, length, part in zip(half, lengths, from_centre, strict=True)
-        ]
-    found = moved_into(bounds, (place[0] + ahead[0], place[1] + ahead[1]), half)
+        behind = _BEHIND * margin / np.array([degree_of_longitude(y), DEGREE])
+        ahead = np.maximum(half - behind, 0.0) * at / np.abs(at).max()
+    found = moved_into(bounds, place + ahead, half)
     return found if room_in(found, bounds, place) > room + _MORE * margin else None
 
 
 def room_in(region: Region, bounds: Region, place: tuple[float, float]) -> float:
     """Return how far a place lies from the nearest side of a window that is not the forecast's own [m]; negative outside it."""
-    (x, y), half = centre(region), 0.5 * width(region)
-    along = float(unwrap_longitude(place[0], x)) - x
-    to_bounds = [(side - x + 180.0) % 360.0 - 180.0 for side in (bounds[0], bounds[2])]
-    open_sides = [
-        (along + half, width(bounds) == 360.0 or -half > to_bounds[0] + _SAME),
-        (half - along, width(bounds) == 360.0 or half < to_bounds[1] - _SAME),
-    ]
-    across = [
-        (place[1] - region[1], region[1] > bounds[1] + _SAME),
-        (region[3] - place[1], region[3] < bounds[3] - _SAME),
-    ]
-    rooms = [room * degree_of_longitude(y) for room, is_open in open_sides if is_open]
-    return min([*rooms, *(room * DEGREE for room, is_open in across if is_open)], default=math.inf)
+    (x, y), half = centre(region), np.array([width(region), region[3] - region[1]]) / 2.0
+    at = np.array([float(unwrap_longitude(place[0], x)) - x, place[1] - y])
+    rooms = np.array([half + at, half - at]) * [degree_of_longitude(y), DEGREE]
+    # of the west, south, east and north side from the forecast's
+    inwards = (np.array(region) - bounds).reshape(2, 2) * [[1.0], [-1.0]]
+    inwards[:, 0] = (inwards[:, 0] + 180.0) % 360.0 - 180.0 if width(bounds) < 360.0 else np.inf
+    return float(rooms[inwards > _SAME].min(initial=np.inf))
 
 
-def moved_into(bounds: Region, middle: tuple[float, float], half: tuple[float, float]) -> Region:
-    """Return a window about a place, moved into a box where it reaches beyond it."""
-    wide, (x, y) = width(bounds), centre(bounds)
-    east = (
-        middle[0]
-        if wide == 360.0
-        else x + _within(float(unwrap_longitude(middle[0], x)) - x, 0.5 * wide - half[0])
-    )
-    north = y + _within(middle[1] - y, 0.5 * (bounds[3] - bounds[1]) - half[1])
-    return rounded((east - half[0], north - half[1], east + half[0], north + half[1]))
-
-
-def _within(value: float, most: float) -> float:
-    return min(max(value, -most), most) if most > 0.0 else 0.0
+def moved_into(bounds: Region, middle: ArrayLike, half: Array) -> Region:
+    """Return a window about a place, shape (2,), of half a width and height, moved into a box where it reaches beyond it [degrees]."""
+    x, (east, north) = centre(bounds), np.asarray(middle, np.float64)
+    room = np.maximum(np.array([width(bounds), bounds[3] - bounds[1]]) / 2.0 - half, 0.0)
+    if width(bounds) < 360.0:
+        away = float(unwrap_longitude(east, x[0])) - x[0]
+        east = x[0] + np.clip(away, -room[0], room[0])
+    at = np.array([east, x[1] + np.clip(north - x[1], -room[1], room[1])])
+    (west, south), (east, north) = (at - half).tolist(), (at + half).tolist()
+    return rounded((west, south, east, north))

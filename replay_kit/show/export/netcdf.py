@@ -14,11 +14,9 @@ from pandas.api.types import (
     is_numeric_dtype,
 )
 
-from replay_kit.core.flow.cf import described, encoding_of
+from replay_kit.core.flow.cf import described, write_dataset
 from replay_kit.core.flow.dataset import ATTRIBUTES
-from replay_kit.core.flow.file import write_dataset
 from replay_kit.core.grid import Projection
-from replay_kit.core.version import __version__
 
 _SPEED = {"units": "m s-1"}
 _METRES = {"units": "m"}
@@ -61,12 +59,7 @@ def write_netcdf(
     Raises:
         ConfigError: The file cannot be written.
     """
-    dataset = to_dataset(tables, projection, about)
-    encoding = encoding_of(dataset)
-    for name, variable in dataset.variables.items():
-        if variable.dtype.kind == "f" and variable.ndim:
-            encoding[str(name)] |= {"zlib": True, "complevel": 4}
-    write_dataset(dataset, path, encoding)
+    write_dataset(to_dataset(tables, projection, about), path)
 
 
 def to_dataset(
@@ -94,7 +87,7 @@ def to_dataset(
     return described(
         dataset,
         f"Ocean current estimate: {', '.join(map(str, dataset.dims))}",
-        f"replay-kit {__version__}: export",
+        "export",
         about,
     )
 

@@ -299,7 +299,7 @@ def _dataset(values: Array, seed: int, what: str) -> xr.Dataset:
     return described(
         xr.Dataset(variables, coordinates),
         f"synthetic {what}: eddies and a meandering jet",
-        f"replay-kit synthesize, seed {seed}",
+        f"synthesize, seed {seed}",
         {
             "summary": f"Synthetic {what}, no real ocean: eddies and a meandering jet, without horizontal divergence by construction.",
             "source": f"replay-kit synthesize, seed {seed}",

@@ -30,7 +30,6 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Reason, VehicleState, usable
 from replay_kit.estimator import ReducedBasisEstimator, build
-from replay_kit.estimator.likelihood import Likelihood, predict_jointly
 from replay_kit.estimator.update.screening import screen
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import merge
@@ -197,12 +196,11 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
             0, (), note=f"fewer than {_LEAST_PROFILES} profiles lie in the ensemble's water"
         )
     widened = [_widened(sounding, estimator) for sounding in _spread(inside, _MOST_PROFILES)]
-    trials = _trials_of_directions(widened, estimator) + _trials_of_depths(
-        _spread(widened, _MOST_FOR_DEPTHS), estimator
-    )
-    best = max(trials, key=lambda trial: trial.log_ratio)
+    trials = _trials(widened, direction_faults(widened), estimator)
+    trials += _trials(_spread(widened, _MOST_FOR_DEPTHS), depth_faults(), estimator, _LEAST_SHIFT)
     # where the ensemble misfits the log even with the likeliest fault undone, all gains count for less in proportion
     ranked = sorted(trials, key=lambda trial: -trial.log_ratio)
+    best = ranked[0]
     gains: dict[str, tuple[float, Fault]] = {}
     for trial in ranked:
         gains.setdefault(trial.fault.name, (trial.log_ratio / max(1.0, best.misfit), trial.fault))
@@ -236,73 +234,67 @@ def _blind_spot(chosen: Sequence[Sounding]) -> str:
 def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
     """Return a profile whose errors are as large as the estimator takes them, where its bins repeat each other."""
     observation = sounding.observation
-    good = np.zeros(observation.depth.size, np.int8) + Flag.FAIL
-    good[_usable(observation, estimator)] = Flag.GOOD
-    _, (stepped,) = estimator.assimilate(estimator.initial(), [replace(observation, flags=good)])
+    offered = _offered(observation, _usable(observation, estimator))
+    _, (stepped,) = estimator.assimilate(estimator.initial(), [offered])
     factor = math.sqrt(stepped.innovation.error_inflation)
     return replace(
         sounding, observation=replace(observation, error_std=factor * observation.error_std)
     )
 
 
-def _trials_of_directions(
-    chosen: Sequence[Sounding], estimator: ReducedBasisEstimator
+def _trials(
+    chosen: Sequence[Sounding],
+    faults: Sequence[Fault],
+    estimator: ReducedBasisEstimator,
+    least_shift: float = 0.0,
 ) -> list[_Trial]:
-    """Return what undoing each fault of directions gains."""
-    as_is = [sounding.observation for sounding in chosen]
-    prediction = predict_jointly(
-        estimator, as_is, [_usable(observation, estimator) for observation in as_is]
-    )
-    logged = prediction.of(as_is)
-    return [
-        _trial(fault, logged, prediction.of([fault.undo(sounding) for sounding in chosen]))
-        for fault in direction_faults(chosen)
-    ]
-
-
-def _trials_of_depths(chosen: Sequence[Sounding], estimator: ReducedBasisEstimator) -> list[_Trial]:
-    """Return what undoing each fault of depth gains, over the bins that are in the water either way."""
-    found = []
-    as_is = [sounding.observation for sounding in chosen]
-    for fault in depth_faults():
+    """Return what undoing each fault gains that moves a bin far enough in depth [m], over the bins that are in the water either way."""
+    as_is, found = [sounding.observation for sounding in chosen], list[_Trial]()
+    before, logged, compared = [_usable(each, estimator) for each in as_is], 0.0, [b""]
+    for fault in faults:
         undone = [fault.undo(sounding) for sounding in chosen]
-        if (
-            max(
-                float(np.nanmax(np.abs(b.depth - a.depth), initial=0.0))
-                for a, b in zip(as_is, undone, strict=True)
-            )
-            < _LEAST_SHIFT
-        ):
+        shifts = (np.abs(b.depth - a.depth) for a, b in zip(as_is, undone, strict=True))
+        if max(np.nanmax(each, initial=0.0) for each in shifts) < least_shift:
             continue
         bins = [
-            np.intersect1d(_usable(a, estimator), _usable(b, estimator))
-            for a, b in zip(as_is, undone, strict=True)
+            np.intersect1d(used, _usable(each, estimator))
+            for used, each in zip(before, undone, strict=True)
         ]
-        if sum(used.size for used in bins) >= _LEAST_SHARE * sum(
-            _usable(observation, estimator).size for observation in as_is
-        ):
-            logged, other = (
-                predict_jointly(estimator, profiles, bins).of(profiles)
-                for profiles in (as_is, undone)
-            )
-            found.append(_trial(fault, logged, other))
+        if sum(map(len, bins)) >= _LEAST_SHARE * sum(map(len, before)):
+            if compared != (same := [used.tobytes() for used in bins]):
+                compared, (logged, _) = same, _likelihood(estimator, map(_offered, as_is, bins))
+            log, misfit = _likelihood(estimator, map(_offered, undone, bins))
+            found.append(_Trial(fault, log - logged, misfit))
     return found
 
 
-def _trial(fault: Fault, logged: Likelihood, undone: Likelihood) -> _Trial:
-    return _Trial(fault, undone.log - logged.log, undone.nis / undone.dof)
+def _likelihood(
+    estimator: ReducedBasisEstimator, profiles: Iterable[Observation]
+) -> tuple[float, float]:
+    """Return the logarithm of the density of all profiles under the prior, and the normalised innovation squared per value."""
+    trusting = replace(estimator, evidence=None, probability=None)
+    _, steps = trusting.assimilate(trusting.initial(), list(profiles))
+    # one bin relative to a platform of unknown velocity says nothing
+    said = [step.innovation for step in steps if step.innovation.accepted]
+    log, nis, dof = np.sum([(each.log_likelihood, each.nis, each.dof) for each in said], axis=0)
+    return log, nis / dof
+
+
+def _offered(observation: Observation, bins: NDArray[Any]) -> Observation:
+    """Return a profile of which some bins are good and all others failed."""
+    flags = np.full(observation.depth.size, Flag.FAIL, np.int8)
+    flags[bins] = Flag.GOOD
+    return replace(observation, flags=flags)
 
 
 def _usable(observation: Observation, estimator: ReducedBasisEstimator) -> NDArray[np.intp]:
     """Return the bins in the ensemble's water that are good, or bad only in a way that a fault could have made them."""
-    repairable = (observation.reasons & ~np.int32(_POSSIBLE)) == 0
     possible = (
-        (usable(observation.flags) | repairable)
+        (usable(observation.flags) | ((observation.reasons & ~np.int32(_POSSIBLE)) == 0))
         & np.isfinite(observation.velocity).all(axis=1)
         & (observation.depth >= 0.0)
     )
-    offered = replace(observation, flags=np.where(possible, Flag.GOOD, Flag.FAIL).astype(np.int8))
-    (flags,), _ = screen([offered], estimator.grid, relative=False)
+    (flags,), _ = screen([_offered(observation, possible)], estimator.grid, relative=False)
     return np.flatnonzero(flags == Flag.GOOD)
 
 
@@ -322,12 +314,9 @@ def print_import_check(found: ImportCheck, console: Console) -> None:
     for finding in found.findings:
         console.print(finding_line(finding_json(finding)))
     if found.profiles and not found.findings:
-        console.print(
-            f"Import check: {found.profiles} profiles look sound against the ensemble",
-        )
+        console.print(f"Import check: {found.profiles} profiles look sound against the ensemble")
     if found.undetermined:
-        console.print(
-            f"Import check: the profiles do not determine whether {', or '.join(found.undetermined)}",
-        )
+        either = ", or ".join(found.undetermined)
+        console.print(f"Import check: the profiles do not determine whether {either}")
     if found.note:
         console.print(f"Import check: {found.note}")

@@ -16,7 +16,7 @@ from replay_kit.core.message import LogReader, LogReport, Message
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState, usable
 from replay_kit.core.region import inside
 from replay_kit.estimator import ReducedBasisEstimator
-from replay_kit.estimator.update.screening import screen_group
+from replay_kit.estimator.update.screening import screened
 from replay_kit.logs import merge
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.observed import begun, blocks, rows
@@ -166,11 +166,11 @@ def _screened(
     """Return a measurement as assimilated where the region's water has a use for it; None for a position."""
     if isinstance(event, VehicleState):
         return None
-    own = config.estimator.name == OWN
-    screened = screen_group((event,), None, forecasts.ensemble.grid, relative=own)
-    unused = screened.unused(0)
-    accepted = screened.used.size > 0 or _in_later_window(event, forecasts)
-    return Assimilation(replace(unused, accepted=accepted), unused.innovation, None)
+    grid = forecasts.ensemble.grid
+    ((one,),) = screened([(event,)], grid, relative=config.estimator.name == OWN)
+    accepted = one.is_used or _in_later_window(event, forecasts)
+    unused = replace(one.unused(), accepted=accepted)
+    return Assimilation(unused, unused.innovation, None)
 
 
 def _in_later_window(event: Measurement, forecasts: Forecasts) -> bool:

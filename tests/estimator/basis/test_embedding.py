@@ -7,7 +7,7 @@ from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.functions import HorizontalKernel, NodeKernel
 from replay_kit.core.flow.lattice import lattice_over
 from replay_kit.estimator.basis import embedding
-from replay_kit.estimator.basis.embedding import embed, factored, solve
+from replay_kit.estimator.basis.embedding import embed, factored, solve, times
 from tests.reference import lattice as slow
 
 KERNEL = HorizontalKernel(20e3, 18e3, 0.3)
@@ -67,19 +67,19 @@ def test_a_nugget_that_is_too_small_is_refused():
         embed(lattice_over(KERNEL, nodes), nodes, velocities(nodes), 0.0)
 
 
-@pytest.mark.parametrize(("n", "width"), [(1, 0), (7, 3), (600, 40), (700, 300)])
+@pytest.mark.parametrize(("rows", "width", "size"), [(1, 3, 1), (7, 4, 1), (9, 3, 5), (4, 6, 8)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_banded_solutions_are_dense_ones(n, width, dtype):
-    rng = np.random.default_rng(n)
-    band = rng.uniform(-1.0, 1.0, (n, width + 1)).astype(dtype)
-    band[:, 0] += 2.0 * width + 2.0
-    dense = np.zeros((n, n))
-    for j in range(n):
-        for d in range(min(width + 1, n - j)):
-            dense[j + d, j] = dense[j, j + d] = band[j, d]
-    right = rng.standard_normal((n, 5))
+def test_solutions_and_products_of_blocks_are_dense_ones(rows, width, size, dtype):
+    rng, n = np.random.default_rng(rows), rows * size
+    row = np.arange(n) // size
+    dense = rng.uniform(-1.0, 1.0, (n, n)) * (np.abs(row[:, None] - row) < width)
+    dense += dense.T + 4.0 * width * size * np.eye(n)
+    band = np.zeros((rows, width, size, size), dtype)
+    for i in range(rows):
+        for d in range(min(width, rows - i)):
+            band[i, d] = dense.reshape(rows, size, rows, size)[i + d, :, i]
+    right, atol = rng.standard_normal((n, 5)), 1e-5 if dtype == np.float32 else 1e-13
+    np.testing.assert_allclose(times(band, right[:, 0]), dense @ right[:, 0], rtol=1e3 * atol)
     solution = solve(factored(band.copy()), right)
     assert solution.dtype == dtype
-    np.testing.assert_allclose(
-        solution, np.linalg.solve(dense, right), atol=(1e-5 if dtype == np.float32 else 1e-13)
-    )
+    np.testing.assert_allclose(solution, np.linalg.solve(dense, right), atol=atol)

@@ -8,8 +8,8 @@ from replay_kit.estimator.prior.calibration import (
     calibration,
     fitted_kernels,
 )
+from replay_kit.estimator.prior.factor import PriorSettings
 from replay_kit.estimator.prior.fit import Members
-from replay_kit.estimator.prior.hybrid import PriorSettings
 
 SETTINGS = PriorSettings(0.95, 0.0, 2e4)
 

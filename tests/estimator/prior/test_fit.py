@@ -11,17 +11,16 @@ from replay_kit.config.run import EstimatorConfig, load_config
 from replay_kit.estimator import build
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.prior import fit
+from replay_kit.estimator.prior.factor import PriorSettings
 from replay_kit.estimator.prior.fit import (
     SHARES,
     Members,
     best,
     choose_settings,
     fit_settings,
-    fit_steps,
-    score_sample_shares,
     score_withheld,
+    scored,
 )
-from replay_kit.estimator.prior.hybrid import PriorSettings
 from tests import synthetic
 from tests.command import invoke, run_command
 from tests.reference import baselines as slow_scores
@@ -54,7 +53,7 @@ def test_the_score_equals_a_textbook_update_and_quadrature_over_the_noise():
     truth = rng.standard_normal((2, 8))
     factor = rng.standard_normal((16, 16))
     prior, rows = factor @ factor.T, members.columns(3, 1)
-    design = np.kron(np.eye(2), rows)
+    design = np.kron(np.eye(2), rows / fit.LEVEL_ERROR_STD)
     mean, cov, _, _ = slow.kalman_update(
         np.zeros(16), prior, design, design @ truth.ravel(), np.eye(12)
     )
@@ -79,14 +78,9 @@ def test_members_of_one_shape_want_the_sample_covariance_and_noise_does_not():
         return a * np.sin(nodes[:, 0] / 2e4) + b * np.cos(nodes[:, 1] / 2e4)
 
     settings = PriorSettings(0.5, 0.0, 3e4)
-    waves = best(score_sample_shares(members_of(0, 12, long_waves), settings, SHARES, 6))
-    noise = best(
-        score_sample_shares(
-            members_of(0, 12, lambda rng, nodes: rng.standard_normal(len(nodes))),
-            settings,
-            SHARES,
-            6,
-        )
+    waves, noise = (
+        best(scored(members_of(0, 12, each), settings, range(0, 12, 2)))
+        for each in (long_waves, lambda rng, nodes: rng.standard_normal(len(nodes)))
     )
     assert waves.sample_share == max(SHARES)
     assert noise.sample_share == min(SHARES)
@@ -115,7 +109,7 @@ def test_the_shift_is_a_length_or_half_of_it_as_suits_members_left_out(length, s
     far, near = (
         {
             row.settings.sample_share: row.score
-            for row in score_sample_shares(members, replace(start, shift=tried), SHARES, 6)
+            for row in scored(members, replace(start, shift=tried), range(6))
         }
         for tried in (length, 0.5 * length)
     )
@@ -129,15 +123,16 @@ def test_the_shift_is_a_length_or_half_of_it_as_suits_members_left_out(length, s
 
 def test_three_members_are_too_few_to_spare_one():
     three = members_of(0, 3, lambda rng, nodes: rng.standard_normal(len(nodes)), n_side=3)
-    assert score_sample_shares(three, PriorSettings(0.5, 0.0, 3e4), SHARES, 6) == []
+    assert fit_settings(three, 1e4, 6) == ()
     assert choose_settings(three, 1e4, EstimatorConfig()).sample_share == pytest.approx(2 / 3)
 
 
-def test_every_step_is_told():
+def test_every_step_is_told(monkeypatch):
     members = members_of(0, 5, lambda rng, nodes: rng.standard_normal(len(nodes)), n_side=3)
     told = []
-    rows = fit_settings(members, 1e4, 3, lambda: told.append(1))
-    assert len(told) == fit_steps(5, 3)
+    monkeypatch.setattr(fit, "counted", lambda what, total: lambda: told.append(total))
+    rows = fit_settings(members, 1e4, 3)
+    assert told == [21] * 21
     assert {row.settings.shift for row in rows} == {0.0, 5e3, 1e4, 1.5e4, 2e4}
     assert len({row.settings.radius for row in rows if row.settings.shift == best(rows).shift}) == 3
 

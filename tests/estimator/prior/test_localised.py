@@ -5,7 +5,6 @@ import pytest
 
 from replay_kit.estimator.basis.shifts import ShiftedModes, projector, shifted_copies
 from replay_kit.estimator.prior import localised as module
-from replay_kit.estimator.prior.hybrid import covariances
 from replay_kit.estimator.prior.localised import (
     localised,
     localised_part,
@@ -70,11 +69,6 @@ def test_weak_functions_of_depth_share_a_covariance_and_keep_their_variance():
         np.sum(row**2) * np.trace(horizontal[min(q, 8)]) for q, row in enumerate(vertical)
     )
     assert variance == pytest.approx(np.sum(anomalies**2), rel=1e-8)
-    members = rng.standard_normal((6, 14, 5))
-    sample, dense = covariances(members, ShiftedModes.by(modes, nodes, 0.0), RADIUS)
-    np.testing.assert_allclose(sample, np.cov(members.reshape(6, -1).T), atol=1e-12)
-    np.testing.assert_allclose(dense, dense.T, atol=1e-14)
-    assert np.linalg.eigvalsh(dense).min() > -1e-12 * np.abs(dense).max()
 
 
 @pytest.mark.parametrize("deficient", [False, True])

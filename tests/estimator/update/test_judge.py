@@ -75,20 +75,6 @@ def test_scatter_is_believed_less_and_what_is_wrong_as_a_whole_is_rejected():
     assert 30.0 < step.innovation.error_inflation < 300.0
 
 
-@pytest.mark.parametrize("offset", [0.0, 1.0])
-def test_a_tenth_of_outliers_cost_little_with_a_gate_and_much_without(offset):
-    log = [
-        replace(p, velocity=p.velocity + offset * (k % 10 == 3)) for k, p in enumerate(sound(60))
-    ]
-    gated, opened = (build([OTHERS], DEFAULT, gating) for gating in (GatingConfig(), None))
-    clean, found, blind = (
-        errors(each, each.assimilate(each.initial(), given)[0])[0]
-        for each, given in ((gated, sound(60)), (gated, log), (opened, log))
-    )
-    assert found < 1.05 * clean
-    assert (blind > 1.5 * clean) == bool(offset)
-
-
 @pytest.mark.parametrize("change", [relative, lambda p: replace(p, platform_velocity=(0.1, 0.2))])
 def test_the_gate_does_not_depend_on_rounding(change):
     """More functions of depth than independent ones: no row may be made of their rounding."""

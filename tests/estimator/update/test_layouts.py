@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from replay_kit.estimator import build
-from replay_kit.estimator.update.screening import screen_group
+from replay_kit.estimator.update.screening import screened
 from tests.estimator.seas import CONFIG, SEA, profiles
 
 ESTIMATOR = build([SEA], CONFIG)
@@ -30,7 +30,7 @@ VARIANTS = {
 
 
 def columns(observer, measurements, scale=1.0):
-    return observer.columns([screen_group([m], None, SEA.grid) for m in measurements], scale)
+    return observer.columns([screened([(m,)], SEA.grid)[0] for m in measurements], scale)
 
 
 def said(column):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Flag, PathMean, Reason, Source
+from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator.update.screening import is_duplicate, screen
 from tests import synthetic
+from tests.estimator.seas import dive
 
 GRID = synthetic.ensemble(levels=np.array([5.0, 65.0, 165.0])).grid
 
@@ -71,19 +72,12 @@ def test_the_edge_of_the_region_belongs_to_it():
 
 
 def test_a_mean_along_a_path_stands_where_half_of_its_time_has_passed():
-    longitude = np.array([152.0, 152.1, 152.2, 152.3])
-    mean = PathMean(
-        time_ns=4,
-        path_time_ns=np.arange(4),
-        longitude=longitude,
+    mean = replace(
+        dive(),
+        longitude=np.array([152.0, 152.1, 152.2, 152.3]),
         latitude=np.full(4, -40.0),
         depth=np.array([0.0, 100.0, 100.0, 0.0]),
         weight=np.full(4, 0.25),
-        velocity=(0.1, 0.2),
-        error_std=0.01,
-        kind="dac",
-        dive=1,
-        source=Source(0, "/dac", 0, 4),
     )
     # exactly half of it with the second point, a little less, and all of it with the last
     assert mean.linear.middle == (152.1, -40.0)

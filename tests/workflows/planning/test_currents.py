@@ -412,13 +412,11 @@ def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):
     members = replace(synthetic.ensemble(), time_ns=NOON)
     estimator = build([members], EstimatorConfig(modes=8), time=config)
     state, extras = replace(estimator.initial(), time_ns=NOON), estimator.observer.extras
-    part = slice(state.x.size - extras.size, state.x.size - extras.size + extras.oscillations.size)
+    part = slice(state.x.size - extras.size, state.x.size)
     x = state.x.copy()
     x[part] = np.random.default_rng(2).normal(size=part.stop - part.start)
     flow = estimator.flow(replace(state, x=x))
     flow.save(tmp_path / "flow.nc")
-    frequency = extras.oscillations.omega
-    turning = np.repeat(frequency != 0.0, 2 * extras.oscillations.knots.size)
     for estimate in (flow, load(tmp_path / "flow.nc")):
         known = KnownCurrent((estimate,), 43200.0)
         through = known.flow(NOON, 86400.0)
@@ -431,8 +429,8 @@ def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):
             seconds = (through[k].time_ns - NOON) / 1e9
             # its twin: each unknown's column, with its amplitude as the filter predicts it
             column = extras.column(through[k].time_ns, None)
-            later = np.where(turning, x[part] * np.exp(-seconds / config.oscillator_scale), 0.0)
-            expected = (extras.functions(flow.levels) @ column[..., : later.size] @ later).T
+            later = x[part] * np.exp(-seconds / config.oscillator_scale)
+            expected = (extras.functions(flow.levels) @ column @ later).T
             slow = flow.at(through[k].time_ns)
             here = flow.nodes[len(flow.nodes) // 2]
             found = through[k].velocity(*here, flow.levels) - slow.velocity(*here, flow.levels)

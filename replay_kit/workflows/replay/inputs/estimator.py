@@ -94,15 +94,8 @@ def _windowed(
         ensemble = forecasts.ensemble if region == found.region else read(region)
         return build_reduced([ensemble], config.estimator, config.gating)
 
-    first = estimator_of(found.region)
-    return WindowedEstimator(
-        found.region,
-        found.margin,
-        found.bounds,
-        estimator_of,
-        first.probability,
-        first.grouping,
-    )
+    grouping = estimator_of(found.region).grouping
+    return WindowedEstimator(found.region, found.margin, found.bounds, estimator_of, grouping)
 
 
 def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate:

@@ -62,8 +62,8 @@ class FoundRegion:
 
     def about(self, place: tuple[float, float]) -> Region:
         """Return a window of this size about a place [degrees]."""
-        high = self.region[3] - self.region[1]
-        return moved_into(self.bounds, place, (0.5 * width(self.region), 0.5 * high))
+        size = np.array([width(self.region), self.region[3] - self.region[1]])
+        return moved_into(self.bounds, place, 0.5 * size)
 
     def to_record(self) -> dict[str, str]:
         """Return it as a result and a checkpoint keep it."""
@@ -209,9 +209,7 @@ def _first_window(
     (rows, columns), side = extent.shape, np.sqrt(most)
     counts = np.array([min(columns, max(side, most / rows)), min(rows, max(side, most / columns))])
     half = 0.5 * (counts - 1.0) * np.array(extent.step)
-    region = moved_into(
-        extent.box, (float(place[0]), float(place[1])), (float(half[0]), float(half[1]))
-    )
+    region = moved_into(extent.box, place, half)
     free = counts < (columns, rows)
     reach = float(min((half * (degree_of_longitude(float(place[1])), DEGREE))[free]))
     if reach < 1.5 * margin:

@@ -242,7 +242,7 @@ def _with_evidence(
     for one in innovations:
         if np.isfinite(one.log_likelihood):
             key = block_of(one.dive, one.time_ns)
-            out[key] = out.get(key, BlockEvidence()).with_measurement(
+            out[key] = out.get(key, BlockEvidence()) + BlockEvidence(
                 one.log_likelihood, one.dof, one.profiles
             )
     return out

@@ -16,7 +16,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import PathMean
 from replay_kit.estimator import ReducedBasisEstimator
-from replay_kit.estimator.update.screening import screen_group
+from replay_kit.estimator.update.screening import screened
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.likelihood import LEAST_GAIN
 from replay_kit.measurements.checks.slips import slips
@@ -73,8 +73,7 @@ def _under_prior(
     estimator: ReducedBasisEstimator, dives: Sequence[PathMean]
 ) -> tuple[Array, Array, Array, Array]:
     """Return measured and predicted currents, shape (2 k,) [m/s], the covariance of the latter, and the variances of the former."""
-    groups = [screen_group((mean,), None, estimator.grid) for mean in dives]
-    columns = estimator.observer.columns(groups)
+    columns = estimator.observer.columns(screened([(mean,) for mean in dives], estimator.grid))
     design = np.concatenate([column.design for column in columns])
     innovation = np.concatenate([column.about[0].ravel() for column in columns])
     variance = np.repeat([column.layouts[0].std[0] ** 2 for column in columns], 2)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.dataset import wet_at
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_geographic, to_local
+from replay_kit.core.flow.points import known_at
+from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.measurements.residual_field import ResidualField
 from replay_kit.results.slices import Slice
@@ -77,7 +77,7 @@ def surface_step(
 
 def _estimated(flow: FlowEstimate, time_ns: int, east: Array, north: Array, depth: float) -> Array:
     """Return the estimate with its oscillations at local places [m], shape (n, 2) [m/s], local axes; NaN where it has none."""
-    known = wet_at(flow.grid, east, north, depth) & inside_grid(flow.grid, east, north)
+    known = known_at(flow.grid, east, north, depth)
     velocity = np.where(known[:, None], flow.velocity(east, north, depth), np.nan)
     beside = flow.oscillation
     if beside is not None:

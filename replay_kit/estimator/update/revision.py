@@ -1,0 +1,164 @@
+"""The prior after the rows, as the log shows it to be: formulas in ``evidence.py``.
+
+A prior that is **far too narrow** rejects what is sound. A gate that rejects all would keep a wrong estimate for ever. Single faults are
+few, and an instrument that fails at first gets better; where most of the first measurements are rejected, and the latest too, it is the
+ensemble that does not hold this water. Its variance is then multiplied by the likeliest factor, and what was rejected is assimilated.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+
+from replay_kit.core.arrays import Array, replace
+from replay_kit.estimator.prior.calibration import MembersPrior, calibration, fitted_kernels
+from replay_kit.estimator.prior.factor import Parts, PriorSettings
+from replay_kit.estimator.prior.fit import Members
+from replay_kit.estimator.state import Doubt, State
+from replay_kit.estimator.update.assimilate import Update, assimilate
+from replay_kit.estimator.update.evidence import (
+    CENTRED,
+    SCALED,
+    Marginal,
+    amplitude_mixture,
+    fitted_scale,
+    member_centre,
+    of_scales,
+    with_marginal,
+    with_mean,
+    with_variance,
+)
+
+# Factor on the prior variance, or one over it, from which on the prior is changed, and not the stated errors alone.
+_FAR = 3.0
+# Columns after which the prior's variance is no longer doubted.
+_MOST = 16
+# Columns from which on it is, the share of them that is rejected then, and how many of the latest four are.
+_LEAST, _SHARE, _LATEST = 10, 0.6, 3
+_SCALES = 2.0 ** np.arange(0.0, 9.0)
+
+
+# Not slotted: what members left out show is computed when first asked for.
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the log may say of the prior.
+
+    Attributes:
+        parts: Which unknowns are what.
+        members: The ensemble's, in few modes.
+        settings: Of the prior.
+        bound: Standard deviation below which directions were dropped [m/s].
+        is_made: Whether the ensemble was made of other fields, whose variance is not that of a forecast.
+        averages_amplitude: Whether the prior variance of the ensemble mean's amplitude is averaged over.
+    """
+
+    parts: Parts
+    members: Members
+    settings: PriorSettings
+    bound: float
+    is_made: bool
+    averages_amplitude: bool
+
+    @cached_property
+    def expected(self) -> float:
+        """The factor on variances that members left out show."""
+        return calibration(self._prior)
+
+    @cached_property
+    def kernels(self) -> Array:
+        """The probabilities of the kernels about members that members left out show, shape (H,)."""
+        return fitted_kernels(self._prior)
+
+    @cached_property
+    def _prior(self) -> MembersPrior:
+        return MembersPrior.of(self.members, self.settings, self.bound)
+
+    def revised(self, before: int, state: State) -> State:
+        """Return a state under the prior that the log suggests, where it is time to ask: after more profiles than ``before``."""
+        if _is_refuted(state.doubt):
+            return self._rescaled(state)
+        if any(before < count <= state.profiles for count in SCALED):
+            factor = self._scale(state)
+            far = max(factor / self.expected, 1.0 / factor) > _FAR
+            if self.is_made or state.scale != 1.0 or far:
+                state = self._scaled(state, factor)
+        if state.centre is None and state.profiles >= CENTRED:
+            state = replace(state, centre=self._centre(state))
+        return state.with_toward(self.parts.sample)
+
+    def published(self, state: State) -> tuple[Array, Array, float | Callable[[], float]]:
+        """Return mean and covariance under the prior that the log suggests, and what returns the factor on all variances."""
+        if not state.profiles:
+            return state.x, state.covariance, 1.0
+        centre = self._centre(state) if state.centre is None else state.centre
+        x, p = self._averaged(state)
+        return with_mean(x, p, self.parts.sample, centre), p, partial(self._stated, state)
+
+    def _stated(self, state: State) -> float:
+        return max(1.0, self._scale(state))
+
+    def _scale(self, state: State) -> float:
+        """Return the most probable factor on the prior variance of members and local directions as the state has it."""
+        part, root = self.parts.scaled, np.sqrt(state.scale)
+        expected = 1.0 if self.is_made or state.scale != 1.0 else self.expected
+        lower = state.folded().p[part, part] / state.scale
+        return fitted_scale(state.x[part] / root, lower, expected, state.rows, state.square)
+
+    def _scaled(self, state: State, factor: float) -> State:
+        """Return the state had the prior variance of members and local directions been multiplied."""
+        scales = state.scale, state.scale * factor
+        moments = with_variance(state.x, state.covariance, self.parts.scaled, *scales)
+        return replace(state.with_moments(*moments), scale=scales[1])
+
+    def _averaged(self, state: State) -> tuple[Array, Array]:
+        """Return mean and covariance after the average over the prior variance of the ensemble mean's amplitude."""
+        x, p, variance = state.x, state.covariance, self.parts.amplitude_variance
+        if not (self.parts.has_amplitude and self.averages_amplitude):
+            return x, p
+        size = np.sqrt(variance)
+        mean, left = amplitude_mixture(size * x[0], variance * p[0, 0], variance)
+        return with_marginal(x, p, 0, mean / size, left / variance)
+
+    def _centre(self, state: State) -> Array:
+        """Return the prior mean of the sample's unknowns as the members' kernels move it; zero where the current is like no member."""
+        parts = self.parts
+        if state.scale != 1.0 or self.is_made:
+            return np.zeros(parts.sample.stop - parts.sample.start)
+        x, p = self._averaged(state)
+        marginal = Marginal.of(x[parts.sample], p[parts.sample, parts.sample])
+        return member_centre(marginal, parts.anomaly, parts.members, state.profiles, self.kernels)
+
+    def _rescaled(self, state: State) -> State:
+        """Return a state whose columns speak against the prior with its likeliest variance, and with the columns that were rejected."""
+        assert state.doubt is not None
+        part, columns, found = self.parts.scaled, state.doubt.columns, []
+        lower = state.covariance[part, part] / state.scale
+        misfit, determinant, _ = of_scales(state.x[part] / np.sqrt(state.scale), lower, _SCALES)
+        before = -0.5 * (misfit + determinant)
+        for scale, evidence in zip(_SCALES.tolist(), before.tolist(), strict=True):
+            begun = replace(self._scaled(state, scale), doubt=None)
+            after, updates = assimilate(begun, columns, None)
+            found.append((evidence + sum(update.log_likelihood for update in updates), after))
+        times = [column.time_ns for column in columns]
+        latest = max(times if state.time_ns is None else [*times, state.time_ns])
+        return replace(max(found, key=lambda each: each[0])[1], time_ns=latest)
+
+
+def noted(state: State, updates: list[Update]) -> State:
+    """Return the state with the decisions on columns, as long as the prior's variance may be doubted."""
+    for update in updates if state.doubt is not None else ():
+        doubt, rejected = state.doubt, not all(each.accepted for each in update.judgements)
+        if doubt is None or (len(doubt.rejected) + 1 >= _MOST and not rejected):
+            return replace(state, doubt=None)
+        columns = (*doubt.columns, update.column) if rejected else doubt.columns
+        state = replace(state, doubt=Doubt((*doubt.rejected, rejected), columns))
+    return state
+
+
+def _is_refuted(doubt: Doubt | None) -> bool:
+    """Return whether the first columns speak against the prior's variance."""
+    if doubt is None or len(doubt.rejected) < _LEAST:
+        return False
+    most = sum(doubt.rejected) >= _SHARE * len(doubt.rejected)
+    return most and sum(doubt.rejected[-4:]) >= _LATEST
