@@ -113,7 +113,7 @@ def decided(
     Columns of those: ``due``, place in the stream, ``rank`` within its message, ``released`` as a flag of those that a position releases.
     """
     parts = [part for part in arrivals if len(part)]
-    old = [part for part in waiting if len(part)]
+    old = list(waiting)
     now, first = way.clock[1][-1:], old[0] if old else None
     calm = not way.last and way.positions["time"].size == way.new
     if calm and (
