@@ -102,6 +102,12 @@ class Table:
         """Return the number of rows."""
         return len(self.time)
 
+    def rows(self, at: NDArray[Any] | slice) -> "Table":
+        """Return some rows."""
+        columns = {name: column[at] for name, column in self.columns.items()}
+        places = self.time[at], self.order[at], self.position[at]
+        return Table(self.kind, self.topic, self.input, *places, columns, self.fixed)
+
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return a column."""
         return self.columns[name]

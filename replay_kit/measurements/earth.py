@@ -123,7 +123,7 @@ def to_earth(
     columns["added"] = np.where((moves | (not relative))[:, None], motion, np.nan)
     columns["absolute"] = moves | (not relative)
     if stays.all():
-        columns["velocity"] = columns["raw"]
+        columns["velocity"] = columns["raw"][..., :3]
         return _with_error(columns, None, stays), np.full(n, "", object)
     rotation, why = _rotation(columns, fixed, declination)
     along_beams, vectors = fixed["frame"] == "beam", fixed["vectors"]

@@ -6,7 +6,7 @@ message at a time gives them, so that nothing depends on how the stream is cut i
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from replay_kit.core.block import LINEAR, MEAN, PING, POSITION, Block
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements import pings, surface
-from replay_kit.measurements.ctd.lines import Sampled, SectionLine
 from replay_kit.measurements.dives import Depths, Diving, depth_of
 from replay_kit.measurements.dvl import attitudes_of, motions_of
 from replay_kit.measurements.earth import Attitudes, Motions, to_earth
@@ -35,6 +34,9 @@ from replay_kit.measurements.positions import (
     kept_fixes,
 )
 from replay_kit.measurements.reach import THROWN, Reach, within_reach
+
+if TYPE_CHECKING:
+    from replay_kit.measurements.ctd.lines import SectionLine
 
 _NONE = np.empty(0, np.int64)
 _NEVER = np.iinfo(np.int64).max
@@ -68,7 +70,7 @@ class Memory:
     motions: Motions = field(default_factory=Motions)
     waiting: tuple[Table, ...] = ()
     ways: Ways = field(default_factory=Ways)
-    line: SectionLine | None = None
+    line: "SectionLine | None" = None
     drifters: Mapping[str, surface.DrifterFix] = field(default_factory=dict)
 
 
@@ -122,18 +124,7 @@ def measure(
     found = [pings.profiled(*one, way, config, ledger) for one in _alike(decided)]
     profiles, tests = pings.stacked([one for one in found if one is not None])
     ways, means, due = _means(memory.ways, positions, depths, of.get("mean", ()), config, ledger)
-    line = Sampled(memory.line, way, depths, config, ledger)
-    if line.line is not None or "ctd" in of:
-        line.take(of.get("ctd", ()), _surfacings(of.get("position", ()), positions))
-    drifters, linear = surface.of_drifters(
-        memory.drifters, of.get("drifter", ()), depths, config, ledger
-    )
-    linear = line.found + linear
-    for one in of.get("radar", ()):
-        linear += surface.of_radar(one, depths, config, ledger)
-    for one in of.get("sensor", ()):
-        linear += surface.of_sensor(one, depths, ledger)
-    linear.sort(key=lambda pair: pair[0])
+    line, drifters, linear = _linear(memory, of, way, depths, config, ledger)
     after = Memory(
         ledger.topics,
         sender,
@@ -144,7 +135,7 @@ def measure(
         motions.part(slice(-1, None)),
         waiting,
         ways,
-        line.line,
+        line,
         drifters,
     )
     events = _events(positions, profiles, due, [order for order, _ in linear])
@@ -164,6 +155,33 @@ def measure(
         tuple(findings),
     )
     return after, without(block, config.without) if config.without else block
+
+
+def _linear(
+    memory: Memory,
+    of: Mapping[str, Sequence[Table]],
+    way: Way,
+    depths: Depths,
+    config: MeasurementConfig,
+    ledger: Ledger,
+) -> tuple["SectionLine | None", Mapping[str, surface.DrifterFix], surface.Found]:
+    """Return the CTD's line, drifters' fixes and the measurements of other sources after a block, in order."""
+    line, found = memory.line, surface.Found()
+    if line is not None or "ctd" in of:
+        # loads scipy, which most logs need not
+        from replay_kit.measurements.ctd.lines import Sampled
+
+        sampled = Sampled(line, way, depths, config, ledger)
+        sampled.take(of.get("ctd", ()), _surfacings(of.get("position", ()), way))
+        line, found = sampled.line, sampled.found
+    drifted = of.get("drifter", ())
+    drifters, means = surface.of_drifters(memory.drifters, drifted, depths, config, ledger)
+    found = found + means
+    for one in of.get("radar", ()):
+        found += surface.of_radar(one, depths, config, ledger)
+    for one in of.get("sensor", ()):
+        found += surface.of_sensor(one, depths, ledger)
+    return line, drifters, sorted(found, key=lambda pair: pair[0])
 
 
 def _depths(
@@ -297,11 +315,12 @@ def _means(
     return ways, columns, [due for due, _ in made]
 
 
-def _surfacings(tables: Sequence[Table], positions: Columns) -> Integers:
+def _surfacings(tables: Sequence[Table], way: Way) -> Integers:
     """Return the places in the stream of positions at the surface that messages of their own state."""
     own = [one.order for one in tables if "system" not in one.fixed and not one.fixed.get("beside")]
+    positions = chosen(way.positions, slice(way.new, None))
     orders = positions["order"][~positions["submerged"]]
-    return orders[np.isin(orders, np.concatenate([_NONE, *own]))]
+    return np.asarray(orders[np.isin(orders, np.concatenate([_NONE, *own]))])
 
 
 def _events(

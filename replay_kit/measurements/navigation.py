@@ -14,12 +14,11 @@ from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements.dives import depth_of
 from replay_kit.measurements.ledger import Ledger
 from replay_kit.measurements.positions import (
+    LONG_AGO,
     Places,
     as_of,
-    gps_times,
     joined,
     no_rows,
-    without_gps,
 )
 
 NO_ORIGIN = "local position without an origin: state it with --origin LON,LAT"
@@ -30,22 +29,14 @@ _NO_NUMBER, _NO_FIX, _OUTSIDE = (
     "position outside the range of longitude and latitude",
 )
 _NEVER = np.iinfo(np.int64).max
+# ns; a MAVLink position is measured while the last three-dimensional fix is no older than this
+_FIX_AGE = 5_000_000_000
+#: Places in the stream, and times of a GPS' fixes up to each [ns, UTC].
+Status = tuple[Integers, Integers]
 #: Numbers of the MAVLink system and component whose position and depth count.
 Sender = tuple[str | None, str | None]
 #: Places in the stream, depths [m].
 Depth = tuple[Integers, Array]
-
-
-def rows_of(table: Table, at: NDArray[Any] | slice) -> Table:
-    """Return some rows of a table."""
-    columns = {name: column[at] for name, column in table.columns.items()}
-    return replace(
-        table,
-        time=table.time[at],
-        order=table.order[at],
-        position=table.position[at],
-        columns=columns,
-    )
 
 
 def of_sender(
@@ -70,7 +61,7 @@ def of_sender(
             reason = _other(own, sender) or _other(own, first)
             if reason and refused.any():
                 ledger.add(one.order[refused], one.topic, reason)
-                one = rows_of(one, ~refused)
+                one = one.rows(~refused)
         if len(one):
             kept.append(one)
     return first, kept
@@ -137,37 +128,45 @@ def _in_order(rows: Columns) -> dict[str, NDArray[Any]]:
 
 def _gps(
     known: Mapping[str, int], tables: Sequence[Table], ledger: Ledger
-) -> tuple[dict[str, int], dict[str, tuple[Integers, Integers]]]:
-    """Return the times of the last fix by system at the end, and places in the stream and times of fixes up to each of its GPS."""
+) -> tuple[dict[str, int], dict[str, Status]]:
+    """Return the time of the last fix of each system's GPS at the end, and what its GPS says in the block."""
     after, status = dict(known), {}
-    by_system: dict[str, list[Table]] = {}
     for one in tables:
         ledger.add(one.order, one.topic, one["no_fix"])
-        by_system.setdefault(one.fixed["system"], []).append(one)
-    for system, parts in by_system.items():
+    for system in {one.fixed["system"] for one in tables}:
+        own = [one for one in tables if one.fixed["system"] == system]
         order, time = (
-            np.concatenate([getattr(one, name) for one in parts]) for name in ("order", "time")
+            np.concatenate([getattr(one, name) for one in own]) for name in ("order", "time")
         )
-        fix = np.concatenate([one["no_fix"] == "" for one in parts])
+        fixed = np.concatenate([one["no_fix"] == "" for one in own])
         at = np.argsort(order)
-        times = gps_times(time[at], fix[at], known.get(system))
+        before = known.get(system, LONG_AGO)
+        times = np.maximum.accumulate(np.where(fixed, time, before)[at])
         status[system], after[system] = (order[at], times), int(times[-1])
     return after, status
+
+
+def _without_gps(table: Table, status: Status, known: int | None) -> NDArray[np.bool_]:
+    """Return whether a filter's positions are computed: its system has a GPS whose last fix is more than five seconds old, or had none.
+
+    A system without a GPS so far, for which ``known`` is None, is taken at its word.
+    """
+    at, times = as_of(table.order, status[0]), status[1]
+    last = np.append(times, LONG_AGO if known is None else known)[at]
+    return np.asarray(((at >= 0) | (known is not None)) & (table.time - last > _FIX_AGE))
 
 
 def _direct(
     table: Table,
     gps: Mapping[str, int],
-    status: Mapping[str, tuple[Integers, Integers]],
+    status: Mapping[str, Status],
     ledger: Ledger,
 ) -> dict[str, NDArray[Any]]:
     """Return the rows of a table of positions."""
     reckoned, system = table["dead_reckoned"].astype(np.bool_), table.fixed.get("system")
     if system is not None:
         none = np.empty(0, np.int64)
-        reckoned = without_gps(
-            table.time, table.order, status.get(system, (none, none)), gps.get(system)
-        )
+        reckoned = _without_gps(table, status.get(system, (none, none)), gps.get(system))
     depth = table.columns.get("depth")
     if depth is None:
         pressure = table["pressure"]
@@ -248,10 +247,10 @@ class _Poses:
                 else np.zeros(len(table), bool)
             )
             ledger.add(table.order[beside], table.topic, NAVIGATED)
-            rest = rows_of(table, ~beside)
+            rest = table.rows(~beside)
             runs_of = np.searchsorted(self.fixes, rest.order)
             for run in np.unique(runs_of):
-                part = rows_of(rest, runs_of == run)
+                part = rest.rows(runs_of == run)
                 runs.append((int(part.order[0]), int(run), part))
         for _, run, part in sorted(runs, key=lambda one: one[0]):
             self._place(part, run, ledger)
@@ -271,7 +270,7 @@ class _Poses:
             return
         if run == self.fixes.size:
             self.origins[table.topic] = origin
-        table = rows_of(table, ~lacks)
+        table = table.rows(~lacks)
         x, y = np.full(len(table), origin[0]), np.full(len(table), origin[1])
         longitude, latitude = moved(x, y, table["east"] - origin[2], table["north"] - origin[3])
         reasons = np.full(len(table), "", object)

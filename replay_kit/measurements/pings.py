@@ -14,7 +14,6 @@ from replay_kit.core.observation import Flag
 from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements.dives import Depths, depth_of
 from replay_kit.measurements.ledger import Ledger
-from replay_kit.measurements.navigation import rows_of
 from replay_kit.measurements.positions import WINDOW, as_of, beside, placed, vessel_velocity
 from replay_kit.measurements.qartod import tested
 
@@ -89,7 +88,7 @@ def arrived(
     }
     good = why == ""
     _refuse(ping, ~good, ping.order, why, ledger)
-    return rows_of(replace(ping, columns=columns), good)
+    return replace(ping, columns=columns).rows(good)
 
 
 def _refuse(
@@ -114,7 +113,7 @@ def decided(
     Columns of those: ``due``, place in the stream, ``rank`` within its message, ``released`` as a flag of those that a position releases.
     """
     parts = [part for part in arrivals if len(part)]
-    old = [part for part in waiting if len(part)]
+    old = list(waiting)
     now, first = way.clock[1][-1:], old[0] if old else None
     calm = not way.last and way.positions["time"].size == way.new
     if calm and (
@@ -147,12 +146,12 @@ def decided(
         own = slice(begin, begin + len(part))
         begin += len(part)
         if not ready[own].all():
-            left = rows_of(part, ~ready[own])
+            left = part.rows(~ready[own])
             # the earliest is first, whatever stamp came before
             kept.insert(0 if kept and left.time[0] < kept[0].time[0] else len(kept), left)
         if ready[own].any():
             at = ready[own]
-            found.append((rows_of(part, at), {"due": due[own][at], "rank": rank[own][at]}))
+            found.append((part.rows(at), {"due": due[own][at], "rank": rank[own][at]}))
     return tuple(kept), found
 
 
@@ -240,7 +239,7 @@ def profiled(
         return None
     ledger.add(np.repeat(when["due"][good], ping["messages"][good]), ping.topic)
     columns |= {"longitude": longitude, "latitude": latitude, "position_std": std, **when}
-    ping = rows_of(replace(ping, columns=columns), good)
+    ping = replace(ping, columns=columns).rows(good)
     return _profile(ping, config, ledger)
 
 

@@ -35,15 +35,13 @@ ROW: Mapping[str, type] = {
 # m/s; by which a glider's velocity on one leg departs from its mean over the dive: the place at a share s of a dive of T seconds, taken on
 # the straight way between its ends, is off by this times T s (1 - s)
 _SPEED_STD = 0.1
-# ns; a MAVLink position is measured while the last three-dimensional fix is no older than this
-_FIX_AGE = 5_000_000_000
 # ns; fixes this far from a time, before and after, give the velocity; fewer than three give none
 WINDOW = 20_000_000_000
 _LEAST_FIXES = 3
 # m; noise of a fix against its neighbours, and the rounding of 32-bit degrees, at the least
 _FIX_ERROR = 0.5
 _NEVER = np.iinfo(np.int64).max
-_LONG_AGO = np.iinfo(np.int64).min // 2
+LONG_AGO = np.iinfo(np.int64).min // 2
 
 
 def no_rows() -> dict[str, NDArray[Any]]:
@@ -92,34 +90,11 @@ def as_of(at: Integers, order: Integers) -> NDArray[np.intp]:
     return np.searchsorted(order, at, side="right") - 1
 
 
-def without_gps(
-    time: Integers, order: Integers, status: tuple[Integers, Integers], known: int | None
-) -> NDArray[np.bool_]:
-    """Return whether a filter's positions are computed: its system has a GPS whose last fix is more than five seconds old, or had none.
-
-    Args:
-        time: Of the positions [ns, UTC].
-        order: Their places in the stream.
-        status: Places in the stream of what the GPS says, and times of its fixes up to each, long ago before the first.
-        known: The last of these times before the block; None for a system without a GPS so far, which is taken at its word.
-    """
-    orders, times = status
-    last = np.append(times, _LONG_AGO if known is None else known)[as_of(order, orders)]
-    told = (as_of(order, orders) >= 0) | (known is not None)
-    return np.asarray(told & (time - last > _FIX_AGE))
-
-
-def gps_times(time: Integers, has_fix: NDArray[np.bool_], known: int | None) -> Integers:
-    """Return the time of the last fix up to each of what a GPS says, shape (n,) [ns, UTC]."""
-    times = np.where(has_fix, time, _LONG_AGO if known is None else known)
-    return np.maximum.accumulate(times)
-
-
 def fixes_after(known: Columns, positions: Columns) -> dict[str, NDArray[Any]]:
     """Return the fixes at the surface, each later than those before it: ``known`` ones and those among new positions."""
     at_surface = chosen(positions, ~(positions["dead_reckoned"] | positions["submerged"]))
     time, last = at_surface["time"], known["time"][-1:]
-    begun = last if last.size else np.array([_LONG_AGO])
+    begun = last if last.size else np.array([LONG_AGO])
     later = time > np.maximum.accumulate(np.concatenate([begun, time]))[:-1]
     return joined(known, chosen(at_surface, later))
 
