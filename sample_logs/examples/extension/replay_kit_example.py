@@ -14,7 +14,6 @@ from replay_kit.core.observation import LinearMeasurement, Observation
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.baselines import nearest_member
 from replay_kit.logs.glider.dialects import Dialect
-from replay_kit.measurements.consistency.summary import PingSummary
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page.section import Section
 
