@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from replay_kit.measurements.consistency import checks
 
 import replay_kit as rk
 from replay_kit.config.run import EstimatorConfig, MeasurementConfig, load_config
@@ -23,6 +22,7 @@ from replay_kit.logs.glider.dialects import dialect_of
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.tables import schemas
 from replay_kit.measurements import initial_state, interpret_block
+from replay_kit.measurements.checks.check import added_checks
 from tests import synthetic
 from tests.places import ROOT
 from tests.synthetic import ensemble
@@ -66,10 +66,7 @@ def test_each_kind_is_found_where_the_project_looks_for_it():
     from planners.mission.values import MissionSettings
 
     assert dialect_of(["JULD", "CURRENT_EAST", "CURRENT_NORTH"], {}).name == "ego"
-    assert [type(check).__name__ for check in checks.added_checks(of_positions=False)] == [
-        "RepeatedTimes"
-    ]
-    assert checks.added_checks(of_positions=True) == ()
+    assert [check.__name__ for check in added_checks().values()] == ["repeated_times"]
     estimator = build_named(ensemble(), EstimatorConfig(name="closest"))
     assert type(estimator).__name__ == "NearestMember"
     assert (
@@ -112,7 +109,7 @@ def test_without_the_package_its_names_are_refused():
             "cannot be imported: ModuleNotFoundError: No module named 'no_such_module'",
         ),
         ("dialects", "math:pi", lambda: dialect_of(["a"], {}), "expected a Dialect, got float"),
-        ("checks", "math:pi", lambda: checks.added_checks(True), "expected a check, got float"),
+        ("checks", "math:pi", added_checks, "expected a check, got float"),
         (
             "estimators",
             "math:pi",

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from replay_kit.measurements.consistency import findings
 
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
+from replay_kit.measurements.checks import instrument, pairs, place, profile, sensors
 from replay_kit.measurements.frames import teledyne_rotation
+from replay_kit.measurements.reach import DISPLACED
 
 Edit = Callable[[Iterator[Message]], Iterator[Message]]
 
@@ -147,6 +148,13 @@ def _stuck(begun: Callable[[At], bool], noise: float = 0.0) -> Edit:
     return _edited(_is_ping, change)
 
 
+def _stuck_cells(payload: dict[str, Any], at: At) -> dict[str, Any]:
+    cells = payload["velocity"]
+    return {
+        "velocity": [c if k < len(cells) // 2 else [0.3, -0.2, *c[2:]] for k, c in enumerate(cells)]
+    }
+
+
 def _frozen() -> Edit:
     first: dict[str, Any] = {}
 
@@ -252,16 +260,16 @@ _SWAP, _EAST, _NORTH, _BOTH = (
 )
 _GLIDER, _IN_BEAMS = ("glider",), ("beams",)
 _TWINS, _RELATIVE = ("vessel", "glider"), ("glider", "seaglider")
-_DIRECTION = (findings.CONTRADICTION, findings.COMPASS)
+_DIRECTION = (pairs.CONTRADICTION, pairs.COMPASS)
 _FAULTS: dict[tuple[tuple[str, ...], int], dict[tuple[str, ...], dict[str, Edit]]] = {
-    ((findings.DEAD,), 16): {
+    ((instrument.DEAD,), 16): {
         _TWINS: {
             "all zero": _cells(lambda c, at: [0.0, 0.0, *c[2:]]),
             "constant": _cells(lambda c, at: [0.123, -0.123, *c[2:]]),
         }
     },
-    ((findings.DEAD,), 27): {_TWINS: {"stale from ping 11": _stuck(lambda at: at.number > 10)}},
-    ((findings.DEAD,), 76): {
+    ((instrument.DEAD,), 27): {_TWINS: {"stale from ping 11": _stuck(lambda at: at.number > 10)}},
+    ((instrument.DEAD,), 76): {
         _TWINS: {"stuck with noise from hour 10": _stuck(lambda at: at.hours >= 10.0, 0.02)}
     },
     (_DIRECTION, 68): {
@@ -282,24 +290,24 @@ _FAULTS: dict[tuple[tuple[str, ...], int], dict[tuple[str, ...], dict[str, Edit]
             "heading in radians": _fields(heading=lambda h: float(np.radians(h % 360.0))),
         },
     },
-    ((findings.UNIT,), 30): {
+    ((profile.UNIT,), 30): {
         _TWINS: {"cm/s": _velocity(100.0 * np.eye(2)), "mm/s": _velocity(1000.0 * np.eye(2))}
     },
-    ((findings.SCALE,), 101): {_GLIDER: {"knots": _velocity(1.943844 * np.eye(2))}},
-    ((findings.SCALE,), 85): {
+    ((pairs.SCALE,), 101): {_GLIDER: {"knots": _velocity(1.943844 * np.eye(2))}},
+    ((pairs.SCALE,), 85): {
         _GLIDER: {"km/h": _velocity(3.6 * np.eye(2)), "ft/s": _velocity(np.eye(2) / 0.3048)}
     },
-    ((findings.DEPTH,), 5): {
+    ((profile.SURFACE,), 5): {
         _TWINS: {
             "sign of depth": _edited(_is_ping, _depth_sign),
             "up for down": _fields(orientation=lambda _: "up"),
         }
     },
-    ((findings.OFFSET,), 85): {_GLIDER: {"profiles: 0.3 m/s east": _added(lambda hours: 0.3)}},
-    ((findings.DRIFT,), 85): {
+    ((pairs.OFFSET,), 85): {_GLIDER: {"profiles: 0.3 m/s east": _added(lambda hours: 0.3)}},
+    ((pairs.DRIFT,), 85): {
         _GLIDER: {"profiles: drift 0.02 m/s an hour": _added(lambda hours: 0.02 * hours)}
     },
-    ((findings.DEPTHS,), 20): {
+    ((sensors.DEPTHS,), 20): {
         _GLIDER: {
             "pressure x 0.1": _scaled("pressure", 0.1),
             "pressure x 10": _scaled("pressure", 10.0),
@@ -308,50 +316,66 @@ _FAULTS: dict[tuple[tuple[str, ...], int], dict[tuple[str, ...], dict[str, Edit]
             "depth of the vehicle stuck": _edited(_having("latitude", "metadata"), _stuck_vehicle),
         }
     },
-    ((findings.CLOCK,), 50): {
+    ((sensors.CLOCK,), 50): {
         (own,): {
             f"clock of a {own} {name} ahead": _late(seconds)
             for name, seconds in (("18 s", 18), ("2 min", 120), ("1 h", 3600), ("12 h", 43_200))
         }
         for own in _TWINS
     },
-    ((findings.DUPLICATES,), 20): {_TWINS: {"every message twice": _twice}},
-    ((findings.SCALE, findings.MEANS), 85): {
+    ((instrument.DUPLICATES,), 20): {_TWINS: {"every message twice": _twice}},
+    ((pairs.SCALE,), 120): {
+        _GLIDER: {
+            **{f"profiles x {factor}": _velocity(factor * np.eye(2)) for factor in (0.5, 0.7, 1.3)},
+            **{
+                f"mean currents x {factor}": _mean_current(factor * np.eye(2))
+                for factor in (0.7, 1.3)
+            },
+        }
+    },
+    ((instrument.STUCK,), 30): {
+        _TWINS: {"cells of the lower half stuck": _edited(_is_ping, _stuck_cells)},
+    },
+    ((pairs.SCALE, pairs.MEANS), 85): {
         _GLIDER: {
             f"mean currents x {factor}": _mean_current(factor * np.eye(2))
             for factor in (0.0, 0.5, 1.94, 100.0)
         }
     },
-    ((findings.ERRORS,), 30): {
+    ((profile.ERRORS,), 30): {
         _TWINS: {
             "stated errors x 100": _scaled("velocity_std", 100.0),
             "stated errors / 10": _scaled("velocity_std", 0.1),
         }
     },
-    ((findings.DISPLACED,), 85): {
+    ((DISPLACED,), 85): {
         _GLIDER: {
             "one fix in five 1 to 50 km off": _edited(
                 lambda m: "latitude" in m.payload and m.topic == "/vehicle/fix", _displaced
-            )
+            ),
+            "the twentieth position 42 km off": _edited(
+                _having("latitude"),
+                lambda p, at: _moved(p, 42e3, 0.0) if at.number == 20 else {},
+            ),
         }
     },
-    ((findings.DISPLACED,), 135): {
+    ((DISPLACED,), 135): {
         _GLIDER: {
             "positions 30 km off from hour 20": _edited(
                 _having("latitude"), lambda p, at: _moved(p, 30e3, 0.0) if at.hours >= 20.0 else {}
             )
         }
     },
-    ((findings.BEAM,), 68): {
+    ((instrument.BEAM,), 68): {
         _IN_BEAMS: {"beams 1 and 3 exchanged": _cells(lambda c, at: [c[2], c[1], c[0], c[3]])}
     },
-    ((findings.BEAM,), 30): {
+    ((instrument.BEAM,), 30): {
         _IN_BEAMS: {
             "a beam of noise": _cells(lambda c, at: [c[0] + at.rng.standard_normal(), *c[1:]]),
             "a beam at zero": _cells(lambda c, at: [c[0], 0.0, *c[2:]]),
         }
     },
-    ((findings.FROZEN,), 5): {_GLIDER: {"frozen positions": _frozen()}},
+    ((place.FROZEN,), 5): {_GLIDER: {"frozen positions": _frozen()}},
 }
 FAULTS = (
     *(
@@ -362,7 +386,7 @@ FAULTS = (
     ),
     *(
         Fault(f"heading off by {turn} degrees", iter, _DIRECTION, _TWINS, 18, turn)
-        for turn in (30, 90, 180)
+        for turn in (25, 30, 60, 90, 180)
     ),
     Fault("heading off by 60 degrees from hour 20", iter, _DIRECTION, _TWINS, 154, 60, 20.0),
 )

@@ -18,9 +18,6 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.summary import EnsembleSpeeds, ensemble_speeds
 
 from replay_kit.config.run import (
     EstimatorConfig,
@@ -30,6 +27,7 @@ from replay_kit.config.run import (
     RunConfig,
 )
 from replay_kit.core.arrays import Array
+from replay_kit.core.block import PING, Block
 from replay_kit.core.errors import Finding
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
@@ -37,8 +35,12 @@ from replay_kit.core.observation import PathMean
 from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import merge, open_log
-from replay_kit.measurements import finish, initial_state, interpret
-from replay_kit.measurements.events import Event, Skipped
+from replay_kit.measurements.checks.check import Checked, check
+from replay_kit.measurements.checks.pairs import COMPASS, DRIFT, OFFSET, SCALE, UNDECIDED
+from replay_kit.measurements.checks.profile import EnsembleSpeeds, ensemble_speeds
+from replay_kit.measurements.checks.sensors import CLOCK, DEPTHS
+from replay_kit.measurements.observed import blocks
+from replay_kit.measurements.observed import rows as events_of
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import mission as glider_mission
 from replay_kit.studies.twins.messages import Flight, measured_on
@@ -52,7 +54,7 @@ from tests.benchmarks.measure import Row, row
 from tests.faulty import Faults, messages_of
 from tests.places import DATA, SAMPLES
 
-_SEEDS, _PINGS, _TINY_PINGS = 5, 250, 60
+_SEEDS, _PINGS, _TINY_PINGS, _BLOCK = 5, 250, 60, 256
 #: What may come of a log with a fault: it is named, or the contradiction with the odds of its causes; a note says that it cannot be known;
 #: nothing; another cause.
 ENDS = ("named", "odds", "said", "silent", "wrong")
@@ -69,12 +71,12 @@ _FILES: Mapping[str, tuple[Callable[[Array], Array], tuple[str, ...]]] = {
 }
 # The word of such a note, by the finding that is expected.
 _NOTES = {
-    findings.COMPASS: "directions",
-    findings.SCALE: "scale",
-    findings.OFFSET: "offset",
-    findings.DRIFT: "drift",
-    findings.CLOCK: "clock",
-    findings.DEPTHS: "depth",
+    COMPASS: "directions",
+    SCALE: "scale",
+    OFFSET: "offset",
+    DRIFT: "drift",
+    CLOCK: "clock",
+    DEPTHS: "depth",
 }
 # m/s: of the platform's stated velocity; of the bins of the seeds' twins
 _PLATFORM_STD, _NOISE = 0.03, (0.09, 0.05, 0.15, 0.09, 0.25)
@@ -111,15 +113,15 @@ def rows(tiny: bool) -> list[Row]:
     counts = {"sound": 0, "unfit": 0, "mute": 0}
     for seed in range(1 if tiny else _SEEDS):
         for log in sound_logs(seas, seed, tiny):
-            events, own = list(_events(log)), ConsistencyState()
+            measured, own = list(_blocks(log)), Checked()
             for sea, (speeds, _, estimators) in seas.items():
-                state, found, _ = _after(events, speeds, log.config)
+                state, found, _, _ = _after(measured, speeds, log.config)
                 counts["sound" if log.ensemble is speeds else "unfit"] += 1
                 alarms += [f"{log.name} with {sea}: {finding}" for finding in found]
                 if log.ensemble is speeds:
                     own = state
                     if log.vehicle == "glider" and "motion" not in log.name:
-                        _judge_files(of_files, estimators(), events)
+                        _judge_files(of_files, estimators(), measured)
             counts["mute"] += not state.can_tell_directions
             for fault in FAULTS:
                 if log.vehicle in fault.vehicles and (
@@ -151,10 +153,10 @@ def _row(fault: Fault, runs: list[Run]) -> Row:
 
 
 def _judge_files(
-    found: dict[str, list[Run]], estimators: Mapping[str, Any], events: Iterable[Event]
+    found: dict[str, list[Run]], estimators: Mapping[str, Any], measured: Iterable[Block]
 ) -> None:
     """Add what the mean currents of a log say of the files of right and wrong forecasts."""
-    means = [event for event in events if isinstance(event, PathMean)]
+    means = [e for block in measured for e in events_of(block) if isinstance(e, PathMean)]
     for name, estimator in estimators.items():
         finding, note = check_file(estimator, means)
         if finding is None:
@@ -165,7 +167,7 @@ def _judge_files(
         found.setdefault(f"forecast {name}", []).append((ended, 0, ended == "silent"))
 
 
-def named(log: Log, fault: Fault, sound: ConsistencyState) -> Run:
+def named(log: Log, fault: Fault, sound: Checked) -> Run:
     """Return what came of a log with a fault, one of ``ENDS``, and the pings until it was named; 0 when it was not.
 
     Args:
@@ -173,17 +175,19 @@ def named(log: Log, fault: Fault, sound: ConsistencyState) -> Run:
         fault: Is made in it.
         sound: What is known after the log without the fault.
     """
-    state, found, notes = _after(_events(log, fault), log.ensemble, log.config, fault.expected)
+    state, found, notes, pings = _after(
+        _blocks(log, fault), log.ensemble, log.config, fault.expected
+    )
     names = {finding.name for finding in found if finding.severity != "warning"}
     if set(fault.expected) & {finding.name for finding in found}:
-        return "named", max(1, state.pings), True
-    before, after = (list(each.instruments.values()) for each in (sound, state))
+        return "named", max(1, pings), True
     sure = any(
         # of what no pairs tell nothing is known
-        not probability(one.sources, other.sources, fault.expected) < _SURE
-        for one, other in zip(before, after, strict=False)
+        not probability(sound.memory.get(key, {}), memory, fault.expected) < _SURE
+        for key, memory in state.memory.items()
+        if key[0] == "means" and sound.memory.get(key)
     )
-    if findings.UNDECIDED in names:
+    if UNDECIDED in names:
         return "odds", 0, sure
     if names:
         return "wrong", 0, sure
@@ -192,13 +196,10 @@ def named(log: Log, fault: Fault, sound: ConsistencyState) -> Run:
     return "said" if said else "silent", 0, sure
 
 
-def _events(log: Log, fault: Fault | None = None) -> Iterator[Event]:
-    """Yield what is checked of a log, with a fault, and what is skipped."""
-    measured, messages = initial_state(), iter(_messages(log, fault))
-    for message in messages if fault is None else fault.edit(messages):
-        measured, events = interpret(measured, message, log.config)
-        yield from (event for event in events if isinstance(event, Checked | Skipped))
-    yield from (event for event in finish(measured, log.config) if isinstance(event, Checked))
+def _blocks(log: Log, fault: Fault | None = None) -> Iterator[Block]:
+    """Yield what a log measured, with a fault."""
+    messages = iter(_messages(log, fault))
+    return blocks(messages if fault is None else fault.edit(messages), log.config, _BLOCK)
 
 
 def _messages(log: Log, fault: Fault | None) -> Iterable[Message]:
@@ -211,25 +212,23 @@ def _messages(log: Log, fault: Fault | None) -> Iterable[Message]:
 
 
 def _after(
-    events: Iterable[Event],
+    measured: Iterable[Block],
     ensemble: EnsembleSpeeds,
     config: MeasurementConfig,
     until: tuple[str, ...] = (),
-) -> tuple[ConsistencyState, tuple[Finding, ...], tuple[str, ...]]:
-    """Return the state of the checks after a log, or as soon as one of some findings is there, and what a replay would conclude."""
-    state, means, skipped = ConsistencyState(), list[PathMean](), Counter[tuple[str, str]]()
-    for event in events:
-        if isinstance(event, Skipped):
-            skipped[event.topic, event.reason] += 1
-            continue
-        if not isinstance(event, Checked):
-            continue
-        means += [event] if isinstance(event, PathMean) else []
-        state, _ = check(state, event, ensemble)
-        if any(finding.name in until for finding in state.findings):
-            break
-    whole = MonitoringState(checks=state, means=tuple(means))
-    return state, *conclusions(whole, ProfileCounts(), RunConfig(measurements=config), skipped)
+) -> tuple[Checked, tuple[Finding, ...], tuple[str, ...], int]:
+    """Return the state of the checks after a log, what a replay would conclude, and the pings until one of some findings."""
+    state, means, skipped, pings, named_at = Checked(), list[PathMean](), Counter(), 0, 0
+    for block in measured:
+        skipped.update(block.counts())
+        before = pings + np.cumsum(block.events[:, 1] == PING)
+        state, block, new = check(state, block, ensemble)
+        means += [event for event in events_of(block) if isinstance(event, PathMean)]
+        at = [int(before[event]) for event, finding, _ in new if finding.name in until]
+        named_at, pings = named_at or min(at, default=0), state.pings[0]
+    whole = MonitoringState(checks=state, findings=state.findings, means=tuple(means))
+    said = conclusions(whole, ProfileCounts(), RunConfig(measurements=config), skipped)
+    return state, *said, named_at or pings
 
 
 Seas = Mapping[str, tuple[EnsembleSpeeds, str, Callable[[], Mapping[str, Any]]]]
@@ -283,7 +282,7 @@ def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
                     _logged(flight, moves, seed),
                     speeds,
                     vehicle,
-                    (180,) if tiny else (30, 60, 90, 180),
+                    (180,) if tiny else (25, 30, 60, 90, 180),
                 )
                 if moves:
                     yield Log(f"{label} in beams", _in_beams(flight, seed), speeds, "beams")

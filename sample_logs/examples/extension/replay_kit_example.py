@@ -1,19 +1,18 @@
 """One addition of each kind to replay-kit, which finds them by the entry points in ``pyproject.toml``."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from planners.mission.values import Objective, Weights
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.errors import Finding
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import LinearMeasurement, Observation
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.baselines import nearest_member
 from replay_kit.logs.glider.dialects import Dialect
+from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, carried
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page.section import Section
 
@@ -47,28 +46,20 @@ def build_closest(ensemble: Ensemble, config: EstimatorConfig) -> Estimator:
     return nearest_member(ensemble, config)
 
 
-@dataclass(frozen=True, slots=True)
-class RepeatedTimes:
-    """How many pings in a row have one time."""
+def repeated_times(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+    """Return that the clock stands still: four pings in a row have one time.
 
-    last_ns: int = -1
-    repeated: int = 0
-
-    def after(self, ping: Observation, summary: PingSummary) -> Self:
-        """Return the count after a ping."""
-        return type(self)(ping.time_ns, self.repeated + 1 if ping.time_ns == self.last_ns else 0)
-
-    def found(self, ping: Observation, named: frozenset[str]) -> Finding | None:
-        """Return that the clock stands still."""
-        if self.repeated < 3:
-            return None
-        evidence = f"{self.repeated} pings of one time"
-        return Finding(
-            "clock stands still", ping.time_ns, evidence, "a stopped clock", "mend the log"
-        )
-
-
-REPEATED_TIMES = RepeatedTimes()
+    Args:
+        memory: ``time`` (up to 3,) of the last pings [ns, UTC].
+        pings: Of one instrument.
+        context: Is not asked.
+    """
+    times = carried(memory, "time", pings["time"], 3)
+    alike = (times[3:] == times[2:-1]) & (times[3:] == times[1:-2]) & (times[3:] == times[:-3])
+    words = "4 pings of one time", "a stopped clock", "mend the log"
+    new = np.flatnonzero(alike) + 3 - (len(times) - len(pings))
+    found = [pings.found(int(at), "clock stands still", words) for at in new]
+    return {"time": times[-3:]}, found
 
 
 def depths_section(contents: Contents) -> Section:
