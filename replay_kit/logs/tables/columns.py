@@ -15,8 +15,10 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.table import Columns, Kind, Raw, Table
 
-#: What reading a payload raises that is not what its schema promises.
-MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
+# what reading a payload raises that is not what its schema promises
+_MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
+#: The reason of a message of a kind that is not known.
+NOT_A_KIND = "message type not used by the estimator"
 Payload = Mapping[str, Any]
 Chosen = NDArray[np.bool_] | NDArray[np.intp] | slice
 _LARGEST_DIVE = 2**32 - 1
@@ -48,11 +50,14 @@ def _integers(values: Sequence[int]) -> NDArray[np.int64]:
 
 def some(raw: Raw, at: Sequence[int]) -> Raw:
     """Return some messages of a topic."""
-    if len(at) == len(raw.time):
-        return raw
+    return raw if len(at) == len(raw.time) else part_of(raw, at)
+
+
+def part_of(raw: Raw, at: Sequence[int]) -> Raw:
+    """Return messages of a topic by their numbers, in any order."""
     rows = np.array(at, np.intp)
-    at_rows = raw.time[rows], raw.order[rows], raw.position[rows]
-    return Raw(raw.topic, raw.schema, raw.input, *at_rows, [raw.payloads[k] for k in at])
+    places = raw.time[rows], raw.order[rows], raw.position[rows]
+    return Raw(raw.topic, raw.schema, raw.input, *places, [raw.payloads[k] for k in at])
 
 
 def table(
@@ -87,7 +92,7 @@ def read_each(
         read: Returns a row's values, or in words why there are none.
         fixed: As in ``Table``.
     """
-    found = [_guarded(read, payload) for payload in raw.payloads]
+    found = [guarded(read, payload) for payload in raw.payloads]
     good = [k for k, row in enumerate(found) if not isinstance(row, str)]
     tables = unused(raw, [row if isinstance(row, str) else "" for row in found])
     if good:
@@ -106,17 +111,18 @@ def as_column(values: Sequence[Any]) -> NDArray[Any]:
     return column
 
 
-def _guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
+def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
+    """Return what a function reads of a payload, or in words why it cannot."""
     try:
         return read(payload)
     except MeasurementError as error:
         return str(error)
-    except MALFORMED as error:
+    except _MALFORMED as error:
         return malformed(error)
 
 
 def malformed(error: Exception) -> str:
-    """Return the reason of a message that raised one of ``MALFORMED``; the values stay out, so that alike messages count as one."""
+    """Return the reason of a message that raised one of ``_MALFORMED``; without values, so that alike messages count as one."""
     return f"malformed: a field is missing or of the wrong kind ({type(error).__name__})"
 
 

@@ -190,8 +190,6 @@ def imc_estimated_state(payload: Payload) -> Place | str:
 # ends of frames' names; a vehicle's base frame has z up (ROS REP-103)
 _UP = re.compile(r"(^|[_/])(flu|base_link|base_footprint)$", re.IGNORECASE)
 _DOWN = re.compile(r"(^|[_/])(frd|fsd|ned)$", re.IGNORECASE)
-#: Numbers of a DVL's axes by the names of the settings; 0 is none stated.
-AXES = {"forward-starboard-down": 1, "forward-left-up": 2}
 # m/s; of a DVL that states none: makers state 3 to 30 mm/s for a single ping
 _DVL_STD = 0.03
 
