@@ -151,7 +151,7 @@ class FollowedStates(StateStore):
             known,
             Checkpoint(
                 state,
-                tuple(one.settled for one in measurement),
+                measurement,
                 messages,
                 self._journal.place,
                 session.writer.state,
