@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import chain
 from operator import itemgetter, methodcaller
 from reprlib import repr as shorten
 from typing import Any
@@ -218,86 +217,3 @@ def known_word(payload: Payload, name: str, known: Sequence[str]) -> str:
             f"ping: expected {name} to be one of {', '.join(known)}, got {value}; state it in the message"
         )
     return value
-
-
-def velocity_cells(
-    payloads: Sequence[Payload], systems: Sequence[str]
-) -> list[Array | MeasurementError]:
-    """Return the components of each cell of pings' velocities, shape (m, at least 3) [m/s]; protobuf carries them flat.
-
-    Of cells that are not as many as ``n_cells``, or of which one has not the components that it must have, what is wrong is returned. In
-    earth coordinates a cell has east and north, or is missing as a whole.
-
-    Args:
-        payloads: ``velocity``, ``n_cells`` and ``coordinate_system`` of them are read.
-        systems: The coordinate systems that are known.
-    """
-    values, counts = field(payloads, "velocity"), {*each(whole_number, field(payloads, "n_cells"))}
-    try:
-        # of nested lists NumPy would ask for every length twice
-        cells = [*chain(*values)]
-        plain = np.array([*chain(*cells)], np.float64)
-        alike = plain.ndim == 1 and {*map(type, cells)} <= {list, tuple}
-        shape = len(values), *{*map(len, values)}, *{*map(len, cells)}
-        plain = plain.reshape(shape) if alike else np.empty(0)
-    except (TypeError, ValueError, OverflowError):
-        plain = np.empty(0)
-    if plain.ndim == 3 and plain.shape[2] >= 2 and counts == {plain.shape[1]}:
-        return list(_padded(plain))
-    if len(payloads) > 1:
-        return [cells for payload in payloads for cells in velocity_cells([payload], systems)]
-    try:
-        return [_padded(_cells_of(payload, systems)) for payload in payloads]
-    except MeasurementError as error:
-        return [error]
-
-
-def _padded(velocity: Array) -> Array:
-    """Return velocities, shape (..., m, k), with at least three components, NaN where one is not finite or missing."""
-    known = np.where(np.isfinite(velocity), velocity, np.nan)
-    *shape, width = velocity.shape
-    missing = np.full((*shape, max(3 - width, 0)), np.nan)
-    return np.concatenate([known, missing], axis=-1) if missing.size else known
-
-
-def _cells_of(payload: Payload, systems: Sequence[str]) -> Array:
-    """Return the velocities of a ping whose cells are flat, missing, or of different lengths, shape (m, k).
-
-    Raises:
-        MeasurementError: As ``velocity_cells`` returns it.
-    """
-    earth = word(payload.get("coordinate_system"), systems) == "earth"
-    raw, n_cells = payload.get("velocity"), whole_number(payload.get("n_cells"))
-    if not isinstance(raw, list | tuple) or n_cells is None or n_cells < 1:
-        raise MeasurementError(
-            "ping: expected n_cells >= 1 and a list of velocities, "
-            f"got n_cells {shorten(payload.get('n_cells'))} and velocity {type(raw).__name__}"
-        )
-    flat = bool(raw) and not any(isinstance(item, list | tuple | Mapping) for item in raw)
-    # nulls alone, as many as there are cells, are missing cells
-    if flat and not (len(raw) == n_cells and all(item is None for item in raw)):
-        if len(raw) % n_cells:
-            raise MeasurementError(
-                f"ping: {len(raw)} flat velocities do not divide into {n_cells} cells"
-            )
-        width = len(raw) // n_cells
-        raw = [raw[i * width : (i + 1) * width] for i in range(n_cells)]
-    if len(raw) != n_cells:
-        raise MeasurementError(
-            f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells"
-        )
-    return rows([_components(cell, earth) for cell in raw])
-
-
-def _components(cell: Any, earth: bool) -> Sequence[Any]:
-    """Return the components of a cell: a list, a message with ``value`` or with ``east`` and ``north``, or null."""
-    found = cell
-    if isinstance(cell, Mapping):
-        both = "east" in cell and "north" in cell
-        found = cell.get("value", [cell["east"], cell["north"], cell.get("up")] if both else [])
-    if isinstance(found, list | tuple) and (len(found) >= 2 or not earth):
-        return found
-    # null, NaN or "NaN" in the place of a cell
-    if not earth or (not isinstance(cell, list | tuple | Mapping) and np.isnan(number(cell))):
-        return ()
-    raise MeasurementError(f"ping: expected cells of east, north[, up], got {shorten(cell)}")
