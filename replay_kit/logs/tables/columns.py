@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import chain
 from operator import itemgetter, methodcaller
 from reprlib import repr as shorten
 from typing import Any
@@ -15,8 +14,10 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.table import Columns, Kind, Raw, Table
 
-#: What reading a payload raises that is not what its schema promises.
-MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
+# what reading a payload raises that is not what its schema promises
+_MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
+#: The reason of a message of a kind that is not known.
+NOT_A_KIND = "message type not used by the estimator"
 Payload = Mapping[str, Any]
 Chosen = NDArray[np.bool_] | NDArray[np.intp] | slice
 _LARGEST_DIVE = 2**32 - 1
@@ -48,11 +49,14 @@ def _integers(values: Sequence[int]) -> NDArray[np.int64]:
 
 def some(raw: Raw, at: Sequence[int]) -> Raw:
     """Return some messages of a topic."""
-    if len(at) == len(raw.time):
-        return raw
+    return raw if len(at) == len(raw.time) else part_of(raw, at)
+
+
+def part_of(raw: Raw, at: Sequence[int]) -> Raw:
+    """Return messages of a topic by their numbers, in any order."""
     rows = np.array(at, np.intp)
-    at_rows = raw.time[rows], raw.order[rows], raw.position[rows]
-    return Raw(raw.topic, raw.schema, raw.input, *at_rows, [raw.payloads[k] for k in at])
+    places = raw.time[rows], raw.order[rows], raw.position[rows]
+    return Raw(raw.topic, raw.schema, raw.input, *places, [raw.payloads[k] for k in at])
 
 
 def table(
@@ -87,7 +91,7 @@ def read_each(
         read: Returns a row's values, or in words why there are none.
         fixed: As in ``Table``.
     """
-    found = [_guarded(read, payload) for payload in raw.payloads]
+    found = [guarded(read, payload) for payload in raw.payloads]
     good = [k for k, row in enumerate(found) if not isinstance(row, str)]
     tables = unused(raw, [row if isinstance(row, str) else "" for row in found])
     if good:
@@ -106,17 +110,18 @@ def as_column(values: Sequence[Any]) -> NDArray[Any]:
     return column
 
 
-def _guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
+def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
+    """Return what a function reads of a payload, or in words why it cannot."""
     try:
         return read(payload)
     except MeasurementError as error:
         return str(error)
-    except MALFORMED as error:
+    except _MALFORMED as error:
         return malformed(error)
 
 
 def malformed(error: Exception) -> str:
-    """Return the reason of a message that raised one of ``MALFORMED``; the values stay out, so that alike messages count as one."""
+    """Return the reason of a message that raised one of ``_MALFORMED``; without values, so that alike messages count as one."""
     return f"malformed: a field is missing or of the wrong kind ({type(error).__name__})"
 
 
@@ -212,86 +217,3 @@ def known_word(payload: Payload, name: str, known: Sequence[str]) -> str:
             f"ping: expected {name} to be one of {', '.join(known)}, got {value}; state it in the message"
         )
     return value
-
-
-def velocity_cells(
-    payloads: Sequence[Payload], systems: Sequence[str]
-) -> list[Array | MeasurementError]:
-    """Return the components of each cell of pings' velocities, shape (m, at least 3) [m/s]; protobuf carries them flat.
-
-    Of cells that are not as many as ``n_cells``, or of which one has not the components that it must have, what is wrong is returned. In
-    earth coordinates a cell has east and north, or is missing as a whole.
-
-    Args:
-        payloads: ``velocity``, ``n_cells`` and ``coordinate_system`` of them are read.
-        systems: The coordinate systems that are known.
-    """
-    values, counts = field(payloads, "velocity"), {*each(whole_number, field(payloads, "n_cells"))}
-    try:
-        # of nested lists NumPy would ask for every length twice
-        cells = [*chain(*values)]
-        plain = np.array([*chain(*cells)], np.float64)
-        alike = plain.ndim == 1 and {*map(type, cells)} <= {list, tuple}
-        shape = len(values), *{*map(len, values)}, *{*map(len, cells)}
-        plain = plain.reshape(shape) if alike else np.empty(0)
-    except (TypeError, ValueError, OverflowError):
-        plain = np.empty(0)
-    if plain.ndim == 3 and plain.shape[2] >= 2 and counts == {plain.shape[1]}:
-        return list(_padded(plain))
-    if len(payloads) > 1:
-        return [cells for payload in payloads for cells in velocity_cells([payload], systems)]
-    try:
-        return [_padded(_cells_of(payload, systems)) for payload in payloads]
-    except MeasurementError as error:
-        return [error]
-
-
-def _padded(velocity: Array) -> Array:
-    """Return velocities, shape (..., m, k), with at least three components, NaN where one is not finite or missing."""
-    known = np.where(np.isfinite(velocity), velocity, np.nan)
-    *shape, width = velocity.shape
-    missing = np.full((*shape, max(3 - width, 0)), np.nan)
-    return np.concatenate([known, missing], axis=-1) if missing.size else known
-
-
-def _cells_of(payload: Payload, systems: Sequence[str]) -> Array:
-    """Return the velocities of a ping whose cells are flat, missing, or of different lengths, shape (m, k).
-
-    Raises:
-        MeasurementError: As ``velocity_cells`` returns it.
-    """
-    earth = word(payload.get("coordinate_system"), systems) == "earth"
-    raw, n_cells = payload.get("velocity"), whole_number(payload.get("n_cells"))
-    if not isinstance(raw, list | tuple) or n_cells is None or n_cells < 1:
-        raise MeasurementError(
-            "ping: expected n_cells >= 1 and a list of velocities, "
-            f"got n_cells {shorten(payload.get('n_cells'))} and velocity {type(raw).__name__}"
-        )
-    flat = bool(raw) and not any(isinstance(item, list | tuple | Mapping) for item in raw)
-    # nulls alone, as many as there are cells, are missing cells
-    if flat and not (len(raw) == n_cells and all(item is None for item in raw)):
-        if len(raw) % n_cells:
-            raise MeasurementError(
-                f"ping: {len(raw)} flat velocities do not divide into {n_cells} cells"
-            )
-        width = len(raw) // n_cells
-        raw = [raw[i * width : (i + 1) * width] for i in range(n_cells)]
-    if len(raw) != n_cells:
-        raise MeasurementError(
-            f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells"
-        )
-    return rows([_components(cell, earth) for cell in raw])
-
-
-def _components(cell: Any, earth: bool) -> Sequence[Any]:
-    """Return the components of a cell: a list, a message with ``value`` or with ``east`` and ``north``, or null."""
-    found = cell
-    if isinstance(cell, Mapping):
-        both = "east" in cell and "north" in cell
-        found = cell.get("value", [cell["east"], cell["north"], cell.get("up")] if both else [])
-    if isinstance(found, list | tuple) and (len(found) >= 2 or not earth):
-        return found
-    # null, NaN or "NaN" in the place of a cell
-    if not earth or (not isinstance(cell, list | tuple | Mapping) and np.isnan(number(cell))):
-        return ()
-    raise MeasurementError(f"ping: expected cells of east, north[, up], got {shorten(cell)}")

@@ -13,7 +13,7 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import Payload, number, table, whole_number
+from replay_kit.logs.tables.columns import NOT_A_KIND, Payload, number, part_of, whole_number
 from replay_kit.logs.tables.instruments import pings
 
 SCHEMA = "DEBUG_FLOAT_ARRAY"
@@ -68,7 +68,7 @@ def joined(
             whole_number(payload.get(part)) for part in ("array_id", "time_usec")
         )
         if name not in _PARTS:
-            made[r].append((k, "", 1))
+            made[r].append((k, NOT_A_KIND, 1))
         elif (
             array_id is None
             or time_usec is None
@@ -79,7 +79,9 @@ def joined(
             made[r] += _taken(pending, (raw.topic, array_id, time_usec), name, payload["data"], k)
     found: list[Table] = []
     for raw, rows in zip(raws, made, strict=True):
-        found += _tables(raw, rows, config)
+        if rows:
+            at, payloads, counts = zip(*rows, strict=True)
+            found += pings(part_of(raw, at), payloads, config, counts)
     return pending, found
 
 
@@ -101,41 +103,6 @@ def _taken(
         return []
     oldest = next(iter(pending))
     return [(k, _INCOMPLETE, len(pending.pop(oldest)))]
-
-
-def _tables(
-    raw: Raw, rows: Sequence[tuple[int, Payload | str, int]], config: MeasurementConfig
-) -> list[Table]:
-    """Return the tables of what became of frames: number of the message, ping or reason, number of frames."""
-    from replay_kit.logs.tables.schemas import NOT_A_KIND
-
-    if not rows:
-        return []
-    at = np.array([k for k, _, _ in rows])
-    part = Raw(
-        *(raw.topic, raw.schema, raw.input, raw.time[at], raw.order[at], raw.position[at]),
-        [raw.payloads[k] for k in at],
-    )
-    whole = [payload if isinstance(payload, str) else "" for _, payload, _ in rows]
-    good = np.array([not isinstance(payload, str) for _, payload, _ in rows])
-    counts = [number for _, _, number in rows]
-    repeated = np.repeat(
-        np.flatnonzero(~good), [n for n, g in zip(counts, good, strict=True) if not g]
-    )
-    found = []
-    if repeated.size:
-        reasons = np.array([whole[k] or NOT_A_KIND for k in repeated], object)
-        found.append(table(part, "unused", repeated, {"reason": reasons}))
-    if good.any():
-        at = np.flatnonzero(good)
-        pinged = Raw(
-            *(raw.topic, raw.schema, raw.input),
-            *(part.time[at], part.order[at], part.position[at]),
-            [],
-        )
-        chosen = at.tolist()
-        found += pings(pinged, [rows[k][1] for k in chosen], config, [counts[k] for k in chosen])
-    return found
 
 
 def lost(pending: Open, order: int) -> list[Table]:

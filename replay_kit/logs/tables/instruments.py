@@ -18,8 +18,7 @@ be joined.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from reprlib import repr as shorten
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -31,6 +30,7 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.quantities import metres_per_second
 from replay_kit.core.table import Raw, Table
 from replay_kit.logs.tables import columns
+from replay_kit.logs.tables.cells import believed_std, by_cell, cell_distances, velocity_cells
 from replay_kit.logs.tables.columns import Payload, field, known_word, listed, number, numbers
 
 SYSTEMS = ("beam", "instrument", "ship", "earth")
@@ -59,8 +59,6 @@ _INSTRUMENT = (
     "tilt_applied",
     "declination_applied",
 )
-# m/s; an error outside is no statement of one, and its square would not survive the filter's arithmetic
-STD_BELIEVED = (1e-6, 1e3)
 _NO_REFERENCE = (
     "ping: expected reference to be one of earth, platform, got none; state it in the message, or as measurements.reference "
     "when the message has no place for it"
@@ -89,14 +87,40 @@ def pings(
         reasons = [payload if isinstance(payload, str) else "" for payload in payloads]
     good = [k for k, reason in enumerate(reasons) if not reason]
     held = cast(Sequence[Payload], [payloads[k] for k in good])
-    velocities = columns.velocity_cells(held, SYSTEMS)
+    times = np.ones(len(payloads), np.int64) if messages is None else np.array(messages)
+    where = np.array([place or (math.nan,) * 3 for place in places or []]).reshape(-1, 3)
+    where = where if places else np.full((len(payloads), 3), np.nan)
+    found: list[Table] = []
+    for at, alike in _groups(held, velocity_cells(held, SYSTEMS)):
+        rows = np.array([good[k] for k in at])
+        for part, made in (
+            [(slice(None), alike)] if isinstance(alike, str) else alike.tables(config)
+        ):
+            own = rows[part]
+            if isinstance(made, str):
+                for k in own:
+                    reasons[k] = made
+                continue
+            own_columns = {**made[0], "messages": times[own], "place": where[own]}
+            found.append(columns.table(raw, "ping", own, own_columns, made[1]))
+    bad = np.array([k for k in np.repeat(np.arange(len(reasons)), times) if reasons[k]], np.intp)
+    if bad.size:
+        words = np.array([reasons[k] for k in bad], object)
+        found.append(columns.table(raw, "unused", bad, {"reason": words}))
+    return found
+
+
+def _groups(
+    payloads: Sequence[Payload], velocities: Sequence[Array | MeasurementError]
+) -> Iterator[tuple[list[int], "_Alike | str"]]:
+    """Yield the numbers of pings of one instrument with as many cells, and these pings; or in words why they are none."""
     groups: list[tuple[Any, list[int]]] = []
     at: list[int] = []
     known: Any = None
-    stated = zip(*(field(held, name) for name in _INSTRUMENT), strict=True)
+    stated = zip(*(field(payloads, name) for name in _INSTRUMENT), strict=True)
     for k, (own, velocity) in enumerate(zip(stated, velocities, strict=True)):
         if isinstance(velocity, MeasurementError):
-            reasons[good[k]] = str(velocity)
+            yield [k], str(velocity)
             continue
         own = (*own, velocity.shape)
         if own != known:
@@ -104,30 +128,8 @@ def pings(
             if not at:
                 groups.append((own, at))
         at.append(k)
-    found: list[Table] = []
-    for _, own_rows in groups:
-        one = _Alike([held[k] for k in own_rows], np.array([velocities[k] for k in own_rows]))
-        rows = np.array([good[k] for k in own_rows])
-        for part, made in one.tables(config):
-            if isinstance(made, str):
-                for k in rows[part]:
-                    reasons[k] = made
-                continue
-            own_columns, fixed = made
-            own_columns["messages"] = np.ones(part.size, np.int64)
-            if messages is not None:
-                own_columns["messages"] = np.array([messages[k] for k in rows[part]], np.int64)
-            own_columns["place"] = np.full((part.size, 3), np.nan)
-            if places is not None:
-                known_places = [places[k] or (math.nan,) * 3 for k in rows[part]]
-                own_columns["place"] = np.array(known_places)
-            found.append(columns.table(raw, "ping", rows[part], own_columns, fixed))
-    times = [1] * len(reasons) if messages is None else messages
-    bad = np.array([k for k in np.repeat(np.arange(len(reasons)), times) if reasons[k]], np.intp)
-    if bad.size:
-        words = np.array([reasons[k] for k in bad], object)
-        found.append(columns.table(raw, "unused", bad, {"reason": words}))
-    return found
+    for _, at in groups:
+        yield at, _Alike([payloads[k] for k in at], np.array([velocities[k] for k in at]))
 
 
 class _Alike:
@@ -152,12 +154,12 @@ class _Alike:
                 return [(everyone, str(error))]
         # one of them differs: the others must not suffer
         found = []
-        for part in self._parts():
+        for part in self._by_shape():
             rest = _Alike([self.payloads[k] for k in part], self.velocity[part])
             found += [(part[at], one) for at, one in rest.tables(config)]
         return found
 
-    def _parts(self) -> list[NDArray[np.intp]]:
+    def _by_shape(self) -> list[NDArray[np.intp]]:
         """Return the pings by what fields they hold and how long these are; where all are alike in that, one by one."""
 
         def shape(value: Any) -> Any:
@@ -183,12 +185,12 @@ class _Alike:
             columns.each(columns.dive_number, field(payloads, "dive")), np.int64
         )
         found["velocity"] = self.velocity * _factor(config)
-        found["distance"] = _distance(payloads, n, m)
-        found["error_std"] = _believed(field(payloads, "velocity_std"), m)
+        found["distance"] = cell_distances(payloads, n, m)
+        found["error_std"] = believed_std(field(payloads, "velocity_std"), m)
         found |= _bottom(field(payloads, "bottom_track"))
         found |= _platform(field(payloads, "platform_velocity"))
         for name in QUALITY:
-            values, found[f"no_{name}"] = _by_cell(field(payloads, name), name, n, m)
+            values, found[f"no_{name}"] = by_cell(field(payloads, name), name, n, m)
             if values is not None:
                 found[name] = values
         shapes = {name: column.shape[1:] for name, column in found.items()}
@@ -244,57 +246,6 @@ def _factor(config: MeasurementConfig) -> float:
     return metres_per_second(config.velocity_unit or "m/s") or 1.0
 
 
-def _believed(values: Sequence[Any], m: int) -> Array:
-    """Return the stated errors of m cells, one number or m of each ping, shape (n, m) [m/s]; NaN where none can be believed.
-
-    Raises:
-        MeasurementError: Numbers are neither one nor m.
-    """
-    kinds = {*map(type, values)}
-    if not kinds & {list, tuple}:
-        found = numbers(values)[:, None]
-    else:
-        lists = [isinstance(value, list | tuple) for value in values]
-        sizes = {
-            len(value) or 1 if is_list else 1 for value, is_list in zip(values, lists, strict=True)
-        }
-        if len(values) > 1 and (len(sizes) > 1 or not all(lists)):
-            raise ValueError("pings state errors in unlike ways")
-        if sizes not in ({1}, {m}):
-            raise MeasurementError(
-                f"ping: expected velocity_std to be a number or {m} numbers, got {min(sizes)}"
-            )
-        found = columns.rows([value or [math.nan] for value in values])
-    least, most = STD_BELIEVED
-    return np.broadcast_to(
-        np.where((found >= least) & (found <= most), found, np.nan), (len(values), m)
-    )
-
-
-def _distance(payloads: Sequence[Payload], n: int, m: int) -> Array:
-    """Return how far the centres of m cells are from the transducer, shape (n, m) [m]: as listed, or evenly spaced.
-
-    Raises:
-        MeasurementError: The list has another length, or first distance and size are none.
-    """
-    stated = field(payloads, "cell_distances")
-    if any(each is not None for each in stated):
-        for each in stated:
-            if not isinstance(each, list | tuple) or len(each) != m:
-                raise MeasurementError(
-                    f"ping: expected cell_distances to be {m} numbers [m], got {shorten(each)}"
-                )
-        return columns.rows(stated)
-    first, size = (number(payloads[0].get(name)) for name in ("bin0_distance", "cell_size"))
-    if not (size > 0.0 and math.isfinite(first)):
-        raise MeasurementError(
-            "ping: expected cell_size > 0 and a finite bin0_distance [m], "
-            f"got {shorten(payloads[0].get('cell_size'))} and {shorten(payloads[0].get('bin0_distance'))}"
-        )
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.broadcast_to(first + size * np.arange(m), (n, m))
-
-
 def _bottom(stated: Sequence[Any]) -> dict[str, Array]:
     """Return the columns of the bottom track; NaN where none gives a velocity of three components, or a distance."""
     parts = _parts(stated)
@@ -326,37 +277,3 @@ def _platform(stated: Sequence[Any]) -> dict[str, Array]:
     parts = _parts(stated)
     east, north, std = (numbers(field(parts, name)) for name in ("east", "north", "velocity_std"))
     return {"platform": np.column_stack([east, north]), "platform_std": std}
-
-
-def _by_cell(
-    stated: Sequence[Any], name: str, n: int, m: int
-) -> tuple[Array | None, NDArray[np.object_]]:
-    """Return a field with one or more numbers for each of m cells, shape (n, m, b), and why pings have none, shape (n,).
-
-    Raises:
-        ValueError: Pings have unlike numbers of beams.
-    """
-    none, why = f"the ping has no {name}", np.full(n, "", object)
-    if not {*map(type, stated)} & {list, tuple}:
-        why[:] = none
-        return None, why
-    given = [bool(each) and isinstance(each, list | tuple) for each in stated]
-    if not any(given):
-        why[:] = none
-        return None, why
-    if not all(given):
-        raise ValueError(none)
-    try:
-        values = np.array(stated, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        # cells of different lengths, or something among them that is no number
-        if n > 1:
-            raise
-        values = columns.rows(stated[0])[None]
-    wrong = values.ndim == 3 and values.shape[1] != m
-    if wrong or values.ndim > 3 or values.size == 0 or values[0].size % m:
-        why[:] = f"{name} is not as long as the velocity"
-        return None, why
-    values = np.where(np.isfinite(values), values, np.nan).reshape(n, m, -1)
-    why[~np.isfinite(values).any(axis=(1, 2))] = none
-    return values, why

@@ -8,9 +8,8 @@ from replay_kit.config.mapping import DepthMap, PositionMap, ProfileMap, TopicMa
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import Payload, number, read_each, some
+from replay_kit.logs.tables.columns import Payload, guarded, number, read_each, some
 from replay_kit.logs.tables.instruments import pings
-from replay_kit.logs.tables.profiles import guarded
 from replay_kit.logs.tables.vehicle import Place, checked
 
 _NAMES_SHOWN = 12

@@ -9,16 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.errors import MeasurementError
 from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import (
-    MALFORMED,
-    Payload,
-    field,
-    malformed,
-    number,
-    whole_number,
-)
+from replay_kit.logs.tables.columns import Payload, field, guarded, number, whole_number
 from replay_kit.logs.tables.instruments import SYSTEMS, pings
 from replay_kit.logs.tables.vehicle import checked
 
@@ -68,16 +60,6 @@ def _of(
         return pings(raw, [guarded(read, payload) for payload in raw.payloads], config)
 
     return reader
-
-
-def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
-    """Return what a function reads of a payload, or in words why it cannot."""
-    try:
-        return read(payload)
-    except MeasurementError as error:
-        return str(error)
-    except MALFORMED as error:
-        return malformed(error)
 
 
 def _ds_adcp(payload: Payload) -> Payload | str:

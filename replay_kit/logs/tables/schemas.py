@@ -16,12 +16,11 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.extensions import additions
 from replay_kit.core.table import Kind, Raw, Table
 from replay_kit.logs.tables import profiles, vehicle, water
+from replay_kit.logs.tables.columns import NOT_A_KIND as NOT_A_KIND
 from replay_kit.logs.tables.columns import Payload, field, malformed, read_each, some, unused
 from replay_kit.logs.tables.frames import SCHEMA, Open, joined
 from replay_kit.logs.tables.mapped import mapped
 
-#: The reason of a message of a kind that is not known.
-NOT_A_KIND = "message type not used by the estimator"
 _ALSO_INVERTED = (
     "already in the dive's inverted profile; measurements.use_inverted = false uses this instead"
 )

@@ -21,8 +21,8 @@ from replay_kit.logs.tables.columns import (
     field,
     number,
     numbers,
-    read_each,
     table,
+    unused,
     whole_number,
 )
 
@@ -51,11 +51,10 @@ def location_fixes(raw: Raw, config: MeasurementConfig) -> list[Table]:
     del config
     payloads = raw.payloads
     longitude, latitude = (numbers(field(payloads, name)) for name in ("longitude", "latitude"))
-    bad = ~np.isfinite(longitude) | ~np.isfinite(latitude)
-    bad |= (longitude == 0.0) & (latitude == 0.0)
-    bad |= (np.abs(latitude) > 90.0) | (longitude < -180.0) | (longitude > 360.0)
-    if bad.any():
-        return read_each(raw, "position", _NAMES, _location_fix)
+    reasons = np.full(longitude.size, "", object)
+    reasons[(np.abs(latitude) > 90.0) | (longitude < -180.0) | (longitude > 360.0)] = OUTSIDE
+    reasons[(longitude == 0.0) & (latitude == 0.0)] = NO_FIX
+    reasons[~np.isfinite(longitude + latitude)] = NO_NUMBER
     try:
         # as most encodings write it
         extra = [
@@ -65,19 +64,15 @@ def location_fixes(raw: Raw, config: MeasurementConfig) -> list[Table]:
     except (TypeError, LookupError):
         extra = [dict(_metadata(pairs)) for pairs in field(payloads, "metadata")]
     reckoned = each(lambda said: str(said).strip().lower() in _TRUE, field(extra, "dead_reckoned"))
-    columns = longitude, latitude, numbers(field(extra, "depth")), np.array(reckoned)
-    return [table(raw, "position", slice(None), dict(zip(_NAMES, columns, strict=True)))]
-
-
-_NAMES = ("longitude", "latitude", "depth", "dead_reckoned")
-
-
-def _location_fix(payload: Payload) -> Place | str:
-    extra = _metadata(payload.get("metadata"))
-    dead_reckoned = str(extra.get("dead_reckoned", "")).strip().lower() in _TRUE
-    return checked(
-        payload.get("longitude"), payload.get("latitude"), number(extra.get("depth")), dead_reckoned
-    )
+    good = reasons == ""
+    columns = {
+        "longitude": longitude[good],
+        "latitude": latitude[good],
+        "depth": numbers(field(extra, "depth"))[good],
+        "dead_reckoned": np.array(reckoned)[good],
+    }
+    found = [table(raw, "position", good, columns)] if good.any() else []
+    return unused(raw, reasons) + found
 
 
 def _metadata(pairs: Any) -> Payload:
@@ -190,8 +185,6 @@ def imc_estimated_state(payload: Payload) -> Place | str:
 # ends of frames' names; a vehicle's base frame has z up (ROS REP-103)
 _UP = re.compile(r"(^|[_/])(flu|base_link|base_footprint)$", re.IGNORECASE)
 _DOWN = re.compile(r"(^|[_/])(frd|fsd|ned)$", re.IGNORECASE)
-#: Numbers of a DVL's axes by the names of the settings; 0 is none stated.
-AXES = {"forward-starboard-down": 1, "forward-left-up": 2}
 # m/s; of a DVL that states none: makers state 3 to 30 mm/s for a single ping
 _DVL_STD = 0.03
 

@@ -9,6 +9,7 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag
 from replay_kit.core.table import Raw, Table
+from replay_kit.logs.tables.cells import STD_BELIEVED
 from replay_kit.logs.tables.columns import (
     Payload,
     dive_number,
@@ -17,7 +18,6 @@ from replay_kit.logs.tables.columns import (
     numbers,
     table,
 )
-from replay_kit.logs.tables.instruments import STD_BELIEVED
 
 _NS = 1_000_000_000
 #: Time of a fix that is not stated.

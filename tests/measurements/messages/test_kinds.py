@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, VehicleState
-from replay_kit.logs.tables.instruments import STD_BELIEVED
+from replay_kit.logs.tables.cells import STD_BELIEVED
 from replay_kit.logs.tables.schemas import canonical, reader_of
 from replay_kit.measurements import Skipped
 from tests.logs.log_samples import one_channel_mcap

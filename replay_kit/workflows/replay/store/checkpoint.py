@@ -11,7 +11,7 @@ import io
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -134,7 +134,9 @@ class StateStore:
             head: What is looked at before the state is read.
         """
         body = io.BytesIO()
-        dump(checkpoint, body)
+        # most states are never written, and are not measured for it
+        measured = tuple(state.settled for state in checkpoint.measurement)
+        dump(replace(checkpoint, measurement=measured), body)
         write_store(path, CHECKPOINT, {"run": self._identity, **head}, [body.getbuffer()])
 
     def resume(
