@@ -73,7 +73,7 @@ CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
             "replay_kit/estimator/METHOD.md",
             "replay_kit/estimator/README.md",
             "replay_kit/measurements/README.md",
-            "replay_kit/measurements/consistency/README.md",
+            "replay_kit/measurements/checks/README.md",
             "planners/README.md",
         ),
     ),
