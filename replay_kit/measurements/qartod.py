@@ -47,19 +47,12 @@ def tested(
         config: The limits.
     """
     quality, (n, m) = config.quality, profiles["depth"].shape
-    limited = {name: quality.limits(name) for name in _LIMITED}
-    correlation = "nortek_correlation" if fixed["convention"] == "nortek" else "correlation"
-    limited["correlation"] = quality.limits(correlation)
     found: list[BinTest] = []
-    for name, values, why, (suspect, fail), least in _inputs(profiles, fixed, config, limited):
-        off = suspect is None and fail is None
-        flags = np.full((n, m), _NOT_EVALUATED)
-        if not off:
-            flags = graded(values, (suspect, fail), least)
-            flags = np.where((why == "")[:, None], flags, _NOT_EVALUATED)
-            flags = np.broadcast_to(flags, (n, m))
-        shown = correlation if name == "correlation" else name
-        found.append(BinTest(shown, _REASONS[name], flags, np.full(n, OFF, object) if off else why))
+    for name, reason, values, why, limits, least in _inputs(profiles, fixed, config):
+        if all(limit is None for limit in limits):
+            why = np.full(n, OFF, object)
+        flags = np.where((why == "")[:, None], graded(values, limits, least), _NOT_EVALUATED)
+        found.append(BinTest(name, reason, np.broadcast_to(flags, (n, m)), why))
     # each bin against those around it that no other test failed
     failed = np.any([test.flags == _FAIL for test in found], axis=0) | ~np.isfinite(
         profiles["depth"]
@@ -74,61 +67,45 @@ def tested(
     return found, *_rolled_up(found, profiles, quality.use_suspect)
 
 
-_LIMITED = ("amplitude", "snr", "percent_good", "error_velocity", "speed", "tilt")
-_REASONS = {
-    "above_surface": Reason.ABOVE_SURFACE,
-    "max_speed": Reason.GROSS_RANGE,
-    "bottom": Reason.BELOW_BOTTOM,
-    "correlation": Reason.LOW_CORRELATION,
-    "amplitude": Reason.LOW_AMPLITUDE,
-    "snr": Reason.LOW_SNR,
-    "percent_good": Reason.LOW_PERCENT_GOOD,
-    "error_velocity": Reason.ERROR_VELOCITY,
-    "speed": Reason.HIGH_SPEED,
-    "tilt": Reason.TILT,
-    "sidelobe": Reason.SIDELOBE,
-    "at_surface": Reason.AT_SURFACE,
-}
 Limit = float | Array | None
+#: Name, reason, numbers that broadcast to (n, m), why pings have none, suspect and failing limits, and whether these are the least.
+Input = tuple[str, Reason, Array, Words, tuple[Limit, Limit], bool]
 
 
 def _inputs(
-    profiles: Profiles,
-    fixed: Mapping[str, Any],
-    config: MeasurementConfig,
-    limits: Mapping[str, tuple[Limit, Limit]],
-) -> Iterator[tuple[str, Array, Words, tuple[Limit, Limit], bool]]:
-    """Yield of each test its name, numbers that broadcast to (n, m), why pings have none, limits, and whether these are the least."""
-    n, velocity, none = (
-        len(profiles["depth"]),
-        profiles["velocity"][..., :2],
-        _words(len(profiles["depth"])),
-    )
-    yield "above_surface", profiles["depth"], none, (None, 0.0), True
-    yield "max_speed", np.abs(velocity).max(axis=2), none, (None, config.max_speed), False
+    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
+) -> Iterator[Input]:
+    """Yield what each test compares."""
+    depth, velocity, of = profiles["depth"], profiles["velocity"][..., :2], config.quality.limits
+    n, none = len(depth), _words(len(depth))
+    yield "above_surface", Reason.ABOVE_SURFACE, depth, none, (None, 0.0), True
+    fastest = np.abs(velocity).max(axis=2)
+    yield "max_speed", Reason.GROSS_RANGE, fastest, none, (None, config.max_speed), False
     reach, cosine = _reach(profiles, fixed, config)
     bottom = profiles["bottom_range"]
-    unknown = _words(n, ~np.isfinite(bottom), "no bottom track")
-    yield "bottom", reach, unknown, (None, (bottom * cosine)[:, None]), False
-    for name in ("correlation", "amplitude"):
-        yield name, *_beams(profiles, name), limits[name], True
-    yield "snr", *_snr(profiles, fixed), limits["snr"], True
-    yield "percent_good", *_percent_good(profiles, fixed), limits["percent_good"], True
-    yield (
-        *("error_velocity", profiles["error_size"], profiles["no_error_velocity"]),
-        *(limits["error_velocity"], False),
-    )
-    relative = _words(n, ~profiles["absolute"], "velocity is relative to the platform")
-    yield "speed", np.hypot(velocity[..., 0], velocity[..., 1]), relative, limits["speed"], False
+    why, limits = _words(n, ~np.isfinite(bottom), "no bottom track"), (bottom * cosine)[:, None]
+    yield "bottom", Reason.BELOW_BOTTOM, reach, why, (None, limits), False
+    name = "nortek_correlation" if fixed["convention"] == "nortek" else "correlation"
+    yield name, Reason.LOW_CORRELATION, *_beams(profiles, "correlation"), of(name), True
+    yield "amplitude", Reason.LOW_AMPLITUDE, *_beams(profiles, "amplitude"), of("amplitude"), True
+    yield "snr", Reason.LOW_SNR, *_snr(profiles, fixed), of("snr"), True
+    solutions = _percent_good(profiles, fixed)
+    yield "percent_good", Reason.LOW_PERCENT_GOOD, *solutions, of("percent_good"), True
+    error, why = profiles["error_size"], profiles["no_error_velocity"]
+    yield "error_velocity", Reason.ERROR_VELOCITY, error, why, of("error_velocity"), False
+    why = _words(n, ~profiles["absolute"], "velocity is relative to the platform")
+    speed = np.hypot(velocity[..., 0], velocity[..., 1])
+    yield "speed", Reason.HIGH_SPEED, speed, why, of("speed"), False
     angle = tilt(profiles["pitch"], profiles["roll"])
     # how an instrument is mounted in a glider, level in the glide or not, no ping says
     why = _words(n, profiles["dive"] > 0, "not evaluated for a gliding vehicle")
     why[~np.isfinite(angle)] = "the ping has no pitch and roll"
-    yield "tilt", angle[:, None], why, limits["tilt"], False
+    yield "tilt", Reason.TILT, angle[:, None], why, of("tilt"), False
     why = none if fixed["orientation"] == "up" else _words(n, True, "the instrument looks down")
     why = why if config.quality.sidelobe else _words(n, True, OFF)
-    yield "sidelobe", reach, why, (None, (profiles["transducer_depth"] * cosine)[:, None]), False
-    yield "at_surface", *_at_surface(profiles, fixed, config), True
+    limits = (profiles["transducer_depth"] * cosine)[:, None]
+    yield "sidelobe", Reason.SIDELOBE, reach, why, (None, limits), False
+    yield "at_surface", Reason.AT_SURFACE, *_at_surface(profiles, fixed, config), True
 
 
 def _words(n: int, at: Any = False, words: str = "") -> Words:
