@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import chain
+from itertools import compress, zip_longest
 from operator import itemgetter, methodcaller
 from reprlib import repr as shorten
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.table import Columns, Kind, Raw, Table
@@ -18,7 +18,6 @@ from replay_kit.core.table import Columns, Kind, Raw, Table
 #: What reading a payload raises that is not what its schema promises.
 MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
 Payload = Mapping[str, Any]
-Chosen = NDArray[np.bool_] | NDArray[np.intp] | slice
 _LARGEST_DIVE = 2**32 - 1
 
 
@@ -35,48 +34,59 @@ def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
     found = []
     for (log, topic, schema), at in groups.items():
         times, _, _, payloads, _, ordinals = zip(*[messages[k] for k in at], strict=True)
-        order = np.array(at, np.int64) + first
-        found.append(
-            Raw(topic, schema, log, np.array(times, np.int64), order, _integers(ordinals), payloads)
-        )
+        integers = (np.array(column, np.int64) for column in (times, at, ordinals))
+        time, order, position = integers
+        found.append(Raw(topic, schema, log, time, order + first, position, payloads))
     return found
 
 
-def _integers(values: Sequence[int]) -> NDArray[np.int64]:
-    return np.array(values, np.int64)
-
-
-def some(raw: Raw, at: Sequence[int]) -> Raw:
-    """Return some messages of a topic."""
-    if len(at) == len(raw.time):
+def some(raw: Raw, chosen: Sequence[bool] | Mask) -> Raw:
+    """Return the chosen messages of a topic."""
+    if np.all(chosen):
         return raw
-    rows = np.array(at, np.intp)
+    rows = np.flatnonzero(chosen)
     at_rows = raw.time[rows], raw.order[rows], raw.position[rows]
-    return Raw(raw.topic, raw.schema, raw.input, *at_rows, [raw.payloads[k] for k in at])
+    return Raw(raw.topic, raw.schema, raw.input, *at_rows, [*compress(raw.payloads, chosen)])
 
 
-def table(
-    raw: Raw, kind: Kind, at: Chosen, columns: Columns, fixed: Mapping[str, Any] | None = None
-) -> Table:
+def table(raw: Raw, kind: Kind, at: Mask | Indices, columns: Columns, **fixed: Any) -> Table:
     """Return a table of some of a topic's messages."""
-    rows = raw.time[at], raw.order[at], raw.position[at]
-    return Table(kind, raw.topic, raw.input, *rows, columns, fixed or {})
+    return Table(
+        *(kind, raw.topic, raw.input, raw.time[at], raw.order[at], raw.position[at]), columns, fixed
+    )
 
 
-def unused(raw: Raw, reasons: Sequence[str] | NDArray[np.object_]) -> list[Table]:
-    """Return the table of the messages that have a reason not to be used; none without any."""
-    words = np.empty(len(reasons), object)
-    words[:] = reasons
-    at = words != ""
-    return [table(raw, "unused", at, {"reason": words[at]})] if at.any() else []
+def unused(raw: Raw, reasons: Any, times: Any = 1) -> list[Table]:
+    """Return the table of the messages that have a reason not to be used, each so many times; none without any."""
+    words = np.full(len(raw.time), reasons, object)
+    at = np.repeat(np.arange(words.size), times)
+    at = at[words[at] != ""]
+    return [table(raw, "unused", at, {"reason": words[at]})] if at.size else []
+
+
+def kept(
+    raw: Raw, kind: Kind, reasons: Any, columns: Mapping[str, Any], **fixed: Any
+) -> list[Table]:
+    """Return the tables of messages that are used, and of those that are not.
+
+    Args:
+        raw: The messages.
+        kind: Of the rows.
+        reasons: Why each is not used, empty where it is; one for all, or shape (n,).
+        columns: By name, values of all messages, or one value.
+        fixed: As in ``Table``.
+    """
+    n = len(raw.time)
+    good = np.broadcast_to(np.equal(reasons, ""), n)
+    held = {
+        name: np.broadcast_to(column, (n, *np.shape(column)[1:]))[good]
+        for name, column in columns.items()
+    }
+    return unused(raw, reasons) + ([table(raw, kind, good, held, **fixed)] if good.any() else [])
 
 
 def read_each(
-    raw: Raw,
-    kind: Kind,
-    names: Sequence[str],
-    read: Callable[[Payload], tuple[Any, ...] | str],
-    fixed: Mapping[str, Any] | None = None,
+    raw: Raw, kind: Kind, names: str, read: Callable[[Payload], Any], **fixed: Any
 ) -> list[Table]:
     """Return tables of messages that are read one by one.
 
@@ -87,42 +97,48 @@ def read_each(
         read: Returns a row's values, or in words why there are none.
         fixed: As in ``Table``.
     """
-    found = [_guarded(read, payload) for payload in raw.payloads]
-    good = [k for k, row in enumerate(found) if not isinstance(row, str)]
+    found = [guarded(read, payload) for payload in raw.payloads]
+    good = np.array([not isinstance(row, str) for row in found])
     tables = unused(raw, [row if isinstance(row, str) else "" for row in found])
-    if good:
-        values = zip(*[found[k] for k in good], strict=True)
-        columns = {name: as_column(column) for name, column in zip(names, values, strict=True)}
-        tables.append(table(raw, kind, np.array(good), columns, fixed))
+    if good.any():
+        values = zip(*compress(found, good), strict=True)
+        columns = {name: _column(held) for name, held in zip(names.split(), values, strict=True)}
+        tables.append(table(raw, kind, good, columns, **fixed))
     return tables
 
 
-def as_column(values: Sequence[Any]) -> NDArray[Any]:
-    """Return values as a column, of objects where they are no numbers."""
-    if isinstance(values[0], float | int | tuple):
+def _column(values: Sequence[Any]) -> NDArray[Any]:
+    if isinstance(values[0], float | int):
         return np.array(values)
     column = np.empty(len(values), object)
     column[:] = values
     return column
 
 
-def _guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
+def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
+    """Return what a function reads of a payload, or in words why it cannot; values stay out, so that alike messages count as one."""
     try:
         return read(payload)
     except MeasurementError as error:
         return str(error)
     except MALFORMED as error:
-        return malformed(error)
+        return f"malformed: a field is missing or of the wrong kind ({type(error).__name__})"
 
 
-def malformed(error: Exception) -> str:
-    """Return the reason of a message that raised one of ``MALFORMED``; the values stay out, so that alike messages count as one."""
-    return f"malformed: a field is missing or of the wrong kind ({type(error).__name__})"
+def field(payloads: Iterable[Any], path: str) -> list[Any]:
+    """Return the values of a field, which parts of the message may hold (``pose.position``); None where there is none."""
+    values = [*payloads]
+    for name in path.split("."):
+        try:
+            values = [*map(methodcaller("get", name), values)]
+        except AttributeError:
+            values = [one.get(name) if isinstance(one, Mapping) else None for one in values]
+    return values
 
 
-def field(payloads: Iterable[Payload], name: str) -> list[Any]:
-    """Return the values of a field, None where there is none."""
-    return [*map(methodcaller("get", name), payloads)]
+def stated(payloads: Sequence[Payload], names: str, part: str = "") -> list[Array]:
+    """Return the numbers in fields of a part of messages, one column each, shape (n,); NaN where there is none."""
+    return [numbers(field(payloads, part + name)) for name in names.split()]
 
 
 def each(read: Callable[[Any], Any], values: Sequence[Any]) -> list[Any]:
@@ -157,24 +173,29 @@ def number(value: Any) -> float:
     return result if math.isfinite(result) else math.nan
 
 
-def listed(value: Any) -> Array:
-    """Return a list of numbers, shape (n,), NaN where an item is none; anything but a list has no items."""
-    return rows([value]).reshape(-1) if isinstance(value, list | tuple) else np.empty(0)
-
-
-def rows(values: Sequence[Any]) -> Array:
-    """Return rows of any lengths, shape (n, longest); NaN where a row is shorter or holds no number."""
+def rows(values: Sequence[Any], least: int = 0) -> Array:
+    """Return rows of any lengths, shape (n, longest, or the least); NaN where a row is shorter or holds no number."""
     try:
         plain = np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError):
-        plain = np.empty(0)
-    if plain.ndim == 2:
-        return np.where(np.isfinite(plain), plain, np.nan)
-    found = [numbers(row if isinstance(row, list | tuple) else [row]) for row in values]
-    padded = np.full((len(found), max(map(len, found), default=0)), np.nan)
-    for k, row in enumerate(found):
-        padded[k, : row.size] = row
-    return padded
+        plain = np.empty((0, 0, 0))
+    if plain.ndim == 1:
+        plain = plain[:, None]
+    if plain.ndim != 2:
+        found = [numbers(row if isinstance(row, list | tuple) else [row]) for row in values]
+        plain = np.array([*zip_longest(*found, fillvalue=np.nan)]).reshape(-1, len(found)).T
+    return _padded(plain, least)
+
+
+def lists(values: Sequence[Any], least: int = 0) -> list[Any]:
+    """Return values of which those are empty that are no lists, or shorter ones."""
+    return [one if isinstance(one, list | tuple) and len(one) >= least else () for one in values]
+
+
+def _padded(values: Array, least: int) -> Array:
+    """Return values, shape (..., k), with at least so many in a row, NaN where one is not finite or missing."""
+    missing = np.full((*values.shape[:-1], max(least - values.shape[-1], 0)), np.nan)
+    return np.concatenate([np.where(np.isfinite(values), values, np.nan), missing], axis=-1)
 
 
 def whole_number(value: Any) -> int | None:
@@ -214,73 +235,58 @@ def known_word(payload: Payload, name: str, known: Sequence[str]) -> str:
     return value
 
 
-def velocity_cells(
-    payloads: Sequence[Payload], systems: Sequence[str]
-) -> list[Array | MeasurementError]:
-    """Return the components of each cell of pings' velocities, shape (m, at least 3) [m/s]; protobuf carries them flat.
+def velocity_cells(payloads: Sequence[Payload], systems: Sequence[str]) -> Array:
+    """Return the components of each cell of pings' velocities, shape (n, m, at least 3) [m/s]; protobuf carries them flat.
 
-    Of cells that are not as many as ``n_cells``, or of which one has not the components that it must have, what is wrong is returned. In
-    earth coordinates a cell has east and north, or is missing as a whole.
+    In earth coordinates a cell has east and north, or is missing as a whole.
 
     Args:
-        payloads: ``velocity``, ``n_cells`` and ``coordinate_system`` of them are read.
+        payloads: ``velocity``, ``n_cells`` and ``coordinate_system`` of them are read; the latter are those of the first.
         systems: The coordinate systems that are known.
+
+    Raises:
+        MeasurementError: Cells are not as many as ``n_cells``, or one has not the components that it must have.
+        ValueError: Pings are unlike.
     """
-    values, counts = field(payloads, "velocity"), {*each(whole_number, field(payloads, "n_cells"))}
+    values, said = field(payloads, "velocity"), payloads[0].get("n_cells")
+    m = whole_number(said) or 0
+    if m < 1 or not isinstance(values[0], list | tuple):
+        raise MeasurementError(
+            "ping: expected n_cells >= 1 and a list of velocities, "
+            f"got n_cells {shorten(said)} and velocity {type(values[0]).__name__}"
+        )
     try:
-        # of nested lists NumPy would ask for every length twice
-        cells = [*chain(*values)]
-        plain = np.array([*chain(*cells)], np.float64)
-        alike = plain.ndim == 1 and {*map(type, cells)} <= {list, tuple}
-        shape = len(values), *{*map(len, values)}, *{*map(len, cells)}
-        plain = plain.reshape(shape) if alike else np.empty(0)
+        plain = np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError):
         plain = np.empty(0)
-    if plain.ndim == 3 and plain.shape[2] >= 2 and counts == {plain.shape[1]}:
-        return list(_padded(plain))
-    if len(payloads) > 1:
-        return [cells for payload in payloads for cells in velocity_cells([payload], systems)]
-    try:
-        return [_padded(_cells_of(payload, systems)) for payload in payloads]
-    except MeasurementError as error:
-        return [error]
+    if plain.ndim == 2 and plain.shape[1] >= 2 * m and plain.shape[1] % m == 0:
+        plain = plain.reshape(len(values), m, -1)
+    if plain.ndim != 3 or plain.shape[1] != m or plain.shape[2] < 2:
+        earth = word(payloads[0].get("coordinate_system"), systems) == "earth"
+        plain = np.array([_cells_of(value, m, earth) for value in values])
+    return _padded(plain, 3)
 
 
-def _padded(velocity: Array) -> Array:
-    """Return velocities, shape (..., m, k), with at least three components, NaN where one is not finite or missing."""
-    known = np.where(np.isfinite(velocity), velocity, np.nan)
-    *shape, width = velocity.shape
-    missing = np.full((*shape, max(3 - width, 0)), np.nan)
-    return np.concatenate([known, missing], axis=-1) if missing.size else known
-
-
-def _cells_of(payload: Payload, systems: Sequence[str]) -> Array:
+def _cells_of(cells: Sequence[Any], m: int, earth: bool) -> Array:
     """Return the velocities of a ping whose cells are flat, missing, or of different lengths, shape (m, k).
 
     Raises:
-        MeasurementError: As ``velocity_cells`` returns it.
+        MeasurementError: As ``velocity_cells``.
     """
-    earth = word(payload.get("coordinate_system"), systems) == "earth"
-    raw, n_cells = payload.get("velocity"), whole_number(payload.get("n_cells"))
-    if not isinstance(raw, list | tuple) or n_cells is None or n_cells < 1:
-        raise MeasurementError(
-            "ping: expected n_cells >= 1 and a list of velocities, "
-            f"got n_cells {shorten(payload.get('n_cells'))} and velocity {type(raw).__name__}"
-        )
-    flat = bool(raw) and not any(isinstance(item, list | tuple | Mapping) for item in raw)
+    flat = bool(cells) and not any(isinstance(item, list | tuple | Mapping) for item in cells)
     # nulls alone, as many as there are cells, are missing cells
-    if flat and not (len(raw) == n_cells and all(item is None for item in raw)):
-        if len(raw) % n_cells:
+    if flat and not (len(cells) == m and all(item is None for item in cells)):
+        width, rest = divmod(len(cells), m)
+        if rest:
             raise MeasurementError(
-                f"ping: {len(raw)} flat velocities do not divide into {n_cells} cells"
+                f"ping: {len(cells)} flat velocities do not divide into {m} cells"
             )
-        width = len(raw) // n_cells
-        raw = [raw[i * width : (i + 1) * width] for i in range(n_cells)]
-    if len(raw) != n_cells:
+        cells = [cells[i : i + width] for i in range(0, len(cells), width)]
+    if len(cells) != m:
         raise MeasurementError(
-            f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells"
+            f"ping: expected {m} cells of east, north[, up], got {len(cells)} cells"
         )
-    return rows([_components(cell, earth) for cell in raw])
+    return rows([_components(cell, earth) for cell in cells])
 
 
 def _components(cell: Any, earth: bool) -> Sequence[Any]:
