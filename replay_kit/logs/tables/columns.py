@@ -151,21 +151,23 @@ def each(read: Callable[[Any], Any], values: Sequence[Any]) -> list[Any]:
     return [*map(known.__getitem__, keys)]
 
 
-def numbers(values: Sequence[Any]) -> Array:
-    """Return values as numbers, shape (n,); NaN for what is none and for anything infinite."""
+def regular(values: Sequence[Any]) -> Array:
+    """Return nested lists as an array, NaN where not finite; one NaN alone where lengths differ or there is something else in them."""
     try:
         plain = np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError):
-        plain = np.empty((0, 0))
-    if plain.ndim != 1:
-        return np.array([number(value) for value in values], np.float64)
+        return np.array(np.nan)
     return np.where(np.isfinite(plain), plain, np.nan)
+
+
+def numbers(values: Sequence[Any]) -> Array:
+    """Return values as numbers, shape (n,); NaN for what is none and for anything infinite."""
+    plain = regular(values)
+    return plain if plain.ndim == 1 else np.array([*map(number, values)], np.float64)
 
 
 def number(value: Any) -> float:
     """Return a payload's number; None, strings such as "NaN" and anything infinite become NaN."""
-    if value is None:
-        return math.nan
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -175,10 +177,7 @@ def number(value: Any) -> float:
 
 def rows(values: Sequence[Any], least: int = 0) -> Array:
     """Return rows of any lengths, shape (n, longest, or the least); NaN where a row is shorter or holds no number."""
-    try:
-        plain = np.array(values, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        plain = np.empty((0, 0, 0))
+    plain = regular(values)
     if plain.ndim == 1:
         plain = plain[:, None]
     if plain.ndim != 2:
@@ -193,32 +192,33 @@ def lists(values: Sequence[Any], least: int = 0) -> list[Any]:
 
 
 def _padded(values: Array, least: int) -> Array:
-    """Return values, shape (..., k), with at least so many in a row, NaN where one is not finite or missing."""
+    """Return values, shape (..., k), with at least so many in a row, NaN where one is missing."""
     missing = np.full((*values.shape[:-1], max(least - values.shape[-1], 0)), np.nan)
-    return np.concatenate([np.where(np.isfinite(values), values, np.nan), missing], axis=-1)
+    return np.concatenate([values, missing], axis=-1)
 
 
 def whole_number(value: Any) -> int | None:
     """Return an integer, which some encodings write as a float; None for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return int(value) if isinstance(value, int) or value.is_integer() else None
+    known = isinstance(value, int | float) and not isinstance(value, bool)
+    return int(value) if known and value % 1 == 0 else None
 
 
 def dive_number(value: Any) -> int:
     """Return the dive that a message states; -1 for what can be none."""
-    known = isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LARGEST_DIVE
-    return value if known else -1
+    return value if type(value) is int and 0 <= value <= _LARGEST_DIVE else -1
 
 
 def word(value: Any, known: Sequence[str]) -> str:
     """Return a word given by itself or by its number among the known; of anything else a short text that is none of them."""
-    if isinstance(value, str) and value in known:
-        return value
     code = whole_number(value)
     if code is not None and 0 <= code < len(known):
         return known[code]
-    return "None" if value is None else shorten(value)
+    return value if value in known else "None" if value is None else shorten(value)
+
+
+def why(reasons: Mapping[str, Any]) -> Any:
+    """Return the first reason that holds for each message, empty where none does, from where each holds, shape (n,)."""
+    return np.select([*reasons.values()], [*reasons], "")
 
 
 def known_word(payload: Payload, name: str, known: Sequence[str]) -> str:
@@ -255,10 +255,7 @@ def velocity_cells(payloads: Sequence[Payload], systems: Sequence[str]) -> Array
             "ping: expected n_cells >= 1 and a list of velocities, "
             f"got n_cells {shorten(said)} and velocity {type(values[0]).__name__}"
         )
-    try:
-        plain = np.array(values, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        plain = np.empty(0)
+    plain = regular(values)
     if plain.ndim == 2 and plain.shape[1] >= 2 * m and plain.shape[1] % m == 0:
         plain = plain.reshape(len(values), m, -1)
     if plain.ndim != 3 or plain.shape[1] != m or plain.shape[2] < 2:

@@ -39,6 +39,7 @@ from replay_kit.logs.tables.columns import (
     lists,
     number,
     numbers,
+    regular,
     rows,
     stated,
     table,
@@ -262,14 +263,13 @@ def _by_cell(stated: Sequence[Any], name: str, n: int, m: int) -> tuple[Array | 
     none = f"the ping has no {name}"
     if not any(lists(stated)):
         return None, np.full(n, none, object)
-    try:
-        values = np.array(stated, np.float64)
-    except (TypeError, ValueError, OverflowError):
+    values = regular(stated)
+    if not values.ndim:
         # cells of different lengths, or something among them that is no number
         values = np.array([rows(one) for one in stated])
     wrong = values.ndim == 3 and values.shape[1] != m
     if wrong or values.ndim > 3 or values.size == 0 or values[0].size % m:
         return None, np.full(n, f"{name} is not as long as the velocity", object)
-    values = np.where(np.isfinite(values), values, np.nan).reshape(n, m, -1)
+    values = values.reshape(n, m, -1)
     why = np.where(np.isfinite(values).any(axis=(1, 2)), "", none)
     return values, why.astype(object)

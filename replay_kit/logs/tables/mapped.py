@@ -58,29 +58,31 @@ def _positions(raw: Raw, entry: Any, **fixed: Any) -> list[Table]:
     return read_each(raw, "position", names, lambda payload: _position(payload, entry), **fixed)
 
 
-def look_up(payload: Any, path: str) -> Any:
+def look_up(value: Any, path: str, at: int = 0) -> Any:
     """Return what stands at a path of field names, list indices and ``*``.
+
+    Args:
+        value: What the first parts of the path led to.
+        path: The whole path.
+        at: Number of these parts.
 
     Raises:
         MeasurementError: The path leads nowhere.
     """
-    return _follow(payload, path.split("."), 0)
-
-
-def _follow(value: Any, parts: Sequence[str], at: int) -> Any:
+    parts = path.split(".")
     if at == len(parts):
         return value
     part = parts[at]
     if isinstance(value, Mapping) and part in value:
-        return _follow(value[part], parts, at + 1)
+        return look_up(value[part], path, at + 1)
     if isinstance(value, list | tuple | bytes):
         if part == "*":
-            return [_follow(item, parts, at + 1) for item in value]
+            return [look_up(item, path, at + 1) for item in value]
         if part.removeprefix("-").isdecimal() and -len(value) <= int(part) < len(value):
-            return _follow(value[int(part)], parts, at + 1)
+            return look_up(value[int(part)], path, at + 1)
     where = f"at '{'.'.join(parts[:at])}'" if at else "the message"
     raise MeasurementError(
-        f"measurements.map: '{'.'.join(parts)}' leads nowhere: {where} holds {_contents(value)}"
+        f"measurements.map: '{path}' leads nowhere: {where} holds {_contents(value)}"
     )
 
 

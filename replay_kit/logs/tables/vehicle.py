@@ -21,12 +21,14 @@ from replay_kit.logs.tables.columns import (
     rows,
     stated,
     whole_number,
+    why,
 )
 
 _ATMOSPHERE_PA, _PA_PER_DBAR = 101_325.0, 10_000.0
 _TRUE = ("true", "1")
 _IMC_VALID_POSITION, _IMC_DEAD_RECKONING = 0x0004, (2, "DEAD_RECKONING")
 _FIX_3D = 3
+_EARTH = "position in the frame 'earth', whose axes are not east, north and up"
 _NO_NUMBER = "position is not a number"
 # ends of frames' names; a vehicle's base frame has z up (ROS REP-103)
 _UP = re.compile(r"(^|[_/])(flu|base_link|base_footprint)$", re.IGNORECASE)
@@ -37,18 +39,14 @@ _DVL_STD = 0.03
 
 def no_place(longitude: Any, latitude: Any) -> Any:
     """Return why numbers are no position; empty where they are one."""
-    return np.select(
-        [
-            ~(np.isfinite(longitude) & np.isfinite(latitude)),
-            np.equal(longitude, 0.0) & np.equal(latitude, 0.0),
-            (np.abs(latitude) > 90.0) | np.less(longitude, -180.0) | np.greater(longitude, 360.0),
-        ],
-        [
-            _NO_NUMBER,
-            "position is 0, 0 (no fix)",
-            "position outside the range of longitude and latitude",
-        ],
-        "",
+    return why(
+        {
+            _NO_NUMBER: ~(np.isfinite(longitude) & np.isfinite(latitude)),
+            "position is 0, 0 (no fix)": np.equal(longitude, 0.0) & np.equal(latitude, 0.0),
+            "position outside the range of longitude and latitude": (np.abs(latitude) > 90.0)
+            | np.less(longitude, -180.0)
+            | np.greater(longitude, 360.0),
+        }
     )
 
 
@@ -75,8 +73,8 @@ def _positions(
         "depth": depth,
         "dead_reckoned": dead_reckoned,
     }
-    why = np.where(np.equal(reasons, ""), no_place(*place), reasons)
-    return kept(raw, "position", why, columns, **fixed)
+    reasons = np.where(np.equal(reasons, ""), no_place(*place), reasons)
+    return kept(raw, "position", reasons, columns, **fixed)
 
 
 def _place(raw: Raw, names: str = "longitude latitude", unit: float = 1.0) -> Any:
@@ -106,7 +104,7 @@ def _metadata(pairs: Any) -> dict[Any, Any]:
 def nav_sat_fixes(raw: Raw) -> list[Table]:
     """Return the positions of ``sensor_msgs/NavSatFix`` messages; one that states no status is taken at its word."""
     status, inner = stated(raw.payloads, "status status.status")
-    reasons = np.where((status < 0) | (inner < 0), "no fix (status < 0)", "")
+    reasons = why({"no fix (status < 0)": (status < 0) | (inner < 0)})
     return _positions(raw, _place(raw), reasons=reasons)
 
 
@@ -126,20 +124,13 @@ def poses(raw: Raw, part: str = "pose.") -> list[Table]:
     x, y, z = stated(payloads, "x y z", part + "position.")
     frames = [frame.strip("/").lower() for frame in frames]
     ned = np.array([frame.endswith("ned") for frame in frames])
-    why = np.select(
-        [
-            [not isinstance(one, Mapping) for one in field(payloads, part + "position")],
-            np.isnan(x) | np.isnan(y) | np.isnan(z),
-            # REP-105 gives the name to the frame whose origin is the Earth's centre
-            [frame == "earth" for frame in frames],
-        ],
-        [
-            f"no {part}position in it",
-            _NO_NUMBER,
-            "position in the frame 'earth', whose axes are not east, north and up",
-        ],
-        "",
-    )
+    held = field(payloads, part + "position")
+    reasons = {
+        f"no {part}position in it": [not isinstance(one, Mapping) for one in held],
+        _NO_NUMBER: np.isnan(x + y + z),
+        # REP-105 gives the name to the frame whose origin is the Earth's centre
+        _EARTH: [frame == "earth" for frame in frames],
+    }
     columns = {
         "east": np.where(ned, y, x),
         "north": np.where(ned, x, y),
@@ -147,7 +138,7 @@ def poses(raw: Raw, part: str = "pose.") -> list[Table]:
         "quaternion": _quaternions(raw, part),
         "ned": ned,
     }
-    return kept(raw, "pose", why, columns, system="", oriented=True)
+    return kept(raw, "pose", why(reasons), columns, system="", oriented=True)
 
 
 def poses_within(raw: Raw) -> list[Table]:
@@ -167,8 +158,8 @@ def _quaternions(raw: Raw, part: str = "") -> Any:
 def imus(raw: Raw) -> list[Table]:
     """Return the orientations of ``sensor_msgs/Imu`` messages; a first covariance of -1 says that there is none (ROS REP-145)."""
     none = rows(field(raw.payloads, "orientation_covariance"), 1)[:, 0] == -1.0
-    reasons = np.where(none, "attitude: no orientation stated", "")
-    return kept(raw, "attitude", reasons, {"quaternion": _quaternions(raw), "ned": False})
+    reasons = {"attitude: no orientation stated": none}
+    return kept(raw, "attitude", why(reasons), {"quaternion": _quaternions(raw), "ned": False})
 
 
 def imc_gps_fixes(raw: Raw) -> list[Table]:
@@ -176,7 +167,7 @@ def imc_gps_fixes(raw: Raw) -> list[Table]:
     validity = map(whole_number, field(raw.payloads, "validity"))
     invalid = [flags is not None and not flags & _IMC_VALID_POSITION for flags in validity]
     reckoned = [kind in _IMC_DEAD_RECKONING for kind in field(raw.payloads, "type")]
-    reasons = np.where(invalid, "no fix (validity without VALID_POS)", "")
+    reasons = why({"no fix (validity without VALID_POS)": invalid})
     place = np.degrees(_place(raw, "lon lat"))
     return _positions(raw, place, dead_reckoned=reckoned, reasons=reasons)
 
@@ -206,19 +197,11 @@ def dvls(raw: Raw) -> list[Table]:
     mode, coordinates = stated(payloads, "velocity_mode coordinate_mode")
     given = [one is not None for one in field(payloads, "coordinate_mode")]
     velocity = np.column_stack(stated(payloads, "x y z", "velocity."))
-    why = np.select(
-        [
-            (mode != 1) & (mode != 2),
-            np.array(given) & (coordinates != 1),
-            np.isnan(velocity).any(axis=1) | ~velocity.any(axis=1),
-        ],
-        [
-            "velocity_mode is neither 1 (bottom) nor 2 (water)",
-            "DVL: coordinate_mode is not 1 (instrument)",
-            "DVL: no velocity",
-        ],
-        "",
-    )
+    reasons = {
+        "velocity_mode is neither 1 (bottom) nor 2 (water)": (mode != 1) & (mode != 2),
+        "DVL: coordinate_mode is not 1 (instrument)": np.array(given) & (coordinates != 1),
+        "DVL: no velocity": np.isnan(velocity).any(axis=1) | ~velocity.any(axis=1),
+    }
     variances = rows(field(payloads, "velocity_covar"), 5)[:, (0, 4)]
     known = (variances > 0.0).all(axis=1)
     columns = {
@@ -229,7 +212,7 @@ def dvls(raw: Raw) -> list[Table]:
             2 if _UP.search(name) else 1 if _DOWN.search(name) else 0 for name in _frames(raw)
         ],
     }
-    return kept(raw, "dvl", why, columns)
+    return kept(raw, "dvl", why(reasons), columns)
 
 
 def _system(raw: Raw) -> str:
@@ -247,8 +230,8 @@ def local_positions_ned(raw: Raw) -> list[Table]:
         "quaternion": np.full((1, 4), np.nan),
         "ned": True,
     }
-    reasons = np.where(np.isnan(north + east + down), _NO_NUMBER, "")
-    return kept(raw, "pose", reasons, columns, oriented=False, system=_system(raw))
+    reasons = {_NO_NUMBER: np.isnan(north + east + down)}
+    return kept(raw, "pose", why(reasons), columns, oriented=False, system=_system(raw))
 
 
 def gps_global_origins(raw: Raw) -> list[Table]:

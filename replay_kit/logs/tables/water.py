@@ -16,9 +16,11 @@ from replay_kit.logs.tables.columns import (
     number,
     read_each,
     stated,
+    why,
 )
 from replay_kit.logs.tables.instruments import believed
 
+_NO_MEAN = "depth-averaged current: not a number"
 _NS = 1_000_000_000
 #: Time of a fix that is not stated.
 NO_TIME = -(2**63)
@@ -38,7 +40,6 @@ def mean_currents(raw: Raw) -> list[Table]:
     velocity = np.column_stack(stated(payloads, "dac_eastward dac_northward"))
     std, deepest = stated(payloads, "error max_depth")
     (start_time, start), (end_time, end) = (_fix(payloads, f"{at}_fix.") for at in ("start", "end"))
-    none = np.isnan(velocity).any(axis=1)
     columns = {
         "velocity": velocity,
         "error_std": believed(std),
@@ -50,7 +51,7 @@ def mean_currents(raw: Raw) -> list[Table]:
         "deepest": deepest,
         "inverted": [*map(bool, field(payloads, "inverted_in"))],
     }
-    return kept(raw, "mean", np.where(none, "depth-averaged current: not a number", ""), columns)
+    return kept(raw, "mean", why({_NO_MEAN: np.isnan(velocity).any(axis=1)}), columns)
 
 
 def _fix(payloads: Any, part: str) -> tuple[Times, Array]:
@@ -70,13 +71,13 @@ def drifter_fixes(raw: Raw) -> list[Table]:
     longitude, latitude, depth, _ = found = stated(payloads, names)
     loose = [drogued is not True for drogued in field(payloads, "drogued")]
     placed = np.isfinite(longitude) & (np.abs(latitude) <= 90.0) & (depth >= 0.0)
-    words = (
-        "drifter without its drogue: the wind moves it",
-        "drifter: no position, or no depth of its drogue",
-    )
+    reasons = {
+        "drifter without its drogue: the wind moves it": loose,
+        "drifter: no position, or no depth of its drogue": ~placed,
+    }
     own = np.array([*map(str, field(payloads, "id"))], object)
     columns = {"name": own, **dict(zip(names.split(), found, strict=True))}
-    return kept(raw, "drifter", np.select([loose, ~placed], words, ""), columns)
+    return kept(raw, "drifter", why(reasons), columns)
 
 
 def radar_currents(raw: Raw) -> list[Table]:
