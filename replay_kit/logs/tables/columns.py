@@ -18,6 +18,7 @@ from replay_kit.core.table import Columns, Kind, Raw, Table
 #: What reading a payload raises that is not what its schema promises.
 MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
 Payload = Mapping[str, Any]
+Tables = list[Table]
 _LARGEST_DIVE = 2**32 - 1
 
 
@@ -56,7 +57,7 @@ def table(raw: Raw, kind: Kind, at: Mask | Indices, columns: Columns, **fixed: A
     )
 
 
-def unused(raw: Raw, reasons: Any, times: Any = 1) -> list[Table]:
+def unused(raw: Raw, reasons: Any, times: Any = 1) -> Tables:
     """Return the table of the messages that have a reason not to be used, each so many times; none without any."""
     words = np.full(len(raw.time), reasons, object)
     at = np.repeat(np.arange(words.size), times)
@@ -64,9 +65,7 @@ def unused(raw: Raw, reasons: Any, times: Any = 1) -> list[Table]:
     return [table(raw, "unused", at, {"reason": words[at]})] if at.size else []
 
 
-def kept(
-    raw: Raw, kind: Kind, reasons: Any, columns: Mapping[str, Any], **fixed: Any
-) -> list[Table]:
+def kept(raw: Raw, kind: Kind, reasons: Any, columns: Mapping[str, Any], **fixed: Any) -> Tables:
     """Return the tables of messages that are used, and of those that are not.
 
     Args:
@@ -87,7 +86,7 @@ def kept(
 
 def read_each(
     raw: Raw, kind: Kind, names: str, read: Callable[[Payload], Any], **fixed: Any
-) -> list[Table]:
+) -> Tables:
     """Return tables of messages that are read one by one.
 
     Args:

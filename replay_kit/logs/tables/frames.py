@@ -13,13 +13,13 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import Payload, number, some, whole_number
+from replay_kit.logs.tables.columns import Payload, Tables, number, some, whole_number
 from replay_kit.logs.tables.instruments import pings
 
 SCHEMA = "DEBUG_FLOAT_ARRAY"
 #: Names of a ping's frames.
-PARTS = ("ADCP_CFG", "ADCP_E", "ADCP_N", "ADCP_U", "ADCP_STD")
-_CONFIGURATION = (
+PARTS = ["ADCP_CFG", "ADCP_E", "ADCP_N", "ADCP_U", "ADCP_STD"]
+_CONFIGURATION = [
     "n_cells",
     "cell_size",
     "bin0_distance",
@@ -37,7 +37,7 @@ _CONFIGURATION = (
     "declination_applied",
     "n_components",
     "transducer_depth",
-)
+]
 _WORDS = ("coordinate_system", "reference", "orientation")
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
@@ -48,9 +48,7 @@ _NO_KEY = "frame of a ping: expected array_id and time_usec to be integers and d
 Open = Mapping[tuple[str, int, int], Mapping[str, Sequence[Any]]]
 
 
-def joined(
-    pending: Open, raws: Sequence[Raw], config: MeasurementConfig
-) -> tuple[Open, list[Table]]:
+def joined(pending: Open, raws: Sequence[Raw], config: MeasurementConfig) -> tuple[Open, Tables]:
     """Return the frames of pings that are not complete, and the tables of those that are and of frames that cannot be used.
 
     Args:
@@ -66,7 +64,7 @@ def joined(
         taken = _taken(pending, raws[r].topic, raws[r].payloads[k])
         if taken is not None:
             made[r][k] = taken
-    found: list[Table] = []
+    found: Tables = []
     for raw, rows in zip(raws, made, strict=True):
         if rows:
             payloads, counts = zip(*rows.values(), strict=True)
@@ -99,7 +97,7 @@ def _taken(
     return _INCOMPLETE, len(pending.pop(next(iter(pending))))
 
 
-def lost(pending: Open, order: int) -> list[Table]:
+def lost(pending: Open, order: int) -> Tables:
     """Return the tables of the frames whose pings are not complete when the log ends, at a place in the stream."""
     found = []
     for (topic, _, _), frames in pending.items():

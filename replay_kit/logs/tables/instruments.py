@@ -49,16 +49,16 @@ from replay_kit.logs.tables.columns import (
 )
 
 SYSTEMS = ("beam", "instrument", "ship", "earth")
-_REFERENCES, _ORIENTATIONS, _CONVENTIONS = (
-    ("earth", "platform"),
-    ("down", "up"),
-    ("teledyne", "nortek"),
-)
+_WORDS = {
+    "coordinate_system": SYSTEMS,
+    "reference": ("earth", "platform"),
+    "orientation": ("down", "up"),
+}
 QUALITY = ("amplitude", "correlation", "percent_good", "snr", "error_velocity")
-_NUMBERS = ("heading", "pitch", "roll", "pressure", "transducer_depth")
+_NUMBERS = "heading pitch roll pressure transducer_depth"
 _LISTS = ("velocity", "velocity_std", "cell_distances", *QUALITY)
 # What is the instrument's, and mostly the same in all its pings; the rest each ping has of its own.
-_INSTRUMENT = (
+_INSTRUMENT = [
     "n_cells",
     "reference",
     "coordinate_system",
@@ -75,7 +75,7 @@ _INSTRUMENT = (
     "gimbal_pitch",
     "tilt_applied",
     "declination_applied",
-)
+]
 # m/s; an error outside is no statement of one, and its square would not survive the filter's arithmetic
 STD_BELIEVED = (1e-6, 1e3)
 _NO_REFERENCE = (
@@ -164,7 +164,7 @@ def _columns(
             f"ping: expected velocity_std to be a number or {m} numbers, got {errors.shape[1]}"
         )
     found: dict[str, NDArray[Any]] = {
-        **dict(zip(_NUMBERS, stated(payloads, " ".join(_NUMBERS)), strict=True)),
+        **dict(zip(_NUMBERS.split(), stated(payloads, _NUMBERS), strict=True)),
         "declination": numbers(field(payloads, "magnetic_declination")),
         "dive": np.array(each(dive_number, field(payloads, "dive")), np.int64),
         # an unknown unit is that of a config that says none
@@ -200,9 +200,10 @@ def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
         payload = {**payload, "reference": config.reference}
     vectors = payload.get("beam_unit_vectors")
     return {
-        "frame": known_word(payload, "coordinate_system", SYSTEMS),
-        "reference": known_word(payload, "reference", _REFERENCES),
-        "orientation": known_word(payload, "orientation", _ORIENTATIONS),
+        **{
+            name.replace("coordinate_system", "frame"): known_word(payload, name, known)
+            for name, known in _WORDS.items()
+        },
         "cell_size": number(payload.get("cell_size")),
         "vectors": _vectors(vectors) if vectors else None,
         # a number in MAVLink, as that of the declination
@@ -211,7 +212,7 @@ def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
         "needs_depth": payload.get("vehicle_depth_needed") is True,
         "correlation_depth": number(payload.get("correlation_depth")),
         "derived": payload.get("derived") is True,
-        "convention": word(payload.get("attitude_convention"), _CONVENTIONS),
+        "convention": word(payload.get("attitude_convention"), ("teledyne", "nortek")),
         "gimbal": payload.get("gimbal_pitch") is True,
         "tilt_applied": payload.get("tilt_applied") is not False,
         "declination_applied": {1.0: True, 0.0: False}.get(

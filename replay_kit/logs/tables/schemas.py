@@ -16,9 +16,9 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Mask, replace
 from replay_kit.core.extensions import additions
-from replay_kit.core.table import Raw, Table
+from replay_kit.core.table import Raw
 from replay_kit.logs.tables import profiles, vehicle, water
-from replay_kit.logs.tables.columns import Payload, field, read_each, some, unused
+from replay_kit.logs.tables.columns import Payload, Tables, field, read_each, some, unused
 from replay_kit.logs.tables.frames import PARTS, SCHEMA, Open, joined
 from replay_kit.logs.tables.mapped import mapped
 
@@ -30,12 +30,12 @@ _ALSO_INVERTED = (
 _INVERTED = "inverted from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
 _NO_FIELDS = "malformed: a field is missing or of the wrong kind (AttributeError)"
 #: Returns the tables of a topic's messages.
-Reader = Callable[[Raw, MeasurementConfig], list[Table]]
+Reader = Callable[[Raw, MeasurementConfig], Tables]
 
 
 def tables_of(
     raws: Sequence[Raw], config: MeasurementConfig, pending: Open = MappingProxyType({})
-) -> tuple[list[Table], Open]:
+) -> tuple[Tables, Open]:
     """Return the tables of a block of messages, and the frames of MAVLink's pings that are not complete.
 
     Each message is in one table. A mapping of the settings goes before a known schema.
@@ -45,7 +45,7 @@ def tables_of(
         config: The mappings, and what holds for payloads that do not say it.
         pending: Frames of the blocks before.
     """
-    found, framed = list[Table](), list[Raw]()
+    found, framed = Tables(), list[Raw]()
     # an overflow is no number
     with np.errstate(all="ignore"):
         for raw in raws:
@@ -70,7 +70,7 @@ def _readers(
 ) -> Iterator[tuple[Reader | str | None, Sequence[bool] | Mask]]:
     """Yield what reads messages, or why they cannot be used, and which of those they are that were not yielded before."""
     payloads, names = raw.payloads, field(raw.payloads, "name")
-    yield _NO_FIELDS, [not isinstance(payload, Mapping) for payload in payloads]
+    yield _NO_FIELDS, [type(one) is not dict and not isinstance(one, Mapping) for one in payloads]
     for entry in config.map:
         if entry.topic == raw.topic:
             yield partial(mapped, entry), [entry.name in (None, name) for name in names]
@@ -89,10 +89,10 @@ def _readers(
     yield read, everyone
 
 
-def _plain(read: Callable[[Raw], list[Table]]) -> Reader:
+def _plain(read: Callable[[Raw], Tables]) -> Reader:
     """Return the reader of a schema whose messages say all themselves; of one of which one sender counts, it says which this is."""
 
-    def reader(raw: Raw, config: MeasurementConfig) -> list[Table]:
+    def reader(raw: Raw, config: MeasurementConfig) -> Tables:
         parts, tables = raw.topic.split("/"), read(raw)
         if raw.schema not in SENDERS or parts[0] != "mavlink" or len(parts) < 4:
             return tables
@@ -101,7 +101,7 @@ def _plain(read: Callable[[Raw], list[Table]]) -> Reader:
     return reader
 
 
-_SENDING: Mapping[str, Callable[[Raw], list[Table]]] = {
+_SENDING: Mapping[str, Callable[[Raw], Tables]] = {
     "dataflash.GPS": vehicle.dataflash_gps,
     "dataflash.POS": vehicle.dataflash_positions,
     "dataflash.CTUN": vehicle.dataflash_depths,
@@ -112,7 +112,7 @@ _SENDING: Mapping[str, Callable[[Raw], list[Table]]] = {
 }
 #: Messages of which one sender counts.
 SENDERS = frozenset(_SENDING)
-_PLAIN: Mapping[str, Callable[[Raw], list[Table]]] = {
+_PLAIN: Mapping[str, Callable[[Raw], Tables]] = {
     **_SENDING,
     "replay_kit.DepthAveragedCurrent": water.mean_currents,
     "replay_kit.Ctd": water.ctds,

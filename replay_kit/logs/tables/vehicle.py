@@ -13,8 +13,10 @@ import numpy as np
 
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.table import Raw, Table
+from replay_kit.core.table import Raw
 from replay_kit.logs.tables.columns import (
+    Payload,
+    Tables,
     each,
     field,
     kept,
@@ -57,7 +59,7 @@ def _positions(
     dead_reckoned: Any = False,
     reasons: Any = "",
     **fixed: Any,
-) -> list[Table]:
+) -> Tables:
     """Return the positions of messages.
 
     Args:
@@ -82,7 +84,7 @@ def _place(raw: Raw, names: str = "longitude latitude", unit: float = 1.0) -> An
     return unit * np.array(stated(raw.payloads, names))
 
 
-def location_fixes(raw: Raw) -> list[Table]:
+def location_fixes(raw: Raw) -> Tables:
     """Return the positions of ``foxglove.LocationFix`` messages.
 
     ``metadata`` may carry ``depth`` [m] and ``dead_reckoned``; the altitude is above the ellipsoid and is not a depth.
@@ -93,29 +95,28 @@ def location_fixes(raw: Raw) -> list[Table]:
     return _positions(raw, _place(raw), depth, dead_reckoned=reckoned)
 
 
-def _metadata(pairs: Any) -> dict[Any, Any]:
+def _metadata(pairs: Any) -> Payload:
     """Return key-value pairs as a dict; a plain mapping is read too, and what is no pair says nothing."""
-    if isinstance(pairs, Mapping):
-        return {**pairs}
-    listed = pairs if isinstance(pairs, list | tuple) else ()
-    return {str(pair.get("key")): pair.get("value") for pair in listed if isinstance(pair, Mapping)}
+    if isinstance(pairs, list | tuple):
+        return {str(one.get("key")): one.get("value") for one in pairs if isinstance(one, Mapping)}
+    return pairs if isinstance(pairs, Mapping) else {}
 
 
-def nav_sat_fixes(raw: Raw) -> list[Table]:
+def nav_sat_fixes(raw: Raw) -> Tables:
     """Return the positions of ``sensor_msgs/NavSatFix`` messages; one that states no status is taken at its word."""
     status, inner = stated(raw.payloads, "status status.status")
     reasons = why({"no fix (status < 0)": (status < 0) | (inner < 0)})
     return _positions(raw, _place(raw), reasons=reasons)
 
 
-def fluid_pressures(raw: Raw) -> list[Table]:
+def fluid_pressures(raw: Raw) -> Tables:
     """Return the sea pressures [dbar] of ``sensor_msgs/FluidPressure`` messages (absolute, Pa)."""
     (pressure,) = stated(raw.payloads, "fluid_pressure")
     columns = {"pressure": (pressure - _ATMOSPHERE_PA) / _PA_PER_DBAR}
     return kept(raw, "depth", "", columns, by="pressure")
 
 
-def poses(raw: Raw, part: str = "pose.") -> list[Table]:
+def poses(raw: Raw, part: str = "pose.") -> Tables:
     """Return the poses in a part of messages.
 
     x is east, y north, z up (ROS REP-103), or x north, y east, z down where the frame's name ends so.
@@ -141,7 +142,7 @@ def poses(raw: Raw, part: str = "pose.") -> list[Table]:
     return kept(raw, "pose", why(reasons), columns, system="", oriented=True)
 
 
-def poses_within(raw: Raw) -> list[Table]:
+def poses_within(raw: Raw) -> Tables:
     """Return the poses of ``nav_msgs/Odometry`` or ``geometry_msgs/PoseWithCovarianceStamped`` messages."""
     return poses(raw, "pose.pose.")
 
@@ -155,14 +156,14 @@ def _quaternions(raw: Raw, part: str = "") -> Any:
     return np.column_stack(stated(raw.payloads, "x y z w", part + "orientation."))
 
 
-def imus(raw: Raw) -> list[Table]:
+def imus(raw: Raw) -> Tables:
     """Return the orientations of ``sensor_msgs/Imu`` messages; a first covariance of -1 says that there is none (ROS REP-145)."""
     none = rows(field(raw.payloads, "orientation_covariance"), 1)[:, 0] == -1.0
     reasons = {"attitude: no orientation stated": none}
     return kept(raw, "attitude", why(reasons), {"quaternion": _quaternions(raw), "ned": False})
 
 
-def imc_gps_fixes(raw: Raw) -> list[Table]:
+def imc_gps_fixes(raw: Raw) -> Tables:
     """Return the positions of IMC ``GpsFix`` messages in JSON; one that states no validity is taken at its word."""
     validity = map(whole_number, field(raw.payloads, "validity"))
     invalid = [flags is not None and not flags & _IMC_VALID_POSITION for flags in validity]
@@ -172,7 +173,7 @@ def imc_gps_fixes(raw: Raw) -> list[Table]:
     return _positions(raw, place, dead_reckoned=reckoned, reasons=reasons)
 
 
-def imc_estimated_states(raw: Raw) -> list[Table]:
+def imc_estimated_states(raw: Raw) -> Tables:
     """Return the positions of IMC ``EstimatedState`` messages: a reference with offsets x north and y east."""
     # an offset that the JSON leaves out is zero
     payloads = [{"x": 0.0, "y": 0.0, **payload} for payload in raw.payloads]
@@ -187,7 +188,7 @@ def imc_estimated_states(raw: Raw) -> list[Table]:
     return _positions(raw, places, depth, True, reasons)
 
 
-def dvls(raw: Raw) -> list[Table]:
+def dvls(raw: Raw) -> Tables:
     """Return velocity, error, whether it is relative to the bottom, and axes of DVLs' messages.
 
     The message's convention is that x points forward and z where the instrument looks, which is taken to be down, unless the frame's name
@@ -220,7 +221,7 @@ def _system(raw: Raw) -> str:
     return "/".join(raw.topic.split("/")[:2])
 
 
-def local_positions_ned(raw: Raw) -> list[Table]:
+def local_positions_ned(raw: Raw) -> Tables:
     """Return the positions of ``LOCAL_POSITION_NED`` messages."""
     north, east, down = stated(raw.payloads, "x y z")
     columns = {
@@ -234,37 +235,37 @@ def local_positions_ned(raw: Raw) -> list[Table]:
     return kept(raw, "pose", why(reasons), columns, oriented=False, system=_system(raw))
 
 
-def gps_global_origins(raw: Raw) -> list[Table]:
+def gps_global_origins(raw: Raw) -> Tables:
     """Return the origins of ``GPS_GLOBAL_ORIGIN`` messages."""
     longitude, latitude = _place(raw, unit=1e-7)
     columns = {"longitude": longitude, "latitude": latitude}
     return kept(raw, "origin", no_place(longitude, latitude), columns, system=_system(raw))
 
 
-def gps_raw_ints(raw: Raw) -> list[Table]:
+def gps_raw_ints(raw: Raw) -> Tables:
     """Return why ``GPS_RAW_INT`` messages have no three-dimensional fix; empty where one has."""
     return kept(raw, "gps", "", {"no_fix": _no_fix(raw, "fix_type")}, system=_system(raw))
 
 
-def global_positions_int(raw: Raw) -> list[Table]:
+def global_positions_int(raw: Raw) -> Tables:
     """Return the positions of ``GLOBAL_POSITION_INT`` messages."""
     depth = -1e-3 * stated(raw.payloads, "relative_alt")[0]
     return _positions(raw, _place(raw, "lon lat", 1e-7), depth, system=_system(raw))
 
 
-def dataflash_gps(raw: Raw) -> list[Table]:
+def dataflash_gps(raw: Raw) -> Tables:
     """Return the first receiver's fixes."""
     other = stated(raw.payloads, "I")[0] > 0
     reasons = np.where(other, "not the first GPS receiver", _no_fix(raw, "Status"))
     return _positions(raw, _place(raw, "Lng Lat"), reasons=reasons)
 
 
-def dataflash_positions(raw: Raw) -> list[Table]:
+def dataflash_positions(raw: Raw) -> Tables:
     """Return the filter's positions."""
     return _positions(raw, _place(raw, "Lng Lat"), dead_reckoned=True)
 
 
-def dataflash_depths(raw: Raw) -> list[Table]:
+def dataflash_depths(raw: Raw) -> Tables:
     """Return the depths that the vehicle's controller uses.
 
     BARO is left alone: which of its sensors is in the water, and which in the hull or in the air, it does not say.

@@ -6,9 +6,10 @@ import numpy as np
 
 from replay_kit.core.arrays import Array, Times
 from replay_kit.core.observation import Flag
-from replay_kit.core.table import Raw, Table
+from replay_kit.core.table import Raw
 from replay_kit.logs.tables.columns import (
     Payload,
+    Tables,
     dive_number,
     each,
     field,
@@ -28,13 +29,13 @@ _CTD = "depth temperature salinity conductivity pressure"
 _RADAR = "longitude latitude value error_std direction suspect depth averaged error_length kind"
 
 
-def ctds(raw: Raw) -> list[Table]:
+def ctds(raw: Raw) -> Tables:
     """Return the samples of ``replay_kit.Ctd`` messages."""
     columns = dict(zip(_CTD.split(), stated(raw.payloads, _CTD), strict=True))
     return kept(raw, "ctd", "", columns)
 
 
-def mean_currents(raw: Raw) -> list[Table]:
+def mean_currents(raw: Raw) -> Tables:
     """Return the mean currents of ``replay_kit.DepthAveragedCurrent`` messages."""
     payloads = raw.payloads
     velocity = np.column_stack(stated(payloads, "dac_eastward dac_northward"))
@@ -65,7 +66,7 @@ def _fix(payloads: Any, part: str) -> tuple[Times, Array]:
     return np.where(known, whole[0] * _NS + whole[1], NO_TIME), place
 
 
-def drifter_fixes(raw: Raw) -> list[Table]:
+def drifter_fixes(raw: Raw) -> Tables:
     """Return the fixes of ``replay_kit.DrifterFix`` messages."""
     names, payloads = "longitude latitude depth error", raw.payloads
     longitude, latitude, depth, _ = found = stated(payloads, names)
@@ -80,7 +81,7 @@ def drifter_fixes(raw: Raw) -> list[Table]:
     return kept(raw, "drifter", why(reasons), columns)
 
 
-def radar_currents(raw: Raw) -> list[Table]:
+def radar_currents(raw: Raw) -> Tables:
     """Return the vectors or radials of ``replay_kit.RadarCurrents`` messages that are whole."""
     return read_each(raw, "radar", _RADAR, _radar)
 
