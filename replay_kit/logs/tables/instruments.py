@@ -223,10 +223,8 @@ def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
 
 def _vectors(value: Any) -> Array:
     """Return vectors listed one by one or flat, as protobuf carries them, shape (b, 3); (0, 3) where they are none."""
-    try:
-        return np.array(value, np.float64).reshape(-1, 3)
-    except (TypeError, ValueError, OverflowError):
-        return np.empty((0, 3))
+    plain = regular([value])
+    return plain.reshape(-1, 3) if plain.size % 3 == 0 else np.empty((0, 3))
 
 
 def believed(errors: Array) -> Array:
