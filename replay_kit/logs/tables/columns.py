@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import compress, zip_longest
 from operator import itemgetter, methodcaller
 from reprlib import repr as shorten
 from typing import Any
@@ -9,17 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.table import Columns, Kind, Raw, Table
 
-# what reading a payload raises that is not what its schema promises
-_MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
-#: The reason of a message of a kind that is not known.
-NOT_A_KIND = "message type not used by the estimator"
+#: What reading a payload raises that is not what its schema promises.
+MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
 Payload = Mapping[str, Any]
-Chosen = NDArray[np.bool_] | NDArray[np.intp] | slice
+Tables = list[Table]
 _LARGEST_DIVE = 2**32 - 1
 
 
@@ -36,52 +35,58 @@ def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
     found = []
     for (log, topic, schema), at in groups.items():
         times, _, _, payloads, _, ordinals = zip(*[messages[k] for k in at], strict=True)
-        order = np.array(at, np.int64) + first
-        found.append(
-            Raw(topic, schema, log, np.array(times, np.int64), order, _integers(ordinals), payloads)
-        )
+        integers = (np.array(column, np.int64) for column in (times, at, ordinals))
+        time, order, position = integers
+        found.append(Raw(topic, schema, log, time, order + first, position, payloads))
     return found
 
 
-def _integers(values: Sequence[int]) -> NDArray[np.int64]:
-    return np.array(values, np.int64)
+def some(raw: Raw, chosen: Sequence[bool] | Mask) -> Raw:
+    """Return the chosen messages of a topic."""
+    if np.all(chosen):
+        return raw
+    rows = np.flatnonzero(chosen)
+    at_rows = raw.time[rows], raw.order[rows], raw.position[rows]
+    return Raw(raw.topic, raw.schema, raw.input, *at_rows, [*compress(raw.payloads, chosen)])
 
 
-def some(raw: Raw, at: Sequence[int]) -> Raw:
-    """Return some messages of a topic."""
-    return raw if len(at) == len(raw.time) else part_of(raw, at)
-
-
-def part_of(raw: Raw, at: Sequence[int]) -> Raw:
-    """Return messages of a topic by their numbers, in any order."""
-    rows = np.array(at, np.intp)
-    places = raw.time[rows], raw.order[rows], raw.position[rows]
-    return Raw(raw.topic, raw.schema, raw.input, *places, [raw.payloads[k] for k in at])
-
-
-def table(
-    raw: Raw, kind: Kind, at: Chosen, columns: Columns, fixed: Mapping[str, Any] | None = None
-) -> Table:
+def table(raw: Raw, kind: Kind, at: Mask | Indices, columns: Columns, **fixed: Any) -> Table:
     """Return a table of some of a topic's messages."""
-    rows = raw.time[at], raw.order[at], raw.position[at]
-    return Table(kind, raw.topic, raw.input, *rows, columns, fixed or {})
+    return Table(
+        *(kind, raw.topic, raw.input, raw.time[at], raw.order[at], raw.position[at]), columns, fixed
+    )
 
 
-def unused(raw: Raw, reasons: Sequence[str] | NDArray[np.object_]) -> list[Table]:
-    """Return the table of the messages that have a reason not to be used; none without any."""
-    words = np.empty(len(reasons), object)
-    words[:] = reasons
-    at = words != ""
-    return [table(raw, "unused", at, {"reason": words[at]})] if at.any() else []
+def unused(raw: Raw, reasons: Any, times: Any = 1) -> Tables:
+    """Return the table of the messages that have a reason not to be used, each so many times; none without any."""
+    words = np.full(len(raw.time), reasons, object)
+    at = np.repeat(np.arange(words.size), times)
+    at = at[words[at] != ""]
+    return [table(raw, "unused", at, {"reason": words[at]})] if at.size else []
+
+
+def kept(raw: Raw, kind: Kind, reasons: Any, columns: Mapping[str, Any], **fixed: Any) -> Tables:
+    """Return the tables of messages that are used, and of those that are not.
+
+    Args:
+        raw: The messages.
+        kind: Of the rows.
+        reasons: Why each is not used, empty where it is; one for all, or shape (n,).
+        columns: By name, values of all messages, or one value.
+        fixed: As in ``Table``.
+    """
+    n = len(raw.time)
+    good = np.broadcast_to(np.equal(reasons, ""), n)
+    held = {
+        name: np.broadcast_to(column, (n, *np.shape(column)[1:]))[good]
+        for name, column in columns.items()
+    }
+    return unused(raw, reasons) + ([table(raw, kind, good, held, **fixed)] if good.any() else [])
 
 
 def read_each(
-    raw: Raw,
-    kind: Kind,
-    names: Sequence[str],
-    read: Callable[[Payload], tuple[Any, ...] | str],
-    fixed: Mapping[str, Any] | None = None,
-) -> list[Table]:
+    raw: Raw, kind: Kind, names: str, read: Callable[[Payload], Any], **fixed: Any
+) -> Tables:
     """Return tables of messages that are read one by one.
 
     Args:
@@ -92,18 +97,17 @@ def read_each(
         fixed: As in ``Table``.
     """
     found = [guarded(read, payload) for payload in raw.payloads]
-    good = [k for k, row in enumerate(found) if not isinstance(row, str)]
+    good = np.array([not isinstance(row, str) for row in found])
     tables = unused(raw, [row if isinstance(row, str) else "" for row in found])
-    if good:
-        values = zip(*[found[k] for k in good], strict=True)
-        columns = {name: as_column(column) for name, column in zip(names, values, strict=True)}
-        tables.append(table(raw, kind, np.array(good), columns, fixed))
+    if good.any():
+        values = zip(*compress(found, good), strict=True)
+        columns = {name: _column(held) for name, held in zip(names.split(), values, strict=True)}
+        tables.append(table(raw, kind, good, columns, **fixed))
     return tables
 
 
-def as_column(values: Sequence[Any]) -> NDArray[Any]:
-    """Return values as a column, of objects where they are no numbers."""
-    if isinstance(values[0], float | int | tuple):
+def _column(values: Sequence[Any]) -> NDArray[Any]:
+    if isinstance(values[0], float | int):
         return np.array(values)
     column = np.empty(len(values), object)
     column[:] = values
@@ -111,23 +115,29 @@ def as_column(values: Sequence[Any]) -> NDArray[Any]:
 
 
 def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
-    """Return what a function reads of a payload, or in words why it cannot."""
+    """Return what a function reads of a payload, or in words why it cannot; values stay out, so that alike messages count as one."""
     try:
         return read(payload)
     except MeasurementError as error:
         return str(error)
-    except _MALFORMED as error:
-        return malformed(error)
+    except MALFORMED as error:
+        return f"malformed: a field is missing or of the wrong kind ({type(error).__name__})"
 
 
-def malformed(error: Exception) -> str:
-    """Return the reason of a message that raised one of ``_MALFORMED``; without values, so that alike messages count as one."""
-    return f"malformed: a field is missing or of the wrong kind ({type(error).__name__})"
+def field(payloads: Iterable[Any], path: str) -> list[Any]:
+    """Return the values of a field, which parts of the message may hold (``pose.position``); None where there is none."""
+    values = [*payloads]
+    for name in path.split("."):
+        try:
+            values = [*map(methodcaller("get", name), values)]
+        except AttributeError:
+            values = [one.get(name) if isinstance(one, Mapping) else None for one in values]
+    return values
 
 
-def field(payloads: Iterable[Payload], name: str) -> list[Any]:
-    """Return the values of a field, None where there is none."""
-    return [*map(methodcaller("get", name), payloads)]
+def stated(payloads: Sequence[Payload], names: str, part: str = "") -> list[Array]:
+    """Return the numbers in fields of a part of messages, one column each, shape (n,); NaN where there is none."""
+    return [numbers(field(payloads, part + name)) for name in names.split()]
 
 
 def each(read: Callable[[Any], Any], values: Sequence[Any]) -> list[Any]:
@@ -140,21 +150,23 @@ def each(read: Callable[[Any], Any], values: Sequence[Any]) -> list[Any]:
     return [*map(known.__getitem__, keys)]
 
 
-def numbers(values: Sequence[Any]) -> Array:
-    """Return values as numbers, shape (n,); NaN for what is none and for anything infinite."""
+def regular(values: Sequence[Any]) -> Array:
+    """Return nested lists as an array, NaN where not finite; one NaN alone where lengths differ or there is something else in them."""
     try:
         plain = np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError):
-        plain = np.empty((0, 0))
-    if plain.ndim != 1:
-        return np.array([number(value) for value in values], np.float64)
+        return np.array(np.nan)
     return np.where(np.isfinite(plain), plain, np.nan)
+
+
+def numbers(values: Sequence[Any]) -> Array:
+    """Return values as numbers, shape (n,); NaN for what is none and for anything infinite."""
+    plain = regular(values)
+    return plain if plain.ndim == 1 else np.array([*map(number, values)], np.float64)
 
 
 def number(value: Any) -> float:
     """Return a payload's number; None, strings such as "NaN" and anything infinite become NaN."""
-    if value is None:
-        return math.nan
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -162,47 +174,50 @@ def number(value: Any) -> float:
     return result if math.isfinite(result) else math.nan
 
 
-def listed(value: Any) -> Array:
-    """Return a list of numbers, shape (n,), NaN where an item is none; anything but a list has no items."""
-    return rows([value]).reshape(-1) if isinstance(value, list | tuple) else np.empty(0)
+def rows(values: Sequence[Any], least: int = 0) -> Array:
+    """Return rows of any lengths, shape (n, longest, or the least); NaN where a row is shorter or holds no number."""
+    plain = regular(values)
+    if plain.ndim == 1:
+        plain = plain[:, None]
+    if plain.ndim != 2:
+        found = [numbers(row if isinstance(row, list | tuple) else [row]) for row in values]
+        plain = np.array([*zip_longest(*found, fillvalue=np.nan)]).reshape(-1, len(found)).T
+    return _padded(plain, least)
 
 
-def rows(values: Sequence[Any]) -> Array:
-    """Return rows of any lengths, shape (n, longest); NaN where a row is shorter or holds no number."""
-    try:
-        plain = np.array(values, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        plain = np.empty(0)
-    if plain.ndim == 2:
-        return np.where(np.isfinite(plain), plain, np.nan)
-    found = [numbers(row if isinstance(row, list | tuple) else [row]) for row in values]
-    padded = np.full((len(found), max(map(len, found), default=0)), np.nan)
-    for k, row in enumerate(found):
-        padded[k, : row.size] = row
-    return padded
+def lists(values: Sequence[Any], least: int = 0) -> list[Any]:
+    """Return values of which those are empty that are no lists, or shorter ones."""
+    return [one if isinstance(one, list | tuple) and len(one) >= least else () for one in values]
+
+
+def _padded(values: Array, least: int) -> Array:
+    """Return values, shape (..., k), with at least so many in a row, NaN where one is missing."""
+    missing = np.full((*values.shape[:-1], max(least - values.shape[-1], 0)), np.nan)
+    return np.concatenate([values, missing], axis=-1)
 
 
 def whole_number(value: Any) -> int | None:
     """Return an integer, which some encodings write as a float; None for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return int(value) if isinstance(value, int) or value.is_integer() else None
+    known = isinstance(value, int | float) and not isinstance(value, bool)
+    return int(value) if known and value % 1 == 0 else None
 
 
 def dive_number(value: Any) -> int:
     """Return the dive that a message states; -1 for what can be none."""
-    known = isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LARGEST_DIVE
-    return value if known else -1
+    return value if type(value) is int and 0 <= value <= _LARGEST_DIVE else -1
 
 
 def word(value: Any, known: Sequence[str]) -> str:
     """Return a word given by itself or by its number among the known; of anything else a short text that is none of them."""
-    if isinstance(value, str) and value in known:
-        return value
     code = whole_number(value)
     if code is not None and 0 <= code < len(known):
         return known[code]
-    return "None" if value is None else shorten(value)
+    return value if value in known else "None" if value is None else shorten(value)
+
+
+def why(reasons: Mapping[str, Any]) -> Any:
+    """Return the first reason that holds for each message, empty where none does, from where each holds, shape (n,)."""
+    return np.select([*reasons.values()], [*reasons], "")
 
 
 def known_word(payload: Payload, name: str, known: Sequence[str]) -> str:
@@ -217,3 +232,68 @@ def known_word(payload: Payload, name: str, known: Sequence[str]) -> str:
             f"ping: expected {name} to be one of {', '.join(known)}, got {value}; state it in the message"
         )
     return value
+
+
+def velocity_cells(payloads: Sequence[Payload], systems: Sequence[str]) -> Array:
+    """Return the components of each cell of pings' velocities, shape (n, m, at least 3) [m/s]; protobuf carries them flat.
+
+    In earth coordinates a cell has east and north, or is missing as a whole.
+
+    Args:
+        payloads: ``velocity``, ``n_cells`` and ``coordinate_system`` of them are read; the latter are those of the first.
+        systems: The coordinate systems that are known.
+
+    Raises:
+        MeasurementError: Cells are not as many as ``n_cells``, or one has not the components that it must have.
+        ValueError: Pings are unlike.
+    """
+    values, said = field(payloads, "velocity"), payloads[0].get("n_cells")
+    m = whole_number(said) or 0
+    if m < 1 or not isinstance(values[0], list | tuple):
+        raise MeasurementError(
+            "ping: expected n_cells >= 1 and a list of velocities, "
+            f"got n_cells {shorten(said)} and velocity {type(values[0]).__name__}"
+        )
+    plain = regular(values)
+    if plain.ndim == 2 and plain.shape[1] >= 2 * m and plain.shape[1] % m == 0:
+        plain = plain.reshape(len(values), m, -1)
+    if plain.ndim != 3 or plain.shape[1] != m or plain.shape[2] < 2:
+        earth = word(payloads[0].get("coordinate_system"), systems) == "earth"
+        plain = np.array([_cells_of(value, m, earth) for value in values])
+    return _padded(plain, 3)
+
+
+def _cells_of(cells: Sequence[Any], m: int, earth: bool) -> Array:
+    """Return the velocities of a ping whose cells are flat, missing, or of different lengths, shape (m, k).
+
+    Raises:
+        MeasurementError: As ``velocity_cells``.
+    """
+    flat = bool(cells) and not any(isinstance(item, list | tuple | Mapping) for item in cells)
+    # nulls alone, as many as there are cells, are missing cells
+    if flat and not (len(cells) == m and all(item is None for item in cells)):
+        width, rest = divmod(len(cells), m)
+        if rest:
+            raise MeasurementError(
+                f"ping: {len(cells)} flat velocities do not divide into {m} cells"
+            )
+        cells = [cells[i : i + width] for i in range(0, len(cells), width)]
+    if len(cells) != m:
+        raise MeasurementError(
+            f"ping: expected {m} cells of east, north[, up], got {len(cells)} cells"
+        )
+    return rows([_components(cell, earth) for cell in cells])
+
+
+def _components(cell: Any, earth: bool) -> Sequence[Any]:
+    """Return the components of a cell: a list, a message with ``value`` or with ``east`` and ``north``, or null."""
+    found = cell
+    if isinstance(cell, Mapping):
+        both = "east" in cell and "north" in cell
+        found = cell.get("value", [cell["east"], cell["north"], cell.get("up")] if both else [])
+    if isinstance(found, list | tuple) and (len(found) >= 2 or not earth):
+        return found
+    # null, NaN or "NaN" in the place of a cell
+    if not earth or (not isinstance(cell, list | tuple | Mapping) and np.isnan(number(cell))):
+        return ()
+    raise MeasurementError(f"ping: expected cells of east, north[, up], got {shorten(cell)}")

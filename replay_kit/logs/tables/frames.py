@@ -13,12 +13,13 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import NOT_A_KIND, Payload, number, part_of, whole_number
+from replay_kit.logs.tables.columns import Payload, Tables, number, some, whole_number
 from replay_kit.logs.tables.instruments import pings
 
 SCHEMA = "DEBUG_FLOAT_ARRAY"
-_PARTS = ("ADCP_CFG", "ADCP_E", "ADCP_N", "ADCP_U", "ADCP_STD")
-_CONFIGURATION = (
+#: Names of a ping's frames.
+PARTS = ["ADCP_CFG", "ADCP_E", "ADCP_N", "ADCP_U", "ADCP_STD"]
+_CONFIGURATION = [
     "n_cells",
     "cell_size",
     "bin0_distance",
@@ -36,7 +37,7 @@ _CONFIGURATION = (
     "declination_applied",
     "n_components",
     "transducer_depth",
-)
+]
 _WORDS = ("coordinate_system", "reference", "orientation")
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
@@ -47,65 +48,56 @@ _NO_KEY = "frame of a ping: expected array_id and time_usec to be integers and d
 Open = Mapping[tuple[str, int, int], Mapping[str, Sequence[Any]]]
 
 
-def joined(
-    pending: Open, raws: Sequence[Raw], config: MeasurementConfig
-) -> tuple[Open, list[Table]]:
+def joined(pending: Open, raws: Sequence[Raw], config: MeasurementConfig) -> tuple[Open, Tables]:
     """Return the frames of pings that are not complete, and the tables of those that are and of frames that cannot be used.
 
     Args:
         pending: Frames of pings that were not complete before.
-        raws: Frames.
+        raws: Frames whose names are of ``PARTS``.
         config: As of ``pings``.
     """
     order = sorted(
         (place, r, k) for r, raw in enumerate(raws) for k, place in enumerate(raw.order.tolist())
     )
-    pending, made = dict(pending), [list[tuple[int, Payload | str, int]]() for _ in raws]
+    pending, made = dict(pending), [dict[int, tuple[Payload | str, int]]() for _ in raws]
     for _, r, k in order:
-        raw = raws[r]
-        payload, name = raw.payloads[k], str(raw.payloads[k].get("name"))
-        array_id, time_usec = (
-            whole_number(payload.get(part)) for part in ("array_id", "time_usec")
-        )
-        if name not in _PARTS:
-            made[r].append((k, NOT_A_KIND, 1))
-        elif (
-            array_id is None
-            or time_usec is None
-            or not isinstance(payload.get("data"), list | tuple)
-        ):
-            made[r].append((k, _NO_KEY, 1))
-        else:
-            made[r] += _taken(pending, (raw.topic, array_id, time_usec), name, payload["data"], k)
-    found: list[Table] = []
+        taken = _taken(pending, raws[r].topic, raws[r].payloads[k])
+        if taken is not None:
+            made[r][k] = taken
+    found: Tables = []
     for raw, rows in zip(raws, made, strict=True):
         if rows:
-            at, payloads, counts = zip(*rows, strict=True)
-            found += pings(part_of(raw, at), payloads, config, counts)
+            payloads, counts = zip(*rows.values(), strict=True)
+            chosen = [k in rows for k in range(len(raw.time))]
+            found += pings(some(raw, chosen), payloads, config, counts)
     return pending, found
 
 
 def _taken(
-    pending: dict[Any, Any], key: tuple[str, int, int], name: str, data: Sequence[Any], k: int
-) -> list[tuple[int, Payload | str, int]]:
-    """Take in a frame; return the ping that it completes, or the frames that can be part of none."""
-    frames = pending.get(key, {})
-    if name in frames:
-        return [(k, _REPEATED, 1)]
-    frames = {**frames, name: data}
-    configuration = frames.get("ADCP_CFG")
-    flat = configuration is not None and _configuration(configuration)["n_components"] == 2
-    if configuration is not None and all(p in frames for p in _PARTS if p != "ADCP_U" or not flat):
+    pending: dict[Any, Any], topic: str, payload: Payload
+) -> tuple[Payload | str, int] | None:
+    """Take in a frame; return the ping that it completes, or why frames can be part of none, and the number of frames."""
+    name, data = payload["name"], payload.get("data")
+    numbers = [whole_number(payload.get(part)) for part in ("array_id", "time_usec")]
+    if None in numbers or not isinstance(data, list | tuple):
+        return _NO_KEY, 1
+    key = topic, *numbers
+    if name in pending.get(key, {}):
+        return _REPEATED, 1
+    frames = {**pending.get(key, {}), name: data}
+    missing = {*PARTS} - {*frames}
+    if "ADCP_CFG" in frames and _configuration(frames["ADCP_CFG"])["n_components"] == 2:
+        missing -= {"ADCP_U"}
+    if not missing:
         pending.pop(key, None)
-        return [(k, _assembled(frames), len(frames))]
+        return _assembled(frames), len(frames)
     pending[key] = frames
     if len(pending) <= _OPEN_PINGS:
-        return []
-    oldest = next(iter(pending))
-    return [(k, _INCOMPLETE, len(pending.pop(oldest)))]
+        return None
+    return _INCOMPLETE, len(pending.pop(next(iter(pending))))
 
 
-def lost(pending: Open, order: int) -> list[Table]:
+def lost(pending: Open, order: int) -> Tables:
     """Return the tables of the frames whose pings are not complete when the log ends, at a place in the stream."""
     found = []
     for (topic, _, _), frames in pending.items():
@@ -119,11 +111,10 @@ def _assembled(frames: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
     """Return the ping's payload, as if it had come as JSON; what a frame is too short for is left for the ping's own checks."""
     payload = _configuration(frames["ADCP_CFG"])
     n_cells = max(whole_number(payload["n_cells"]) or 0, 0)
-    columns = [frames[part][:n_cells] for part in ("ADCP_E", "ADCP_N", "ADCP_U") if part in frames]
-    payload["n_cells"] = n_cells
-    payload["velocity"] = [list(cell) for cell in zip(*columns, strict=False)]
-    payload["velocity_std"] = list(frames["ADCP_STD"])[:n_cells]
-    return payload
+    columns = [frames[part][:n_cells] for part in PARTS[1:4] if part in frames]
+    velocity = [list(cell) for cell in zip(*columns, strict=False)]
+    std = list(frames["ADCP_STD"])[:n_cells]
+    return {**payload, "n_cells": n_cells, "velocity": velocity, "velocity_std": std}
 
 
 def declination_in(payload: Payload) -> float:
@@ -137,9 +128,4 @@ def _configuration(data: Sequence[Any]) -> dict[str, Any]:
     """Return the named values of ``ADCP_CFG``; none where the frame is too short for one, or holds NaN."""
     values = zip(_CONFIGURATION, chain(data, repeat(math.nan)), strict=False)
     # NaN is no number that two pings could have in common
-    return {
-        name: None
-        if name not in _WORDS and isinstance(value, float) and math.isnan(value)
-        else value
-        for name, value in values
-    }
+    return {name: value if name in _WORDS or value == value else None for name, value in values}

@@ -18,8 +18,9 @@ be joined.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, cast
+from collections.abc import Sequence
+from reprlib import repr as shorten
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,20 +30,36 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.quantities import metres_per_second
 from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables import columns
-from replay_kit.logs.tables.cells import believed_std, by_cell, cell_distances, velocity_cells
-from replay_kit.logs.tables.columns import Payload, field, known_word, listed, number, numbers
+from replay_kit.logs.tables.columns import (
+    Payload,
+    dive_number,
+    each,
+    field,
+    known_word,
+    lists,
+    number,
+    numbers,
+    regular,
+    rows,
+    stated,
+    table,
+    unused,
+    velocity_cells,
+    word,
+)
 
 SYSTEMS = ("beam", "instrument", "ship", "earth")
-_REFERENCES, _ORIENTATIONS, _CONVENTIONS = (
-    ("earth", "platform"),
-    ("down", "up"),
-    ("teledyne", "nortek"),
-)
+_WORDS = {
+    "coordinate_system": SYSTEMS,
+    "reference": ("earth", "platform"),
+    "orientation": ("down", "up"),
+}
 QUALITY = ("amplitude", "correlation", "percent_good", "snr", "error_velocity")
-_NUMBERS = ("heading", "pitch", "roll", "pressure", "transducer_depth")
+_NUMBERS = "heading pitch roll pressure transducer_depth"
+_LISTS = ("velocity", "velocity_std", "cell_distances", *QUALITY)
 # What is the instrument's, and mostly the same in all its pings; the rest each ping has of its own.
-_INSTRUMENT = (
+_INSTRUMENT = [
+    "n_cells",
     "reference",
     "coordinate_system",
     "orientation",
@@ -58,7 +75,9 @@ _INSTRUMENT = (
     "gimbal_pitch",
     "tilt_applied",
     "declination_applied",
-)
+]
+# m/s; an error outside is no statement of one, and its square would not survive the filter's arithmetic
+STD_BELIEVED = (1e-6, 1e3)
 _NO_REFERENCE = (
     "ping: expected reference to be one of earth, platform, got none; state it in the message, or as measurements.reference "
     "when the message has no place for it"
@@ -67,10 +86,10 @@ _NO_REFERENCE = (
 
 def pings(
     raw: Raw,
-    payloads: Sequence[Payload | str],
+    payloads: Sequence[Any],
     config: MeasurementConfig,
-    messages: Sequence[int] | None = None,
-    places: Sequence[tuple[float, float, float] | None] | None = None,
+    messages: Sequence[int] | int = 1,
+    places: Any = math.nan,
 ) -> list[Table]:
     """Return the tables of pings that messages hold, one for each layout, and that of those that cannot be used.
 
@@ -79,123 +98,94 @@ def pings(
         payloads: Fields of a ``replay_kit.AdcpPing`` for each of them, with JSON's lists of lists or protobuf's flat ones; or in words why
             there are none.
         config: What the velocities are relative to, and their unit, where payloads do not say.
-        messages: Number of messages that make each ping; None for one.
-        places: Longitude, latitude and depth of the instrument; None for one on the vehicle.
+        messages: Number of messages that make each ping.
+        places: shape (n, 3), longitude, latitude and depth of the instrument; NaN for one on the vehicle.
     """
-    reasons = [""] * len(payloads)
-    if str in {*map(type, payloads)}:
-        reasons = [payload if isinstance(payload, str) else "" for payload in payloads]
-    good = [k for k, reason in enumerate(reasons) if not reason]
-    held = cast(Sequence[Payload], [payloads[k] for k in good])
-    times = np.ones(len(payloads), np.int64) if messages is None else np.array(messages)
-    where = np.array([place or (math.nan,) * 3 for place in places or []]).reshape(-1, 3)
-    where = where if places else np.full((len(payloads), 3), np.nan)
-    found: list[Table] = []
-    for at, alike in _groups(held, velocity_cells(held, SYSTEMS)):
-        rows = np.array([good[k] for k in at])
-        for part, made in (
-            [(slice(None), alike)] if isinstance(alike, str) else alike.tables(config)
-        ):
-            own = rows[part]
-            if isinstance(made, str):
-                for k in own:
-                    reasons[k] = made
-                continue
-            own_columns = {**made[0], "messages": times[own], "place": where[own]}
-            found.append(columns.table(raw, "ping", own, own_columns, made[1]))
-    bad = np.array([k for k in np.repeat(np.arange(len(reasons)), times) if reasons[k]], np.intp)
-    if bad.size:
-        words = np.array([reasons[k] for k in bad], object)
-        found.append(columns.table(raw, "unused", bad, {"reason": words}))
-    return found
-
-
-def _groups(
-    payloads: Sequence[Payload], velocities: Sequence[Array | MeasurementError]
-) -> Iterator[tuple[list[int], "_Alike | str"]]:
-    """Yield the numbers of pings of one instrument with as many cells, and these pings; or in words why they are none."""
+    n = len(payloads)
+    reasons = [payload if isinstance(payload, str) else "" for payload in payloads]
+    counts, place = np.full(n, messages, np.int64), np.full((n, 3), places, np.float64)
     groups: list[tuple[Any, list[int]]] = []
     at: list[int] = []
     known: Any = None
-    stated = zip(*(field(payloads, name) for name in _INSTRUMENT), strict=True)
-    for k, (own, velocity) in enumerate(zip(stated, velocities, strict=True)):
-        if isinstance(velocity, MeasurementError):
-            yield [k], str(velocity)
+    for k, payload in enumerate(payloads):
+        if reasons[k]:
             continue
-        own = (*own, velocity.shape)
+        own = _layout(payload)
         if own != known:
             known, at = next((group for group in groups if group[0] == own), (own, []))
             if not at:
                 groups.append((own, at))
         at.append(k)
-    for _, at in groups:
-        yield at, _Alike([payloads[k] for k in at], np.array([velocities[k] for k in at]))
-
-
-class _Alike:
-    """Pings of one instrument with as many cells and components."""
-
-    def __init__(self, payloads: Sequence[Payload], velocity: Array) -> None:
-        self.payloads, self.velocity = payloads, velocity
-
-    def tables(
-        self, config: MeasurementConfig
-    ) -> list[tuple[NDArray[np.intp], tuple[dict[str, NDArray[Any]], dict[str, Any]] | str]]:
-        """Return columns and what is fixed of some pings each, or in words why they cannot be used, with the numbers of these pings."""
-        everyone = np.arange(len(self.payloads))
+    left, found = [at for _, at in groups], list[Table]()
+    while left:
+        at = left.pop()
         try:
-            fixed = _instrument(self.payloads[0], config)
-        except MeasurementError as error:
-            return [(everyone, str(error))]
-        try:
-            return [(everyone, self._columns(fixed, config))]
+            columns, fixed = _columns([payloads[k] for k in at], config)
         except (MeasurementError, ValueError, TypeError, OverflowError) as error:
-            if everyone.size == 1:
-                return [(everyone, str(error))]
-        # one of them differs: the others must not suffer
-        found = []
-        for part in self._by_shape():
-            rest = _Alike([self.payloads[k] for k in part], self.velocity[part])
-            found += [(part[at], one) for at, one in rest.tables(config)]
-        return found
+            # one of them differs: the others must not suffer
+            half = len(at) // 2
+            if half:
+                left += at[:half], at[half:]
+            else:
+                reasons[at[0]] = str(error)
+            continue
+        columns |= {"messages": counts[at], "place": place[at]}
+        found.append(table(raw, "ping", np.array(at), columns, **fixed))
+    return found + unused(raw, reasons, counts)
 
-    def _by_shape(self) -> list[NDArray[np.intp]]:
-        """Return the pings by what fields they hold and how long these are; where all are alike in that, one by one."""
 
-        def shape(value: Any) -> Any:
-            if isinstance(value, list | tuple) and value:
-                return len(value), shape(value[0])
-            return type(value) if isinstance(value, Mapping | str) else value is None
+def _layout(payload: Payload) -> tuple[Any, ...]:
+    """Return what pings must have in common to be read together."""
+    sizes = (_size(payload.get(name)) for name in _LISTS)
+    return *map(payload.get, _INSTRUMENT), *sizes
 
-        groups: dict[Any, list[int]] = {}
-        names = (*QUALITY, "velocity_std", "cell_distances", "bottom_track")
-        for k, payload in enumerate(self.payloads):
-            groups.setdefault(tuple(shape(payload.get(name)) for name in names), []).append(k)
-        if len(groups) == 1:
-            return [np.array([k]) for k in range(len(self.payloads))]
-        return [np.array(at) for at in groups.values()]
 
-    def _columns(
-        self, fixed: dict[str, Any], config: MeasurementConfig
-    ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        payloads, (n, m, _) = self.payloads, self.velocity.shape
-        found: dict[str, NDArray[Any]] = {name: numbers(field(payloads, name)) for name in _NUMBERS}
-        found["declination"] = numbers(field(payloads, "magnetic_declination"))
-        found["dive"] = np.array(
-            columns.each(columns.dive_number, field(payloads, "dive")), np.int64
+def _size(value: Any) -> Any:
+    if not isinstance(value, list | tuple):
+        return None
+    return len(value), _size(value[0]) if value else None
+
+
+def _columns(
+    payloads: Sequence[Payload], config: MeasurementConfig
+) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Return the columns of pings that have a layout in common, and what is fixed of them.
+
+    Raises:
+        MeasurementError: One cannot be used.
+        ValueError: They are unlike.
+    """
+    fixed, velocity = _instrument(payloads[0], config), velocity_cells(payloads, SYSTEMS)
+    n, m, _ = velocity.shape
+    bottom = "bottom_track."
+    errors = rows([value or None for value in field(payloads, "velocity_std")])
+    if errors.shape[1] not in (1, m):
+        raise MeasurementError(
+            f"ping: expected velocity_std to be a number or {m} numbers, got {errors.shape[1]}"
         )
-        found["velocity"] = self.velocity * _factor(config)
-        found["distance"] = cell_distances(payloads, n, m)
-        found["error_std"] = believed_std(field(payloads, "velocity_std"), m)
-        found |= _bottom(field(payloads, "bottom_track"))
-        found |= _platform(field(payloads, "platform_velocity"))
-        for name in QUALITY:
-            values, found[f"no_{name}"] = by_cell(field(payloads, name), name, n, m)
-            if values is not None:
-                found[name] = values
-        shapes = {name: column.shape[1:] for name, column in found.items()}
-        own = {k: v.tobytes() if isinstance(v, np.ndarray) else v for k, v in fixed.items()}
-        return found, fixed | {"layout": repr((own, shapes))}
+    found: dict[str, NDArray[Any]] = {
+        **dict(zip(_NUMBERS.split(), stated(payloads, _NUMBERS), strict=True)),
+        "declination": numbers(field(payloads, "magnetic_declination")),
+        "dive": np.array(each(dive_number, field(payloads, "dive")), np.int64),
+        # an unknown unit is that of a config that says none
+        "velocity": velocity * (metres_per_second(config.velocity_unit or "m/s") or 1.0),
+        "distance": _distance(payloads, n, m),
+        "error_std": np.broadcast_to(believed(errors), (n, m)),
+        "bottom": rows(lists(field(payloads, bottom + "velocity"), 3), 4),
+        "bottom_std": numbers(field(payloads, bottom + "velocity_std")),
+        "bottom_range": np.fmin.reduce(
+            rows(lists(field(payloads, bottom + "distance")), 1), axis=1
+        ),
+        "platform": np.column_stack(stated(payloads, "east north", "platform_velocity.")),
+        "platform_std": numbers(field(payloads, "platform_velocity.velocity_std")),
+    }
+    for name in QUALITY:
+        values, found[f"no_{name}"] = _by_cell(field(payloads, name), name, n, m)
+        if values is not None:
+            found[name] = values
+    shapes = {name: column.shape[1:] for name, column in found.items()}
+    own = {k: v.tobytes() if isinstance(v, np.ndarray) else v for k, v in fixed.items()}
+    return found, fixed | {"layout": repr((own, shapes))}
 
 
 def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
@@ -208,23 +198,21 @@ def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
         if config.reference is None:
             raise MeasurementError(_NO_REFERENCE)
         payload = {**payload, "reference": config.reference}
-    floor = payload.get("noise_floor")
     vectors = payload.get("beam_unit_vectors")
     return {
-        "frame": known_word(payload, "coordinate_system", SYSTEMS),
-        "reference": known_word(payload, "reference", _REFERENCES),
-        "orientation": known_word(payload, "orientation", _ORIENTATIONS),
+        **{
+            name.replace("coordinate_system", "frame"): known_word(payload, name, known)
+            for name, known in _WORDS.items()
+        },
         "cell_size": number(payload.get("cell_size")),
         "vectors": _vectors(vectors) if vectors else None,
         # a number in MAVLink, as that of the declination
         "bin_mapped": number(payload.get("bin_mapped")) == 1.0,
-        "noise_floor": listed(floor)
-        if isinstance(floor, list | tuple) and floor
-        else np.array([number(floor)]),
+        "noise_floor": rows([payload.get("noise_floor")], 1)[0],
         "needs_depth": payload.get("vehicle_depth_needed") is True,
         "correlation_depth": number(payload.get("correlation_depth")),
         "derived": payload.get("derived") is True,
-        "convention": columns.word(payload.get("attitude_convention"), _CONVENTIONS),
+        "convention": word(payload.get("attitude_convention"), ("teledyne", "nortek")),
         "gimbal": payload.get("gimbal_pitch") is True,
         "tilt_applied": payload.get("tilt_applied") is not False,
         "declination_applied": {1.0: True, 0.0: False}.get(
@@ -235,45 +223,52 @@ def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
 
 def _vectors(value: Any) -> Array:
     """Return vectors listed one by one or flat, as protobuf carries them, shape (b, 3); (0, 3) where they are none."""
-    try:
-        return np.array(value, np.float64).reshape(-1, 3)
-    except (TypeError, ValueError, OverflowError):
-        return np.empty((0, 3))
+    plain = regular([value])
+    return plain.reshape(-1, 3) if plain.size % 3 == 0 else np.empty((0, 3))
 
 
-def _factor(config: MeasurementConfig) -> float:
-    """Return by what velocities are multiplied whose unit the settings state [m/s]."""
-    return metres_per_second(config.velocity_unit or "m/s") or 1.0
+def believed(errors: Array) -> Array:
+    """Return errors [m/s]; NaN where a stated one cannot be believed."""
+    least, most = STD_BELIEVED
+    return np.where((errors >= least) & (errors <= most), errors, np.nan)
 
 
-def _bottom(stated: Sequence[Any]) -> dict[str, Array]:
-    """Return the columns of the bottom track; NaN where none gives a velocity of three components, or a distance."""
-    parts = _parts(stated)
-    if not any(parts):
-        blank = np.full((len(parts), 4), np.nan)
-        return {"bottom": blank, "bottom_std": blank[:, 0], "bottom_range": blank[:, 0]}
-    velocity = [listed(part.get("velocity")) for part in parts]
-    bottom = np.full((len(parts), max(4, *map(len, velocity))), np.nan)
-    for k, each in enumerate(velocity):
-        if each.size >= 3:
-            bottom[k, : each.size] = each
-    ranges = [listed(part.get("distance")) for part in parts]
-    nearest = [float(np.nanmin(each)) if np.isfinite(each).any() else math.nan for each in ranges]
-    return {
-        "bottom": bottom,
-        "bottom_std": numbers(field(parts, "velocity_std")),
-        "bottom_range": np.array(nearest),
-    }
+def _distance(payloads: Sequence[Payload], n: int, m: int) -> Array:
+    """Return how far the centres of m cells are from the transducer, shape (n, m) [m]: as listed, or evenly spaced.
+
+    Raises:
+        MeasurementError: The list has another length, or first distance and size are none.
+    """
+    listed = field(payloads, "cell_distances")
+    if any(one is not None for one in listed):
+        wrong = [one for one in listed if not isinstance(one, list | tuple) or len(one) != m]
+        if wrong:
+            raise MeasurementError(
+                f"ping: expected cell_distances to be {m} numbers [m], got {shorten(wrong[0])}"
+            )
+        return rows(listed)
+    said = [payloads[0].get(name) for name in ("cell_size", "bin0_distance")]
+    size, first = map(number, said)
+    if not (size > 0.0 and math.isfinite(first)):
+        raise MeasurementError(
+            "ping: expected cell_size > 0 and a finite bin0_distance [m], "
+            f"got {' and '.join(map(shorten, said))}"
+        )
+    return np.broadcast_to(first + size * np.arange(m), (n, m))
 
 
-def _parts(stated: Sequence[Any]) -> Sequence[Payload]:
-    """Return the fields of parts of messages, none where a message has no such part."""
-    if {*map(type, stated)} == {dict}:
-        return stated
-    return [part if part is not None and isinstance(part, Mapping) else {} for part in stated]
-
-
-def _platform(stated: Sequence[Any]) -> dict[str, Array]:
-    parts = _parts(stated)
-    east, north, std = (numbers(field(parts, name)) for name in ("east", "north", "velocity_std"))
-    return {"platform": np.column_stack([east, north]), "platform_std": std}
+def _by_cell(stated: Sequence[Any], name: str, n: int, m: int) -> tuple[Array | None, NDArray[Any]]:
+    """Return a field with one or more numbers for each of m cells, shape (n, m, b), and why pings have none, shape (n,)."""
+    none = f"the ping has no {name}"
+    if not any(lists(stated)):
+        return None, np.full(n, none, object)
+    values = regular(stated)
+    if not values.ndim:
+        # cells of different lengths, or something among them that is no number
+        values = np.array([rows(one) for one in stated])
+    wrong = values.ndim == 3 and values.shape[1] != m
+    if wrong or values.ndim > 3 or values.size == 0 or values[0].size % m:
+        return None, np.full(n, f"{name} is not as long as the velocity", object)
+    values = values.reshape(n, m, -1)
+    why = np.where(np.isfinite(values).any(axis=(1, 2)), "", none)
+    return values, why.astype(object)

@@ -5,14 +5,24 @@ What a message does not state stays out: ``reference`` above all, which the conf
 ``CurrentProfile`` of IMC (LSTS/imc, messages 1014 to 1016).
 """
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import Payload, field, guarded, number, whole_number
+from replay_kit.logs.tables.columns import (
+    Payload,
+    field,
+    guarded,
+    number,
+    stated,
+    whole_number,
+)
 from replay_kit.logs.tables.instruments import SYSTEMS, pings
-from replay_kit.logs.tables.vehicle import checked
+from replay_kit.logs.tables.vehicle import no_place
 
 _NUCLEUS_BEAMS, _MM_PER_M, _INT16_MISSING = 3, 1000.0, -32768
 _WHOLE_METRES = (
@@ -29,37 +39,29 @@ _IMC_COORDINATES = {
     "ENU": ("earth", _ENU),
 }
 _BOTTOM_ALONE = "bottom track alone: how the vehicle moves, and no current"
-_Vector = tuple[float, float, float]
+_Vectors = list[list[float]]
 
 
 def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
     """Return the tables of ``replay_kit.AdcpPing`` messages; those with ``place`` were measured by a mooring or a drifter."""
-    payloads: list[Payload | str] = [*raw.payloads]
-    places: list[tuple[float, float, float] | None] | None = None
-    for k, cells in enumerate(field(raw.payloads, "n_cells")):
-        if cells == 0 and raw.payloads[k].get("bottom_track"):
-            payloads[k] = _BOTTOM_ALONE
-    for k, stated in enumerate(field(raw.payloads, "place")):
-        if stated is None or not isinstance(stated, Mapping) or isinstance(payloads[k], str):
-            continue
-        place = checked(stated.get("lon"), stated.get("lat"), 0.0, False)
-        places = places or [None] * len(payloads)
-        if isinstance(place, str):
-            payloads[k] = place
-        else:
-            places[k] = place[0], place[1], 0.0
-    return pings(raw, payloads, config, places=places)
+    moored = [isinstance(place, Mapping) for place in field(raw.payloads, "place")]
+    longitude, latitude = stated(raw.payloads, "lon lat", "place.")
+    why = np.where(moored, no_place(longitude, latitude), "").tolist()
+    payloads: list[Any] = [
+        _BOTTOM_ALONE
+        if payload.get("n_cells") == 0 and payload.get("bottom_track")
+        else reason or payload
+        for payload, reason in zip(raw.payloads, why, strict=True)
+    ]
+    depth = np.where(moored, 0.0, np.nan)
+    return pings(raw, payloads, config, places=np.column_stack([longitude, latitude, depth]))
 
 
 def _of(
     read: Callable[[Payload], Payload | str],
 ) -> Callable[[Raw, MeasurementConfig], list[Table]]:
     """Return the reader of profiles whose payloads are rewritten one by one."""
-
-    def reader(raw: Raw, config: MeasurementConfig) -> list[Table]:
-        return pings(raw, [guarded(read, payload) for payload in raw.payloads], config)
-
-    return reader
+    return lambda raw, config: pings(raw, [guarded(read, one) for one in raw.payloads], config)
 
 
 def _ds_adcp(payload: Payload) -> Payload | str:
@@ -75,7 +77,6 @@ def _ds_adcp(payload: Payload) -> Payload | str:
     if cell_size == 0.0:
         return _WHOLE_METRES
     directions = [_vector(unit) for unit in payload["beam_unit_vec"]]
-    read = _along_beams if SYSTEMS[mode] == "beam" else _first_vector
     return {
         "coordinate_system": SYSTEMS[mode],
         "orientation": "down",
@@ -84,7 +85,7 @@ def _ds_adcp(payload: Payload) -> Payload | str:
         "bin0_distance": payload.get("bin0_distance"),
         "beam_unit_vectors": directions,
         "velocity": [
-            read([_vector(item) for item in cell["velocity_bin_beam"]], directions)
+            _ds_cell([_vector(item) for item in cell["velocity_bin_beam"]], mode, directions)
             for cell in cells
         ],
     }
@@ -121,8 +122,10 @@ def _nucleus(payload: Payload) -> Payload | str:
         # blanking ends where the first cell begins
         "bin0_distance": number(payload.get("blanking")) + 0.5 * cell_size,
         "velocity": _rows(values, _NUCLEUS_BEAMS),
-        "amplitude": _rows(payload.get("amplitude_data"), _NUCLEUS_BEAMS),
-        "correlation": _rows(payload.get("correlation_data"), _NUCLEUS_BEAMS),
+        **{
+            name: _rows(payload.get(f"{name}_data"), _NUCLEUS_BEAMS)
+            for name in ("amplitude", "correlation")
+        },
     }
 
 
@@ -133,7 +136,7 @@ def _imc(payload: Payload) -> Payload | str:
     if name not in _IMC_COORDINATES:
         return "coord_sys is none of XYZ, NED, BEAMS, ENU"
     system, axes = _IMC_COORDINATES[name]
-    cells = [[number(beam.get("vel")) for beam in cell["beams"]] for cell in profile]
+    cells = [[*map(number, field(cell["beams"], "vel"))] for cell in profile]
     if axes is not None:
         if any(len(cell) < len(axes) for cell in cells):
             return f"fewer than three components in a cell of {name} coordinates"
@@ -145,24 +148,23 @@ def _imc(payload: Payload) -> Payload | str:
         "n_cells": len(cells),
         "cell_distances": [abs(number(cell.get("cell_position"))) for cell in profile],
         "velocity": cells,
-        "amplitude": [[beam.get("amp") for beam in cell["beams"]] for cell in profile],
-        "correlation": [[beam.get("cor") for beam in cell["beams"]] for cell in profile],
+        **{
+            name: [field(cell["beams"], key) for cell in profile]
+            for name, key in (("amplitude", "amp"), ("correlation", "cor"))
+        },
     }
 
 
-def _vector(value: Payload) -> _Vector:
-    return number(value.get("x")), number(value.get("y")), number(value.get("z"))
+def _vector(value: Payload) -> list[float]:
+    return [number(value.get(axis)) for axis in "xyz"]
 
 
-def _first_vector(vectors: list[_Vector], _: list[_Vector]) -> list[float | None]:
-    """Return a cell's only vector; zeros are no solution."""
-    return list(vectors[0]) if vectors and any(vectors[0]) else [None, None, None]
-
-
-def _along_beams(vectors: list[_Vector], directions: list[_Vector]) -> list[float | None]:
-    """Return the velocity along each beam; zeros are no solution."""
+def _ds_cell(vectors: _Vectors, mode: int, directions: _Vectors) -> list[float | None]:
+    """Return a cell's only vector, or the velocity along each beam; zeros are no solution."""
+    if SYSTEMS[mode] != "beam":
+        return [*vectors[0]] if vectors and any(vectors[0]) else [None] * 3
     return [
-        sum(v * d for v, d in zip(vector, unit, strict=True)) if any(vector) else None
+        sum(map(operator.mul, vector, unit)) if any(vector) else None
         for vector, unit in zip(vectors, directions, strict=True)
     ]
 

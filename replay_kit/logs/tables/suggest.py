@@ -8,15 +8,15 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 from replay_kit.logs.tables.suggest_profile import (
     Leaf,
-    beside,
+    by_name,
     leaves,
     line,
     named,
+    pair,
     profile_lines,
     velocity_lines,
 )
@@ -53,16 +53,17 @@ _PLACE = re.compile(r"|(.*_)?(pos|position|location|point|place|translation|pose
 NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY")
 # of topics and names of arrays and vectors: these may be currents
 _CURRENT = re.compile(r"adcp|vel|cur|profil|water|flow|speed", re.IGNORECASE)
-_UNIT_IN_NAME = (
-    ("dbar", "dbar"),
-    ("mbar", "hPa"),
-    ("hpa", "hPa"),
-    ("kpa", "kPa"),
-    ("bar", "bar"),
-    ("pa", "Pa"),
-)
+# longer ones before their ends
+_UNIT_IN_NAME = {
+    "dbar": "dbar",
+    "mbar": "hPa",
+    "hpa": "hPa",
+    "kpa": "kPa",
+    "bar": "bar",
+    "pa": "Pa",
+}
 # an absolute pressure near the surface is one atmosphere
-_ATMOSPHERE = (("Pa", 101_325.0), ("hPa", 1013.25), ("kPa", 101.325), ("bar", 1.01325))
+_ATMOSPHERE = {"Pa": 101_325.0, "hPa": 1013.25, "kPa": 101.325, "bar": 1.01325}
 
 
 def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | None:
@@ -73,13 +74,14 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
         schema: Its schema's name, for the comment.
         payload: One of its messages.
     """
-    found, name = leaves(payload), payload.get("name")
-    named_by_sender = isinstance(name, str) and _carries_names(topic)
+    found, name = [*leaves(payload)], payload.get("name")
+    named_by_sender = sample_key(topic, payload) != topic
+    names = {"value": str(name).lower()} if named_by_sender else {}
+    # an array of floats that is no ping of ours has no other use than a profile, whatever its name
     label = f"{topic} {name if named_by_sender else ''}"
-    found = [
-        _by_name(leaf, label, str(name).lower()) if named_by_sender or leaf.name == "data" else leaf
-        for leaf in found
-    ]
+    if _CURRENT.search(label) or topic.endswith("/DEBUG_FLOAT_ARRAY"):
+        names |= {"data": "velocity"} | ({"x": "east", "y": "north"} if named_by_sender else {})
+    found = [leaf._replace(name=names.get(leaf.path, leaf.name)) for leaf in found]
     select = [f"name = {json.dumps(name, ensure_ascii=False)}"] if named_by_sender else []
     scalars = [leaf for leaf in found if leaf.shape == ()]
     profile = profile_lines(found)
@@ -95,34 +97,11 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
     )
 
 
-def _by_name(leaf: Leaf, label: str, name: str) -> Leaf:
-    """Return a number under the name that its message carries, and an array of a topic of currents under that of a velocity."""
-    if leaf.path == "value":
-        return replace(leaf, name=name)
-    # an array of floats that is no ping of ours has no other use than a profile, whatever its name
-    of_current = _CURRENT.search(label) is not None or label.partition(" ")[0].endswith(
-        "/DEBUG_FLOAT_ARRAY"
-    )
-    if leaf.path == "data" and of_current:
-        return replace(leaf, name="velocity")
-    return (
-        replace(leaf, name={"x": "east", "y": "north"}[leaf.path])
-        if leaf.path in ("x", "y") and of_current
-        else leaf
-    )
-
-
 def sample_key(topic: str, payload: Mapping[str, Any]) -> str:
     """Return what a message is a sample of: its topic, and on topics that carry several things under names its name."""
-    return (
-        f"{topic}\n{payload['name']}"
-        if _carries_names(topic) and isinstance(payload.get("name"), str)
-        else topic
-    )
-
-
-def _carries_names(topic: str) -> bool:
-    return topic.rpartition("/")[2] in NAMED
+    name = payload.get("name")
+    named_by_sender = topic.rpartition("/")[2] in NAMED and isinstance(name, str)
+    return f"{topic}\n{name}" if named_by_sender else topic
 
 
 def suggested_entries(samples: Samples) -> dict[str, str]:
@@ -131,11 +110,11 @@ def suggested_entries(samples: Samples) -> dict[str, str]:
     Args:
         samples: As of ``suggestions``.
     """
-    found: dict[str, str] = {}
-    for key, (schema, payload) in samples.items():
-        entry = suggestion(key.partition("\n")[0], schema, payload)
-        found |= {} if entry is None else {key: entry}
-    return dict(sorted(found.items()))
+    found = {
+        key: suggestion(key.partition("\n")[0], schema, payload)
+        for key, (schema, payload) in samples.items()
+    }
+    return {key: entry for key, entry in sorted(found.items()) if entry}
 
 
 def suggestions(samples: Samples) -> str:
@@ -144,16 +123,13 @@ def suggestions(samples: Samples) -> str:
     Args:
         samples: Key, as of ``sample_key``, to its schema's name and one of its messages.
     """
-    entries = list(suggested_entries(samples).values())
     head = (
         "# A first mapping, guessed by names and values from one message of each topic that no known kind covers.\n"
         "# Check every line, above all reference, frame and units, before you use it: replay-kit replay --config THIS.toml\n"
     )
-    return (
-        "\n".join([head, *entries])
-        if entries
-        else head
-        + "# Nothing in the log looks like a position, a depth, a velocity or a profile.\n"
+    entries = "".join(f"\n{entry}" for entry in suggested_entries(samples).values())
+    return head + (
+        entries or "# Nothing in the log looks like a position, a depth, a velocity or a profile.\n"
     )
 
 
@@ -188,81 +164,58 @@ def _place(scalars: Sequence[Leaf]) -> list[str]:
 
 
 def _pair(scalars: Sequence[Leaf]) -> list[str]:
-    for latitude in scalars:
-        if _LATITUDE.fullmatch(latitude.name) and (
-            longitude := beside(latitude, scalars, _LONGITUDE)
-        ):
-            return [
-                line("longitude", longitude.path, "by its name"),
-                line("latitude", latitude.path, "by its name"),
-                _angle_unit(longitude, latitude),
-            ]
-    return []
-
-
-def _angle_unit(longitude: Leaf, latitude: Leaf) -> str:
-    x, y = abs(longitude.values[0]), abs(latitude.values[0])
-    if y > 90.0 or x > 360.0:
-        return line("angle_unit", "degE7", f"{longitude.values[0]:g} is more than a turn")
-    if "rad" in latitude.name or (y <= math.pi / 2.0 and 0.0 < x <= math.pi):
-        return line(
-            "angle_unit",
-            "rad",
-            f"the latitude is {latitude.values[0]:g}; write deg if these are degrees",
-        )
-    return line("angle_unit", "deg", f"the latitude is {latitude.values[0]:g}")
+    found = pair(scalars, _LATITUDE, _LONGITUDE)
+    if found is None:
+        return []
+    latitude, longitude = found
+    x, y = longitude.values[0], latitude.values[0]
+    unit, why = "deg", f"the latitude is {y:g}"
+    if abs(y) > 90.0 or abs(x) > 360.0:
+        unit, why = "degE7", f"{x:g} is more than a turn"
+    elif "rad" in latitude.name or (abs(y) <= math.pi / 2.0 and 0.0 < abs(x) <= math.pi):
+        unit, why = "rad", f"{why}; write deg if these are degrees"
+    return [*by_name(longitude=longitude, latitude=latitude), line("angle_unit", unit, why)]
 
 
 def _depth_lines(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a depth: a depth if there is one, else a pressure, else a height, which only a person can place."""
-    of_place = [leaf for leaf in scalars if _is_of_place(leaf)]
+    of_place = [
+        leaf
+        for leaf in scalars
+        if leaf.name != "z" or _PLACE.fullmatch(leaf.parent.rpartition(".")[2].lower())
+    ]
     for pattern, lines in ((_DEPTH, _as_depth), (_PRESSURE, _as_pressure), (_HEIGHT, _as_height)):
         if (leaf := named(of_place, pattern)) is not None:
             return lines(leaf)
     return []
 
 
-def _is_of_place(leaf: Leaf) -> bool:
-    return leaf.name != "z" or _PLACE.fullmatch(leaf.parent.rpartition(".")[2].lower()) is not None
-
-
 def _as_depth(leaf: Leaf) -> list[str]:
-    up = leaf.values[0] < 0.0
-    why = f"{leaf.values[0]:g}: " + (
-        "negative below the surface" if up else "positive below the surface"
-    )
+    value = leaf.values[0]
+    up, sign = ("up", "negative") if value < 0.0 else ("down", "positive")
     return [
-        line("depth", leaf.path, "by its name"),
+        *by_name(depth=leaf),
         line("depth_unit", "m", "the usual one"),
-        line("depth_positive", "up" if up else "down", why),
+        line("depth_positive", up, f"{value:g}: {sign} below the surface"),
     ]
 
 
 def _as_pressure(leaf: Leaf) -> list[str]:
     value = leaf.values[0]
-    lines = [line("depth", leaf.path, "a pressure by its name")]
-    stated = next(
-        (unit for word, unit in _UNIT_IN_NAME if re.search(rf"_?{word}$", leaf.name)), None
-    )
-    near = next(
-        (
-            unit
-            for unit, one in _ATMOSPHERE
-            if stated in (None, unit) and 0.8 * one < value < 1.2 * one
-        ),
-        None,
-    )
-    unit = stated or near or ("Pa" if value > 1e5 else "dbar")
+    stated = next((unit for end, unit in _UNIT_IN_NAME.items() if leaf.name.endswith(end)), None)
+    near = [
+        unit
+        for unit, one in _ATMOSPHERE.items()
+        if stated in (None, unit) and 0.8 * one < value < 1.2 * one
+    ]
+    large = "Pa" if value > 1e5 else "dbar"
+    unit = stated or (near[0] if near else large)
     why = "in its name" if stated else "by its size; check it"
-    absolute = near is not None or (unit == "Pa" and value > 1e5)
-    lines.append(line("depth_unit", unit, f"{why}: {value:g}"))
+    air = "whether the atmosphere is in it: check a value at the surface"
     return [
-        *lines,
-        line(
-            "depth_absolute",
-            absolute,
-            "whether the atmosphere is in it: check a value at the surface",
-        ),
+        line("depth", leaf.path, "a pressure by its name"),
+        line("depth_unit", unit, f"{why}: {value:g}"),
+        line("depth_absolute", bool(near) or unit == large == "Pa", air),
     ]
 
 

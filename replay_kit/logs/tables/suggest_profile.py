@@ -3,89 +3,76 @@
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from replay_kit.logs.tables.columns import number
 
 _DEEPEST = 12
+Pattern = re.Pattern[str]
 
 
-@dataclass(frozen=True, slots=True)
-class Leaf:
+class Leaf(NamedTuple):
     """A number, a list of numbers or a list of lists of numbers.
 
     Attributes:
         path: Where it stands.
         name: Its last field name, in lower case.
-        parent: The path of what holds it.
         shape: () for a number, (n,) for a list, (n, m) for n lists of which the first has m.
         values: The numbers in one row; NaN for what is missing.
     """
 
     path: str
     name: str
-    parent: str
     shape: tuple[int, ...]
     values: tuple[float, ...]
 
+    @property
+    def parent(self) -> str:
+        """The path of what holds it."""
+        return self.path.rpartition(".")[0]
 
-def leaves(payload: Mapping[str, Any]) -> list[Leaf]:
-    """Return the numbers of a payload, in its order; texts, flags and what no path can name are left out."""
-    return list(_walk(payload, ()))
 
-
-def _walk(value: Any, path: tuple[str, ...]) -> Iterator[Leaf]:
-    if isinstance(value, Mapping):
-        if len(path) < _DEEPEST:
-            for key, item in value.items():
-                if isinstance(key, str) and key and "." not in key and key == key.strip():
-                    yield from _walk(item, (*path, key))
+def leaves(value: Any, path: str = "") -> Iterator[Leaf]:
+    """Yield the numbers of a payload, in its order; texts, flags and what no path can name are left out."""
+    if isinstance(value, Mapping) and path.count(".") < _DEEPEST - 1:
+        for key, item in value.items():
+            if isinstance(key, str) and key and "." not in key and key == key.strip():
+                yield from leaves(item, f"{path}.{key}" if path else key)
     elif _is_number(value):
         yield _leaf(path, (), [value])
     elif isinstance(value, list | tuple) and value:
-        yield from _walk_list(value, path)
+        yield from _in_list(value, path)
 
 
-def _walk_list(items: Sequence[Any], path: tuple[str, ...]) -> Iterator[Leaf]:
+def _in_list(items: Sequence[Any], path: str) -> Iterator[Leaf]:
+    n = len(items)
     if all(isinstance(item, Mapping) for item in items):
         # every item is taken to be like the first
-        within = [{leaf.path: leaf for leaf in _walk(item, ())} for item in items]
+        within = [{leaf.path: leaf for leaf in leaves(item)} for item in items]
         for inner in within[0].values():
             if len(inner.shape) < 2 and all(inner.path in found for found in within):
                 values = [value for found in within for value in found[inner.path].values]
-                yield _leaf(
-                    (*path, "*", *inner.path.split(".")), (len(items), *inner.shape), values
-                )
-    elif all(item is None or _is_number(item) for item in items):
-        yield _leaf(path, (len(items),), items)
-    elif all(item is None or _is_row(item) for item in items):
+                yield _leaf(f"{path}.*.{inner.path}", (n, *inner.shape), values)
+    elif _is_row(items):
+        yield _leaf(path, (n,), items)
+    else:
         rows = [item for item in items if item is not None]
-        yield _leaf(path, (len(items), len(rows[0])), [value for row in rows for value in row])
+        if all(isinstance(row, list | tuple) and row and _is_row(row) for row in rows):
+            yield _leaf(path, (n, len(rows[0])), [value for row in rows for value in row])
 
 
-def _leaf(path: tuple[str, ...], shape: tuple[int, ...], values: Sequence[Any]) -> Leaf:
-    names = [part for part in path if part != "*"]
-    return Leaf(
-        ".".join(path),
-        names[-1].lower() if names else "",
-        ".".join(path[:-1]),
-        shape,
-        tuple(number(v) for v in values),
-    )
+def _leaf(path: str, shape: tuple[int, ...], values: Sequence[Any]) -> Leaf:
+    name = path.removesuffix(".*").rpartition(".")[2].lower()
+    return Leaf(path, name, shape, tuple(map(number, values)))
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _is_row(value: Any) -> bool:
-    return (
-        isinstance(value, list | tuple)
-        and len(value) > 0
-        and all(item is None or _is_number(item) for item in value)
-    )
+def _is_row(items: Sequence[Any]) -> bool:
+    return all(item is None or _is_number(item) for item in items)
 
 
 _EAST = re.compile(
@@ -94,7 +81,7 @@ _EAST = re.compile(
 _NORTH = re.compile(
     r"(.*_)?(north|northward|v|vn|vel_n|vel_north|north_vel|velocity_north|north_velocity)"
 )
-_TWIST_NORTH = re.compile("y")
+_TWIST = re.compile(r".*linear\.x"), re.compile("y")
 _VELOCITY = re.compile(r"(.*_)?(vel|velocity|velocities|current|currents|vel_data|velocity_data)")
 _DEPTHS = re.compile(r"(.*_)?(cell_|bin_)?depths?")
 _DISTANCES = re.compile(r"(.*_)?(distances?|ranges?|cell_positions?)")
@@ -112,14 +99,23 @@ NO_REFERENCE = "NOT KNOWN from the message, so it is not used yet: earth if the 
 _NO_MPS = 20.0
 
 
-def named(found: Sequence[Leaf], name: re.Pattern[str], shape: tuple[int, ...] = ()) -> Leaf | None:
+def named(found: Iterable[Leaf], name: Pattern, shape: tuple[int, ...] = ()) -> Leaf | None:
     """Return the first leaf of a shape whose name fits; None without any."""
     return next((leaf for leaf in found if leaf.shape == shape and name.fullmatch(leaf.name)), None)
 
 
-def beside(one: Leaf, found: Sequence[Leaf], name: re.Pattern[str]) -> Leaf | None:
-    """Return the first leaf of a leaf's shape that the same part of the message holds and whose name fits; None without any."""
-    return named([leaf for leaf in found if leaf.parent == one.parent], name, one.shape)
+def pair(
+    found: Sequence[Leaf], first: Pattern, second: Pattern, dimensions: int = 0
+) -> tuple[Leaf, Leaf] | None:
+    """Return the first two leaves of one shape and one part of the message whose names fit; None without any."""
+    for one in found:
+        if len(one.shape) == dimensions and (
+            first.fullmatch(one.name) or first.fullmatch(one.path)
+        ):
+            beside = [leaf for leaf in found if leaf.parent == one.parent]
+            if other := named(beside, second, one.shape):
+                return one, other
+    return None
 
 
 def line(key: str, value: object, why: str) -> str:
@@ -127,62 +123,48 @@ def line(key: str, value: object, why: str) -> str:
     return f"{key} = {json.dumps(value, ensure_ascii=False)}  # {why}"
 
 
+def by_name(**found: Leaf) -> list[str]:
+    """Return a line for each leaf that was found by its name."""
+    return [line(key, leaf.path, "by its name") for key, leaf in found.items()]
+
+
 def profile_lines(found: Sequence[Leaf]) -> list[str]:
     """Return the lines of a profile entry; none when no list looks like velocities."""
-    velocity = _columns(found) or _matrix(found) or _flat(found)
-    if velocity is None:
-        return []
-    lines, n_cells, values = velocity
-    return [
-        line("reference", "unknown", NO_REFERENCE),
-        line("frame", "enu", "NOT KNOWN from the message: enu, ned, ship, instrument or beam"),
-        *lines,
-        *speed_lines(values),
-        *geometry_lines(found, n_cells),
-    ]
+    for lines, n_cells, values in _velocities(found):
+        return [
+            line("reference", "unknown", NO_REFERENCE),
+            line("frame", "enu", "NOT KNOWN from the message: enu, ned, ship, instrument or beam"),
+            *lines,
+            *speed_lines(values),
+            *geometry_lines(found, n_cells),
+        ]
+    return []
 
 
-def _columns(found: Sequence[Leaf]) -> tuple[list[str], int, tuple[float, ...]] | None:
-    for east in found:
-        if (
-            len(east.shape) == 1
-            and _EAST.fullmatch(east.name)
-            and (north := beside(east, found, _NORTH))
-        ):
-            lines = [
-                line("east", east.path, "by its name"),
-                line("north", north.path, "by its name"),
-            ]
-            return lines, east.shape[0], east.values + north.values
-    return None
-
-
-def _matrix(found: Sequence[Leaf]) -> tuple[list[str], int, tuple[float, ...]] | None:
-    for leaf in found:
-        if len(leaf.shape) == 2 and leaf.shape[1] >= 2 and _VELOCITY.fullmatch(leaf.name):
-            why = f"by its name: {leaf.shape[0]} cells of {leaf.shape[1]} numbers"
-            return [line("velocity", leaf.path, why)], leaf.shape[0], leaf.values
-    return None
-
-
-def _flat(found: Sequence[Leaf]) -> tuple[list[str], int, tuple[float, ...]] | None:
-    for leaf in found:
-        n = leaf.shape[0] if len(leaf.shape) == 1 else 0
-        if n >= _SHORTEST_FLAT and _VELOCITY.fullmatch(leaf.name):
-            counts = (
-                int(c.values[0])
-                for c in found
-                if c.shape == () and _COUNT.fullmatch(c.name) and c.values[0] >= 1.0
-            )
-            n_cells = next((c for c in counts if n % c == 0 and n // c >= 2), 0)
-            components = n // n_cells if n_cells else (3 if n % 3 == 0 else 2)
-            why = "from the number of cells" if n_cells else "NOT KNOWN from the message"
-            lines = [
-                line("velocity", leaf.path, f"by its name: {n} numbers"),
-                line("components", components, why),
-            ]
-            return lines, n_cells or n // components, leaf.values
-    return None
+def _velocities(found: Sequence[Leaf]) -> Iterator[tuple[list[str], int, tuple[float, ...]]]:
+    """Yield what may be the velocities of a profile, the likeliest first: their lines, number of cells, and numbers."""
+    if columns := pair(found, _EAST, _NORTH, 1):
+        east, north = columns
+        yield by_name(east=east, north=north), east.shape[0], east.values + north.values
+    lists = [leaf for leaf in found if leaf.shape and _VELOCITY.fullmatch(leaf.name)]
+    for leaf in lists:
+        n, *width = leaf.shape
+        if width and width[0] >= 2:
+            why = f"by its name: {n} cells of {width[0]} numbers"
+            yield [line("velocity", leaf.path, why)], n, leaf.values
+    for leaf in lists:
+        n, *width = leaf.shape
+        if width or n < _SHORTEST_FLAT:
+            continue
+        counts = [c.values[0] for c in found if c.shape == () and _COUNT.fullmatch(c.name)]
+        fitting = [int(c) for c in counts if c >= 1.0 and n % int(c) == 0 and n // int(c) >= 2]
+        components = n // fitting[0] if fitting else 3 if n % 3 == 0 else 2
+        why = "from the number of cells" if fitting else "NOT KNOWN from the message"
+        lines = [
+            line("velocity", leaf.path, f"by its name: {n} numbers"),
+            line("components", components, why),
+        ]
+        yield lines, n // components, leaf.values
 
 
 def speed_lines(values: Sequence[float]) -> list[str]:
@@ -191,22 +173,17 @@ def speed_lines(values: Sequence[float]) -> list[str]:
     known = [value for value in values if math.isfinite(value) and value not in _MISSING]
     whole = any(known) and all(value.is_integer() for value in known)
     fast = max((abs(value) for value in known), default=0.0)
-    in_mm = whole or fast > _NO_MPS
-    lines = [
-        line(
-            "speed_unit",
-            "mm/s" if in_mm else "m/s",
-            f"up to {fast:g}{', whole numbers' if whole else ''}; check it",
-        )
-    ]
-    return [*lines, line("missing", missing, "these stand for no velocity")] if missing else lines
+    unit = "mm/s" if whole or fast > _NO_MPS else "m/s"
+    why = f"up to {fast:g}{', whole numbers' if whole else ''}; check it"
+    stand_in = [line("missing", missing, "these stand for no velocity")] if missing else []
+    return [line("speed_unit", unit, why), *stand_in]
 
 
 def geometry_lines(found: Sequence[Leaf], n_cells: int) -> list[str]:
     """Return the lines of where the cells of a profile are, by the numbers beside it."""
     for key, pattern in (("depths", _DEPTHS), ("distances", _DISTANCES)):
         if (listed := named(found, pattern, (n_cells,))) is not None:
-            lines, least = [line(key, listed.path, "by its name")], min(listed.values)
+            lines, least = by_name(**{key: listed}), min(listed.values)
             if key == "depths" and least < 0.0:
                 lines.append(line("depth_positive", "up", f"{least:g}: negative below the surface"))
             return lines
@@ -224,18 +201,16 @@ def geometry_lines(found: Sequence[Leaf], n_cells: int) -> list[str]:
 
 def velocity_lines(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a velocity at one depth; none when no two numbers look like its components."""
-    for east in scalars:
-        twist = east.path.endswith("linear.x")
-        if not (_EAST.fullmatch(east.name) or twist):
-            continue
-        if (north := beside(east, scalars, _TWIST_NORTH if twist else _NORTH)) is not None:
-            why = (
-                "a twist's x: east only if its frame is east, north, up" if twist else "by its name"
-            )
-            return [
-                line("reference", "unknown", NO_REFERENCE),
-                line("east", east.path, why),
-                line("north", north.path, why.replace("x: east", "y: north")),
-                *speed_lines(east.values + north.values),
-            ]
-    return []
+    found, twist = pair(scalars, _EAST, _NORTH), pair(scalars, *_TWIST)
+    east, north = found or twist or (None, None)
+    if east is None or north is None:
+        return []
+    lines = by_name(east=east, north=north)
+    if not found:
+        why = "a twist's {}: {} only if its frame is east, north, up"
+        lines = [
+            line("east", east.path, why.format("x", "east")),
+            line("north", north.path, why.format("y", "north")),
+        ]
+    reference = line("reference", "unknown", NO_REFERENCE)
+    return [reference, *lines, *speed_lines(east.values + north.values)]
