@@ -134,9 +134,7 @@ class StateStore:
             head: What is looked at before the state is read.
         """
         body = io.BytesIO()
-        # most states are never written, and are not measured for it
-        measured = tuple(state.settled for state in checkpoint.measurement)
-        dump(replace(checkpoint, measurement=measured), body)
+        dump(checkpoint, body)
         write_store(path, CHECKPOINT, {"run": self._identity, **head}, [body.getbuffer()])
 
     def resume(
