@@ -352,13 +352,14 @@ def _path_of(
         return done
     if start is None or end is None or end.time <= start.time:
         return None
-    known = [one.deepest for one in (path, done and done[0]) if one is not None]
-    if path is not None and _same(path.start, start) and path.last.time <= end.time:
+    on_the_way = path is not None and _same(path.start, start) and path.last.time <= end.time
+    if path is not None and on_the_way and math.isfinite(path.deepest):
         # the fix after the dive has not come yet
-        if math.isfinite(path.deepest):
-            return path, end
-    stated = float(row["deepest"])
-    deepest = stated if math.isfinite(stated) else float(np.fmax.reduce([math.nan, *known]))
+        return path, end
+    deepest = float(row["deepest"])
+    if math.isnan(deepest):
+        known = [one.deepest for one in (path, done and done[0]) if one is not None]
+        deepest = float(np.fmax.reduce([math.nan, *known]))
     return None if math.isnan(deepest) else (replace(begun(start), deepest=deepest), end)
 
 

@@ -33,24 +33,26 @@ class Cast:
     Attributes:
         source: Of the first sample; None before it.
         start: Last fix before the first sample; None without.
-        layers: shape (l, 8), layer after layer as passed: time since the first sample [s], longitude, latitude [degrees], depth [m],
-            temperature [degrees C], salinity, conductivity [S/m], pressure [dbar].
-        sums: shape (9,), of the layer that is being passed: number of samples, and sums of a layer's columns; empty before the first.
+        sums: shape (l, 9), layer after layer as passed, the last one as far as it was: number of samples, and sums of their time since the
+            first sample [s], longitude, latitude [degrees], depth [m], temperature [degrees C], salinity, conductivity [S/m], pressure
+            [dbar].
         last_ns: Of the last [ns, UTC].
-        samples: How many.
     """
 
     source: Source | None = None
     start: Spot | None = None
-    layers: Array = field(default_factory=lambda: np.empty((0, _COLUMNS - 1)))
-    sums: Array = field(default_factory=lambda: np.empty(0))
+    sums: Array = field(default_factory=lambda: np.empty((0, _COLUMNS)))
     last_ns: int = 0
-    samples: int = 0
 
     @property
-    def first_ns(self) -> int:
-        """Time of the first sample [ns, UTC]; 0 before it."""
-        return 0 if self.source is None else self.source.time_ns
+    def samples(self) -> int:
+        """How many there are."""
+        return int(self.sums[:, 0].sum())
+
+    @property
+    def layers(self) -> Array:
+        """Means of what ``sums`` has the sums of, shape (l, 8)."""
+        return np.asarray(self.sums[:, 1:] / self.sums[:, :1])
 
     def after(self, source: Source, fix: Spot | None, time: Integers, samples: Array) -> "Cast":
         """Return the cast with more samples, none earlier than the last.
@@ -59,27 +61,19 @@ class Cast:
             source: Message of the first of them.
             fix: The position before it; None where it is dead-reckoned.
             time: shape (n,) [ns, UTC].
-            samples: shape (n, 7): longitude, latitude of the position before, and the columns of ``layers`` from depth on.
+            samples: shape (n, 7): longitude, latitude of the position before, and the columns of ``sums`` from depth on.
         """
         first = self.source or source
         start = self.start if self.samples or fix is None else fix
         since = (time - first.time_ns) * 1e-9
         rows = np.column_stack([np.ones(time.size), since, samples])
+        rows = np.concatenate([self.sums[-1:], rows])
         # a layer's mean depth lies in the layer
-        cell = samples[:, _DEPTH - 2] // _LAYER
-        ends = np.flatnonzero(np.diff(cell)) + 1
-        layers, sums = [self.layers], self.sums
-        if sums.size and cell[0] != (sums[_DEPTH] / sums[0]) // _LAYER:
-            layers, sums = [*layers, _mean(sums)[None]], np.empty(0)
-        for number, part in enumerate(np.split(rows, ends)):
-            if number:
-                layers, sums = [*layers, _mean(sums)[None]], np.empty(0)
-            # added one by one, so that sums do not depend on how samples are cut
-            held = np.concatenate([sums[None], part]) if sums.size else part
-            sums = np.cumsum(held, axis=0)[-1]
-        return Cast(
-            first, start, np.concatenate(layers), sums, int(time[-1]), self.samples + time.size
-        )
+        cell = rows[:, _DEPTH] / rows[:, 0] // _LAYER
+        parts = np.split(rows, np.flatnonzero(np.diff(cell)) + 1)
+        # added one by one, so that sums do not depend on how samples are cut
+        sums = [np.cumsum(part, axis=0)[-1] for part in parts]
+        return Cast(first, start, np.vstack([self.sums[:-1], *sums]), int(time[-1]))
 
     def profiles(self, end: Spot | None, surface_depth: float) -> list[Profile]:
         """Return the profile of each leg; salinity is computed from conductivity where none is stated.
@@ -88,45 +82,28 @@ class Cast:
             end: The fix after the dive, to which places are moved linearly in time from the fix before it; None leaves them.
             surface_depth: [m], shallower than this the vehicle is at the surface.
         """
-        if not self.sums.size:
-            return []
+        assert self.source is not None, "it has samples"
+        first = self.source.time_ns
         time, longitude, latitude, depth, temperature, salinity, conductivity, pressure = (
-            self.whole.T
+            self.layers.T
         )
         start = self.start
         if end is not None and start is not None and end.time > start.time:
-            share = (time * 1e9 + self.first_ns - start.time) / (end.time - start.time)
+            share = (time * 1e9 + first - start.time) / (end.time - start.time)
             east = float(unwrap_longitude(end.longitude, start.longitude))
             longitude = start.longitude + share * (east - start.longitude)
             latitude = start.latitude + share * (end.latitude - start.latitude)
         with np.errstate(invalid="ignore"):
-            computed = gsw.SP_from_C(
-                _MS_CM * conductivity,
-                temperature,
-                np.where(np.isfinite(pressure), pressure, gsw.p_from_z(-depth, latitude)),
-            )
+            pressure = np.where(np.isfinite(pressure), pressure, gsw.p_from_z(-depth, latitude))
+            computed = gsw.SP_from_C(_MS_CM * conductivity, temperature, pressure)
         salinity = np.where(np.isfinite(salinity), salinity, computed)
-        time_ns = self.first_ns + (time * 1e9).astype(np.int64)
+        time_ns = first + (time * 1e9).astype(np.int64)
         of_legs = legs_of(time_ns, depth, surface_depth, _LEG, _GAP)
-        table = (longitude, latitude, depth, temperature, salinity)
+        table = (time_ns, longitude, latitude, depth, temperature, salinity)
         return [
-            Profile(time_ns[at], *(values[at] for values in table))
-            for at in (of_legs == number for number in range(1, int(of_legs.max()) + 1))
+            Profile(*(values[of_legs == number] for values in table))
+            for number in range(1, of_legs.max() + 1)
         ]
-
-    @property
-    def whole(self) -> Array:
-        """All layers, the last one as far as it was passed, shape (l + 1, 8)."""
-        return np.concatenate([self.layers, _mean(self.sums)[None]])
-
-    def columns(self) -> tuple[Array, Array, Array]:
-        """Return depth [m], conductivity [S/m] and pressure [dbar] of the layers, shapes (l,)."""
-        _, _, _, depth, _, _, conductivity, pressure = self.whole.T
-        return depth, conductivity, pressure
-
-
-def _mean(sums: Array) -> Array:
-    return np.asarray(sums[1:] / sums[0])
 
 
 def without_spikes(profile: Profile) -> tuple[Profile, float]:
@@ -160,7 +137,7 @@ LAG = "salinity spikes of the legs down and up: the lag of the cell is not corre
 
 def fault_of_units(cast: Cast, profiles: Sequence[Profile]) -> str:
     """Return which unit is not that stated, in words; empty where all may be."""
-    depth, conductivity, pressure = cast.columns()
+    depth, conductivity, pressure = cast.layers[:, [3, 6, 7]].T
     if np.isfinite(conductivity).any() and np.nanmedian(conductivity) > _MOST_CONDUCTIVITY:
         return f"conductivity above {_MOST_CONDUCTIVITY:g} S/m: it looks like mS/cm"
     with np.errstate(invalid="ignore", divide="ignore"):
