@@ -31,7 +31,7 @@ from replay_kit.measurements.ctd.thermal_wind import (
     EQUATOR,
     GeostrophicShear,
     fitted_line,
-    regime_of,
+    radius_of,
     window_shear,
 )
 from replay_kit.measurements.dives import Depths, depth_of
@@ -246,7 +246,7 @@ class Sampled:
 
     def _radii(self, section: Section) -> float:
         """Return the length of a line in Rossby radii."""
-        return float(np.ptp(section.along)) / regime_of(section, self.speed).rossby_radius
+        return float(np.ptp(section.along)) / radius_of(section)
 
     def _close(self, due: int) -> None:
         """End the line as it is: its shear is measured, or the reason noted why not."""
