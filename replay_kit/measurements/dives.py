@@ -37,7 +37,7 @@ def depth_of(pressure: Array, latitude: Array) -> Array:
     return np.where(np.isfinite(depth), depth, np.nan)
 
 
-def dive_begins(depth: Array, surface_depth: float) -> Mask:
+def dive_begins(depth: Array | float, surface_depth: float) -> Mask:
     """Return whether depths [m] are deep enough to begin a dive: below twice the surface depth [m]; NaN never is."""
     return np.asarray(depth > _DIVE_BEGINS * surface_depth)
 
@@ -173,20 +173,18 @@ def _legs(depth: Array, leg: float) -> Iterator[tuple[int, int]]:
     The last of equal extremes is the turn. What comes before the first leg or after the last turn and is shorter than a leg is in none.
     """
     values = depth.tolist()
-    low = high = start = way = 0
+    start, way, far = 0, 0, {1: 0, -1: 0}
     for k, value in enumerate(values):
-        # a first leg begins at the first of equal extremes, as nothing before it claims them
-        if way >= 0 and (value > values[high] or (way and value == values[high])):
-            high = k
-        if way <= 0 and (value < values[low] or (way and value == values[low])):
-            low = k
-        if way >= 0 and values[high] - value >= leg:
-            if way:
-                yield start, high
-            way, start, low = -1, high, k
-        elif way <= 0 and value - values[low] >= leg:
-            if way:
-                yield start, low
-            way, start, high = 1, low, k
+        for down in (1, -1):
+            # a first leg begins at the first of equal extremes, as nothing before it claims them
+            further = down * (value - values[far[down]])
+            if way != -down and (further > 0.0 or (way and further == 0.0)):
+                far[down] = k
+        for down in (1, -1):
+            if way != -down and down * (values[far[down]] - value) >= leg:
+                if way:
+                    yield start, far[down]
+                way, start, far[-down] = -down, far[down], k
+                break
     if way:
-        yield start, high if way > 0 else low
+        yield start, far[way]

@@ -70,11 +70,6 @@ class Path:
     deepest: float = math.nan
     reckoned: int = 0
 
-    @property
-    def end(self) -> Spot:
-        """Where it ends by dead reckoning."""
-        return self.last if self.reckoned else self.start
-
 
 def begun(fix: Spot) -> Path:
     """Return the path that begins at a fix."""
@@ -139,28 +134,24 @@ def _stretches(start: Spot, when: Integers, places: Array) -> tuple[Array, Integ
 def _folded(stretches: Array, more: Array, pieces: Integers) -> Array:
     """Return stretches with those of more positions; where one makes them more than 256, neighbours become one."""
     ends, done = np.cumsum(pieces), 0
-    while True:
-        over = np.searchsorted(ends, done + _MOST - len(stretches), side="right")
-        upto = int(np.append(ends, len(more))[over])
-        stretches, done = np.concatenate([stretches, more[done:upto]]), upto
-        if len(stretches) <= _MOST:
-            return stretches
-        while len(stretches) > _MOST:
-            stretches = _halved(stretches)
+    while len(more) - done > _MOST - len(stretches):
+        upto = ends[np.searchsorted(ends, done + _MOST - len(stretches), side="right")]
+        stretches, done = _halved(np.concatenate([stretches, more[done:upto]])), upto
+    return np.concatenate([stretches, more[done:]])
 
 
 def _halved(stretches: Array) -> Array:
     """Return stretches merged in twos at their middles, weighted by their times; an odd last one stays."""
     even = len(stretches) // 2 * 2
-    a, b = stretches[:even:2], stretches[1:even:2]
-    total = a[:, :1] + b[:, :1]
-    merged = np.column_stack([total, (a[:, :1] * a[:, 1:] + b[:, :1] * b[:, 1:]) / total])
+    pairs = stretches[:even].reshape(-1, 2, 5)
+    time, total = pairs[..., :1], pairs[..., :1].sum(axis=1)
+    merged = np.hstack([total, (time * pairs[..., 1:]).sum(axis=1) / total])
     return np.concatenate([merged, stretches[even:]])
 
 
 def drift(path: Path, end: Spot) -> tuple[float, float]:
     """Return how far a fix lies from the dead-reckoned end of the path to it, over the time between the fixes, east and north [m/s]."""
-    here, seconds = path.end, (end.time - path.start.time) * 1e-9
+    here, seconds = path.last, (end.time - path.start.time) * 1e-9
     east, north = to_local(Projection(here.longitude, here.latitude), end.longitude, end.latitude)
     return float(east) / seconds, float(north) / seconds
 
@@ -172,7 +163,7 @@ def path_mean(path: Path, end: Spot, velocity: ArrayLike, error_std: float) -> d
     constant current would have done. Without positions between the fixes the path is a straight way, down to the greatest depth
     and up again at constant speed.
     """
-    start, here = path.start, path.end
+    start, here = path.start, path.last
     seconds, since, longitude, latitude, depth = _closed(path, end).T
     projection = Projection(start.longitude, start.latitude)
     east, north = to_local(projection, longitude, latitude)
@@ -293,7 +284,7 @@ def means_of(
             found.append((due, number, mean))
             continue
         row, way = fixes[number], path(number, due)
-        if way is None or not dive_begins(np.array(way.deepest), config.surface_depth):
+        if way is None or not dive_begins(way.deepest, config.surface_depth):
             continue
         end = spot(positions, row)
         ways, velocity = replace(ways, done=(way, end)), drift(way, end)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import gsw
 import numpy as np
+from scipy.stats import linregress
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
@@ -106,6 +107,10 @@ class Cast:
         ]
 
 
+# Practical salinity by which a spike stands out at least.
+_SPIKE = 0.05
+
+
 def without_spikes(profile: Profile) -> tuple[Profile, float]:
     """Return a profile without salinity that stands out of its neighbours, and the share of its samples that does."""
     salinity = profile.salinity
@@ -115,10 +120,6 @@ def without_spikes(profile: Profile) -> tuple[Profile, float]:
         away = np.abs(salinity - np.median(near, axis=1))
         bad = away > max(_SPIKE, 6.0 * float(np.nanmedian(away)))
     return replace(profile, salinity=np.where(bad, np.nan, salinity)), float(bad.mean())
-
-
-# Practical salinity by which a spike stands out at least.
-_SPIKE = 0.05
 
 
 # Practical salinity of the ocean and its marginal seas, and S/m that sea water never has.
@@ -147,8 +148,9 @@ def fault_of_units(cast: Cast, profiles: Sequence[Profile]) -> str:
         if not _SAME_DEPTH[0] < found < _SAME_DEPTH[1]:
             bar = "; it looks like bar" if 0.08 < found < 0.125 else ""
             return f"pressure [dbar] that is not the vehicle's depth{bar}"
-    speeds = [abs(np.ptp(each.depth) / _seconds(each)) for each in profiles if _seconds(each) > 0.0]
-    if speeds and float(np.median(speeds)) < _SLOWEST:
+    seconds = [np.ptp(each.time_ns) * 1e-9 for each in profiles]
+    speeds = [np.ptp(each.depth) / s for each, s in zip(profiles, seconds, strict=True) if s]
+    if speeds and np.median(speeds) < _SLOWEST:
         return "the vehicle moves vertically by less than 3 cm/s: the pressure looks like bar"
     for each in profiles:
         known = np.isfinite(each.salinity + each.temperature)
@@ -156,11 +158,10 @@ def fault_of_units(cast: Cast, profiles: Sequence[Profile]) -> str:
         if salinity.size < 5:
             continue
         if np.ptp(temperature) > _LEAST_RANGE and np.std(salinity) > 0.0:
-            slope = np.polyfit(temperature, salinity, 1)[0]
-            follows = np.corrcoef(temperature, salinity)[0, 1]
-            if _FOLLOWS[0] < slope < _FOLLOWS[1] and follows > _CORRELATED:
+            related = linregress(temperature, salinity)
+            if _FOLLOWS[0] < related.slope < _FOLLOWS[1] and related.rvalue > _CORRELATED:
                 return "salinity that follows temperature: it looks like conductivity in mS/cm"
-        if not _LEAST_SALINITY < float(np.median(salinity)) < _MOST_SALINITY:
+        if not _LEAST_SALINITY < np.median(salinity) < _MOST_SALINITY:
             return f"salinity outside {_LEAST_SALINITY:g} to {_MOST_SALINITY:g}: wrong unit, or no salinity"
     return ""
 
@@ -179,34 +180,28 @@ def has_lag(profiles: Sequence[Profile], spiky: Sequence[float]) -> bool:
         if levels.size < 8:
             continue
         (first, warm), (second, _) = (_at(each, levels) for each in (down, up))
-        difference, gradient = first - second, np.gradient(warm, levels)
-        known = np.isfinite(difference + gradient)
-        if known.sum() < 8 or np.std(difference[known]) < _LAGGED:
+        pair = np.array([first - second, np.gradient(warm, levels)])
+        known = pair[:, np.isfinite(pair).all(axis=0)]
+        if known.shape[1] < 8 or np.std(known[0]) < _LAGGED:
             continue
-        related = np.corrcoef(difference[known], gradient[known])[0, 1]
-        if abs(related) > _OF_GRADIENT:
+        if abs(np.corrcoef(known)[0, 1]) > _OF_GRADIENT:
             return True
     return False
 
 
 def is_fouled(profiles: Sequence[Profile]) -> bool:
     """Return whether deep salinity drifts along a line as no water does whose temperature stays."""
-    deepest = float(np.median([each.depth.max() for each in profiles]))
-    at = (1.0 - _DEEP) * deepest
+    at = (1.0 - _DEEP) * np.median([each.depth.max() for each in profiles])
     found = []
     for each in profiles:
-        deep = (each.depth > at) & np.isfinite(each.salinity + each.temperature)
-        if deep.any():
-            found.append((np.median(each.temperature[deep]), np.median(each.salinity[deep])))
-    if len(found) < 2:
+        water = np.array([each.temperature, each.salinity])
+        deep = water[:, (each.depth > at) & np.isfinite(water).all(axis=0)]
+        found += [np.median(deep, axis=1)] if deep.size else []
+    if not found:
         return False
     temperature, salinity = np.array(found).T
     same = np.abs(temperature - np.median(temperature)) < _SAME_WATER
     return bool(np.ptp(salinity[same]) > _FOULED)
-
-
-def _seconds(profile: Profile) -> float:
-    return float(profile.time_ns[-1] - profile.time_ns[0]) * 1e-9
 
 
 def _at(profile: Profile, levels: Array) -> tuple[Array, Array]:
