@@ -22,6 +22,7 @@ from replay_kit.core.observation import (
     Kind,
     Label,
     LinearMeasurement,
+    PathMean,
     Reason,
     Source,
     usable,
@@ -196,26 +197,27 @@ def _displacement(
     seconds = (after.time - before.time) * 1e-9
     # a drifter goes with the water: no way through it
     still = before._replace(time=after.time, depth=after.depth)._asdict()
-    path = extended(
-        begun(before), {name: np.array([value]) for name, value in still.items()}, np.empty(0)
-    )
+    rows = {name: np.array([value]) for name, value in still.items()}
     stated = (config.fix_std if math.isnan(error) else error for _, error in (first, last))
     tide = _tide_of(config) * min(1.0, _PERIOD / (math.pi * seconds))
     error = math.hypot(math.hypot(*stated) / seconds, _SLIP, tide)
-    mean = path_mean(path, after, drift(begun(before), after), error)
-    return LinearMeasurement(
+    path = extended(begun(before), rows, np.empty(0))
+    velocity = drift(begun(before), after)
+    time, longitude, latitude, depth, weight, *_ = path_mean(path, after, velocity, error).values()
+    mean = PathMean(
         after.time,
-        mean["path_time"],
-        mean["path_longitude"],
-        mean["path_latitude"],
-        mean["path_depth"],
-        mean["weight"][None],
-        np.array([mean["velocity"]]),
-        np.array([error]),
-        np.array([Flag.GOOD], np.int8),
-        np.zeros(1, np.int32),
-        label,
+        time,
+        longitude,
+        latitude,
+        depth,
+        weight,
+        velocity,
+        error,
+        "drift",
+        label.dive,
+        label.source,
     )
+    return replace(mean.linear, label=label)
 
 
 def superobservations(

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 
 import gsw
 import numpy as np
-from scipy.stats import linregress
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
@@ -53,7 +52,7 @@ class Cast:
     @property
     def layers(self) -> Array:
         """Means of what ``sums`` has the sums of, shape (l, 8)."""
-        return np.asarray(self.sums[:, 1:] / self.sums[:, :1])
+        return self.sums[:, 1:] / self.sums[:, :1]
 
     def after(self, source: Source, fix: Spot | None, time: Integers, samples: Array) -> "Cast":
         """Return the cast with more samples, none earlier than the last.
@@ -158,8 +157,9 @@ def fault_of_units(cast: Cast, profiles: Sequence[Profile]) -> str:
         if salinity.size < 5:
             continue
         if np.ptp(temperature) > _LEAST_RANGE and np.std(salinity) > 0.0:
-            related = linregress(temperature, salinity)
-            if _FOLLOWS[0] < related.slope < _FOLLOWS[1] and related.rvalue > _CORRELATED:
+            slope = np.polyfit(temperature, salinity, 1)[0]
+            follows = np.corrcoef(temperature, salinity)[0, 1]
+            if _FOLLOWS[0] < slope < _FOLLOWS[1] and follows > _CORRELATED:
                 return "salinity that follows temperature: it looks like conductivity in mS/cm"
         if not _LEAST_SALINITY < np.median(salinity) < _MOST_SALINITY:
             return f"salinity outside {_LEAST_SALINITY:g} to {_MOST_SALINITY:g}: wrong unit, or no salinity"

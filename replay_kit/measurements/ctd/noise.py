@@ -37,7 +37,7 @@ _NO_WAVES = 1e-9
 
 def near(away: Array, later: Array, length: float, lasting: float) -> Array:
     """Return the correlation of the signal between places and times so far apart [m, s], by its length [m] and time [s]."""
-    return np.asarray(np.exp(-0.5 * (away / length) ** 2 - 0.5 * (later / lasting) ** 2))
+    return np.exp(-0.5 * (away / length) ** 2 - 0.5 * (later / lasting) ** 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,7 +187,7 @@ def _vertical_modes(geopotential: Array, along: Array, waves: Array) -> Array:
     scaled = waves * min(1.0, scatter / float(np.trace(waves)))
     counts = _MODE_COUNTS / free
     blended = (centred.T @ centred + counts * scaled) / (free + counts)
-    return np.asarray(np.linalg.eigh(blended)[1][:, : -_MODES - 1 : -1])
+    return np.linalg.eigh(blended)[1][:, : -_MODES - 1 : -1]
 
 
 def _trend(along: Array) -> Array:

@@ -47,7 +47,7 @@ class GeostrophicShear:
     @property
     def standard_error(self) -> Array:
         """Shape (Z,) [m/s]."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+        return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
