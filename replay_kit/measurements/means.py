@@ -338,10 +338,10 @@ def _path_of(
     done: tuple[Path, Spot] | None, path: Path | None, row: Columns
 ) -> tuple[Path, Spot] | None:
     """Return the path that a stated mean current belongs to, and the fix that ends it; None when neither is known."""
-    start, end = (_fix(row, name) for name in ("start", "end"))
+    start, end = (Spot(int(row[f"{name}_time"]), *row[name].tolist()) for name in ("start", "end"))
     if done is not None and _same(done[0].start, start) and _same(done[1], end):
         return done
-    if start is None or end is None or end.time <= start.time:
+    if not _LONG_AGO < start.time < end.time:
         return None
     on_the_way = path is not None and _same(path.start, start) and path.last.time <= end.time
     if path is not None and on_the_way and math.isfinite(path.deepest):
@@ -354,10 +354,6 @@ def _path_of(
     return None if math.isnan(deepest) else (replace(begun(start), deepest=deepest), end)
 
 
-def _fix(row: Columns, name: str) -> Spot | None:
-    time = int(row[f"{name}_time"])
-    return None if time == _LONG_AGO else Spot(time, *row[name].tolist())
-
-
-def _same(fix: Spot, stated: Spot | None) -> bool:
-    return stated is None or abs(fix.time - stated.time) <= _SAME_FIX
+def _same(fix: Spot, stated: Spot) -> bool:
+    """Return whether a fix is one that is stated; each may be where none is."""
+    return stated.time == _LONG_AGO or abs(fix.time - stated.time) <= _SAME_FIX

@@ -14,7 +14,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.observation import Source
 from replay_kit.core.table import Integers
-from replay_kit.measurements.ctd.sections import Profile
+from replay_kit.measurements.ctd.sections import Profile, at_levels
 from replay_kit.measurements.dives import legs_of
 from replay_kit.measurements.means import Spot
 
@@ -179,7 +179,9 @@ def has_lag(profiles: Sequence[Profile], spiky: Sequence[float]) -> bool:
         levels = np.arange(10.0, min(down.depth.max(), up.depth.max()), 10.0)
         if levels.size < 8:
             continue
-        (first, warm), (second, _) = (_at(each, levels) for each in (down, up))
+        (first, warm), (second, _) = (
+            at_levels(levels, each.depth, each.salinity, each.temperature) for each in (down, up)
+        )
         pair = np.array([first - second, np.gradient(warm, levels)])
         known = pair[:, np.isfinite(pair).all(axis=0)]
         if known.shape[1] < 8 or np.std(known[0]) < _LAGGED:
@@ -202,13 +204,3 @@ def is_fouled(profiles: Sequence[Profile]) -> bool:
     temperature, salinity = np.array(found).T
     same = np.abs(temperature - np.median(temperature)) < _SAME_WATER
     return bool(np.ptp(salinity[same]) > _FOULED)
-
-
-def _at(profile: Profile, levels: Array) -> tuple[Array, Array]:
-    """Return salinity and temperature at levels, shapes (Z,)."""
-    order = np.argsort(profile.depth, kind="stable")
-    salinity, temperature = (
-        np.interp(levels, profile.depth[order], values[order], left=np.nan, right=np.nan)
-        for values in (profile.salinity, profile.temperature)
-    )
-    return salinity, temperature

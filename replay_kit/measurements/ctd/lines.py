@@ -209,10 +209,10 @@ class Sampled:
 
     def _after_dive(self, due: int, fix: Spot | None) -> None:
         """End a dive, if there is one, at a place in the stream and the fix after it: the line becomes longer, or ends."""
-        line, cast = self.line, self.line.cast
+        cast, line = self.line.cast, replace(self.line, cast=Cast())
         if cast.source is None:
             return
-        self.line = replace(line, cast=Cast())
+        self.line = line
         profiles = cast.profiles(fix, self.config.surface_depth)
         cleaned = [without_spikes(each) for each in profiles]
         sound = tuple(each for each, _ in cleaned if np.isfinite(each.salinity).sum() > 2)
@@ -223,7 +223,7 @@ class Sampled:
             self._note(cast.source, cast.samples, due, reason)
             return
         lags = has_lag(sound, [share for _, share in cleaned])
-        longer = SectionLine(
+        self.line = SectionLine(
             Cast(),
             line.profiles + sound,
             line.earlier,
@@ -231,17 +231,13 @@ class Sampled:
             line.source or cast.source,
             line.lagging + lags,
         )
-        if len(longer.profiles) < _LEAST_PROFILES:
-            self.line = longer
-            return
-        section = _section(longer.profiles)
-        if section is None:
+        section = _section(self.line.profiles)
+        if section is None and len(self.line.profiles) >= _LEAST_PROFILES:
             # it turned here, or came into other water
+            self.line = line
             self._close(due)
             self.line = SectionLine(Cast(), sound, (), cast.samples, cast.source, int(lags))
-            return
-        self.line = longer
-        if self._radii(section) >= COMPLETE:
+        elif section is not None and self._radii(section) >= COMPLETE:
             self._close(due)
 
     def _radii(self, section: Section) -> float:
@@ -280,4 +276,4 @@ class Sampled:
         return measurement(window_shear(fitted_line(whole, self.speed), part), whole, label)
 
     def _note(self, source: Source, messages: int, due: int, reason: str) -> None:
-        self.ledger.add(np.full(messages, due, np.int64), source.topic, reason)
+        self.ledger.add(np.full(messages, due), source.topic, reason)

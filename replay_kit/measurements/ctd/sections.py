@@ -179,6 +179,14 @@ def _direction_of(places: Array) -> Array:
     return np.asarray(net / length)
 
 
+def at_levels(levels: Array, depth: Array, *values: Array) -> Array:
+    """Return values at depths, in any order, at levels, shape (v, Z); NaN beyond the depths."""
+    order = np.argsort(depth, kind="stable")
+    return np.array(
+        [np.interp(levels, depth[order], each[order], np.nan, np.nan) for each in values]
+    )
+
+
 def _on_levels(
     profiles: Sequence[Profile], along: Sequence[Array], spacing: float
 ) -> tuple[Array, Array]:
@@ -201,11 +209,7 @@ def _on_levels(
         depth, *values = samples[:, np.isfinite(samples).all(axis=0)]
         if depth.size < 2:
             continue
-        order = np.argsort(depth, kind="stable")
-        rows[[0, 2, 3]] = [
-            np.interp(levels, depth[order], each[order], left=np.nan, right=np.nan)
-            for each in values
-        ]
+        rows[[0, 2, 3]] = at_levels(levels, depth, *values)
         level_pressure = gsw.p_from_z(-levels, float(np.mean(one.latitude)))
         rows[1] = gsw.specvol(rows[2], rows[3], level_pressure)
     reached = np.isfinite(found[:, 1]).mean(axis=0) >= _REACHED
