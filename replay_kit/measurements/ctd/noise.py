@@ -169,9 +169,10 @@ def rossby_radius(levels: Array, n2: Array, coriolis: float, bottom: float) -> f
     Source: Chelton et al. (1998), equation 2.2.
     """
     n, scale = np.sqrt(n2), 1300.0
-    within = float(np.sum(0.5 * (n[1:] + n[:-1]) * np.diff(levels)))
     below = max(bottom - levels[-1], 0.0)
-    total = n[0] * levels[0] + within + n[-1] * scale * (1.0 - np.exp(-below / scale))
+    total = (
+        n[0] * levels[0] + np.trapezoid(n, levels) + n[-1] * scale * (1.0 - np.exp(-below / scale))
+    )
     return float(total / (np.pi * abs(coriolis)))
 
 
