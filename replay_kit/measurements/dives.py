@@ -11,7 +11,7 @@ import gsw
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.table import Integers
 
 # degrees; gravity there is the mean of the equator's and the pole's, so that a depth is off by 0.27 % at most
@@ -37,12 +37,12 @@ def depth_of(pressure: Array, latitude: Array) -> Array:
     return np.where(np.isfinite(depth), depth, np.nan)
 
 
-def dive_begins(depth: Array, surface_depth: float) -> NDArray[np.bool_]:
+def dive_begins(depth: Array | float, surface_depth: float) -> Mask:
     """Return whether depths [m] are deep enough to begin a dive: below twice the surface depth [m]; NaN never is."""
     return np.asarray(depth > _DIVE_BEGINS * surface_depth)
 
 
-def submerged(depth: Array, surface_depth: float, before: bool) -> NDArray[np.bool_]:
+def submerged(depth: Array, surface_depth: float, before: bool) -> Mask:
     """Return whether the vehicle is in a dive at each of its depths, shape (n,).
 
     A dive begins below twice the surface depth and ends at the surface depth; with NaN none begins or goes on.
@@ -56,6 +56,11 @@ def submerged(depth: Array, surface_depth: float, before: bool) -> NDArray[np.bo
     changes = begins | ~(depth > surface_depth)
     last = np.maximum.accumulate(np.where(changes, np.arange(depth.size), -1))
     return np.where(last < 0, before, begins[last])
+
+
+def _dives(under: Mask, before: bool) -> Integers:
+    """Return the number of dives begun, shape (n,)."""
+    return np.cumsum(under & np.diff(under, prepend=before))
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +94,8 @@ class Depths:
     before: Diving
     order: Integers
     depth: Array
-    stated: NDArray[np.bool_]
-    submerged: NDArray[np.bool_]
+    stated: Mask
+    submerged: Mask
     dive: Integers
 
     @classmethod
@@ -104,35 +109,25 @@ class Depths:
             rows: Orders, depths [m], and whether the vehicle states them, of each source.
             surface_depth: [m].
         """
-        order = np.concatenate([np.empty(0, np.int64), *(one[0] for one in rows)])
-        depth = np.concatenate([np.empty(0), *(one[1] for one in rows)])
-        stated = np.concatenate(
-            [np.full(one[0].size, one[2], np.bool_) for one in rows] or [np.empty(0, bool)]
+        none = np.empty(0, np.int64), np.empty(0), False
+        order, depth, stated = (
+            np.concatenate([np.broadcast_to(one[k], one[0].shape) for one in (none, *rows)])
+            for k in range(3)
         )
         known = np.isfinite(depth)
         at = np.flatnonzero(known)[np.argsort(order[known], kind="stable")]
         under = submerged(depth[at], surface_depth, before.submerged)
-        begun = under & ~np.append(before.submerged, under[:-1]) if under.size else under
-        dive = before.dive + np.cumsum(begun)
-        return cls(before, order[at], depth[at], stated[at], under, dive.astype(np.int64))
+        dive = before.dive + _dives(under, before.submerged)
+        return cls(before, order[at], depth[at], stated[at], under, dive)
 
-    def at(self, order: Integers) -> tuple[Array, NDArray[np.bool_], Integers]:
+    def at(self, order: Integers) -> tuple[Array, Mask, Integers]:
         """Return depth, whether in a dive, and number of the dive after messages at places in the stream, shapes (n,)."""
-        before = self.before
-        if not self.order.size:
-            shape = order.shape
-            return (
-                np.full(shape, before.depth),
-                np.full(shape, before.submerged),
-                np.full(shape, before.dive, np.int64),
-            )
-        at = np.searchsorted(self.order, order, side="right") - 1
-        first, at = at < 0, np.maximum(at, 0)
-        depth = np.where(self.stated, self.depth, before.depth)[at]
+        before, at = self.before, np.searchsorted(self.order, order, side="right")
+        depth = np.where(self.stated, self.depth, before.depth)
         return (
-            np.where(first, before.depth, depth),
-            np.where(first, before.submerged, self.submerged[at]),
-            np.where(first, before.dive, self.dive[at]),
+            np.append(before.depth, depth)[at],
+            np.append(before.submerged, self.submerged)[at],
+            np.append(before.dive, self.dive)[at],
         )
 
     @property
@@ -160,14 +155,11 @@ def legs_of(
     later = np.diff(time_ns, prepend=time_ns[:1] - 1) > 0
     sound = np.flatnonzero(np.isfinite(depth) & later)
     under, steps = submerged(depth[sound], surface_depth, False), np.diff(time_ns[sound])
-    begun = under & ~np.append(False, under[:-1]) if under.size else under
-    dive = np.where(under, np.cumsum(begun), 0)
+    dive = np.where(under, _dives(under, False), 0)
     cuts = np.flatnonzero((steps > gap * 1e9) | (steps <= 0) | (np.diff(dive) != 0)) + 1
     numbers, count = np.zeros(len(depth), np.int32), 0
     for part in np.split(np.arange(sound.size), cuts):
-        if part.size == 0 or dive[part[0]] == 0:
-            continue
-        for first, last in _legs(depth[sound[part]], leg):
+        for first, last in _legs(depth[sound[part[dive[part] > 0]]], leg):
             # the sample at a turn is of the leg that it ends
             inside = sound[part[first : last + 1]]
             count += 1
@@ -181,20 +173,18 @@ def _legs(depth: Array, leg: float) -> Iterator[tuple[int, int]]:
     The last of equal extremes is the turn. What comes before the first leg or after the last turn and is shorter than a leg is in none.
     """
     values = depth.tolist()
-    low = high = start = way = 0
+    start, way, far = 0, 0, {1: 0, -1: 0}
     for k, value in enumerate(values):
-        # a first leg begins at the first of equal extremes, as nothing before it claims them
-        if way >= 0 and (value > values[high] or (way and value == values[high])):
-            high = k
-        if way <= 0 and (value < values[low] or (way and value == values[low])):
-            low = k
-        if way >= 0 and values[high] - value >= leg:
-            if way:
-                yield start, high
-            way, start, low = -1, high, k
-        elif way <= 0 and value - values[low] >= leg:
-            if way:
-                yield start, low
-            way, start, high = 1, low, k
+        for down in (1, -1):
+            # a first leg begins at the first of equal extremes, as nothing before it claims them
+            further = down * (value - values[far[down]])
+            if way != -down and (further > 0.0 or (way and further == 0.0)):
+                far[down] = k
+        for down in (1, -1):
+            if way != -down and down * (values[far[down]] - value) >= leg:
+                if way:
+                    yield start, far[down]
+                way, start, far[-down] = -down, far[down], k
+                break
     if way:
-        yield start, high if way > 0 else low
+        yield start, far[way]

@@ -9,16 +9,18 @@ merged at their common middle when they become many: the weights sum to the whol
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.table import Columns, Integers
 from replay_kit.measurements.dives import dive_begins
+from replay_kit.measurements.positions import chosen
 
 # m and s; a longer stretch counts as several, because a current is not linear in depth or along the way
 _LONGEST_DEPTH, _LONGEST_S = 10.0, 300.0
@@ -36,8 +38,7 @@ _NO_DEPTH = "depth-averaged current: no path, and no fixes with a depth"
 _NO_PATH = "depth-averaged current: no path from its first fix to its last"
 
 
-@dataclass(frozen=True, slots=True)
-class Spot:
+class Spot(NamedTuple):
     """A time [ns, UTC], longitude, latitude [degrees] and depth [m]."""
 
     time: int
@@ -48,8 +49,7 @@ class Spot:
 
 def spot(positions: Columns, row: int) -> Spot:
     """Return where and when one of the positions was."""
-    place = (float(positions[name][row]) for name in ("longitude", "latitude", "depth"))
-    return Spot(int(positions["time"][row]), *place)
+    return Spot(*(positions[name][row].item() for name in Spot._fields))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,11 +70,6 @@ class Path:
     deepest: float = math.nan
     reckoned: int = 0
 
-    @property
-    def end(self) -> Spot:
-        """Where it ends by dead reckoning."""
-        return self.last if self.reckoned else self.start
-
 
 def begun(fix: Spot) -> Path:
     """Return the path that begins at a fix."""
@@ -89,29 +84,30 @@ def extended(path: Path, positions: Columns, depth: Array) -> Path:
         positions: In order.
         depth: shape (n,) [m], all depths that were met since.
     """
-    time, below = positions["time"], positions["depth"]
-    sound = np.isfinite(below)
-    latest = np.maximum.accumulate(
-        np.concatenate([[path.last.time], np.where(sound, time, _LONG_AGO)])
-    )
-    at = np.flatnonzero(sound & (time > latest[:-1]))
-    deepest = np.fmax.reduce(np.concatenate([[path.deepest], depth, below[at]]))
-    if not at.size:
-        return replace(path, deepest=float(deepest))
+    sound = np.isfinite(positions["depth"])
+    at = _later(positions["time"], sound, path.last.time)
+    below = positions["depth"][at]
+    deepest = np.fmax.reduce(np.concatenate([[path.deepest], depth, below]))
+    when = np.append(path.last.time, positions["time"][at])
     # a fix does not always say how deep it is: at the surface
-    first = path.last.depth if math.isfinite(path.last.depth) else 0.0
-    when = np.concatenate([[path.last.time], time[at]])
-    places = np.column_stack(
-        [
-            np.concatenate([[path.last.longitude], positions["longitude"][at]]),
-            np.concatenate([[path.last.latitude], positions["latitude"][at]]),
-            np.concatenate([[first], below[at]]),
-        ]
+    before = np.nan_to_num(path.last[1:])
+    places = np.vstack(
+        [before, np.column_stack([positions[name][at] for name in Spot._fields[1:]])]
     )
     found, pieces = _stretches(path.start, when, places)
-    last = Spot(int(when[-1]), *places[-1].tolist())
-    stretches = _folded(path.stretches, found, pieces)
-    return Path(path.start, last, stretches, float(deepest), path.reckoned + at.size)
+    return Path(
+        path.start,
+        Spot(int(when[-1]), *places[-1].tolist()),
+        _folded(path.stretches, found, pieces),
+        float(deepest),
+        path.reckoned + at.size,
+    )
+
+
+def _later(time: Integers, of: Mask, than: int) -> Indices:
+    """Return which of some times are later than one and than all of them before."""
+    latest = np.maximum.accumulate(np.append(than, np.where(of, time, _LONG_AGO)))
+    return np.flatnonzero(of & (time > latest[:-1]))
 
 
 def _stretches(start: Spot, when: Integers, places: Array) -> tuple[Array, Integers]:
@@ -127,56 +123,47 @@ def _stretches(start: Spot, when: Integers, places: Array) -> tuple[Array, Integ
     pieces = np.maximum(np.ceil(np.minimum(wanted, _MOST_PIECES)).astype(np.int64), 1)
     pieces = np.where(seconds > 0.0, pieces, 0)
     way = np.repeat(np.arange(pieces.size), pieces)
-    share = (np.arange(way.size) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[
-        way
-    ]
-    since = (when[:-1] - start.time) * 1e-9
+    first = np.repeat(np.cumsum(pieces) - pieces, pieces)
+    share = ((np.arange(way.size) - first + 0.5) / pieces[way])[:, None]
     turned = unwrap_longitude(places[:, 0], start.longitude)
-    columns = [seconds[way] / pieces[way], since[way] + share * seconds[way]]
-    for values in (turned, places[:, 1], places[:, 2]):
-        columns.append(values[way] + share * (values[way + 1] - values[way]))
-    return np.column_stack(columns), pieces
+    ends = np.column_stack([(when - start.time) * 1e-9, turned, places[:, 1:]])
+    middles = ends[way] + share * (ends[way + 1] - ends[way])
+    return np.column_stack([seconds[way] / pieces[way], middles]), pieces
 
 
 def _folded(stretches: Array, more: Array, pieces: Integers) -> Array:
     """Return stretches with those of more positions; where one makes them more than 256, neighbours become one."""
     ends, done = np.cumsum(pieces), 0
-    while True:
-        over = np.searchsorted(ends, done + _MOST - len(stretches), side="right")
-        upto = int(ends[over]) if over < ends.size else len(more)
-        stretches, done = np.concatenate([stretches, more[done:upto]]), upto
-        if len(stretches) <= _MOST:
-            return stretches
-        while len(stretches) > _MOST:
-            stretches = _halved(stretches)
+    while len(more) - done > _MOST - len(stretches):
+        upto = ends[np.searchsorted(ends, done + _MOST - len(stretches), side="right")]
+        stretches, done = _halved(np.concatenate([stretches, more[done:upto]])), upto
+    return np.concatenate([stretches, more[done:]])
 
 
 def _halved(stretches: Array) -> Array:
     """Return stretches merged in twos at their middles, weighted by their times; an odd last one stays."""
     even = len(stretches) // 2 * 2
-    a, b = stretches[:even:2], stretches[1:even:2]
-    total = a[:, :1] + b[:, :1]
-    merged = np.column_stack([total, (a[:, :1] * a[:, 1:] + b[:, :1] * b[:, 1:]) / total])
+    pairs = stretches[:even].reshape(-1, 2, 5)
+    time, total = pairs[..., :1], pairs[..., :1].sum(axis=1)
+    merged = np.hstack([total, (time * pairs[..., 1:]).sum(axis=1) / total])
     return np.concatenate([merged, stretches[even:]])
 
 
 def drift(path: Path, end: Spot) -> tuple[float, float]:
     """Return how far a fix lies from the dead-reckoned end of the path to it, over the time between the fixes, east and north [m/s]."""
-    here, seconds = path.end, (end.time - path.start.time) * 1e-9
+    here, seconds = path.last, (end.time - path.start.time) * 1e-9
     east, north = to_local(Projection(here.longitude, here.latitude), end.longitude, end.latitude)
     return float(east) / seconds, float(north) / seconds
 
 
-def path_mean(
-    path: Path, end: Spot, velocity: tuple[float, float], error_std: float
-) -> dict[str, Any]:
+def path_mean(path: Path, end: Spot, velocity: ArrayLike, error_std: float) -> dict[str, Any]:
     """Return a mean current with the path that it belongs to, moved so that it ends at a fix: the columns of ``Block.mean`` for one row.
 
     The way from the dead-reckoned end to the fix is spread over the path linearly in time, as is usual practice: it is what a
     constant current would have done. Without positions between the fixes the path is a straight way, down to the greatest depth
     and up again at constant speed.
     """
-    start, here = path.start, path.end
+    start, here = path.start, path.last
     seconds, since, longitude, latitude, depth = _closed(path, end).T
     projection = Projection(start.longitude, start.latitude)
     east, north = to_local(projection, longitude, latitude)
@@ -211,23 +198,20 @@ def _closed(path: Path, end: Spot) -> Array:
     """Return the stretches of a path up to a fix, before the path is moved to end there."""
     start, last = path.start, path.last
     if path.reckoned:
-        places = np.array([[last.longitude, last.latitude, last.depth]] * 2)
+        places = np.array([last[1:], last[1:]])
         places[1, 2] = max(end.depth, 0.0)
         rest, _ = _stretches(start, np.array([last.time, end.time]), places)
         return np.concatenate([path.stretches, rest])
-    total = (end.time - start.time) * 1e-9
-    deepest = path.deepest if math.isfinite(path.deepest) else 0.0
     middles = (np.arange(_V_PIECES) + 0.5) / _V_PIECES
-    depths, still = deepest * (1.0 - np.abs(2.0 * middles - 1.0)), np.ones(_V_PIECES)
-    return np.column_stack(
-        [
-            total / _V_PIECES * still,
-            middles * total,
-            start.longitude * still,
-            start.latitude * still,
-            depths,
-        ]
+    seconds = (end.time - start.time) * 1e-9
+    columns = (
+        seconds / _V_PIECES,
+        middles * seconds,
+        start.longitude,
+        start.latitude,
+        np.nan_to_num(path.deepest) * (1.0 - np.abs(2.0 * middles - 1.0)),
     )
+    return np.column_stack(np.broadcast_arrays(*columns))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,146 +251,81 @@ def means_of(
         stated: Rows of mean currents, each with its place in the stream, in order.
         config: Which mean currents are computed, their errors and the fastest that is believed.
     """
-    walk = _Walk(ways, positions, depths, config)
+    order, (depth_order, depth) = positions["order"], depths
+    on_path = positions["dead_reckoned"] | positions["submerged"]
+    first = _LONG_AGO if ways.path is None else ways.path.start.time
+    # the others at the surface, no later than one before, are left out
+    fixes = _later(positions["time"], ~on_path, first)
+    ends = order[fixes]
+
+    def path(number: int, upto: int) -> Path | None:
+        """Return the path from the last of so many fixes up to a place in the stream."""
+        begin, since, known = 0, -1, ways.path
+        if number:
+            begin, since = fixes[number - 1] + 1, ends[number - 1]
+            known = begun(spot(positions, begin - 1))
+        if known is None:
+            return None
+        last = np.searchsorted(order, upto, side="right")
+        below = depth[slice(*np.searchsorted(depth_order, [since, upto], side="right"))]
+        rows = begin + np.flatnonzero(on_path[begin:last])
+        return extended(known, chosen(positions, rows), below)
+
     computed: list[Found] = []
     found: list[Found] = []
-    for number, row in enumerate(stated):
-        computed += walk.until(int(row["order"]))
-        found.append((int(row["order"]), number, walk.take(row)))
-    computed += walk.until(np.iinfo(np.int64).max)
-    return walk.ways, computed, found
+    deep = depth_order[dive_begins(depth, config.surface_depth)]
+    dives = {0, *np.searchsorted(ends, deep).tolist()} & {*range(ends.size)}
+    stops = [(int(ends[number]), False, number) for number in dives]
+    stops += [(int(row["order"]), True, number) for number, row in enumerate(stated)]
+    for due, is_stated, number in sorted(stops):
+        if is_stated:
+            way = path(int(np.searchsorted(ends, due, side="right")), due)
+            ways, mean = _taken(ways, way, stated[number], config)
+            found.append((due, number, mean))
+            continue
+        row, way = fixes[number], path(number, due)
+        if way is None or not dive_begins(way.deepest, config.surface_depth):
+            continue
+        end = spot(positions, row)
+        ways, velocity = replace(ways, done=(way, end)), drift(way, end)
+        own = config.dead_reckoning != "corrected" and not ways.stated and way.reckoned
+        if own and _believed(velocity, config):
+            ways = replace(ways, done=None, computed=end.time)
+            mean = path_mean(way, end, velocity, _error(way, end, config))
+            computed += [(due, int(row), mean)] if _is_path(mean) else []
+    return replace(ways, path=path(ends.size, np.iinfo(np.int64).max)), computed, found
 
 
-class _Walk:
-    """One way through a block's positions."""
-
-    def __init__(
-        self,
-        ways: Ways,
-        positions: Columns,
-        depths: tuple[Integers, Array],
-        config: MeasurementConfig,
-    ) -> None:
-        self.ways, self.config, self.positions = ways, config, positions
-        self.order, self.depth_order, self.depth = positions["order"], *depths
-        at_surface = ~(positions["dead_reckoned"] | positions["submerged"])
-        first = _LONG_AGO if ways.path is None else ways.path.start.time
-        time = np.where(at_surface, positions["time"], _LONG_AGO)
-        latest = np.maximum.accumulate(np.concatenate([[first], time]))
-        #: Fixes from which a path begins; the others at the surface, no later than one before, are left out.
-        self.fixes = np.flatnonzero(at_surface & (positions["time"] > latest[:-1]))
-        self.on_path = ~at_surface
-        self.dived = self._dived()
-        #: Rows of positions and of depths that are on a path already, and number of the next fix.
-        self.row, self.depth_row, self.fix = 0, 0, 0
-
-    def _dived(self) -> Any:
-        """Return whether a dive ends at each fix, shape (f,)."""
-        ends, count = self.order[self.fixes], self.fixes.size
-        deepest = np.full(count + 1, -np.inf)
-        if self.ways.path is not None:
-            deepest[0] = np.fmax(deepest[0], self.ways.path.deepest)
-        np.maximum.at(deepest, np.searchsorted(ends, self.depth_order), self.depth)
-        on_path = self.on_path & np.isfinite(self.positions["depth"])
-        np.maximum.at(
-            deepest, np.searchsorted(ends, self.order[on_path]), self.positions["depth"][on_path]
-        )
-        dived = dive_begins(deepest[:count], self.config.surface_depth)
-        if count and self.ways.path is None:
-            dived[0] = False
-        return dived
-
-    def until(self, order: int) -> list[Found]:
-        """Go on up to before a place in the stream; return the mean currents that are computed on the way."""
-        found: list[Found] = []
-        last = int(np.searchsorted(self.order[self.fixes], order, side="right"))
-        # a path without a dive need not be followed: the next fix begins another
-        dived = self.dived[self.fix : last]
-        for fix in self.fix + np.flatnonzero(dived | np.append(dived[1:], True)[: dived.size]):
-            if self.dived[fix]:
-                found += self._ended(int(fix))
-            else:
-                self._begin(self.fixes[fix])
-        self.fix = max(self.fix, last)
-        if self.ways.path is not None:
-            row = int(np.searchsorted(self.order, order, side="right"))
-            depth_row = int(np.searchsorted(self.depth_order, order, side="right"))
-            self._extend(row, depth_row)
-        return found
-
-    def _begin(self, row: int) -> None:
-        self.ways = replace(self.ways, path=begun(spot(self.positions, row)))
-        self.row = int(row) + 1
-        self.depth_row = int(np.searchsorted(self.depth_order, self.order[row], side="right"))
-
-    def _extend(self, row: int, depth_row: int) -> None:
-        """Extend the path by positions and depths up to some rows."""
-        path = self.ways.path
-        assert path is not None, "it has begun"
-        if row > self.row or depth_row > self.depth_row:
-            at = self.row + np.flatnonzero(self.on_path[self.row : row])
-            rows = {
-                name: self.positions[name][at]
-                for name in ("time", "longitude", "latitude", "depth")
-            }
-            extension = extended(path, rows, self.depth[self.depth_row : depth_row])
-            self.ways = replace(self.ways, path=extension)
-            self.row, self.depth_row = max(row, self.row), max(depth_row, self.depth_row)
-
-    def _ended(self, number: int) -> list[Found]:
-        """End a dive at a fix; return its mean current where it is computed."""
-        row = int(self.fixes[number])
-        order = int(self.order[row])
-        self._extend(row, int(np.searchsorted(self.depth_order, order, side="right")))
-        path, end, ways, config = self.ways.path, spot(self.positions, row), self.ways, self.config
-        assert path is not None, "it dived"
-        self._begin(row)
-        self.ways = replace(self.ways, done=(path, end))
-        if config.dead_reckoning == "corrected" or ways.stated or not path.reckoned:
-            return []
-        velocity = drift(path, end)
-        if not _believed(velocity, config):
-            return []
-        mean = path_mean(path, end, velocity, _error(path, end, config))
-        self.ways = replace(self.ways, done=None, computed=end.time)
-        return [(order, row, mean)] if _is_path(mean) else []
-
-    def take(self, row: Columns) -> dict[str, Any] | str:
-        """Return a stated mean current with its path, or in words why it is not used."""
-        velocity, config = (float(row["velocity"][0]), float(row["velocity"][1])), self.config
-        if not _believed(velocity, config):
-            return TOO_FAST
-        self.ways = replace(self.ways, stated=True)
-        ways, end_time = self.ways, int(row["end_time"])
-        if (
-            end_time != _LONG_AGO
-            and ways.computed != _LONG_AGO
-            and end_time <= ways.computed + _SAME_FIX
-        ):
-            return _COMPUTED
-        found = _path_of(ways, row)
-        if found is None:
-            return _NO_DEPTH
-        path, end = found
-        std = float(row["error_std"])
-        mean = path_mean(
-            path, end, velocity, std if math.isfinite(std) else _error(path, end, config)
-        )
-        if not _is_path(mean):
-            return _NO_PATH
-        if ways.done is not None and ways.done[1].time <= end.time:
-            self.ways = replace(ways, done=None)
-        return mean
+def _taken(
+    ways: Ways, path: Path | None, row: Columns, config: MeasurementConfig
+) -> tuple[Ways, dict[str, Any] | str]:
+    """Return what is remembered after a stated mean current, and it with its path, or in words why it is not used."""
+    velocity, std = row["velocity"], float(row["error_std"])
+    if not _believed(velocity, config):
+        return ways, TOO_FAST
+    ways = replace(ways, stated=True)
+    if _LONG_AGO < row["end_time"] <= ways.computed + _SAME_FIX:
+        return ways, _COMPUTED
+    found = _path_of(ways.done, path, row)
+    if found is None:
+        return ways, _NO_DEPTH
+    std = std if math.isfinite(std) else _error(*found, config)
+    mean = path_mean(*found, velocity, std)
+    if not _is_path(mean):
+        return ways, _NO_PATH
+    if ways.done is not None and ways.done[1].time <= found[1].time:
+        ways = replace(ways, done=None)
+    return ways, mean
 
 
-def _is_path(mean: dict[str, Any]) -> bool:
+def _is_path(mean: Columns) -> bool:
     """Return whether a path leads from place to place; between opposite sides of the Earth no way is the shortest."""
     places = mean["path_longitude"] + mean["path_latitude"] + mean["path_depth"]
     return bool(np.isfinite(places).all())
 
 
-def _believed(velocity: tuple[float, float], config: MeasurementConfig) -> bool:
-    return all(abs(component) <= config.max_speed for component in velocity)
+def _believed(velocity: ArrayLike, config: MeasurementConfig) -> bool:
+    return bool(np.abs(velocity).max() <= config.max_speed)
 
 
 def _error(path: Path, end: Spot, config: MeasurementConfig) -> float:
@@ -415,29 +334,26 @@ def _error(path: Path, end: Spot, config: MeasurementConfig) -> float:
     return math.hypot(config.dac_std, math.sqrt(2.0) * config.fix_std / seconds)
 
 
-def _path_of(ways: Ways, row: Columns) -> tuple[Path, Spot] | None:
+def _path_of(
+    done: tuple[Path, Spot] | None, path: Path | None, row: Columns
+) -> tuple[Path, Spot] | None:
     """Return the path that a stated mean current belongs to, and the fix that ends it; None when neither is known."""
-    start, end = (_fix(row, name) for name in ("start", "end"))
-    done, path = ways.done, ways.path
+    start, end = (Spot(int(row[f"{name}_time"]), *row[name].tolist()) for name in ("start", "end"))
     if done is not None and _same(done[0].start, start) and _same(done[1], end):
         return done
-    if start is None or end is None or end.time <= start.time:
+    if not _LONG_AGO < start.time < end.time:
         return None
     on_the_way = path is not None and _same(path.start, start) and path.last.time <= end.time
     if path is not None and on_the_way and math.isfinite(path.deepest):
         # the fix after the dive has not come yet
         return path, end
     deepest = float(row["deepest"])
-    if not math.isfinite(deepest):
+    if math.isnan(deepest):
         known = [one.deepest for one in (path, done and done[0]) if one is not None]
-        deepest = max((depth for depth in known if math.isfinite(depth)), default=math.nan)
-    return (replace(begun(start), deepest=deepest), end) if math.isfinite(deepest) else None
+        deepest = float(np.fmax.reduce([math.nan, *known]))
+    return None if math.isnan(deepest) else (replace(begun(start), deepest=deepest), end)
 
 
-def _fix(row: Columns, name: str) -> Spot | None:
-    time = int(row[f"{name}_time"])
-    return None if time == _LONG_AGO else Spot(time, *row[name].tolist())
-
-
-def _same(fix: Spot, stated: Spot | None) -> bool:
-    return stated is None or abs(fix.time - stated.time) <= _SAME_FIX
+def _same(fix: Spot, stated: Spot) -> bool:
+    """Return whether a fix is one that is stated; each may be where none is."""
+    return stated.time == _LONG_AGO or abs(fix.time - stated.time) <= _SAME_FIX

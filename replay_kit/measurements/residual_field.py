@@ -90,7 +90,7 @@ class ResidualField:
     def _covariance(self, apart: Array, errors: Array) -> Array:
         """Return the covariance of residuals so far apart [m], shape (n, n) [m2/s2], by that of the vectors' stated errors."""
         field = np.exp(-apart / self.length) + _NUGGET * np.eye(len(errors))
-        return np.asarray(self.std**2 * field + self.error_factor**2 * errors)
+        return self.std**2 * field + self.error_factor**2 * errors
 
 
 def _known(seen: LinearMeasurement, residual: Array) -> tuple[tuple[Array, Array], Array, Array]:
@@ -104,4 +104,4 @@ def _apart(places: tuple[Array, Array], others: tuple[Array, Array]) -> Array:
     """Return the distances between places, longitudes and latitudes, shape (m, n) [m]."""
     middle = Projection(float(others[0][0]), float(others[1][0]))
     (x, y), (to_x, to_y) = (to_local(middle, *each) for each in (places, others))
-    return np.asarray(np.hypot(x[:, None] - to_x, y[:, None] - to_y))
+    return np.hypot(x[:, None] - to_x, y[:, None] - to_y)

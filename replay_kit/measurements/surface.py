@@ -6,16 +6,15 @@ are averaged along bearings: each sector of a station measures one component.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import to_local
+from replay_kit.core.arrays import Array, Indices, Mask
+from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import (
     BOTH_COMPONENTS,
@@ -23,6 +22,7 @@ from replay_kit.core.observation import (
     Kind,
     Label,
     LinearMeasurement,
+    PathMean,
     Reason,
     Source,
     usable,
@@ -48,12 +48,12 @@ _SHORTEST, _LONGEST = 3 * 3600, 26 * 3600
 _SLIP, _PERIOD = 0.01, 12.42 * 3600.0
 # m, and m/s
 _SPACING, _USUAL_TIDE = 10e3, 0.08
-_OUTSIDE, _TOO_FAST = (
-    "drifter outside the ensemble's box",
-    "drifter faster than measurements.max_speed",
-)
+_OUTSIDE = "drifter outside the ensemble's box"
+_TOO_FAST = "drifter faster than measurements.max_speed"
 _NO_VECTOR = "no vector slower than measurements.max_speed within the ensemble's box"
-_PLACE = ("longitude", "latitude", "depth")
+#: Where a drifter was, at the depth of the middle of its drogue, and the standard error of each component of its place [m]; NaN where it
+#: is not stated.
+DrifterFix = tuple[Spot, float]
 #: Place in the stream, and the measurement that its message completes.
 Found = list[tuple[int, LinearMeasurement]]
 
@@ -62,8 +62,7 @@ def _tide_of(config: MeasurementConfig) -> float:
     return _USUAL_TIDE if config.surface_tide_std is None else config.surface_tide_std
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Vectors:
+class Vectors(NamedTuple):
     """What radars measured at one time.
 
     Attributes:
@@ -84,72 +83,62 @@ class Vectors:
     value: Array
     error_std: Array
     direction: Array | None
-    suspect: NDArray[np.bool_]
+    suspect: Mask
     depth: float
     averaged: float
     error_length: float
     kind: Kind = "radar"
 
-    def part(self, at: NDArray[np.bool_]) -> "Vectors":
+    def part(self, at: Mask) -> "Vectors":
         """Return some of the vectors."""
-        return replace(
-            self,
-            longitude=self.longitude[at],
-            latitude=self.latitude[at],
-            value=self.value[at],
-            error_std=self.error_std[at],
-            suspect=self.suspect[at],
-            direction=None if self.direction is None else self.direction[at],
-        )
-
-    def within(self, box: tuple[float, float, float, float]) -> "Vectors":
-        """Return those in a box of west, south, east, north [degrees]."""
-        west, south, east, north = box
-        along = (self.longitude - west) % 360.0 <= (east - west) % 360.0
-        return self.part(along & (self.latitude >= south) & (self.latitude <= north))
+        rows = (None if values is None else values[at] for values in self[:6])
+        return Vectors._make((*rows, *self[6:]))
 
 
-def sources_of(table: Table) -> list[Source]:
-    """Return the messages of a table's rows."""
-    rows = zip(table.position.tolist(), table.time.tolist(), strict=True)
-    return [Source(table.input, table.topic, ordinal, time) for ordinal, time in rows]
+def _inside(config: MeasurementConfig, longitude: Any, latitude: Any) -> Any:
+    """Return whether places [degrees] are in the box of the settings, west, south, east, north; everywhere without one."""
+    if config.surface_box is None:
+        return np.isfinite(latitude) | True
+    west, south, east, north = config.surface_box
+    along = (longitude - west) % 360.0 <= (east - west) % 360.0
+    return along & (latitude >= south) & (latitude <= north)
+
+
+def _messages(table: Table, depths: Depths) -> Iterator[tuple[int, int, Source, int]]:
+    """Yield place in the stream, row, message and dive of each row of a table."""
+    columns = table.order, table.position, table.time, depths.at(table.order)[2]
+    for k, (order, *message, dive) in enumerate(np.column_stack(columns).tolist()):
+        yield order, k, Source(table.input, table.topic, *message), dive
 
 
 def of_radar(table: Table, depths: Depths, config: MeasurementConfig, ledger: Ledger) -> Found:
     """Return the measurements of the radars' vectors of each time."""
-    found: Found = []
-    reasons = np.full(len(table), "", object)
-    names = ("longitude", "latitude", "value", "error_std", "direction", "suspect")
-    _, _, dives = depths.at(table.order)
-    for k, source in enumerate(sources_of(table)):
-        extent = (table[name][k] for name in ("depth", "averaged", "error_length", "kind"))
-        stated = Vectors(*(table[name][k] for name in names), *extent)
-        slow = np.abs(stated.value).max(axis=1) <= config.max_speed
-        stated = stated.part(slow & (config.quality.use_suspect | ~stated.suspect))
-        stated = stated if config.surface_box is None else stated.within(config.surface_box)
-        if not stated.error_std.size:
+    found, reasons = Found(), np.full(len(table), "", object)
+    spacing = config.surface_spacing or _SPACING
+    for order, k, source, dive in _messages(table, depths):
+        stated = Vectors(*(table[name][k] for name in Vectors._fields))
+        good = np.abs(stated.value).max(axis=1) <= config.max_speed
+        good &= config.quality.use_suspect | ~stated.suspect
+        good &= _inside(config, stated.longitude, stated.latitude)
+        if good.any():
+            label = Label(dive, source, kind=stated.kind)
+            made = superobservations(stated.part(good), label, spacing, _tide_of(config))
+            found += [(order, one) for one in made]
+        else:
             reasons[k] = _NO_VECTOR
-            continue
-        label = Label(int(dives[k]), source, kind=stated.kind)
-        spacing = config.surface_spacing or _SPACING
-        made = superobservations(stated, label, spacing, _tide_of(config))
-        found += [(int(table.order[k]), one) for one in made]
     ledger.add(table.order, table.topic, reasons)
     return found
 
 
 def of_sensor(table: Table, depths: Depths, ledger: Ledger) -> Found:
     """Return what sensors of other packages measured, at the time of their messages."""
-    found: Found = []
-    _, _, dives = depths.at(table.order)
+    found = Found()
     ledger.add(table.order, table.topic)
-    for k, source in enumerate(sources_of(table)):
-        stated = table["measurement"][k]
-        label = replace(
-            stated.label, dive=int(dives[k]), source=source, kind=stated.label.kind or "sensors"
-        )
-        placed = replace(_with_places(stated), time_ns=source.time_ns, label=label)
-        found.append((int(table.order[k]), placed))
+    for order, k, source, dive in _messages(table, depths):
+        stated = _with_places(table["measurement"][k])
+        kind = stated.label.kind or "sensors"
+        label = replace(stated.label, dive=dive, source=source, kind=kind)
+        found.append((order, replace(stated, time_ns=source.time_ns, label=label)))
     return found
 
 
@@ -159,7 +148,9 @@ def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
     unknown, above, weights = ~np.isfinite(points), stated.depth < 0.0, stated.weights
     if weights is not None:
         # a point without a place is no point of the sums that do not use it, either
-        stated = replace(stated, **{name: np.nan_to_num(getattr(stated, name)) for name in _PLACE})
+        stated = replace(
+            stated, **{name: np.nan_to_num(getattr(stated, name)) for name in Spot._fields[1:]}
+        )
         unknown, above = ((weights != 0.0) @ each for each in (unknown, above))
     flags = np.where(above & usable(stated.flags), Flag.FAIL, stated.flags)
     reasons = Reason.ABOVE_SURFACE * above + Reason.MISSING * unknown
@@ -168,19 +159,6 @@ def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
         flags=np.where(unknown, Flag.MISSING, flags).astype(np.int8),
         reasons=(stated.reasons | reasons).astype(np.int32),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class DrifterFix:
-    """Where a drifter was: the fix, with the depth of the middle of its drogue, and the error of each component of its place [m].
-
-    Attributes:
-        spot: The fix.
-        error: Standard error [m]; NaN where it is not stated.
-    """
-
-    spot: Spot
-    error: float
 
 
 def of_drifters(
@@ -192,76 +170,54 @@ def of_drifters(
 ) -> tuple[dict[str, DrifterFix], Found]:
     """Return the fixes from which drifters' displacements are counted, by name, and the mean currents since them."""
     fixes, found = dict(known), Found()
-    rows = sorted(
-        (int(order), t, k) for t, one in enumerate(tables) for k, order in enumerate(one.order)
-    )
-    for order, t, k in rows:
-        table = tables[t]
-        source = sources_of(table)[k]
-        spot = Spot(source.time_ns, *(float(table[name][k]) for name in _PLACE))
-        now, name = DrifterFix(spot, float(table["error"][k])), table["name"][k]
-        reason, made = "", None
-        if config.surface_box is not None and not _inside(spot, config.surface_box):
-            reason = _OUTSIDE
-        elif (before := fixes.get(name)) is not None:
-            dive = int(depths.at(np.array([order]))[2][0])
-            made = _displacement(before, now, config, Label(dive, source, kind="drifters"))
-            if made is not None and np.abs(made.value).max() > config.max_speed:
-                reason = _TOO_FAST
-            elif made is not None or (spot.time - before.spot.time) * 1e-9 > _LONGEST:
-                fixes[name] = now
-        else:
+    rows = [(row, table) for table in tables for row in _messages(table, depths)]
+    for (order, k, source, dive), table in sorted(rows, key=lambda one: one[0][0]):
+        spot = Spot(source.time_ns, *(table[name][k].item() for name in Spot._fields[1:]))
+        now, name, made = (spot, float(table["error"][k])), table["name"][k], Found()
+        reason = "" if _inside(config, spot.longitude, spot.latitude) else _OUTSIDE
+        before = now if reason else fixes.setdefault(name, now)
+        seconds = (spot.time - before[0].time) * 1e-9
+        if _SHORTEST <= seconds <= _LONGEST:
+            label = Label(dive, source, kind="drifters")
+            made = [(order, _displacement(before, now, config, label))]
+        if any(np.abs(one.value).max() > config.max_speed for _, one in made):
+            reason, made = _TOO_FAST, Found()
+        elif made or seconds > _LONGEST:
             fixes[name] = now
         ledger.add(np.array([order]), table.topic, reason)
-        found += [(order, made)] if made is not None and not reason else []
+        found += made
     return fixes, found
-
-
-def _inside(spot: Spot, box: tuple[float, float, float, float]) -> bool:
-    west, south, east, north = box
-    along = (spot.longitude - west) % 360.0 <= (east - west) % 360.0
-    return along and south <= spot.latitude <= north
 
 
 def _displacement(
     first: DrifterFix, last: DrifterFix, config: MeasurementConfig, label: Label
-) -> LinearMeasurement | None:
-    """Return the mean current between two fixes of one drifter; None where they are too near in time, or too far."""
-    before, after = first.spot, last.spot
+) -> LinearMeasurement:
+    """Return the mean current between two fixes of one drifter."""
+    (before, _), (after, _) = first, last
     seconds = (after.time - before.time) * 1e-9
-    if not _SHORTEST <= seconds <= _LONGEST:
-        return None
-    velocity = drift(begun(before), after)
     # a drifter goes with the water: no way through it
-    still = {
-        "time": np.array([after.time]),
-        "longitude": np.array([before.longitude]),
-        "latitude": np.array([before.latitude]),
-        "depth": np.array([after.depth]),
-    }
-    stated = (config.fix_std if math.isnan(fix.error) else fix.error for fix in (first, last))
-    turns = math.pi * seconds / _PERIOD
-    tide = _tide_of(config) * min(1.0, 1.0 / turns)
+    still = before._replace(time=after.time, depth=after.depth)._asdict()
+    rows = {name: np.array([value]) for name, value in still.items()}
+    stated = (config.fix_std if math.isnan(error) else error for _, error in (first, last))
+    tide = _tide_of(config) * min(1.0, _PERIOD / (math.pi * seconds))
     error = math.hypot(math.hypot(*stated) / seconds, _SLIP, tide)
-    mean = path_mean(extended(begun(before), still, np.empty(0)), after, velocity, error)
-    return linear_mean(mean, label, after.time)
-
-
-def linear_mean(mean: Mapping[str, Any], label: Label, time: int) -> LinearMeasurement:
-    """Return a mean along a path as a measurement of one value."""
-    return LinearMeasurement(
+    path = extended(begun(before), rows, np.empty(0))
+    velocity = drift(begun(before), after)
+    time, longitude, latitude, depth, weight, *_ = path_mean(path, after, velocity, error).values()
+    mean = PathMean(
+        after.time,
         time,
-        mean["path_time"],
-        mean["path_longitude"],
-        mean["path_latitude"],
-        mean["path_depth"],
-        mean["weight"][None],
-        np.array([mean["velocity"]]),
-        np.array([mean["error_std"]]),
-        np.array([Flag.GOOD], np.int8),
-        np.zeros(1, np.int32),
-        label,
+        longitude,
+        latitude,
+        depth,
+        weight,
+        velocity,
+        error,
+        "drift",
+        label.dive,
+        label.source,
     )
+    return replace(mean.linear, label=label)
 
 
 def superobservations(
@@ -279,71 +235,57 @@ def superobservations(
     wide = _width(currents, spacing, _MOST_BOXES)
     if currents.direction is None:
         narrow = _width(currents, 0.0, _MOST_VECTORS)
-        vectors = _averaged(currents, label, narrow, 0.0, BOTH_COMPONENTS)
-        return [_averaged(currents, replace(label, vectors=vectors), wide, common, BOTH_COMPONENTS)]
+        label = replace(label, vectors=_averaged(currents, label, narrow, 0.0))
+        return [_averaged(currents, label, wide, common)]
     sector = np.round(currents.direction / _SECTOR) % (360.0 / _SECTOR)
     numbers = np.unique(sector)
     # sectors see two components of one tide, however many they are
     common *= np.sqrt(max(1.0, 0.5 * numbers.size))
-    made = []
-    for number in numbers:
-        part = currents.part(sector == number)
-        assert part.direction is not None
-        angle = np.deg2rad(part.direction)
-        mean = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
-        component = np.array([[np.sin(mean), np.cos(mean)]])
-        made.append(_averaged(part, label, wide, common, component, angle - mean))
-    return made
+    return [_averaged(currents.part(sector == each), label, wide, common) for each in numbers]
 
 
-def _averaged(
-    currents: Vectors,
-    label: Label,
-    spacing: float,
-    common: float,
-    components: Array,
-    oblique: Array | None = None,
-) -> LinearMeasurement:
-    """Return vectors averaged to boxes; ``oblique``, shape (n,), are the angles of radials from the component [rad]."""
+def _averaged(currents: Vectors, label: Label, spacing: float, common: float) -> LinearMeasurement:
+    """Return vectors averaged to boxes; radials are measurements of the component along the mean of their bearings."""
     x, y = _local(currents)
-    number, count = _boxes(x, y, spacing)
-    size = np.bincount(number, minlength=count)
     # a box is the mean of its quarters, not the current in its middle
-    quarter, points = _boxes(x, y, 0.5 * spacing)
-    weights = np.zeros((count, points))
+    number, quarter = (_boxes(x, y, width) for width in (spacing, 0.5 * spacing))
+    size = np.bincount(number)
+    weights = np.zeros((size.size, quarter.max() + 1))
     np.add.at(weights, (number, quarter), 1.0 / size[number])
 
-    def mean(values: Array, of: NDArray[np.intp] = number, n: int = count) -> Array:
-        return np.asarray(np.bincount(of, values, minlength=n) / np.bincount(of, minlength=n))
+    def mean(values: Array, of: Indices = number) -> Array:
+        return np.bincount(of, values) / np.bincount(of)
 
-    length = currents.error_length or _ERROR_LENGTH
-    std = np.empty(count)
-    of_boxes = np.split(np.argsort(number, kind="stable"), np.cumsum(size)[:-1])
-    for box, at in enumerate(of_boxes):
-        apart = np.hypot(x[at, None] - x[at], y[at, None] - y[at])
+    def apart(x: Array, y: Array) -> Array:
+        return np.hypot(x[:, None] - x, y[:, None] - y)
+
+    length, components = currents.error_length or _ERROR_LENGTH, BOTH_COMPONENTS
+    std = np.empty(size.size)
+    for box, count in enumerate(size):
+        at = number == box
         own = currents.error_std[at]
-        std[box] = np.sqrt(own @ np.exp(-apart / length) @ own) / at.size
+        std[box] = np.sqrt(own @ np.exp(-apart(x[at], y[at]) / length) @ own) / count
     std = np.maximum(std, _LEAST_ERROR)
-    if oblique is not None:
-        std = np.hypot(std, _CURRENT * np.sqrt(mean(np.sin(oblique) ** 2)))
-    east, north = mean(x), mean(y)
-    between = np.hypot(east[:, None] - east, north[:, None] - north)
-    west = currents.longitude[0] + (currents.longitude - currents.longitude[0] + 180.0) % 360.0
+    if currents.direction is not None:
+        angle = np.deg2rad(currents.direction)
+        along = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
+        components = np.array([[np.sin(along), np.cos(along)]])
+        std = np.hypot(std, _CURRENT * np.sqrt(mean(np.sin(angle - along) ** 2)))
     return LinearMeasurement(
         label.source.time_ns,
         None,
-        mean(west - 180.0, quarter, points),
-        mean(currents.latitude, quarter, points),
-        np.full(points, currents.depth),
+        mean(unwrap_longitude(currents.longitude, currents.longitude[0]), quarter),
+        mean(currents.latitude, quarter),
+        np.full(weights.shape[1], currents.depth),
         weights,
         np.column_stack([mean(each) for each in currents.value.T]),
         std,
-        np.full(count, Flag.GOOD, np.int8),
-        np.zeros(count, np.int32),
+        np.full(size.size, Flag.GOOD, np.int8),
+        np.zeros(size.size, np.int32),
         label,
         float(common),
         components=components,
-        correlation=np.exp(-between / length),
+        correlation=np.exp(-apart(mean(x), mean(y)) / length),
     )
 
 
@@ -356,14 +298,13 @@ def _width(currents: Vectors, spacing: float, most: int) -> float:
     """Return the width of boxes [m], ``spacing`` or so much more that there are no more than ``most``."""
     x, y = _local(currents)
     spacing = max(spacing, _LEAST_SPACING)
-    while _boxes(x, y, spacing)[1] > most:
+    while _boxes(x, y, spacing).max() >= most:
         spacing *= 1.2
     return spacing
 
 
-def _boxes(x: Array, y: Array, spacing: float) -> tuple[NDArray[np.intp], int]:
-    """Return the number of each place's box, shape (n,), and how many there are."""
+def _boxes(x: Array, y: Array, spacing: float) -> Indices:
+    """Return the number of each place's box, shape (n,), from 0 without gaps."""
     east, north = (np.floor((each - each.min()) / spacing).astype(np.int64) for each in (x, y))
     # as one number each: rows are ten times slower to compare
-    found, number = np.unique(east * (north.max() + 1) + north, return_inverse=True)
-    return number.astype(np.intp), found.size
+    return np.unique(east * (north.max() + 1) + north, return_inverse=True)[1]

@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from replay_kit.core.arrays import replace
 from replay_kit.core.observation import Measurement, Observation, VehicleState
-from replay_kit.measurements.dives import submerged
+from replay_kit.measurements.dives import dive_begins
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,18 +38,14 @@ def detect_surfacing(
         surface_depth: [m], shallower than this the vehicle is at the surface.
     """
     if isinstance(event, VehicleState):
-        below = event.depth > surface_depth
-        # a position without a depth says nothing of the dive
-        under = state.submerged
-        if np.isfinite(event.depth):
-            under = bool(submerged(np.array([event.depth]), surface_depth, under)[0])
-        if event.dead_reckoned or below:
+        if event.dead_reckoned or event.depth > surface_depth:
             # a dive ends with a fix; a position that was computed may come up before it
-            return replace(state, submerged=under or state.submerged), None
+            under = state.submerged or bool(dive_begins(event.depth, surface_depth))
+            return replace(state, submerged=under), None
         if state.submerged:
-            return SurfacingState(False, state.dive, True, None), event
+            return SurfacingState(False, state.dive), event
         return replace(state, fix=event), None
     if not isinstance(event, Observation) or event.dive <= state.dive:
         return state, None
     unseen = None if state.reported else state.fix
-    return SurfacingState(state.submerged, event.dive, False, None), unseen
+    return SurfacingState(state.submerged, event.dive, False), unseen

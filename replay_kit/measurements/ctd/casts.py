@@ -14,7 +14,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.observation import Source
 from replay_kit.core.table import Integers
-from replay_kit.measurements.ctd.sections import Profile
+from replay_kit.measurements.ctd.sections import Profile, at_levels
 from replay_kit.measurements.dives import legs_of
 from replay_kit.measurements.means import Spot
 
@@ -33,24 +33,26 @@ class Cast:
     Attributes:
         source: Of the first sample; None before it.
         start: Last fix before the first sample; None without.
-        layers: shape (l, 8), layer after layer as passed: time since the first sample [s], longitude, latitude [degrees], depth [m],
-            temperature [degrees C], salinity, conductivity [S/m], pressure [dbar].
-        sums: shape (9,), of the layer that is being passed: number of samples, and sums of a layer's columns; empty before the first.
+        sums: shape (l, 9), layer after layer as passed, the last one as far as it was: number of samples, and sums of their time since the
+            first sample [s], longitude, latitude [degrees], depth [m], temperature [degrees C], salinity, conductivity [S/m], pressure
+            [dbar].
         last_ns: Of the last [ns, UTC].
-        samples: How many.
     """
 
     source: Source | None = None
     start: Spot | None = None
-    layers: Array = field(default_factory=lambda: np.empty((0, _COLUMNS - 1)))
-    sums: Array = field(default_factory=lambda: np.empty(0))
+    sums: Array = field(default_factory=lambda: np.empty((0, _COLUMNS)))
     last_ns: int = 0
-    samples: int = 0
 
     @property
-    def first_ns(self) -> int:
-        """Time of the first sample [ns, UTC]; 0 before it."""
-        return 0 if self.source is None else self.source.time_ns
+    def samples(self) -> int:
+        """How many there are."""
+        return int(self.sums[:, 0].sum())
+
+    @property
+    def layers(self) -> Array:
+        """Means of what ``sums`` has the sums of, shape (l, 8)."""
+        return self.sums[:, 1:] / self.sums[:, :1]
 
     def after(self, source: Source, fix: Spot | None, time: Integers, samples: Array) -> "Cast":
         """Return the cast with more samples, none earlier than the last.
@@ -59,27 +61,19 @@ class Cast:
             source: Message of the first of them.
             fix: The position before it; None where it is dead-reckoned.
             time: shape (n,) [ns, UTC].
-            samples: shape (n, 7): longitude, latitude of the position before, and the columns of ``layers`` from depth on.
+            samples: shape (n, 7): longitude, latitude of the position before, and the columns of ``sums`` from depth on.
         """
         first = self.source or source
         start = self.start if self.samples or fix is None else fix
         since = (time - first.time_ns) * 1e-9
         rows = np.column_stack([np.ones(time.size), since, samples])
+        rows = np.concatenate([self.sums[-1:], rows])
         # a layer's mean depth lies in the layer
-        cell = samples[:, _DEPTH - 2] // _LAYER
-        ends = np.flatnonzero(np.diff(cell)) + 1
-        layers, sums = [self.layers], self.sums
-        if sums.size and cell[0] != (sums[_DEPTH] / sums[0]) // _LAYER:
-            layers, sums = [*layers, _mean(sums)[None]], np.empty(0)
-        for number, part in enumerate(np.split(rows, ends)):
-            if number:
-                layers, sums = [*layers, _mean(sums)[None]], np.empty(0)
-            # added one by one, so that sums do not depend on how samples are cut
-            held = np.concatenate([sums[None], part]) if sums.size else part
-            sums = np.cumsum(held, axis=0)[-1]
-        return Cast(
-            first, start, np.concatenate(layers), sums, int(time[-1]), self.samples + time.size
-        )
+        cell = rows[:, _DEPTH] / rows[:, 0] // _LAYER
+        parts = np.split(rows, np.flatnonzero(np.diff(cell)) + 1)
+        # added one by one, so that sums do not depend on how samples are cut
+        sums = [np.cumsum(part, axis=0)[-1] for part in parts]
+        return Cast(first, start, np.vstack([self.sums[:-1], *sums]), int(time[-1]))
 
     def profiles(self, end: Spot | None, surface_depth: float) -> list[Profile]:
         """Return the profile of each leg; salinity is computed from conductivity where none is stated.
@@ -88,45 +82,32 @@ class Cast:
             end: The fix after the dive, to which places are moved linearly in time from the fix before it; None leaves them.
             surface_depth: [m], shallower than this the vehicle is at the surface.
         """
-        if not self.sums.size:
-            return []
+        assert self.source is not None, "it has samples"
+        first = self.source.time_ns
         time, longitude, latitude, depth, temperature, salinity, conductivity, pressure = (
-            self.whole.T
+            self.layers.T
         )
         start = self.start
         if end is not None and start is not None and end.time > start.time:
-            share = (time * 1e9 + self.first_ns - start.time) / (end.time - start.time)
+            share = (time * 1e9 + first - start.time) / (end.time - start.time)
             east = float(unwrap_longitude(end.longitude, start.longitude))
             longitude = start.longitude + share * (east - start.longitude)
             latitude = start.latitude + share * (end.latitude - start.latitude)
         with np.errstate(invalid="ignore"):
-            computed = gsw.SP_from_C(
-                _MS_CM * conductivity,
-                temperature,
-                np.where(np.isfinite(pressure), pressure, gsw.p_from_z(-depth, latitude)),
-            )
+            pressure = np.where(np.isfinite(pressure), pressure, gsw.p_from_z(-depth, latitude))
+            computed = gsw.SP_from_C(_MS_CM * conductivity, temperature, pressure)
         salinity = np.where(np.isfinite(salinity), salinity, computed)
-        time_ns = self.first_ns + (time * 1e9).astype(np.int64)
+        time_ns = first + (time * 1e9).astype(np.int64)
         of_legs = legs_of(time_ns, depth, surface_depth, _LEG, _GAP)
-        table = (longitude, latitude, depth, temperature, salinity)
+        table = (time_ns, longitude, latitude, depth, temperature, salinity)
         return [
-            Profile(time_ns[at], *(values[at] for values in table))
-            for at in (of_legs == number for number in range(1, int(of_legs.max()) + 1))
+            Profile(*(values[of_legs == number] for values in table))
+            for number in range(1, of_legs.max() + 1)
         ]
 
-    @property
-    def whole(self) -> Array:
-        """All layers, the last one as far as it was passed, shape (l + 1, 8)."""
-        return np.concatenate([self.layers, _mean(self.sums)[None]])
 
-    def columns(self) -> tuple[Array, Array, Array]:
-        """Return depth [m], conductivity [S/m] and pressure [dbar] of the layers, shapes (l,)."""
-        _, _, _, depth, _, _, conductivity, pressure = self.whole.T
-        return depth, conductivity, pressure
-
-
-def _mean(sums: Array) -> Array:
-    return np.asarray(sums[1:] / sums[0])
+# Practical salinity by which a spike stands out at least.
+_SPIKE = 0.05
 
 
 def without_spikes(profile: Profile) -> tuple[Profile, float]:
@@ -138,10 +119,6 @@ def without_spikes(profile: Profile) -> tuple[Profile, float]:
         away = np.abs(salinity - np.median(near, axis=1))
         bad = away > max(_SPIKE, 6.0 * float(np.nanmedian(away)))
     return replace(profile, salinity=np.where(bad, np.nan, salinity)), float(bad.mean())
-
-
-# Practical salinity by which a spike stands out at least.
-_SPIKE = 0.05
 
 
 # Practical salinity of the ocean and its marginal seas, and S/m that sea water never has.
@@ -160,7 +137,7 @@ LAG = "salinity spikes of the legs down and up: the lag of the cell is not corre
 
 def fault_of_units(cast: Cast, profiles: Sequence[Profile]) -> str:
     """Return which unit is not that stated, in words; empty where all may be."""
-    depth, conductivity, pressure = cast.columns()
+    depth, conductivity, pressure = cast.layers[:, [3, 6, 7]].T
     if np.isfinite(conductivity).any() and np.nanmedian(conductivity) > _MOST_CONDUCTIVITY:
         return f"conductivity above {_MOST_CONDUCTIVITY:g} S/m: it looks like mS/cm"
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -170,8 +147,9 @@ def fault_of_units(cast: Cast, profiles: Sequence[Profile]) -> str:
         if not _SAME_DEPTH[0] < found < _SAME_DEPTH[1]:
             bar = "; it looks like bar" if 0.08 < found < 0.125 else ""
             return f"pressure [dbar] that is not the vehicle's depth{bar}"
-    speeds = [abs(np.ptp(each.depth) / _seconds(each)) for each in profiles if _seconds(each) > 0.0]
-    if speeds and float(np.median(speeds)) < _SLOWEST:
+    seconds = [np.ptp(each.time_ns) * 1e-9 for each in profiles]
+    speeds = [np.ptp(each.depth) / s for each, s in zip(profiles, seconds, strict=True) if s]
+    if speeds and np.median(speeds) < _SLOWEST:
         return "the vehicle moves vertically by less than 3 cm/s: the pressure looks like bar"
     for each in profiles:
         known = np.isfinite(each.salinity + each.temperature)
@@ -183,7 +161,7 @@ def fault_of_units(cast: Cast, profiles: Sequence[Profile]) -> str:
             follows = np.corrcoef(temperature, salinity)[0, 1]
             if _FOLLOWS[0] < slope < _FOLLOWS[1] and follows > _CORRELATED:
                 return "salinity that follows temperature: it looks like conductivity in mS/cm"
-        if not _LEAST_SALINITY < float(np.median(salinity)) < _MOST_SALINITY:
+        if not _LEAST_SALINITY < np.median(salinity) < _MOST_SALINITY:
             return f"salinity outside {_LEAST_SALINITY:g} to {_MOST_SALINITY:g}: wrong unit, or no salinity"
     return ""
 
@@ -201,42 +179,28 @@ def has_lag(profiles: Sequence[Profile], spiky: Sequence[float]) -> bool:
         levels = np.arange(10.0, min(down.depth.max(), up.depth.max()), 10.0)
         if levels.size < 8:
             continue
-        (first, warm), (second, _) = (_at(each, levels) for each in (down, up))
-        difference, gradient = first - second, np.gradient(warm, levels)
-        known = np.isfinite(difference + gradient)
-        if known.sum() < 8 or np.std(difference[known]) < _LAGGED:
+        (first, warm), (second, _) = (
+            at_levels(levels, each.depth, each.salinity, each.temperature) for each in (down, up)
+        )
+        pair = np.array([first - second, np.gradient(warm, levels)])
+        known = pair[:, np.isfinite(pair).all(axis=0)]
+        if known.shape[1] < 8 or np.std(known[0]) < _LAGGED:
             continue
-        related = np.corrcoef(difference[known], gradient[known])[0, 1]
-        if abs(related) > _OF_GRADIENT:
+        if abs(np.corrcoef(known)[0, 1]) > _OF_GRADIENT:
             return True
     return False
 
 
 def is_fouled(profiles: Sequence[Profile]) -> bool:
     """Return whether deep salinity drifts along a line as no water does whose temperature stays."""
-    deepest = float(np.median([each.depth.max() for each in profiles]))
-    at = (1.0 - _DEEP) * deepest
+    at = (1.0 - _DEEP) * np.median([each.depth.max() for each in profiles])
     found = []
     for each in profiles:
-        deep = (each.depth > at) & np.isfinite(each.salinity + each.temperature)
-        if deep.any():
-            found.append((np.median(each.temperature[deep]), np.median(each.salinity[deep])))
-    if len(found) < 2:
+        water = np.array([each.temperature, each.salinity])
+        deep = water[:, (each.depth > at) & np.isfinite(water).all(axis=0)]
+        found += [np.median(deep, axis=1)] if deep.size else []
+    if not found:
         return False
     temperature, salinity = np.array(found).T
     same = np.abs(temperature - np.median(temperature)) < _SAME_WATER
     return bool(np.ptp(salinity[same]) > _FOULED)
-
-
-def _seconds(profile: Profile) -> float:
-    return float(profile.time_ns[-1] - profile.time_ns[0]) * 1e-9
-
-
-def _at(profile: Profile, levels: Array) -> tuple[Array, Array]:
-    """Return salinity and temperature at levels, shapes (Z,)."""
-    order = np.argsort(profile.depth, kind="stable")
-    salinity, temperature = (
-        np.interp(levels, profile.depth[order], values[order], left=np.nan, right=np.nan)
-        for values in (profile.salinity, profile.temperature)
-    )
-    return salinity, temperature

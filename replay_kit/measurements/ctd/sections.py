@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import gsw
 import numpy as np
-from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
@@ -23,7 +23,6 @@ _LEAST_N2 = 1e-6
 _STRAIGHT = 0.9
 # Levels over which the mean stratification is smoothed.
 _SMOOTHED = 5
-_S_PER_NS = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +38,7 @@ class Profile:
         salinity: shape (n,), practical; NaN where missing.
     """
 
-    time_ns: NDArray[np.int64]
+    time_ns: Times
     longitude: Array
     latitude: Array
     depth: Array
@@ -96,43 +95,40 @@ def section_of(profiles: Sequence[Profile], spacing: float = 10.0) -> Section:
     Raises:
         MeasurementError: There are too few profiles, they do not lie along a line, or they share too few levels.
     """
-    if len(profiles) < _LEAST_PROFILES:
-        raise MeasurementError(
-            f"section: expected at least {_LEAST_PROFILES} profiles, got {len(profiles)}"
-        )
-    projection = Projection(
-        float(np.mean([each.longitude.mean() for each in profiles])),
-        float(np.mean([each.latitude.mean() for each in profiles])),
-    )
-    local = [np.array(to_local(projection, each.longitude, each.latitude)) for each in profiles]
+    _require(len(profiles), _LEAST_PROFILES, "profiles")
+    means = np.array([[one.longitude.mean(), one.latitude.mean()] for one in profiles])
+    longitude, latitude = means.mean(axis=0).tolist()
+    projection = Projection(longitude, latitude)
+    local = [np.array(to_local(projection, one.longitude, one.latitude)) for one in profiles]
     places = np.array([each.mean(axis=1) for each in local])
     unit = _direction_of(places)
-    along = places @ unit
-    levels, offset, volume, absolute, conservative = _on_levels(profiles, local, unit, spacing)
-    if levels.size < _LEAST_LEVELS:
-        raise MeasurementError(
-            f"section: expected profiles with temperature and salinity at {_LEAST_LEVELS} levels or more that most of them reach, got "
-            f"{levels.size}"
-        )
-    kept = np.isfinite(volume).mean(axis=1) >= _REACHED
-    if kept.sum() < _LEAST_PROFILES:
-        raise MeasurementError(
-            f"section: expected at least {_LEAST_PROFILES} profiles that reach most levels, got {int(kept.sum())}"
-        )
-    time_ns = np.array([int(each.time_ns.mean()) for each in profiles])[kept]
-    middle_ns = int(time_ns.mean())
-    along, latitude = along[kept], projection.latitude
+    levels, values = _on_levels(profiles, [unit @ each for each in local], spacing)
+    _require(
+        levels.size,
+        _LEAST_LEVELS,
+        "levels that most profiles reach, with temperature and salinity",
+    )
+    kept = np.isfinite(values[:, 1]).mean(axis=1) >= _REACHED
+    _require(int(kept.sum()), _LEAST_PROFILES, "profiles that reach most levels")
+    offset, volume, absolute, conservative = values[kept].swapaxes(0, 1)
+    time_ns = np.array([int(one.time_ns.mean()) for one in profiles])[kept]
+    middle_ns, along = int(time_ns.mean()), (places @ unit)[kept]
     return Section(
         levels,
         along - along.mean(),
-        (time_ns - middle_ns) * _S_PER_NS,
-        level_anomalies(volume[kept], offset[kept], along),
-        _stratification(absolute[kept], conservative[kept], levels, latitude),
+        (time_ns - middle_ns) * 1e-9,
+        level_anomalies(volume, offset, along),
+        _stratification(absolute, conservative, levels, latitude),
         latitude,
-        projection.longitude,
+        longitude,
         middle_ns,
         float(np.arctan2(unit[1], unit[0])),
     )
+
+
+def _require(number: int, least: int, what: str) -> None:
+    if number < least:
+        raise MeasurementError(f"section: expected at least {least} {what}, got {number}")
 
 
 def level_anomalies(volume: Array, offset: Array, along: Array) -> Array:
@@ -152,21 +148,18 @@ def level_anomalies(volume: Array, offset: Array, along: Array) -> Array:
     moved, fitted = anomaly - offset * slope, mean + (along - along.mean())[:, None] * slope
     residual = moved - fitted
     for i, row in enumerate(residual):
-        known = np.flatnonzero(np.isfinite(row))
-        missing = np.flatnonzero(~np.isfinite(row))
-        nearest = known[np.abs(known[None, :] - missing[:, None]).argmin(axis=1)]
+        known, missing = (np.flatnonzero(np.isnan(row) == is_missing) for is_missing in (0, 1))
+        nearest = known[np.abs(known - missing[:, None]).argmin(axis=1)]
         moved[i, missing] = fitted[i, missing] + row[nearest]
     return np.asarray(moved - moved.mean(axis=0))
 
 
 def _lines(values: Array, along: Array) -> tuple[Array, Array]:
     """Return the least-squares slope and the value at the middle of each level, shapes (Z,); NaN are left out."""
-    known = np.isfinite(values)
-    span = np.where(known, (along - along.mean())[:, None], 0.0)
-    filled, count = np.where(known, values, 0.0), known.sum(axis=0)
-    mean_span, mean = span.sum(axis=0) / count, filled.sum(axis=0) / count
-    centred = np.where(known, span - mean_span, 0.0)
-    slope = (centred * filled).sum(axis=0) / (centred**2).sum(axis=0)
+    span = np.where(np.isfinite(values), (along - along.mean())[:, None], np.nan)
+    mean_span, mean = np.nanmean(span, axis=0), np.nanmean(values, axis=0)
+    centred = span - mean_span
+    slope = np.nansum(centred * values, axis=0) / np.nansum(centred**2, axis=0)
     return slope, mean - slope * mean_span
 
 
@@ -176,51 +169,51 @@ def _direction_of(places: Array) -> Array:
     Raises:
         MeasurementError: The way is not straight.
     """
-    steps = np.hypot(*np.diff(places, axis=0).T).sum()
-    net = places[-1] - places[0]
-    if not steps > 0.0 or np.hypot(*net) < _STRAIGHT * steps:
+    way, net = np.hypot(*np.diff(places, axis=0).T).sum(), places[-1] - places[0]
+    length = np.hypot(*net)
+    if not length >= _STRAIGHT * way > 0.0:
         raise MeasurementError(
-            f"section: expected a straight line, got one of {np.hypot(*net) / 1e3:.1f} km from end to end over a way of "
-            f"{steps / 1e3:.1f} km; split the way where it turns"
+            f"section: expected a straight line, got one of {length / 1e3:.1f} km from end to end over a way of {way / 1e3:.1f} km; "
+            "split the way where it turns"
         )
-    return np.asarray(net / np.hypot(*net))
+    return np.asarray(net / length)
+
+
+def at_levels(levels: Array, depth: Array, *values: Array) -> Array:
+    """Return values at depths, in any order, at levels, shape (v, Z); NaN beyond the depths."""
+    order = np.argsort(depth, kind="stable")
+    return np.array(
+        [np.interp(levels, depth[order], each[order], np.nan, np.nan) for each in values]
+    )
 
 
 def _on_levels(
-    profiles: Sequence[Profile], local: Sequence[Array], unit: Array, spacing: float
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Return levels, and by profile and level the offset along the line, specific volume, absolute salinity, conservative temperature."""
-    bounds = np.array([[np.nanmin(each.depth), np.nanmax(each.depth)] for each in profiles])
-    first = np.ceil(bounds[:, 0].min() / spacing) * spacing
-    levels = np.arange(first, bounds[:, 1].max() + 1e-9, spacing)
-    rows = []
-    for each, place in zip(profiles, local, strict=True):
-        pressure = gsw.p_from_z(-each.depth, each.latitude)
-        salinity = gsw.SA_from_SP(each.salinity, pressure, each.longitude, each.latitude)
-        temperature = gsw.CT_from_t(salinity, each.temperature, pressure)
-        good = np.isfinite(salinity) & np.isfinite(temperature) & np.isfinite(each.depth)
-        order = np.flatnonzero(good)[np.argsort(each.depth[good], kind="stable")].astype(np.int64)
-        way = unit @ (place - place.mean(axis=1, keepdims=True))
+    profiles: Sequence[Profile], along: Sequence[Array], spacing: float
+) -> tuple[Array, Array]:
+    """Return levels, and on them of each profile the offset along the line, specific volume, absolute salinity, conservative temperature.
 
-        def at(values: Array, order: NDArray[np.int64] = order, depth: Array = each.depth) -> Array:
-            if order.size < 2:
-                return np.full(levels.size, np.nan)
-            return np.asarray(
-                np.interp(levels, depth[order], values[order], left=np.nan, right=np.nan)
-            )
-
-        sa, ct = at(salinity), at(temperature)
-        level_pressure = gsw.p_from_z(-levels, float(np.mean(each.latitude)))
-        rows.append((at(way), gsw.specvol(sa, ct, level_pressure), sa, ct))
-    offset, volume, absolute, conservative = (np.array(part) for part in zip(*rows, strict=True))
-    reached = np.isfinite(volume).mean(axis=0) >= _REACHED
-    return (
-        levels[reached],
-        offset[:, reached],
-        volume[:, reached],
-        absolute[:, reached],
-        conservative[:, reached],
-    )
+    Args:
+        profiles: At least one.
+        along: Places of each one's samples along the line [m].
+        spacing: Between levels [m].
+    """
+    depths = [one.depth[np.isfinite(one.depth)] for one in profiles]
+    first = np.ceil(min(depth.min() for depth in depths) / spacing) * spacing
+    levels = np.arange(first, max(depth.max() for depth in depths) + 1e-9, spacing)
+    found = np.full((len(profiles), 4, levels.size), np.nan)
+    for one, way, rows in zip(profiles, along, found, strict=True):
+        pressure = gsw.p_from_z(-one.depth, one.latitude)
+        salinity = gsw.SA_from_SP(one.salinity, pressure, one.longitude, one.latitude)
+        temperature = gsw.CT_from_t(salinity, one.temperature, pressure)
+        samples = np.array([one.depth, way - way.mean(), salinity, temperature])
+        depth, *values = samples[:, np.isfinite(samples).all(axis=0)]
+        if depth.size < 2:
+            continue
+        rows[[0, 2, 3]] = at_levels(levels, depth, *values)
+        level_pressure = gsw.p_from_z(-levels, float(np.mean(one.latitude)))
+        rows[1] = gsw.specvol(rows[2], rows[3], level_pressure)
+    reached = np.isfinite(found[:, 1]).mean(axis=0) >= _REACHED
+    return levels[reached], found[..., reached]
 
 
 def _stratification(absolute: Array, conservative: Array, levels: Array, latitude: float) -> Array:
@@ -229,7 +222,5 @@ def _stratification(absolute: Array, conservative: Array, levels: Array, latitud
     n2, middle = gsw.Nsquared(
         np.nanmean(absolute, axis=0), np.nanmean(conservative, axis=0), pressure, latitude
     )
-    on_levels = np.interp(pressure, middle, n2)
-    padded = np.pad(on_levels, _SMOOTHED // 2, mode="edge")
-    smooth = np.convolve(padded, np.full(_SMOOTHED, 1.0 / _SMOOTHED), mode="valid")
+    smooth = uniform_filter1d(np.interp(pressure, middle, n2), _SMOOTHED, mode="nearest")
     return np.asarray(np.maximum(smooth, _LEAST_N2))

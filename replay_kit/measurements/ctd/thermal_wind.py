@@ -8,22 +8,14 @@ error.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices
 from replay_kit.core.errors import MeasurementError
-from replay_kit.measurements.ctd.noise import (
-    Regime,
-    Statistics,
-    fit,
-    garrett_munk,
-    rossby_radius,
-)
+from replay_kit.measurements.ctd.noise import Statistics, fit, garrett_munk, near, rossby_radius
 from replay_kit.measurements.ctd.sections import GRAVITY, RHO0, Section
 
 #: Degrees from the equator, within which there is no geostrophic balance to use.
 EQUATOR = 5.0
-_LEAST_PROFILES = 4
 # Depth of the water, which is not known [m].
 _BOTTOM = 4000.0
 # Least share of the shear that is not geostrophic, and the error that always stays [m/s].
@@ -55,7 +47,7 @@ class GeostrophicShear:
     @property
     def standard_error(self) -> Array:
         """Shape (Z,) [m/s]."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+        return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,21 +58,19 @@ class FittedLine:
         section: The line.
         geopotential: shape (n, Z) [m2/s2], of each profile, without its depth mean.
         statistics: Of waves and signal.
-        regime: Of the region.
+        radius: First baroclinic Rossby radius [m].
+        speed: Rms speed of the region's currents over the levels [m/s].
     """
 
     section: Section
     geopotential: Array
     statistics: Statistics
-    regime: Regime
+    radius: float
+    speed: float
 
 
-def regime_of(section: Section, speed: float) -> Regime:
-    """Return the scales of a line's region.
-
-    Args:
-        section: The line.
-        speed: Rms speed of the region's currents over the levels [m/s], such as of an ensemble.
+def radius_of(section: Section) -> float:
+    """Return the first baroclinic Rossby radius of a line's region [m].
 
     Raises:
         MeasurementError: The line is too near the equator.
@@ -89,26 +79,24 @@ def regime_of(section: Section, speed: float) -> Regime:
         raise MeasurementError(
             f"geostrophic shear: expected a latitude of at least {EQUATOR:g} degrees, got {section.latitude:.2f}"
         )
-    radius = rossby_radius(section.levels, section.n2, section.coriolis, _BOTTOM)
-    return Regime(section.coriolis, radius, speed)
+    return rossby_radius(section.levels, section.n2, section.coriolis, _BOTTOM)
 
 
 def fitted_line(section: Section, speed: float) -> FittedLine:
-    """Return a line with its statistics; the arguments are those of ``regime_of``.
+    """Return a line with its statistics.
+
+    Args:
+        section: The line.
+        speed: Rms speed of the region's currents over the levels [m/s], such as of an ensemble.
 
     Raises:
-        MeasurementError: The line is too near the equator, or has too few profiles.
+        MeasurementError: The line is too near the equator.
     """
-    regime, n = regime_of(section, speed), section.along.size
-    if n < _LEAST_PROFILES:
-        raise MeasurementError(
-            f"geostrophic shear: expected at least {_LEAST_PROFILES} profiles, got {n}"
-        )
-    to_geopotential = geopotential_matrix(section.levels)
+    radius, to_geopotential = radius_of(section), geopotential_matrix(section.levels)
     values = section.anomaly @ to_geopotential.T
     waves = garrett_munk(section.levels, section.n2, to_geopotential)
-    fitted = fit(values, section.along, section.time, waves, regime)
-    return FittedLine(section, values, fitted, regime)
+    fitted = fit(section, values, waves, radius, speed)
+    return FittedLine(section, values, fitted, radius, speed)
 
 
 def geopotential_matrix(levels: Array) -> Array:
@@ -116,21 +104,16 @@ def geopotential_matrix(levels: Array) -> Array:
 
     Row z integrates from level z down to the last one by the trapezoidal rule; the mean over the levels is that of the same rule.
     """
-    size = levels.size
     half = 0.5 * RHO0 * GRAVITY * np.diff(levels)
-    integral = np.zeros((size, size))
-    for k in range(size - 1):
-        integral[: k + 1, k] += half[k]
-        integral[: k + 1, k + 1] += half[k]
+    integral = np.triu(np.append(half, 0.0) + np.append(0.0, half))
+    np.fill_diagonal(integral, np.append(half, 0.0))
     return np.asarray(integral - depth_weights(levels) @ integral)
 
 
 def depth_weights(levels: Array) -> Array:
     """Return the weights of the mean over levels by the trapezoidal rule, shape (Z,), which sum to 1."""
     spaces = np.diff(levels)
-    weights = np.zeros(levels.size)
-    weights[:-1] += 0.5 * spaces
-    weights[1:] += 0.5 * spaces
+    weights = np.append(spaces, 0.0) + np.append(0.0, spaces)
     return np.asarray(weights / weights.sum())
 
 
@@ -149,15 +132,15 @@ def place_of(along: Array, weights: Array) -> float:
     return float((kernel * middles).sum() / kernel.sum())
 
 
-def window_shear(line: FittedLine, part: NDArray[np.int64]) -> GeostrophicShear:
+def window_shear(line: FittedLine, part: Indices) -> GeostrophicShear:
     """Return the shear of some profiles of a line at the time of the last of them.
 
     Args:
         line: With its statistics.
         part: Numbers of the profiles.
     """
-    section, regime, fitted = line.section, line.regime, line.statistics
-    along, f = section.along[part], regime.coriolis
+    section, fitted = line.section, line.statistics
+    along, f = section.along[part], section.coriolis
     of_modes = fitted.noise[:, part[:, None], part]
     weights = slope_weights(along, of_modes.sum(axis=0))
     at = place_of(along, weights)
@@ -165,9 +148,11 @@ def window_shear(line: FittedLine, part: NDArray[np.int64]) -> GeostrophicShear:
     variance = np.einsum("i,kij,j->k", weights, of_modes, weights)
     variance = variance + _curvature(line, part, weights, at, _rms(velocity))
     modes = fitted.modes / f
-    rossby = float(np.hypot(_rms(velocity), regime.speed)) / (abs(f) * 1.6 * regime.rossby_radius)
+    rossby = float(np.hypot(_rms(velocity), line.speed)) / (abs(f) * 1.6 * line.radius)
     beside = max(_AGEOSTROPHIC, rossby) * velocity
-    drifted = _salinity_drift(section.levels) / (float(np.ptp(along)) * f)
+    # what a drift of the salinity by its standard error changes of the geopotential
+    volume = np.full(section.levels.size, _HALINE_CONTRACTION * _SALINITY_DRIFT / RHO0)
+    drifted = geopotential_matrix(section.levels) @ volume / (float(np.ptp(along)) * f)
     unresolved = fitted.outside * float(weights @ weights) / f**2 + _FLOOR**2
     covariance = (
         modes * variance @ modes.T
@@ -179,34 +164,24 @@ def window_shear(line: FittedLine, part: NDArray[np.int64]) -> GeostrophicShear:
     return GeostrophicShear(section.levels, velocity, covariance, at, direction)
 
 
-def _salinity_drift(levels: Array) -> Array:
-    """Return what a drift of the salinity by its standard error changes of the geopotential, shape (Z,) [m2/s2]."""
-    volume = _HALINE_CONTRACTION * _SALINITY_DRIFT / RHO0
-    return np.asarray(geopotential_matrix(levels) @ np.full(levels.size, volume))
-
-
-def _curvature(
-    line: FittedLine, part: NDArray[np.int64], weights: Array, at: float, found: float
-) -> Array:
+def _curvature(line: FittedLine, part: Indices, weights: Array, at: float, found: float) -> Array:
     """Return by mode the variance of the slope seen by profiles minus that at a place at the last one's time, shape (k,) [1/s4].
 
     One line knows its own slope alone: the size of the signal is blended from the shear ``found`` on it [m/s] and the region's speed.
     """
-    section, fitted, regime = line.section, line.statistics, line.regime
+    section, signal = line.section, line.statistics.signal
     along, time = section.along[part], section.time[part] - section.time[part].max()
-    amplitudes = np.array([kernel.amplitude for kernel in fitted.kernels])
-    lengths = np.array([kernel.length for kernel in fitted.kernels])
     # modes are orthonormal over the levels: of a level it is the mean
-    slopes = float((amplitudes / lengths[:, None] ** 2).sum())
-    fitted_size = slopes / regime.coriolis**2 / section.levels.size
-    length = float(section.along.max() - section.along.min())
-    known = max(0.5, length / (_LINE * float(lengths.mean())))
-    blended = (known * found**2 + (_REGIONAL * regime.speed) ** 2) / (known + 1.0)
-    total = np.zeros(amplitudes.shape[1])
-    for kernel, amplitude in zip(fitted.kernels, amplitudes, strict=True):
-        seen = weights @ kernel.covariance(along, time) @ weights
-        both = weights @ kernel.with_slope(along, time, at)
-        total += amplitude * (seen - 2.0 * both + 1.0 / kernel.length**2)
+    slopes = sum(float(amplitude.sum()) / length**2 for length, _, amplitude in signal)
+    fitted_size = slopes / section.coriolis**2 / section.levels.size
+    lines = np.ptp(section.along) / (_LINE * np.mean([length for length, _, _ in signal]))
+    known = max(0.5, lines)
+    blended = (known * found**2 + (_REGIONAL * line.speed) ** 2) / (known + 1.0)
+    total = np.zeros(signal[0][2].size)
+    for length, lasting, amplitude in signal:
+        seen = near(along[:, None] - along, time[:, None] - time, length, lasting)
+        both = weights @ ((along - at) / length**2 * near(along - at, time, length, lasting))
+        total += amplitude * (weights @ seen @ weights - 2.0 * both + 1.0 / length**2)
     return total * (blended / fitted_size)
 
 
