@@ -15,6 +15,13 @@ def left_out_reason(rules: Sequence[str]) -> str:
     return f"{_LEFT_OUT}{', '.join(rules)}{_BY}"
 
 
+def left_out_rules(reason: str) -> Sequence[str]:
+    """Return the rules of the settings that a reason names; none where it is another."""
+    if not reason.startswith(_LEFT_OUT):
+        return []
+    return reason.removeprefix(_LEFT_OUT).removesuffix(_BY).split(", ")
+
+
 class Ledger:
     """The outcomes of the messages of a block."""
 

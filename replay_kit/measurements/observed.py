@@ -1,6 +1,6 @@
 """Messages to blocks, and the rows of blocks as observations: what a script loops over."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
@@ -160,10 +160,15 @@ def path_mean(block: Block, row: int) -> PathMean:
     )
 
 
-def counts(found: Iterable[Block]) -> Mapping[tuple[str, str], int]:
-    """Return the number of messages by topic and reason, the empty reason for those that are used."""
-    total: dict[tuple[str, str], int] = {}
-    for block in found:
-        for key, number in block.counts().items():
-            total[key] = total.get(key, 0) + number
-    return total
+def observations(
+    messages: Iterable[Message], config: MeasurementConfig | None = None
+) -> Iterator[Measurement]:
+    """Yield the profiles and mean currents in a stream of messages: what a post-mission script loops over.
+
+    A mean current beside profiles that were computed from it is left out: without the flight model's bias it would count twice.
+    """
+    for block in blocks(messages, config or MeasurementConfig()):
+        for event in rows(block):
+            beside = isinstance(event, PathMean) and event.beside_profiles
+            if isinstance(event, Measurement) and not beside:
+                yield event

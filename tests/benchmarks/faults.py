@@ -37,8 +37,7 @@ from replay_kit.core.observation import PathMean
 from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import merge, open_log
-from replay_kit.measurements import finish, initial_state, interpret
-from replay_kit.measurements.events import Event, Skipped
+from replay_kit.measurements.observed import begun
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import mission as glider_mission
 from replay_kit.studies.twins.messages import Flight, measured_on
@@ -50,6 +49,7 @@ from tests.benchmarks.fault_kinds import FAULTS, Fault, in_beams
 from tests.benchmarks.knowable import probability
 from tests.benchmarks.measure import Row, row
 from tests.faulty import Faults, messages_of
+from tests.measurements.samples import Skipped, finish, interpret
 from tests.places import DATA, SAMPLES
 
 _SEEDS, _PINGS, _TINY_PINGS = 5, 250, 60
@@ -151,7 +151,7 @@ def _row(fault: Fault, runs: list[Run]) -> Row:
 
 
 def _judge_files(
-    found: dict[str, list[Run]], estimators: Mapping[str, Any], events: Iterable[Event]
+    found: dict[str, list[Run]], estimators: Mapping[str, Any], events: Iterable[Any]
 ) -> None:
     """Add what the mean currents of a log say of the files of right and wrong forecasts."""
     means = [event for event in events if isinstance(event, PathMean)]
@@ -192,9 +192,9 @@ def named(log: Log, fault: Fault, sound: ConsistencyState) -> Run:
     return "said" if said else "silent", 0, sure
 
 
-def _events(log: Log, fault: Fault | None = None) -> Iterator[Event]:
+def _events(log: Log, fault: Fault | None = None) -> Iterator[Any]:
     """Yield what is checked of a log, with a fault, and what is skipped."""
-    measured, messages = initial_state(), iter(_messages(log, fault))
+    measured, messages = begun(), iter(_messages(log, fault))
     for message in messages if fault is None else fault.edit(messages):
         measured, events = interpret(measured, message, log.config)
         yield from (event for event in events if isinstance(event, Checked | Skipped))
@@ -211,7 +211,7 @@ def _messages(log: Log, fault: Fault | None) -> Iterable[Message]:
 
 
 def _after(
-    events: Iterable[Event],
+    events: Iterable[Any],
     ensemble: EnsembleSpeeds,
     config: MeasurementConfig,
     until: tuple[str, ...] = (),
