@@ -19,7 +19,7 @@ from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements import pings, surface
 from replay_kit.measurements.dives import Depths, Diving, depth_of
 from replay_kit.measurements.dvl import attitudes_of, motions_of
-from replay_kit.measurements.earth import Attitudes, Motions, to_earth
+from replay_kit.measurements.earth import no_triples, to_earth
 from replay_kit.measurements.ledger import Ledger, left_out_reason
 from replay_kit.measurements.means import Ways, means_of
 from replay_kit.measurements.navigation import Located, Sender, located, of_sender
@@ -66,8 +66,8 @@ class Memory:
     diving: Diving = field(default_factory=Diving)
     places: Places = field(default_factory=Places)
     reach: Reach = field(default_factory=Reach)
-    attitudes: Attitudes = field(default_factory=Attitudes)
-    motions: Motions = field(default_factory=Motions)
+    attitudes: Columns = field(default_factory=no_triples)
+    motions: Columns = field(default_factory=no_triples)
     waiting: tuple[Table, ...] = ()
     ways: Ways = field(default_factory=Ways)
     line: "SectionLine | None" = None
@@ -131,8 +131,8 @@ def measure(
         depths.end,
         replace(where.places, last=chosen(way.positions, slice(-1, None)), fixes=kept_fixes(fixes)),
         reach,
-        attitudes.part(slice(-1, None)),
-        motions.part(slice(-1, None)),
+        chosen(attitudes, slice(-1, None)),
+        chosen(motions, slice(-1, None)),
         waiting,
         ways,
         line,
