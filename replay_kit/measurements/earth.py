@@ -114,9 +114,7 @@ def to_earth(
     return _with_error(columns, error, stays), why
 
 
-def _with_error(
-    columns: Rows, error: Array | None, stays: Mask
-) -> Rows:
+def _with_error(columns: Rows, error: Array | None, stays: Mask) -> Rows:
     """Return columns with the size of the error velocity, shape (n, m) [m/s], and in words why a ping has none.
 
     It is what the solution leaves, else what the ping states, else the fourth component of a velocity that was not turned.
@@ -168,9 +166,7 @@ def _declination(stated: Array, fixed: Any, config: MeasurementConfig) -> Array:
     return np.where(np.isfinite(stated), stated, np.nan if usual is None else usual)
 
 
-def _rotation(
-    columns: Rows, fixed: Any, declination: Array
-) -> tuple[Array, Words]:
+def _rotation(columns: Rows, fixed: Any, declination: Array) -> tuple[Array, Words]:
     """Return what turns velocities to true east, north, up, shape (n, 3, 3), and in words why that is not known."""
     frame, n = fixed["frame"], declination.size
     why = np.where(np.isfinite(declination), "", NO_DECLINATION).astype(object)
@@ -195,9 +191,7 @@ def _rotation(
     return frames.teledyne_rotation(heading, pitch, roll, up, columns["gimbal"]), why
 
 
-def _even_cells(
-    columns: Rows, fixed: Any
-) -> tuple[Cells | None, Words | str]:
+def _even_cells(columns: Rows, fixed: Any) -> tuple[Cells | None, Words | str]:
     """Return distances of first cells and sizes, shapes (n,) [m], where bins are to be mapped, and in words where they cannot be.
 
     Bins are mapped of beams, or of axes with the error velocity beside them, that the instrument did not map.
@@ -251,9 +245,7 @@ def _solved(
     return frames.turned(velocity, rotation), error
 
 
-def horizontal(
-    velocity: Array, angles: Array, declination: float, left_up: Mask
-) -> Array:
+def horizontal(velocity: Array, angles: Array, declination: float, left_up: Mask) -> Array:
     """Return the velocities of a DVL along true east and north, shape (n, 2) [m/s].
 
     Args:

@@ -22,7 +22,7 @@ from replay_kit.measurements.dvl import attitudes_of, motions_of
 from replay_kit.measurements.earth import no_triples, to_earth
 from replay_kit.measurements.ledger import Ledger, left_out_reason
 from replay_kit.measurements.means import Ways, means_of
-from replay_kit.measurements.navigation import Located, Sender, located, of_sender
+from replay_kit.measurements.navigation import Depth, Sender, located, of_sender
 from replay_kit.measurements.pings import COMPUTED, OWN, Way, padded
 from replay_kit.measurements.positions import (
     Places,
@@ -100,13 +100,12 @@ def measure(
         of.setdefault(one.kind, []).append(one)
     for one in of.get("unused", ()):
         ledger.add(one.order, one.topic, one["reason"])
-    where = located(memory.places, tables, config, ledger)
-    reach, reached, thrown, findings = within_reach(memory.reach, where.positions, last)
+    places, positions, stated = located(memory.places, of, config, ledger)
+    reach, reached, thrown, findings = within_reach(memory.reach, positions, last)
     for rows, reason in ((reached, ""), (thrown, THROWN)):
         for topic in np.unique(rows["topic"][rows["own"]]).tolist():
             own = rows["own"] & (rows["topic"] == topic)
             ledger.add(rows["order"][own], ledger.topics[topic], reason)
-    where = replace(where, positions=reached)
     attitudes = attitudes_of(memory.attitudes, tables, ledger)
     motions, water = motions_of(memory.motions, of.get("dvl", ()), attitudes, config, ledger)
     turned = [to_earth(one, attitudes, motions, config) for one in (*of.get("ping", ()), *water)]
@@ -114,8 +113,8 @@ def measure(
         (replace(one, columns=columns), why)
         for one, (columns, why) in zip((*of.get("ping", ()), *water), turned, strict=True)
     ]
-    depths = _depths(memory, where, of.get("depth", ()), arrivals, config, ledger)
-    positions = _with_depths(where.positions, depths)
+    depths = _depths(memory, reached, stated, of.get("depth", ()), arrivals, config, ledger)
+    positions = _with_depths(reached, depths)
     known = memory.places
     fixes = fixes_after(known.fixes, positions)
     way = Way(joined(known.last, positions), len(known.last["time"]), fixes, clock, last)
@@ -129,7 +128,7 @@ def measure(
         ledger.topics,
         sender,
         depths.end,
-        replace(where.places, last=chosen(way.positions, slice(-1, None)), fixes=kept_fixes(fixes)),
+        replace(places, last=chosen(way.positions, slice(-1, None)), fixes=kept_fixes(fixes)),
         reach,
         chosen(attitudes, slice(-1, None)),
         chosen(motions, slice(-1, None)),
@@ -186,15 +185,16 @@ def _linear(
 
 def _depths(
     memory: Memory,
-    where: Located,
+    positions: Columns,
+    stated: Sequence[Depth],
     tables: Sequence[Table],
     arrivals: Sequence[tuple[Table, NDArray[np.object_]]],
     config: MeasurementConfig,
     ledger: Ledger,
 ) -> Depths:
     """Return the vehicle's depths; a log whose only depth is the pressure of its pings still has dives."""
-    rows = [(*one, True) for one in where.depths]
-    positions = joined(memory.places.last, where.positions)
+    rows = [(*one, True) for one in stated]
+    positions = joined(memory.places.last, positions)
     for one in tables:
         depth, by = one[one.fixed["by"]], one.fixed["by"]
         if by == "pressure":

@@ -165,9 +165,7 @@ def placed(
     return np.where(known, longitude, np.nan), np.where(known, latitude, np.nan), std
 
 
-def vessel_velocity(
-    time: Integers, fixes: Columns, first: Indices, last: Indices
-) -> Array:
+def vessel_velocity(time: Integers, fixes: Columns, first: Indices, last: Indices) -> Array:
     """Return a vessel's velocity over the ground at times, true east and north, and its error, shape (n, 3) [m/s].
 
     NaN where fewer than three fixes are within 20 s, or all on one side. The slope of a straight line through these fixes, by least
