@@ -308,9 +308,7 @@ def _means(
     columns = {}
     for name in made[0][1]:
         values = [np.asarray(row[name])[None] for _, row in made]
-        columns[name] = padded(
-            values, 0.0 if name == "weight" else np.nan if values[0].dtype.kind == "f" else 0
-        )
+        columns[name] = padded(values, 0.0 if name == "weight" else None)
     columns["points"] = np.array([len(row["weight"]) for _, row in made])
     return ways, columns, [due for due, _ in made]
 

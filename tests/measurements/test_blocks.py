@@ -69,9 +69,8 @@ def _interpreted(size, config):
     state, events = begun(), []
     messages = _log()
     for start in range(0, len(messages), size):
-        steps = interpret_block(state, messages[start : start + size], config)
-        state = steps[-1][0]
-        events += [[_values(event) for event in of_message] for _, of_message in steps]
+        state, steps = interpret_block(state, messages[start : start + size], config)
+        events += [[_values(event) for event in of_message] for of_message in steps]
     return [*events, [_values(event) for event in finish(state, config)]]
 
 
