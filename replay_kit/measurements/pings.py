@@ -60,7 +60,6 @@ class Way:
 
 def arrived(
     ping: Table,
-    why: Words,
     way: Way,
     depths: Depths,
     config: MeasurementConfig,
@@ -72,8 +71,7 @@ def arrived(
     platform's velocity [ns, UTC].
 
     Args:
-        ping: As ``earth.to_earth`` returns them.
-        why: Why they cannot be turned.
+        ping: As ``earth.to_earth`` returns them, and ``why``, in words why one cannot be turned.
         way: The positions.
         depths: The vehicle's.
         config: Whether pings of unknown motion are used.
@@ -84,7 +82,7 @@ def arrived(
     fixes, absolute = way.fixes, ping["absolute"]
     latest = np.append(fixes["time"], LONG_AGO)[as_of(ping.order, fixes["order"])]
     waits = (ping.time - latest <= WINDOW) & ~(absolute | under | elsewhere)
-    why = why.copy()
+    why = ping["why"].copy()
     # what is not used needs no turning, which may lack an attitude
     why[~absolute & ~waits & (not config.use_relative)] = RELATIVE
     columns = {
@@ -107,7 +105,7 @@ def _note(ping: Table, due: Integers, why: Words, ledger: Ledger) -> None:
 
 def decided(
     waiting: Sequence[Table], arrivals: Sequence[Table], way: Way, config: MeasurementConfig
-) -> tuple[tuple[Table, ...], list[tuple[Table, Columns]]]:
+) -> tuple[tuple[Table, ...], list[Table]]:
     """Return the pings that still wait, and those that are decided: when, and by what positions.
 
     Columns of those: ``due``, place in the stream, ``rank`` within its message, ``released`` as a flag of those that a position releases.
@@ -132,7 +130,7 @@ def decided(
         expired = _expired(time, order, due, _wait(in_dive, config), way)
         due, rank = np.minimum(due, expired), np.where(expired <= due, EXPIRED, rank)
     ready = (due < _NEVER) | way.last
-    found, ends = list[tuple[Table, Columns]](), np.cumsum([len(part) for part in active])[:-1]
+    found, ends = list[Table](), np.cumsum([len(part) for part in active])[:-1]
     for part, at, *when in zip(
         active, *(np.split(column, ends) for column in (ready, due, rank)), strict=True
     ):
@@ -141,7 +139,8 @@ def decided(
             # the earliest is first, whatever stamp came before
             kept.insert(0 if kept and left.time[0] < kept[0].time[0] else len(kept), left)
         if at.any():
-            found.append((part.rows(at), {"due": when[0][at], "rank": when[1][at]}))
+            columns = {**part.columns, "due": when[0], "rank": when[1]}
+            found.append(replace(part, columns=columns).rows(at))
     return tuple(kept), found
 
 
@@ -200,21 +199,20 @@ def _expired(time: Integers, order: Integers, due: Integers, wait: Integers, way
 
 
 def profiled(
-    ping: Table, when: Columns, way: Way, config: MeasurementConfig, ledger: Ledger
+    ping: Table, way: Way, config: MeasurementConfig, ledger: Ledger
 ) -> tuple[Rows, list[BinTest]] | None:
     """Return the columns of ``Block.ping`` for pings of one layout, with ``due`` and ``rank``, and the tests; None where none has a place.
 
     Args:
         ping: As ``decided`` returns them.
-        when: Its columns.
         way: The positions.
         config: How near positions must be, and the limits.
         ledger: Of the block.
     """
-    columns, due, positions = dict(ping.columns), when["due"], way.positions
-    released, moving = when["rank"] == RELEASED, columns["until"] > ping.time
+    columns, due, positions = dict(ping.columns), ping["due"], way.positions
+    released, moving = ping["rank"] == RELEASED, columns["until"] > ping.time
     # a position decides after the pings that it lets go
-    before = as_of(np.where(when["rank"] == OWN, ping.order, due - 1), positions["order"])
+    before = as_of(np.where(ping["rank"] == OWN, ping.order, due - 1), positions["order"])
     after = np.where(released & (due < _NEVER), as_of(due, positions["order"]), -1)
     near = [beside(positions, before), beside(positions, after)]
     if moving.any():
@@ -229,7 +227,7 @@ def profiled(
     columns["transducer_depth"], no_depth = _transducer(columns, ping.fixed, latitude)
     why = np.where(why == "", no_depth, why)
     _note(ping, due, why, ledger)
-    columns |= {"longitude": longitude, "latitude": latitude, "position_std": std, **when}
+    columns |= {"longitude": longitude, "latitude": latitude, "position_std": std}
     ping = replace(ping, columns=columns).rows(why == "")
     return _profile(ping, config, ledger) if len(ping) else None
 

@@ -61,7 +61,7 @@ def in_order(*parts: Columns) -> Rows:
     return chosen(rows, np.argsort(rows["order"], kind="stable"))
 
 
-def chosen(rows: Columns, at: NDArray[Any] | slice) -> Rows:
+def chosen(rows: Columns, at: NDArray[Any] | slice | int) -> Rows:
     """Return some rows."""
     return {name: column[at] for name, column in rows.items()}
 
