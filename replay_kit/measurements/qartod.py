@@ -8,20 +8,20 @@ their numbers to the operator; Teledyne's commands WC, WE and its percent good; 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.block import BinTest
 from replay_kit.core.observation import Flag, Reason
+from replay_kit.measurements.earth import Words
 from replay_kit.measurements.frames import tilt
 
 Flags = NDArray[np.int8]
-Words = NDArray[np.object_]
 _GOOD, _NOT_EVALUATED, _SUSPECT, _FAIL, _MISSING = (
     np.int8(flag) for flag in (Flag.GOOD, Flag.NOT_EVALUATED, Flag.SUSPECT, Flag.FAIL, Flag.MISSING)
 )
@@ -31,6 +31,7 @@ _BEAMS = 3
 _MAD = 1.4826
 # bins; fewer have no median that one of them could not move
 _FEWEST = 4
+_NO_SNR = "the ping has neither snr nor noise_floor with amplitude"
 OFF = "switched off"
 Profiles = Mapping[str, NDArray[Any]]
 
@@ -46,89 +47,83 @@ def tested(
         fixed: What is the instrument's.
         config: The limits.
     """
-    quality, (n, m) = config.quality, profiles["depth"].shape
-    limited = {name: quality.limits(name) for name in _LIMITED}
-    correlation = "nortek_correlation" if fixed["convention"] == "nortek" else "correlation"
-    limited["correlation"] = quality.limits(correlation)
-    found: list[BinTest] = []
-    for name, values, why, (suspect, fail), least in _inputs(profiles, fixed, config, limited):
-        off = suspect is None and fail is None
-        flags = np.full((n, m), _NOT_EVALUATED)
-        if not off:
-            flags = graded(values, (suspect, fail), least)
-            flags = np.where((why == "")[:, None], flags, _NOT_EVALUATED)
-            flags = np.broadcast_to(flags, (n, m))
-        shown = correlation if name == "correlation" else name
-        found.append(BinTest(shown, _REASONS[name], flags, np.full(n, OFF, object) if off else why))
+    quality = config.quality
+    found = list(_tests(profiles, fixed, config))
     # each bin against those around it that no other test failed
-    failed = np.any([test.flags == _FAIL for test in found], axis=0) | ~np.isfinite(
-        profiles["depth"]
-    )
+    failed = np.any([test.flags == _FAIL for test in found], axis=0)
+    failed |= ~np.isfinite(profiles["depth"])
     velocity = np.where(failed[..., None], np.nan, profiles["velocity"][..., :2])
     floor = np.maximum(profiles["error_std"], quality.outlier_floor)
-    ratio, limits = outlyingness(velocity, floor, quality.outlier_window), quality.limits("outlier")
-    why = np.where(np.isfinite(ratio).any(axis=1), "", "too few bins").astype(object)
-    if limits == (None, None):
-        why[:] = OFF
-    found.append(BinTest("outlier", Reason.OUTLIER, graded(ratio, limits, False), why))
+    ratio = outlyingness(velocity, floor, quality.outlier_window)
+    few = _words(len(ratio), ~np.isfinite(ratio).any(axis=1), "too few bins")
+    limits = quality.limits("outlier")
+    found.append(_test(ratio.shape, "outlier", Reason.OUTLIER, ratio, few, limits, False))
     return found, *_rolled_up(found, profiles, quality.use_suspect)
 
 
-_LIMITED = ("amplitude", "snr", "percent_good", "error_velocity", "speed", "tilt")
-_REASONS = {
-    "above_surface": Reason.ABOVE_SURFACE,
-    "max_speed": Reason.GROSS_RANGE,
-    "bottom": Reason.BELOW_BOTTOM,
-    "correlation": Reason.LOW_CORRELATION,
-    "amplitude": Reason.LOW_AMPLITUDE,
-    "snr": Reason.LOW_SNR,
-    "percent_good": Reason.LOW_PERCENT_GOOD,
-    "error_velocity": Reason.ERROR_VELOCITY,
-    "speed": Reason.HIGH_SPEED,
-    "tilt": Reason.TILT,
-    "sidelobe": Reason.SIDELOBE,
-    "at_surface": Reason.AT_SURFACE,
-}
 Limit = float | Array | None
 
 
-def _inputs(
-    profiles: Profiles,
-    fixed: Mapping[str, Any],
-    config: MeasurementConfig,
-    limits: Mapping[str, tuple[Limit, Limit]],
-) -> Iterator[tuple[str, Array, Words, tuple[Limit, Limit], bool]]:
-    """Yield of each test its name, numbers that broadcast to (n, m), why pings have none, limits, and whether these are the least."""
-    n, velocity, none = (
-        len(profiles["depth"]),
-        profiles["velocity"][..., :2],
-        _words(len(profiles["depth"])),
-    )
-    yield "above_surface", profiles["depth"], none, (None, 0.0), True
-    yield "max_speed", np.abs(velocity).max(axis=2), none, (None, config.max_speed), False
+def _test(
+    shape: tuple[int, ...],
+    name: str,
+    reason: Reason,
+    values: Array,
+    why: Words,
+    limits: tuple[Limit, Limit],
+    least: bool,
+) -> BinTest:
+    """Return the result of a test of numbers that broadcast to bins; ``why`` says in words why pings have none."""
+    flags = np.where((why == "")[:, None], graded(values, limits, least), _NOT_EVALUATED)
+    if all(limit is None for limit in limits):
+        why = _words(len(why), True, OFF)
+    return BinTest(name, reason, np.broadcast_to(flags, shape), why)
+
+
+def _tests(
+    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
+) -> Iterator[BinTest]:
+    """Yield the tests that judge each bin by itself."""
+    quality, shape, velocity = config.quality, profiles["depth"].shape, profiles["velocity"]
+    test, words, said = partial(_test, shape), partial(_words, shape[0]), quality.limits
+    yield test("above_surface", Reason.ABOVE_SURFACE, profiles["depth"], words(), (None, 0.0), True)
+    fastest = np.abs(velocity[..., :2]).max(axis=2)
+    yield test("max_speed", Reason.GROSS_RANGE, fastest, words(), (None, config.max_speed), False)
     reach, cosine = _reach(profiles, fixed, config)
     bottom = profiles["bottom_range"]
-    unknown = _words(n, ~np.isfinite(bottom), "no bottom track")
-    yield "bottom", reach, unknown, (None, (bottom * cosine)[:, None]), False
-    for name in ("correlation", "amplitude"):
-        yield name, *_beams(profiles, name), limits[name], True
-    yield "snr", *_snr(profiles, fixed), limits["snr"], True
-    yield "percent_good", *_percent_good(profiles, fixed), limits["percent_good"], True
-    yield (
-        *("error_velocity", profiles["error_size"], profiles["no_error_velocity"]),
-        *(limits["error_velocity"], False),
-    )
-    relative = _words(n, ~profiles["absolute"], "velocity is relative to the platform")
-    yield "speed", np.hypot(velocity[..., 0], velocity[..., 1]), relative, limits["speed"], False
+    why, most = words(~np.isfinite(bottom), "no bottom track"), (bottom * cosine)[:, None]
+    yield test("bottom", Reason.BELOW_BOTTOM, reach, why, (None, most), False)
+    correlation = "nortek_correlation" if fixed["convention"] == "nortek" else "correlation"
+    for name, reason, (values, why) in (
+        (correlation, Reason.LOW_CORRELATION, _beams(profiles, "correlation")),
+        ("amplitude", Reason.LOW_AMPLITUDE, _beams(profiles, "amplitude")),
+        ("snr", Reason.LOW_SNR, _snr(profiles, fixed)),
+        ("percent_good", Reason.LOW_PERCENT_GOOD, _percent_good(profiles, fixed)),
+    ):
+        yield test(name, reason, values, why, said(name), True)
     angle = tilt(profiles["pitch"], profiles["roll"])
     # how an instrument is mounted in a glider, level in the glide or not, no ping says
-    why = _words(n, profiles["dive"] > 0, "not evaluated for a gliding vehicle")
-    why[~np.isfinite(angle)] = "the ping has no pitch and roll"
-    yield "tilt", angle[:, None], why, limits["tilt"], False
-    why = none if fixed["orientation"] == "up" else _words(n, True, "the instrument looks down")
-    why = why if config.quality.sidelobe else _words(n, True, OFF)
-    yield "sidelobe", reach, why, (None, (profiles["transducer_depth"] * cosine)[:, None]), False
-    yield "at_surface", *_at_surface(profiles, fixed, config), True
+    tilted = words(profiles["dive"] > 0, "not evaluated for a gliding vehicle")
+    tilted[~np.isfinite(angle)] = "the ping has no pitch and roll"
+    relative = words(~profiles["absolute"], "velocity is relative to the platform")
+    speed, error = np.hypot(velocity[..., 0], velocity[..., 1]), profiles["error_size"]
+    for name, reason, values, why in (
+        ("error_velocity", Reason.ERROR_VELOCITY, error, profiles["no_error_velocity"]),
+        ("speed", Reason.HIGH_SPEED, speed, relative),
+        ("tilt", Reason.TILT, angle[:, None], tilted),
+    ):
+        yield test(name, reason, values, why, said(name), False)
+    why = words(fixed["orientation"] != "up", "the instrument looks down")
+    spoiled = (profiles["transducer_depth"] * cosine)[:, None] if quality.sidelobe else None
+    yield test("sidelobe", Reason.SIDELOBE, reach, why, (None, spoiled), False)
+    # at the surface a vehicle rolls in the waves with its bubbles; its depth may be an older one than the ping's own
+    depth = np.fmax(profiles["vehicle_depth"], profiles["transducer_depth"])[:, None]
+    why = words(fixed["derived"], "derived from many pings")
+    why[profiles["dive"] == 0] = "no dive yet"
+    suspect, fail = (
+        config.surface_depth if quality.at_surface == flag else None for flag in ("suspect", "fail")
+    )
+    yield test("at_surface", Reason.AT_SURFACE, depth, why, (suspect, fail), True)
 
 
 def _words(n: int, at: Any = False, words: str = "") -> Words:
@@ -146,22 +141,14 @@ def _beams(profiles: Profiles, name: str) -> tuple[Array, Words]:
 def _snr(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, Words]:
     """Return the stated ratio of signal to noise, else the echo over the noise's [dB]."""
     values, why = _beams(profiles, "snr")
-    amplitude, floor, why = profiles.get("amplitude"), fixed["noise_floor"], why.copy()
-    lacks = why != ""
-    if not lacks.any():
-        return values, why
-    if amplitude is None or not np.isfinite(floor).any():
-        why[lacks] = "the ping has neither snr nor noise_floor with amplitude"
-        return values, why
-    if floor.size not in (1, amplitude.shape[2]):
-        why[lacks] = "noise_floor is neither one number nor one a beam"
-    else:
-        values = np.where(lacks[:, None], worst_needed(amplitude - floor), values)
-        why[lacks] = ""
-    why[lacks & (profiles["no_amplitude"] != "")] = (
-        "the ping has neither snr nor noise_floor with amplitude"
-    )
-    return values, why
+    amplitude, floor, lacks = profiles.get("amplitude"), fixed["noise_floor"], why != ""
+    instead, words = values, _NO_SNR
+    if amplitude is not None and np.isfinite(floor).any():
+        words = "noise_floor is neither one number nor one a beam"
+        if floor.size in (1, amplitude.shape[2]):
+            instead, words = worst_needed(amplitude - floor), ""
+    said = np.where(profiles["no_amplitude"] == "", words, _NO_SNR)
+    return np.where(lacks[:, None], instead, values), np.where(lacks, said, why)
 
 
 def _percent_good(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, Words]:
@@ -170,11 +157,11 @@ def _percent_good(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, 
     Teledyne's four, of velocities that the instrument turned, are three-beam solutions, rejected ones, cells with too few beams,
     four-beam solutions.
     """
-    values, why = profiles.get("percent_good"), profiles["no_percent_good"]
+    values = profiles.get("percent_good")
     # of the makers whose instruments turn velocities only Teledyne writes four numbers
     turned = fixed["frame"] != "beam" and fixed["convention"] != "nortek"
     if values is not None and turned and values.shape[2] == 4:
-        return values[..., 0] + values[..., 3], why
+        return values[..., 0] + values[..., 3], profiles["no_percent_good"]
     return _beams(profiles, "percent_good")
 
 
@@ -198,21 +185,6 @@ def _reach(
     return distance + np.where(np.isfinite(size), 0.5 * size, 0.0)[:, None], cosine
 
 
-def _at_surface(
-    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
-) -> tuple[Array, Words, tuple[Limit, Limit]]:
-    """Return the depth and the limits of a vehicle that dives: at the surface it rolls in the waves with its bubbles."""
-    word, n = config.quality.at_surface, len(profiles["dive"])
-    limits = (config.surface_depth, None) if word == "suspect" else (None, config.surface_depth)
-    # the depth of the vehicle may be an older one than the ping's own
-    depth = np.fmax(profiles["vehicle_depth"], profiles["transducer_depth"])[:, None]
-    if word == "off":
-        return depth, _words(n, True, OFF), limits
-    why = _words(n, fixed["derived"], "derived from many pings")
-    why[profiles["dive"] == 0] = "no dive yet"
-    return depth, why, limits
-
-
 def graded(values: Array, limits: tuple[Limit, Limit], least: bool) -> Flags:
     """Return the flags of values against limits; not evaluated where a value is NaN, or without any limit.
 
@@ -221,9 +193,8 @@ def graded(values: Array, limits: tuple[Limit, Limit], least: bool) -> Flags:
         limits: Suspect and fail; numbers, or arrays that broadcast to the values.
         least: Whether the limits are the least that is good, else the most.
     """
-    flags = np.where(np.isfinite(values), _GOOD, _NOT_EVALUATED)
-    if all(limit is None for limit in limits):
-        return np.full(values.shape, _NOT_EVALUATED)
+    known = np.isfinite(values) & any(limit is not None for limit in limits)
+    flags = np.where(known, _GOOD, _NOT_EVALUATED)
     for limit, flag in zip(limits, (_SUSPECT, _FAIL), strict=True):
         if limit is not None:
             flags = np.where(values < limit if least else values > limit, flag, flags)
@@ -255,7 +226,7 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
         floor: shape (..., m) [m/s], the least deviation that counts, so that the noise of a smooth profile is no outlier.
         window: Bins in a window, odd; of a shorter profile all.
     """
-    finite: NDArray[np.bool_] = np.asarray(np.isfinite(velocity).all(axis=-1))
+    finite: Mask = np.asarray(np.isfinite(velocity).all(axis=-1))
     n_finite = np.count_nonzero(finite, axis=-1)
     at = _windows(velocity.shape[-2], window)
     count = np.count_nonzero(finite[..., at], axis=-1)
@@ -273,14 +244,14 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _windows(m: int, window: int) -> NDArray[np.intp]:
+def _windows(m: int, window: int) -> Indices:
     """Return the bins about each of m, shape (m, window) or, of a shorter profile, (m, m)."""
     width = min(window, m)
     first = np.clip(np.arange(m) - window // 2, 0, m - width)
     return np.asarray(first[:, None] + np.arange(width))
 
 
-def _median(values: Array, count: NDArray[np.intp]) -> Array:
+def _median(values: Array, count: Indices) -> Array:
     """Return medians of the ``count`` numbers along the last axis, the others NaN; numpy's own take far longer."""
     ordered, width = np.sort(values, axis=-1), values.shape[-1]
     at = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, width - 1)], axis=-1)
