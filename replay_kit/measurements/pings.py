@@ -185,10 +185,9 @@ def _expired(time: Integers, order: Integers, due: Integers, wait: Integers, way
         if orders[message] > due[first] or message >= times.size:
             # a position releases it before; the next one is looked at after that
             active.pop(0)
-            if due[first] < _NEVER:
-                begin = max(begin, int(np.searchsorted(orders, due[first], side="right")))
-            elif message >= times.size:
+            if due[first] == _NEVER:
                 break
+            begin = max(begin, int(np.searchsorted(orders, due[first], side="right")))
             continue
         now = times[message]
         gone = [k for k in active if order[k] < orders[message] and due[k] >= orders[message]]
@@ -255,10 +254,8 @@ def _with_motion(
     velocity[known, :, :2] += np.where(whole, motion[known, None, :2], np.nan)
     next_one = np.searchsorted(fixes["time"], time, side="right")
     before = moving & (next_one > first) & (next_one <= upto)
-    at = (
-        np.where(before, next_one - 1, -1),
-        np.where(moving & (next_one < upto), np.maximum(next_one, first), -1),
-    )
+    after = moving & (next_one < upto)
+    at = np.where([before, after], [next_one - 1, np.maximum(next_one, first)], -1)
     return [
         [np.where(own >= 0, *pair) for pair in zip(beside(fixes, own), others, strict=True)]
         for own, others in zip(at, near, strict=True)
@@ -273,11 +270,10 @@ def _transducer(
     A transducer is at the depth of the ping's pressure, or at the vehicle's where it has none, plus its own below that; a log that never
     states a depth is a surface vessel's.
     """
-    pressure, vehicle, below = (
-        columns[name] for name in ("pressure", "vehicle_depth", "transducer_depth")
-    )
-    stated = np.isfinite(pressure)
-    vehicle = vehicle if fixed["needs_depth"] else np.where(np.isfinite(vehicle), vehicle, 0.0)
+    pressure, below = columns["pressure"], columns["transducer_depth"]
+    stated, vehicle = np.isfinite(pressure), columns["vehicle_depth"]
+    if not fixed["needs_depth"]:
+        vehicle = np.where(np.isfinite(vehicle), vehicle, 0.0)
     depth = np.where(stated, depth_of(pressure, latitude), vehicle)
     why = np.where(np.isfinite(depth), "", np.where(stated, _NO_DEPTH_OF_PRESSURE, _NO_DEPTH))
     return depth + np.where(np.isfinite(below), below, 0.0), why.astype(object)

@@ -145,7 +145,7 @@ def placed(
     both, begin, end = has_before & has_after, before[0], after[0]
     since = np.where(has_before, np.abs(time - begin), _NEVER)
     until = np.where(has_after, np.abs(end - time), _NEVER)
-    is_near = (np.minimum(since, until) <= config.position_max_age * 1e9) & (has_before | has_after)
+    is_near = np.minimum(since, until) <= config.position_max_age * 1e9
     gap_s = np.where(both, end - begin, 0) * 1e-9
     in_gap = ~is_near & in_dive & both & (gap_s <= config.position_max_gap)
     earlier = since <= until

@@ -179,8 +179,7 @@ def _reach(
         known = np.isfinite(steps).any(axis=1)
         size[known] = np.nanmedian(steps[known], axis=1)
     vectors = fixed["vectors"]
-    stated = vectors is not None and vectors.size and np.isfinite(vectors[:, 2]).all()
-    lowest = float(np.abs(vectors[:, 2]).min()) if stated else 0.0
+    lowest = 0.0 if vectors is None or not vectors.size else float(np.abs(vectors[:, 2]).min())
     cosine = lowest if 0.0 < lowest <= 1.0 else float(np.cos(np.deg2rad(config.quality.beam_angle)))
     return distance + np.where(np.isfinite(size), 0.5 * size, 0.0)[:, None], cosine
 
@@ -268,11 +267,10 @@ def _rolled_up(
     present = np.isfinite(profiles["velocity"][..., :2]).all(axis=2)
     reasons = np.where(np.isfinite(profiles["depth"]), np.int32(0), np.int32(Reason.MALFORMED))
     reasons |= np.where(present, np.int32(0), np.int32(Reason.MISSING))
-    flags, missing = np.full(reasons.shape, _GOOD), reasons != 0
-    for test in tests:
-        bad = test.flags >= _SUSPECT
-        flags = np.where(bad, np.maximum(flags, test.flags), flags)
-        reasons |= np.where(bad, np.int32(test.reason), np.int32(0))
+    missing, each = reasons != 0, np.stack([test.flags for test in tests])
+    bad, marks = each >= _SUSPECT, np.array([test.reason for test in tests], np.int32)
+    flags = np.where(bad, each, _GOOD).max(axis=0)
+    reasons |= np.bitwise_or.reduce(np.where(bad, marks[:, None, None], np.int32(0)), axis=0)
     if not use_suspect:
         flags[flags == _SUSPECT] = _FAIL
     flags[missing] = _MISSING
