@@ -61,12 +61,10 @@ def of_sender(
     since, first = (since, first) if None in sender else (-1, sender)
     kept = []
     for one, own in zip(tables, senders, strict=True):
-        if own:
-            refused = one.order > since if not _other(own, sender) else one.order >= 0
-            reason = _other(own, sender) or _other(own, first)
-            if reason and refused.any():
-                ledger.add(one.order[refused], one.topic, reason)
-                one = one.rows(~refused)
+        if reason := own and (_other(own, sender) or _other(own, first)):
+            refused = one.order > (-1 if _other(own, sender) else since)
+            ledger.add(one.order[refused], one.topic, reason)
+            one = one.rows(~refused)
         if len(one):
             kept.append(one)
     return first, kept

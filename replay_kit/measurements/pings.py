@@ -285,7 +285,7 @@ def _profile(ping: Table, config: MeasurementConfig, ledger: Ledger) -> tuple[Ro
     up, beam, absolute = fixed["orientation"] == "up", fixed["frame"] == "beam", columns["absolute"]
     errors = columns["error_velocities"].reshape(n, -1)
     known = np.isfinite(errors)
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
         depth = columns["transducer_depth"][:, None] + (-1.0 if up else 1.0) * columns["distance"]
         error = np.where(known, errors, 0.0).sum(axis=1) / known.sum(axis=1)
     columns["depth"] = np.where(np.isfinite(depth), depth, np.nan)

@@ -17,21 +17,12 @@ from replay_kit.core.geodesy import moved, offset
 from replay_kit.core.table import Columns, Integers
 
 Rows = dict[str, NDArray[Any]]
-#: Columns of positions: of the first six the names say what they are; submerged and dive are the vehicle's, by its depths; own says whether
+#: Columns of positions: submerged and dive are the vehicle's, by its depths; own says whether
 #: the use of its message is told with it.
 ROW: Mapping[str, type] = {
-    "time": np.int64,
-    "order": np.int64,
-    "longitude": np.float64,
-    "latitude": np.float64,
-    "depth": np.float64,
-    "dead_reckoned": np.bool_,
-    "submerged": np.bool_,
-    "dive": np.int64,
-    "input": np.int64,
-    "topic": np.int64,
-    "ordinal": np.int64,
-    "own": np.bool_,
+    **dict.fromkeys(("time", "order", "dive", "input", "topic", "ordinal"), np.int64),
+    **dict.fromkeys(("longitude", "latitude", "depth"), np.float64),
+    **dict.fromkeys(("dead_reckoned", "submerged", "own"), np.bool_),
 }
 # m/s; by which a glider's velocity on one leg departs from its mean over the dive: the place at a share s of a dive of T seconds, taken on
 # the straight way between its ends, is off by this times T s (1 - s)

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Mask
 from replay_kit.core.errors import Finding, Severity
 from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.core.table import Columns
@@ -58,17 +59,13 @@ def places(rows: Mapping[str, NDArray[Any]]) -> list[Place]:
     return [Place(*each) for each in zip(*(rows[name].tolist() for name in COLUMNS), strict=True)]
 
 
-def short_steps(rows: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+def short_steps(rows: Mapping[str, NDArray[Any]]) -> Mask:
     """Return of which positions the one before them is of the same log and kind, shortly before, and near, shape (n,)."""
-    if not len(rows["time"]):
-        return np.zeros(0, np.bool_)
-    seconds = np.diff(rows["time"]) * 1e-9
+    step = {name: np.diff(rows[name], prepend=rows[name][:1]) for name in COLUMNS}
+    seconds = step["time"] * 1e-9
     short = (seconds > 0.0) & (seconds < _STEP_TIME)
-    for name in ("longitude", "latitude"):
-        short &= np.abs(np.diff(rows[name])) < _STEP
-    for name in ("dead_reckoned", "input"):
-        short &= rows[name][1:] == rows[name][:-1]
-    return np.concatenate([[False], short])
+    short &= (np.abs(step["longitude"]) < _STEP) & (np.abs(step["latitude"]) < _STEP)
+    return np.asarray(short & (step["dead_reckoned"] == 0) & (step["input"] == 0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
