@@ -41,7 +41,9 @@ def _now(
     messages: Sequence[Message], config: MeasurementConfig, size: int = 4096
 ) -> tuple[list[Any], Counter]:
     found = list(blocks(messages, config, size))
-    return [row for block in found for row in rows(block)], sum((Counter(block.counts()) for block in found), Counter())
+    return [row for block in found for row in rows(block)], sum(
+        (Counter(block.counts()) for block in found), Counter()
+    )
 
 
 def _same(a: Any, b: Any) -> bool:

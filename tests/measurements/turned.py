@@ -32,7 +32,9 @@ def stated(message: Message, config: MeasurementConfig | None = None) -> SimpleN
 
 
 def turned(
-    payload: Mapping[str, Any], config: MeasurementConfig, attitudes: Mapping[str, Any] = NO_ATTITUDE
+    payload: Mapping[str, Any],
+    config: MeasurementConfig,
+    attitudes: Mapping[str, Any] = NO_ATTITUDE,
 ) -> SimpleNamespace:
     """Return the columns of a ping as ``earth.to_earth`` gives them; ValueError says why it is not used, or cannot be turned."""
     table = table_of(Message(0, "/adcp", "replay_kit.AdcpPing", payload, 0, 0), config)
