@@ -5,7 +5,6 @@ by the declination where the heading is magnetic; then the platform's velocity o
 ping has it, else what the ping states, else a DVL's. That velocity's error is one for all bins, so it does not enter the bins' own.
 """
 
-from dataclasses import dataclass, field
 from reprlib import repr as shorten
 from typing import Any
 
@@ -13,18 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array
-from replay_kit.core.table import Integers, Table
+from replay_kit.core.arrays import Array, Mask
+from replay_kit.core.table import Columns, Table
 from replay_kit.measurements import frames
-from replay_kit.measurements.positions import as_of
+from replay_kit.measurements.positions import Rows, as_of
 
 _CONVENTIONS = ("teledyne", "nortek")
 # m/s; of a bottom-track ping that states none: makers state 3 to 30 mm/s for a single one
 _BOTTOM_STD = 0.03
 # ns; of a DVL's velocity, as a vehicle may turn and stop in more, and of an attitude
-_BOTTOM_AGE, _ATTITUDE_AGE = 3_000_000_000, 1_000_000_000
+BOTTOM_AGE, ATTITUDE_AGE = 3_000_000_000, 1_000_000_000
 # vectors written with three digits are still unit vectors, and distances written with few digits evenly spaced
 _UNIT, _UNEVEN = 0.01, 0.01
+_NONE = np.empty(0, np.int64)
+# of pings, distances of first cells and sizes of cells [m]
+Cells = tuple[Array, Array]
+Words = NDArray[np.object_]
 NO_DECLINATION = "heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination"
 _NO_VECTORS = (
     "velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam"
@@ -33,68 +36,23 @@ _NO_UNIT_VECTORS = "beam_unit_vectors: expected vectors of length 1"
 _UNLIKE = "malformed: a field is missing or of the wrong kind (IndexError)"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Attitudes:
-    """Attitudes of the vehicle by other messages than pings, in order; one row is carried from block to block.
-
-    Attributes:
-        time: shape (n,) [ns, UTC].
-        order: shape (n,), places in the stream.
-        quaternion: shape (n, 4), as of ``frames.attitude_of``.
-        ned: shape (n,).
-    """
-
-    time: Integers = field(default_factory=lambda: np.empty(0, np.int64))
-    order: Integers = field(default_factory=lambda: np.empty(0, np.int64))
-    quaternion: Array = field(default_factory=lambda: np.empty((0, 4)))
-    ned: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
-
-    def part(self, at: NDArray[Any] | slice) -> "Attitudes":
-        """Return some of them."""
-        return Attitudes(self.time[at], self.order[at], self.quaternion[at], self.ned[at])
-
-    def at(self, time: Integers, order: Integers) -> Array:
-        """Return heading, pitch and roll at messages, shape (n, 3) [degrees]; NaN without an attitude in the second before."""
-        if not self.time.size:
-            return np.full((time.size, 3), np.nan)
-        at = as_of(order, self.order)
-        age = time - self.time[at]
-        near = (at >= 0) & (age >= 0) & (age <= _ATTITUDE_AGE)
-        angles = frames.attitude_of(self.quaternion[at], self.ned[at])
-        return np.where(near[:, None], angles, np.nan)
+def no_triples() -> Rows:
+    """Return no rows of three numbers: heading, pitch, roll [degrees], or a velocity, east, north and its error [m/s]."""
+    return {"time": _NONE, "order": _NONE, "values": np.empty((0, 3))}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Motions:
-    """Velocities over the ground by a DVL, in order; one row is carried from block to block.
-
-    Attributes:
-        time: shape (n,) [ns, UTC].
-        order: shape (n,), places in the stream.
-        velocity: shape (n, 3) [m/s], true east, true north and the error of each.
-    """
-
-    time: Integers = field(default_factory=lambda: np.empty(0, np.int64))
-    order: Integers = field(default_factory=lambda: np.empty(0, np.int64))
-    velocity: Array = field(default_factory=lambda: np.empty((0, 3)))
-
-    def part(self, at: NDArray[Any] | slice) -> "Motions":
-        """Return some of them."""
-        return Motions(self.time[at], self.order[at], self.velocity[at])
-
-    def at(self, time: Integers, order: Integers) -> Array:
-        """Return the velocity at messages, shape (n, 3) [m/s]; NaN without one within three seconds."""
-        if not self.time.size:
-            return np.full((time.size, 3), np.nan)
-        at = as_of(order, self.order)
-        near = (at >= 0) & (np.abs(time - self.time[at]) <= _BOTTOM_AGE)
-        return np.where(near[:, None], self.velocity[at], np.nan)
+def last_triple(rows: Columns, at: Table, before: int, after: int = 0) -> Array:
+    """Return the last row up to each message of a table, shape (n, 3); NaN where it is more than so much [ns] before or after that."""
+    last = as_of(at.order, rows["order"])
+    age = at.time - np.append(rows["time"], 0)[last]
+    values = np.append(rows["values"], [[np.nan] * 3], axis=0)[last]
+    return np.where(((age >= -after) & (age <= before))[:, None], values, np.nan)
 
 
 @np.errstate(all="ignore")
 def to_earth(
-    ping: Table, attitudes: Attitudes, motions: Motions, config: MeasurementConfig
-) -> tuple[dict[str, NDArray[Any]], NDArray[np.object_]]:
+    ping: Table, attitudes: Columns, motions: Columns, config: MeasurementConfig
+) -> tuple[Rows, Words]:
     """Return the columns of pings after all rotations, and in words why a ping cannot be turned, shape (n,), empty for the others.
 
     ``velocity`` becomes (n, m, 3), true east, north and up, ``error_velocity`` and ``error_std`` those of the solution; ``raw`` is what the
@@ -107,105 +65,85 @@ def to_earth(
         motions: Of the vehicle, for pings that state none.
         config: The declination of a ping whose heading is magnetic and that states none; the fastest motion that is believed.
     """
-    columns, fixed, n = dict(ping.columns), ping.fixed, len(ping)
+    columns, fixed = dict(ping.columns), ping.fixed
     columns["gimbal"] = _with_attitude(columns, ping, attitudes)
-    columns["raw"] = columns["velocity"]
-    relative = fixed["reference"] == "platform"
-    bottom = _found_bottom(columns["bottom"], fixed["frame"])
-    motion = _stated_motion(columns, config.max_speed)
+    raw = columns["raw"] = columns["velocity"]
+    frame, vectors, relative = fixed["frame"], fixed["vectors"], fixed["reference"] == "platform"
+    along_beams = frame == "beam"
+    # one beam of four may be missing, but no axis
+    axes = 2 if frame in ("ship", "earth") else 3
+    seen = np.isfinite(columns["bottom"])
+    bottom = seen.sum(axis=1) >= 3 if along_beams else seen[:, :axes].all(axis=1)
+    motion = np.column_stack([columns["platform"], columns["platform_std"]])
+    motion = _believed(motion, config.max_speed)
     if relative:
         silent = ~bottom & np.isnan(motion[:, 0]) & np.isnan(columns["place"][:, 0])
-        motion[silent] = motions.at(ping.time, ping.order)[silent]
-        motion = _believed(motion, config.max_speed)
+        others = last_triple(motions, ping, BOTTOM_AGE, BOTTOM_AGE)
+        motion = _believed(np.where(silent[:, None], others, motion), config.max_speed)
     moves = relative & (bottom | np.isfinite(motion[:, 0]))
     declination = _declination(columns["declination"], fixed, config)
-    stays = ~moves & (fixed["frame"] == "earth") & (declination == 0.0)
-    columns["added"] = np.where((moves | (not relative))[:, None], motion, np.nan)
-    columns["absolute"] = moves | (not relative)
-    if stays.all():
-        columns["velocity"] = columns["raw"][..., :3]
-        return _with_error(columns, None, stays), np.full(n, "", object)
+    stays = ~moves & (frame == "earth") & (declination == 0.0)
+    absolute = columns["absolute"] = moves | (not relative)
+    added = np.where(absolute[:, None], motion, np.nan)
     rotation, why = _rotation(columns, fixed, declination)
-    along_beams, vectors = fixed["frame"] == "beam", fixed["vectors"]
     cells, uneven = _even_cells(columns, fixed)
-    fault = ""
-    if along_beams or cells is not None:
-        fault = _fault_of(vectors, columns["raw"].shape[2] if along_beams else None)
+    fault = _fault_of(vectors, raw.shape[2], along_beams) if along_beams or cells else ""
     for words in (fault, uneven):
         why = np.where(why == "", words, why)
     why[stays] = ""
-    ok = (why == "") & ~stays
-    velocity = np.where(ok[:, None, None], columns["raw"], np.nan)
-    velocity, error = _solved(velocity, rotation, vectors, cells, along_beams)
-    if bottom.any() and relative:
-        ground = _turned_bottom(columns["bottom"], rotation, vectors, along_beams)
+    ok, turns = (why == "") & ~stays, (not fault) and not stays.all()
+    velocity, error, gain = raw[..., :3], None, 1.0
+    if turns and along_beams:
+        gain = frames.noise_gain(vectors)
+    if turns:
+        velocity = np.where(ok[:, None, None], raw, np.nan)
+        velocity, error = _solved(velocity, rotation, vectors, cells, along_beams)
+    if turns and relative:
+        ground = columns["bottom"][:, None, :]
+        if along_beams:
+            ground = frames.solve_beams(ground[..., : len(vectors)], vectors)
         std = columns["bottom_std"]
         std = np.where((std > 0.0) & (std <= config.max_speed), std, _BOTTOM_STD)
-        added = np.column_stack([-ground[:, :2], std])
-        columns["added"] = np.where((bottom & moves)[:, None], added, columns["added"])
-    add = (moves & ok)[:, None]
-    velocity[..., :2] = np.where(
-        add[..., None], velocity[..., :2] + columns["added"][:, None, :2], velocity[..., :2]
-    )
-    gain = frames.noise_gain(vectors) if along_beams and vectors is not None and ok.any() else 1.0
+        ground = np.column_stack([-frames.turned(ground, rotation)[:, 0, :2], std])
+        added = np.where((bottom & moves)[:, None], ground, added)
+        whole = velocity[..., :2] + added[:, None, :2]
+        velocity[..., :2] = np.where((moves & ok)[:, None, None], whole, velocity[..., :2])
+    columns["added"] = added
     columns["error_std"] = np.where(ok[:, None], columns["error_std"] * gain, columns["error_std"])
-    columns["velocity"] = np.where(stays[:, None, None], columns["raw"][..., :3], velocity)
+    columns["velocity"] = np.where(stays[:, None, None], raw[..., :3], velocity)
     return _with_error(columns, error, stays), why
 
 
-def _with_error(
-    columns: dict[str, NDArray[Any]], error: Array | None, stays: NDArray[np.bool_]
-) -> dict[str, NDArray[Any]]:
+def _with_error(columns: Rows, error: Array | None, stays: Mask) -> Rows:
     """Return columns with the size of the error velocity, shape (n, m) [m/s], and in words why a ping has none.
 
     It is what the solution leaves, else what the ping states, else the fourth component of a velocity that was not turned.
     """
-    raw, why = columns["raw"], columns["no_error_velocity"]
-    n, m, k = raw.shape
-    stated = columns.get("error_velocity", np.full((n, m, 1), np.nan))
-    stated = np.where((why == "")[:, None, None], stated, np.nan)
-    solved = np.zeros(n, np.bool_) if error is None else ~stays
-    if error is not None:
-        stated = np.where(solved[:, None, None], error, stated)
-    columns["error_velocities"] = stated
-    size = np.abs(stated[..., 0])
-    known = np.isfinite(stated).any(axis=(1, 2))
-    if k == 4:
-        fourth = ~known & ~solved & stays & np.isfinite(raw).any(axis=(1, 2))
+    raw, said = columns["raw"], columns["no_error_velocity"] == ""
+    stated = columns.get("error_velocity", np.full((*raw.shape[:2], 1), np.nan))
+    stated = np.where(said[:, None, None], stated, np.nan)
+    solved = np.full(len(raw), error is not None) & ~stays
+    stated = stated if error is None else np.where(solved[:, None, None], error, stated)
+    size, known = np.abs(stated[..., 0]), np.isfinite(stated).any(axis=(1, 2))
+    if raw.shape[2] == 4:
+        fourth = ~known & stays & np.isfinite(raw).any(axis=(1, 2))
         size, known = np.where(fourth[:, None], np.abs(raw[..., 3]), size), known | fourth
-    columns["error_size"] = size
-    columns["no_error_velocity"] = np.where(known, "", "the ping has no error velocity").astype(
-        object
-    )
-    return columns
+    none = np.where(known, "", "the ping has no error velocity").astype(object)
+    return columns | {
+        "error_velocities": stated,
+        "error_size": size,
+        "no_error_velocity": none,
+    }
 
 
-def _with_attitude(
-    columns: dict[str, NDArray[Any]], ping: Table, attitudes: Attitudes
-) -> NDArray[np.bool_]:
+def _with_attitude(columns: Rows, ping: Table, attitudes: Columns) -> Mask:
     """Take the vehicle's attitude for pings that state none; return whether the pitch of each is that of a gimbal."""
-    lacks = ~np.isfinite(columns["heading"])
-    gimbal = np.full(len(ping), ping.fixed["gimbal"], np.bool_)
-    if not lacks.any():
-        return gimbal
-    angles = attitudes.at(ping.time, ping.order)
-    known = lacks & np.isfinite(angles[:, 0]) & np.isnan(columns["place"][:, 0])
+    angles = last_triple(attitudes, ping, ATTITUDE_AGE)
+    known = np.isfinite(angles[:, 0]) & ~np.isfinite(columns["heading"])
+    known &= np.isnan(columns["place"][:, 0])
     for k, name in enumerate(("heading", "pitch", "roll")):
         columns[name] = np.where(known, angles[:, k], columns[name])
-    return np.asarray(gimbal | known)
-
-
-def _found_bottom(velocity: Array, frame: str) -> NDArray[np.bool_]:
-    """Return which bottom tracks give a velocity: one beam of four may be missing, but no axis."""
-    if frame == "beam":
-        return np.asarray(np.isfinite(velocity).sum(axis=1) >= 3)
-    axes = 2 if frame in ("ship", "earth") else 3
-    return np.asarray(np.isfinite(velocity[:, :axes]).all(axis=1))
-
-
-def _stated_motion(columns: dict[str, NDArray[Any]], max_speed: float) -> Array:
-    """Return the platform's velocity that pings state, shape (n, 3) [m/s]."""
-    return _believed(np.column_stack([columns["platform"], columns["platform_std"]]), max_speed)
+    return np.asarray(known | ping.fixed["gimbal"])
 
 
 def _believed(motion: Array, max_speed: float) -> Array:
@@ -228,9 +166,7 @@ def _declination(stated: Array, fixed: Any, config: MeasurementConfig) -> Array:
     return np.where(np.isfinite(stated), stated, np.nan if usual is None else usual)
 
 
-def _rotation(
-    columns: dict[str, NDArray[Any]], fixed: Any, declination: Array
-) -> tuple[Array, NDArray[np.object_]]:
+def _rotation(columns: Rows, fixed: Any, declination: Array) -> tuple[Array, Words]:
     """Return what turns velocities to true east, north, up, shape (n, 3, 3), and in words why that is not known."""
     frame, n = fixed["frame"], declination.size
     why = np.where(np.isfinite(declination), "", NO_DECLINATION).astype(object)
@@ -255,9 +191,7 @@ def _rotation(
     return frames.teledyne_rotation(heading, pitch, roll, up, columns["gimbal"]), why
 
 
-def _even_cells(
-    columns: dict[str, NDArray[Any]], fixed: Any
-) -> tuple[tuple[Array, Array] | None, NDArray[np.object_] | str]:
+def _even_cells(columns: Rows, fixed: Any) -> tuple[Cells | None, Words | str]:
     """Return distances of first cells and sizes, shapes (n,) [m], where bins are to be mapped, and in words where they cannot be.
 
     Bins are mapped of beams, or of axes with the error velocity beside them, that the instrument did not map.
@@ -282,51 +216,36 @@ def _even_cells(
     return (first, found), why
 
 
-def _fault_of(vectors: Array | None, beams: int | None) -> str:
+def _fault_of(vectors: Array | None, components: int, along_beams: bool) -> str:
     """Return what is wrong with the beams' unit vectors; empty where nothing is."""
     if vectors is None or vectors.size == 0 or not np.isfinite(vectors).all():
         return _NO_VECTORS
     if not (np.abs(np.linalg.norm(vectors, axis=1) - 1.0) < _UNIT).all():
         return _NO_UNIT_VECTORS
-    return _UNLIKE if beams is not None and beams != len(vectors) else ""
+    return _UNLIKE if along_beams and components != len(vectors) else ""
 
 
 def _solved(
     velocity: Array,
     rotation: Array,
-    vectors: Array | None,
-    cells: tuple[Array, Array] | None,
+    vectors: Array,
+    cells: Cells | None,
     along_beams: bool,
 ) -> tuple[Array, Array | None]:
     """Return velocities along true east, north, up, shape (n, m, 3), and the error velocity, (n, m, 1), if there is one.
 
     A solution from three beams has no error velocity: NaN.
     """
-    error = None
-    solves = vectors is not None and vectors.size > 0 and (along_beams or cells is not None)
-    if vectors is not None and solves and (not along_beams or velocity.shape[2] == len(vectors)):
+    if along_beams or cells:
         beams = velocity if along_beams else frames.beams_of(velocity, vectors)
-        if cells is not None:
+        if cells:
             beams = frames.map_bins(beams, frames.vertical_stretch(vectors, rotation), *cells)
         velocity = frames.solve_beams(beams, vectors)
-    if velocity.shape[2] == 4:
-        error = velocity[..., 3:]
+    error = velocity[..., 3:] if velocity.shape[2] == 4 else None
     return frames.turned(velocity, rotation), error
 
 
-def _turned_bottom(
-    bottom: Array, rotation: Array, vectors: Array | None, along_beams: bool
-) -> Array:
-    """Return the ground's velocity relative to the platform, true east and north, shape (n, 2) [m/s]."""
-    velocity = bottom[:, None, :]
-    if along_beams and vectors is not None:
-        velocity = frames.solve_beams(velocity[..., : len(vectors)], vectors)
-    return frames.turned(velocity, rotation)[:, 0, :2]
-
-
-def horizontal(
-    velocity: Array, angles: Array, declination: float, left_up: NDArray[np.bool_]
-) -> Array:
+def horizontal(velocity: Array, angles: Array, declination: float, left_up: Mask) -> Array:
     """Return the velocities of a DVL along true east and north, shape (n, 2) [m/s].
 
     Args:

@@ -10,11 +10,8 @@ and 6; Nortek, "Signature Principles of Operation" and "Signature Integrators Gu
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
-
-Chosen = NDArray[np.bool_]
+from replay_kit.core.arrays import Array, Mask
 
 
 def turned(velocity: Array, rotation: Array) -> Array:
@@ -99,7 +96,7 @@ def beams_of(velocity: Array, vectors: Array) -> Array:
 
 
 def teledyne_rotation(
-    heading_deg: Array, pitch_deg: Array, roll_deg: Array, up: bool, gimbal: Chosen
+    heading_deg: Array, pitch_deg: Array, roll_deg: Array, up: bool, gimbal: Mask
 ) -> Array:
     """Return the matrices, shape (n, 3, 3), from Teledyne's instrument axes to east, north, up.
 
@@ -119,7 +116,7 @@ def teledyne_rotation(
         Teledyne, section 5.6, matrix M, and equation 18; the signs of the angles also in the WorkHorse's "Commands and Output Data
         Format", variable leader, pitch (tilt 1) and roll (tilt 2).
     """
-    heading, pitch, roll = np.deg2rad(heading_deg), np.deg2rad(pitch_deg), np.deg2rad(roll_deg)
+    heading, pitch, roll = np.deg2rad([heading_deg, pitch_deg, roll_deg])
     pitch = np.where(gimbal, pitch, np.arctan(np.tan(pitch) * np.cos(roll)))
     roll = roll + np.pi if up else roll
     (ch, sh), (cp, sp), (cr, sr) = (
@@ -144,14 +141,8 @@ def nortek_rotation(heading_deg: Array, pitch_deg: Array, roll_deg: Array, down:
     References:
         Nortek, Integrators Guide, coordinate transformations: H P R with heading - 90 degrees.
     """
-    heading, pitch, roll = (
-        np.deg2rad(90.0 - heading_deg),
-        np.deg2rad(pitch_deg),
-        np.deg2rad(roll_deg),
-    )
-    (ch, sh), (cp, sp), (cr, sr) = (
-        (np.cos(angle), np.sin(angle)) for angle in (heading, pitch, roll)
-    )
+    angles = np.deg2rad([90.0 - heading_deg, pitch_deg, roll_deg])
+    (ch, sh), (cp, sp), (cr, sr) = ((np.cos(angle), np.sin(angle)) for angle in angles)
     matrix = _matrices(
         (ch * cp, -ch * sp * sr - sh * cr, sh * sr - ch * cr * sp),
         (sh * cp, ch * cr - sh * sp * sr, -sh * cr * sp - ch * sr),
@@ -161,7 +152,7 @@ def nortek_rotation(heading_deg: Array, pitch_deg: Array, roll_deg: Array, down:
 
 
 def _matrices(*rows: tuple[Array, Array, Array]) -> Array:
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def vertical_stretch(vectors: Array, rotation: Array) -> Array:
@@ -213,7 +204,7 @@ def map_bins(beams: Array, stretch: Array, first: Array, cell_size: Array) -> Ar
 _LEAST_NORM, _MOST_NORM = 0.9, 1.1
 
 
-def attitude_of(quaternion: Array, ned: Chosen) -> Array:
+def attitude_of(quaternion: Array, ned: Mask) -> Array:
     """Return heading of the nose, clockwise from north, pitch, nose up, and roll, starboard down, shape (n, 3) [degrees].
 
     NaN where a quaternion is unset, not a number, or not of unit length.
@@ -223,9 +214,9 @@ def attitude_of(quaternion: Array, ned: Chosen) -> Array:
             in ROS REP-103.
         ned: shape (n,), whether the body is forward, right, down and the frame north, east, down instead.
     """
-    norm = np.sqrt(sum(quaternion[:, k] ** 2 for k in range(4)))
+    norm = np.sqrt(sum(quaternion.T**2))
     norm = np.where((norm > _LEAST_NORM) & (norm < _MOST_NORM), norm, np.nan)
-    x, y, z, w = (quaternion[:, k] / norm for k in range(4))
+    x, y, z, w = quaternion.T / norm
     yaw = np.degrees(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
     tilt = np.degrees(np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)))
     roll = np.degrees(np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)))

@@ -15,6 +15,13 @@ def left_out_reason(rules: Sequence[str]) -> str:
     return f"{_LEFT_OUT}{', '.join(rules)}{_BY}"
 
 
+def left_out_rules(reason: str) -> Sequence[str]:
+    """Return the rules of the settings that a reason names; none where it is another."""
+    if not reason.startswith(_LEFT_OUT):
+        return []
+    return reason.removeprefix(_LEFT_OUT).removesuffix(_BY).split(", ")
+
+
 class Ledger:
     """The outcomes of the messages of a block."""
 
@@ -50,19 +57,14 @@ class Ledger:
             topic: Theirs.
             reasons: Why they are not used, one for all or for each; empty for those that are.
         """
-        if not due.size:
-            return
-        number, kinds = self.topic(topic), [reasons] if isinstance(reasons, str) else set(reasons)
-        for reason in kinds:
-            at = due if isinstance(reasons, str) else due[reasons == reason]
+        words = np.broadcast_to(np.asarray(reasons, object), due.shape)
+        for reason in dict.fromkeys(words):
+            at = due[words == reason]
             code = self._reasons.setdefault(reason, len(self._reasons)) if reason else -1
-            self._rows.append(
-                np.column_stack([at, np.full((at.size, 2), (number, code), np.int64)])
-            )
+            row = self.topic(topic), code
+            self._rows.append(np.column_stack([at, np.full((at.size, 2), row, np.int64)]))
 
     def outcomes(self) -> Integers:
         """Return the outcomes in order, as in ``Block``."""
-        if not self._rows:
-            return np.empty((0, 3), np.int64)
-        rows = np.concatenate(self._rows)
+        rows = np.concatenate([np.empty((0, 3), np.int64), *self._rows])
         return rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]

@@ -9,23 +9,24 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.block import LINEAR, MEAN, PING, POSITION, Block
+from replay_kit.core.arrays import Array
+from replay_kit.core.block import LINEAR, PING, POSITION, Block
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements import pings, surface
 from replay_kit.measurements.dives import Depths, Diving, depth_of
 from replay_kit.measurements.dvl import attitudes_of, motions_of
-from replay_kit.measurements.earth import Attitudes, Motions, to_earth
+from replay_kit.measurements.earth import no_triples, to_earth
 from replay_kit.measurements.ledger import Ledger, left_out_reason
 from replay_kit.measurements.means import Ways, means_of
-from replay_kit.measurements.navigation import Located, Sender, located, of_sender
+from replay_kit.measurements.navigation import Depth, Sender, located, of_sender
 from replay_kit.measurements.pings import COMPUTED, OWN, Way, padded
 from replay_kit.measurements.positions import (
     Places,
+    Rows,
     as_of,
     beside,
     chosen,
@@ -66,8 +67,8 @@ class Memory:
     diving: Diving = field(default_factory=Diving)
     places: Places = field(default_factory=Places)
     reach: Reach = field(default_factory=Reach)
-    attitudes: Attitudes = field(default_factory=Attitudes)
-    motions: Motions = field(default_factory=Motions)
+    attitudes: Columns = field(default_factory=no_triples)
+    motions: Columns = field(default_factory=no_triples)
     waiting: tuple[Table, ...] = ()
     ways: Ways = field(default_factory=Ways)
     line: "SectionLine | None" = None
@@ -100,54 +101,50 @@ def measure(
         of.setdefault(one.kind, []).append(one)
     for one in of.get("unused", ()):
         ledger.add(one.order, one.topic, one["reason"])
-    where = located(memory.places, tables, config, ledger)
-    reach, reached, thrown, findings = within_reach(memory.reach, where.positions, last)
+    places, positions, stated = located(memory.places, of, config, ledger)
+    reach, reached, thrown, findings = within_reach(memory.reach, positions, last)
     for rows, reason in ((reached, ""), (thrown, THROWN)):
-        for topic in np.unique(rows["topic"][rows["own"]]).tolist():
-            own = rows["own"] & (rows["topic"] == topic)
-            ledger.add(rows["order"][own], ledger.topics[topic], reason)
-    where = replace(where, positions=reached)
+        for number, topic in enumerate(ledger.topics):
+            own = rows["own"] & (rows["topic"] == number)
+            ledger.add(rows["order"][own], topic, reason)
     attitudes = attitudes_of(memory.attitudes, tables, ledger)
     motions, water = motions_of(memory.motions, of.get("dvl", ()), attitudes, config, ledger)
-    turned = [to_earth(one, attitudes, motions, config) for one in (*of.get("ping", ()), *water)]
-    arrivals = [
-        (replace(one, columns=columns), why)
-        for one, (columns, why) in zip((*of.get("ping", ()), *water), turned, strict=True)
-    ]
-    depths = _depths(memory, where, of.get("depth", ()), arrivals, config, ledger)
-    positions = _with_depths(where.positions, depths)
+    arrivals = []
+    for one in (*of.get("ping", ()), *water):
+        columns, why = to_earth(one, attitudes, motions, config)
+        arrivals.append(replace(one, columns={**columns, "why": why}))
+    depths = _depths(memory, reached, stated, of.get("depth", ()), arrivals, config, ledger)
+    depth, under, dive = depths.at(reached["order"])
+    positions = {**reached, "depth": depth, "submerged": under, "dive": dive}
     known = memory.places
     fixes = fixes_after(known.fixes, positions)
     way = Way(joined(known.last, positions), len(known.last["time"]), fixes, clock, last)
-    came = [pings.arrived(one, why, way, depths, config, ledger) for one, why in arrivals]
+    came = [pings.arrived(one, way, depths, config, ledger) for one in arrivals]
     waiting, decided = pings.decided(memory.waiting, came, way, config)
-    found = [pings.profiled(*one, way, config, ledger) for one in _alike(decided)]
+    found = [pings.profiled(one, way, config, ledger) for one in _alike(decided)]
     profiles, tests = pings.stacked([one for one in found if one is not None])
-    ways, means, due = _means(memory.ways, positions, depths, of.get("mean", ()), config, ledger)
+    ways, means = _means(memory.ways, positions, depths, of.get("mean", ()), config, ledger)
     line, drifters, linear = _linear(memory, of, way, depths, config, ledger)
     after = Memory(
         ledger.topics,
         sender,
         depths.end,
-        replace(where.places, last=chosen(way.positions, slice(-1, None)), fixes=kept_fixes(fixes)),
+        replace(places, last=chosen(way.positions, slice(-1, None)), fixes=kept_fixes(fixes)),
         reach,
-        attitudes.part(slice(-1, None)),
-        motions.part(slice(-1, None)),
+        chosen(attitudes, slice(-1, None)),
+        chosen(motions, slice(-1, None)),
         waiting,
         ways,
         line,
         drifters,
     )
-    events = _events(positions, profiles, due, [order for order, _ in linear])
-    measured = [one for _, one in linear]
-    for name in ("due", "rank"):
-        profiles.pop(name, None)
+    events = _events(positions, profiles, means, [order for order, _ in linear])
     block = Block(
         events,
         positions,
         profiles,
         means,
-        measured,
+        [one for _, one in linear],
         ledger.topics,
         ledger.outcomes(),
         ledger.reasons,
@@ -186,64 +183,48 @@ def _linear(
 
 def _depths(
     memory: Memory,
-    where: Located,
+    positions: Columns,
+    stated: Sequence[Depth],
     tables: Sequence[Table],
-    arrivals: Sequence[tuple[Table, NDArray[np.object_]]],
+    arrivals: Sequence[Table],
     config: MeasurementConfig,
     ledger: Ledger,
 ) -> Depths:
     """Return the vehicle's depths; a log whose only depth is the pressure of its pings still has dives."""
-    rows = [(*one, True) for one in where.depths]
-    positions = joined(memory.places.last, where.positions)
+    rows = [(*one, True) for one in stated]
+    positions = joined(memory.places.last, positions)
+
+    def below(one: Table, pressure: Array) -> Array:
+        return depth_of(pressure, beside(positions, as_of(one.order, positions["order"]))[2])
+
     for one in tables:
-        depth, by = one[one.fixed["by"]], one.fixed["by"]
-        if by == "pressure":
-            latitude = beside(positions, as_of(one.order, positions["order"]))[2]
-            depth = depth_of(depth, latitude)
-        known = np.isfinite(depth)
-        ledger.add(
-            one.order, one.topic, np.where(known, "", f"{by} is not a number").astype(object)
-        )
+        by = one.fixed["by"]
+        depth = below(one, one[by]) if by == "pressure" else one[by]
+        known, words = np.isfinite(depth), f"{by} is not a number"
+        ledger.add(one.order, one.topic, np.where(known, "", words).astype(object))
         rows.append((one.order, depth, True))
-    if np.isfinite(memory.diving.depth):
-        return Depths.of(memory.diving, rows, config.surface_depth)
-    first = min(
-        (int(order[np.isfinite(depth)].min(initial=_NEVER)) for order, depth, _ in rows),
-        default=_NEVER,
-    )
-    for one, why in arrivals:
-        counts = (one.order < first) & (why == "") & np.isnan(one["place"][:, 0])
+    known_since = [order[np.isfinite(depth)].min(initial=_NEVER) for order, depth, _ in rows]
+    first = -1 if np.isfinite(memory.diving.depth) else min(known_since, default=_NEVER)
+    for one in arrivals:
+        counts = (one.order < first) & (one["why"] == "") & np.isnan(one["place"][:, 0])
         counts &= one["absolute"] | config.use_relative
-        latitude = beside(positions, as_of(one.order, positions["order"]))[2]
-        rows.append((one.order[counts], depth_of(one["pressure"], latitude)[counts], False))
+        rows.append((one.order[counts], below(one, one["pressure"])[counts], False))
     return Depths.of(memory.diving, rows, config.surface_depth)
 
 
-def _with_depths(positions: Columns, depths: Depths) -> dict[str, NDArray[Any]]:
-    """Return positions with the vehicle's depth and dive."""
-    depth, under, dive = depths.at(positions["order"])
-    return {**positions, "depth": depth, "submerged": under, "dive": dive}
-
-
-def _alike(decided: Sequence[tuple[Table, Columns]]) -> list[tuple[Table, Columns]]:
+def _alike(decided: Sequence[Table]) -> list[Table]:
     """Return decided pings of one layout and topic as one table each."""
-    groups: dict[tuple[str, str, int], list[tuple[Table, Columns]]] = {}
+    groups: dict[tuple[str, str, int], list[Table]] = {}
     for one in decided:
-        groups.setdefault((one[0].fixed["layout"], one[0].topic, one[0].input), []).append(one)
+        groups.setdefault((one.fixed["layout"], one.topic, one.input), []).append(one)
     found = []
     for parts in groups.values():
-        first, when = parts[0]
-        if len(parts) > 1:
-            time, order, ordinal = (
-                np.concatenate([getattr(part, name) for part, _ in parts])
-                for name in ("time", "order", "position")
-            )
-            columns = {
-                name: np.concatenate([part[name] for part, _ in parts]) for name in first.columns
-            }
-            first = replace(first, columns=columns, time=time, order=order, position=ordinal)
-            when = {name: np.concatenate([own[name] for _, own in parts]) for name in when}
-        found.append((first, when))
+        places: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in ("time", "order", "position")
+        }
+        columns = joined(*(part.columns for part in parts))
+        found.append(replace(parts[0], columns=columns, **places))
     return found
 
 
@@ -254,129 +235,86 @@ def _means(
     tables: Sequence[Table],
     config: MeasurementConfig,
     ledger: Ledger,
-) -> tuple[Ways, dict[str, NDArray[Any]], list[tuple[int, int]]]:
-    """Return the way after a block, the columns of its mean currents, and the place in the stream and rank of each."""
-    rows = sorted(
-        (int(order), t, k) for t, one in enumerate(tables) for k, order in enumerate(one.order)
-    )
-    stated = [
-        {
-            "order": np.int64(order),
-            **{name: column[k] for name, column in tables[t].columns.items()},
-        }
-        for order, t, k in rows
-    ]
+) -> tuple[Ways, Rows]:
+    """Return the way after a block, and the columns of its mean currents, with ``due``, place in the stream, and ``rank`` of each."""
+    single = [one.rows(slice(k, k + 1)) for one in tables for k in range(len(one))]
+    single.sort(key=lambda one: int(one.order[0]))
+    stated = [{"order": one.order[0], **chosen(one.columns, 0)} for one in single]
     ways, computed, found = means_of(ways, positions, (depths.order, depths.depth), stated, config)
-    made: list[tuple[tuple[int, int], dict[str, Any]]] = []
-    for order, row, mean in computed:
+    made: list[dict[str, Any]] = []
+    for due, row, mean in computed:
         assert not isinstance(mean, str), "it was computed"
-        own = {
-            name: positions[name][row] for name in ("input", "topic", "ordinal", "order", "dive")
-        }
-        made.append(
-            (
-                (order, COMPUTED),
-                {
-                    **mean,
-                    **own,
-                    "time": mean["end_time"],
-                    "source_time": mean["end_time"],
-                    "beside_profiles": False,
-                },
-            )
-        )
-    for (order, t, k), (_, _, mean) in zip(rows, found, strict=True):
-        table = tables[t]
-        ledger.add(np.array([order]), table.topic, mean if isinstance(mean, str) else "")
-        if isinstance(mean, str):
-            continue
-        dive, time = int(table["dive"][k]), int(table.time[k])
-        own = {
-            "input": table.input,
-            "topic": ledger.topic(table.topic),
-            "ordinal": table.position[k],
-            "order": order,
-            "dive": dive if dive >= 0 else int(depths.at(np.array([order]))[2][0]),
-            "time": max(int(mean["end_time"]), time),
-            "source_time": time,
-            "beside_profiles": bool(table["inverted"][k]) and config.use_inverted,
-        }
-        made.append(((order, OWN), {**mean, **own}))
-    made.sort(key=lambda one: one[0])
-    if not made:
-        return ways, {}, []
-    columns = {}
-    for name in made[0][1]:
-        values = [np.asarray(row[name])[None] for _, row in made]
-        columns[name] = padded(
-            values, 0.0 if name == "weight" else np.nan if values[0].dtype.kind == "f" else 0
-        )
-    columns["points"] = np.array([len(row["weight"]) for _, row in made])
-    return ways, columns, [due for due, _ in made]
+        own = {name: positions[name][row] for name in _SOURCE}
+        time = mean["end_time"]
+        own |= {"time": time, "source_time": time, "beside_profiles": False, "rank": COMPUTED}
+        made.append({**mean, **own, "due": due})
+    for one, state, (due, _, mean) in zip(single, stated, found, strict=True):
+        ledger.add(one.order, one.topic, mean if isinstance(mean, str) else "")
+        if not isinstance(mean, str):
+            own = {
+                "input": one.input,
+                "topic": ledger.topic(one.topic),
+                "ordinal": one.position[0],
+                "order": due,
+                "dive": state["dive"] if state["dive"] >= 0 else depths.at(one.order)[2][0],
+                "time": max(mean["end_time"], one.time[0]),
+                "source_time": one.time[0],
+                "beside_profiles": bool(state["inverted"]) and config.use_inverted,
+            }
+            made.append({**mean, **own, "due": due, "rank": OWN})
+    made.sort(key=lambda one: (one["due"], one["rank"]))
+    columns = {
+        name: padded([np.asarray(row[name])[None] for row in made], 0 if name == "weight" else None)
+        for name in (made[0] if made else ())
+    }
+    if made:
+        columns["points"] = np.array([len(row["weight"]) for row in made])
+    return ways, columns
+
+
+_SOURCE = ("input", "topic", "ordinal", "order", "dive")
 
 
 def _surfacings(tables: Sequence[Table], way: Way) -> Integers:
     """Return the places in the stream of positions at the surface that messages of their own state."""
     own = [one.order for one in tables if "system" not in one.fixed and not one.fixed.get("beside")]
-    positions = chosen(way.positions, slice(way.new, None))
-    orders = positions["order"][~positions["submerged"]]
+    orders = way.positions["order"][~way.positions["submerged"]]
     return np.asarray(orders[np.isin(orders, np.concatenate([_NONE, *own]))])
 
 
-def _events(
-    positions: Columns, profiles: Columns, means: Sequence[tuple[int, int]], linear: Sequence[int]
-) -> Integers:
-    """Return the events in order, as in ``Block``."""
-    n, rows = len(positions["order"]), []
-    rows.append(
-        np.column_stack(
-            [positions["order"], np.full(n, pings.POSITION), np.full(n, POSITION), np.arange(n)]
-        )
+def _events(positions: Columns, profiles: Rows, means: Rows, linear: Sequence[int]) -> Integers:
+    """Return the events in order, as in ``Block``; takes from the columns what says when each is due."""
+    due: tuple[tuple[Integers, Any], ...] = (
+        (positions["order"], pings.POSITION),
+        *((rows.pop("due", _NONE), rows.pop("rank", _NONE)) for rows in (profiles, means)),
+        (np.array(linear, np.int64), OWN),
     )
-    if profiles:
-        n = len(profiles["due"])
-        rows.append(
-            np.column_stack([profiles["due"], profiles["rank"], np.full(n, PING), np.arange(n)])
-        )
-    rows += [np.array([[due, rank, MEAN, k]]) for k, (due, rank) in enumerate(means)]
-    rows += [np.array([[due, OWN, LINEAR, k]]) for k, due in enumerate(linear)]
-    whole = np.concatenate(rows).astype(np.int64)
+    whole = np.concatenate(
+        [
+            np.column_stack(np.broadcast_arrays(order, rank, kind, np.arange(len(order))))
+            for kind, (order, rank) in enumerate(due)
+        ]
+    )
     return whole[np.lexsort((whole[:, 3], whole[:, 1], whole[:, 0]))][:, [0, 2, 3]]
-
-
-def kind_of(block: Block, kind: int, row: int) -> tuple[str, int]:
-    """Return the kind of a measurement, as the rules of the settings name it, and its dive."""
-    if kind == LINEAR:
-        one: LinearMeasurement = block.linear[row]
-        return one.label.kind, one.dive
-    return (
-        ("profiles", int(block.ping["dive"][row]))
-        if kind == PING
-        else ("dac", int(block.mean["dive"][row]))
-    )
 
 
 def without(block: Block, rules: Sequence[str]) -> Block:
     """Return a block without the measurements that rules leave out, whose messages are noted as not used."""
-    outcomes, reasons, kept = (
-        block.outcomes.copy(),
-        list(block.reasons),
-        np.ones(len(block.events), np.bool_),
-    )
+    outcomes, reasons = block.outcomes.copy(), list(block.reasons)
+    kept = np.ones(len(block.events), np.bool_)
     for k, (due, kind, row) in enumerate(block.events.tolist()):
         if kind == POSITION:
             continue
-        applied = rules_for(rules, *kind_of(block, kind, row))
-        if not applied:
-            continue
-        kept[k] = False
         if kind == LINEAR:
-            topic = block.topics.index(block.linear[row].source.topic)
+            one: LinearMeasurement = block.linear[row]
+            of, dive, topic = one.label.kind, one.dive, block.topics.index(one.source.topic)
         else:
-            topic = int((block.ping if kind == PING else block.mean)["topic"][row])
-        used = np.flatnonzero((outcomes == (due, topic, -1)).all(axis=1))
-        reason = left_out_reason(applied)
-        if reason not in reasons:
-            reasons.append(reason)
-        outcomes[used[:1], 2] = reasons.index(reason)
+            of, columns = ("profiles", block.ping) if kind == PING else ("dac", block.mean)  # type: ignore[assignment]
+            dive, topic = int(columns["dive"][row]), int(columns["topic"][row])
+        if applied := rules_for(rules, of, dive):
+            kept[k], reason = False, left_out_reason(applied)
+            if reason not in reasons:
+                reasons.append(reason)
+            used = np.flatnonzero((outcomes == (due, topic, -1)).all(axis=1))
+            outcomes[used[:1], 2] = reasons.index(reason)
     return replace(block, events=block.events[kept], outcomes=outcomes, reasons=tuple(reasons))

@@ -1,6 +1,6 @@
 """Messages to blocks, and the rows of blocks as observations: what a script loops over."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
@@ -87,83 +87,66 @@ def rows(block: Block) -> Iterator[VehicleState | Measurement]:
             yield path_mean(block, row) if kind == MEAN else vehicle_state(block, row)
 
 
-def _source(columns: Columns, row: int, topics: Any, time: str = "time") -> Source:
-    return Source(
-        int(columns["input"][row]),
-        topics[columns["topic"][row]],
-        int(columns["ordinal"][row]),
-        int(columns[time][row]),
-    )
+def _row(columns: Columns, row: int, topics: Sequence[str], time: str = "time") -> dict[str, Any]:
+    """Return the values of a row by name, numbers as Python's, and its source."""
+    one = {name: of[row].item() if of.ndim == 1 else of[row] for name, of in columns.items()}
+    return one | {"source": Source(one["input"], topics[one["topic"]], one["ordinal"], one[time])}
 
 
 def vehicle_state(block: Block, row: int) -> VehicleState:
     """Return a position of a block."""
-    columns = block.position
-    return VehicleState(
-        int(columns["time"][row]),
-        float(columns["longitude"][row]),
-        float(columns["latitude"][row]),
-        float(columns["depth"][row]),
-        bool(columns["dead_reckoned"][row]),
-        _source(columns, row, block.topics),
-    )
+    one = _row(block.position, row, block.topics)
+    names = ("longitude", "latitude", "depth", "dead_reckoned", "source")
+    return VehicleState(one["time"], **{name: one[name] for name in names})
 
 
 def observation(block: Block, row: int) -> Observation:
     """Return a profile of a block."""
-    columns, bins = block.ping, slice(0, int(block.ping["bins"][row]))
-    common_std = float(columns["common_std"][row])
-    platform = columns["platform"][row]
+    one, bins = _row(block.ping, row, block.topics), int(block.ping["bins"][row])
+    names = ("longitude", "latitude", "dive", "source", "common_std", "correlation_depth")
+    own = {name: one[name] for name in (*names, "position_std")}
+    own |= {name: one[name][:bins] for name in _OF_BINS}
+    platform = tuple(one["platform"].tolist())
     return Observation(
-        int(columns["time"][row]),
-        float(columns["longitude"][row]),
-        float(columns["latitude"][row]),
-        columns["depth"][row, bins],
-        columns["velocity"][row, bins],
-        columns["error_std"][row, bins],
-        "platform" if np.isinf(common_std) else "earth",
-        columns["flags"][row, bins],
-        columns["reasons"][row, bins],
-        int(columns["dive"][row]),
-        _source(columns, row, block.topics),
-        common_std,
-        float(columns["correlation_depth"][row]),
-        None if np.isnan(platform).any() else (float(platform[0]), float(platform[1])),
-        position_std=float(columns["position_std"][row]),
+        one["time"],
+        reference="platform" if np.isinf(one["common_std"]) else "earth",
+        platform_velocity=None if np.isnan(platform).any() else platform,
+        **own,
     )
+
+
+_OF_BINS = ("depth", "velocity", "error_std", "flags", "reasons")
 
 
 def path_mean(block: Block, row: int) -> PathMean:
     """Return a mean current of a block."""
-    columns, points = block.mean, slice(0, int(block.mean["points"][row]))
-    velocity, reckoned = columns["velocity"][row].tolist(), columns["reckoned"][row].tolist()
-    start, end = (
-        Fix(int(columns[f"{name}_time"][row]), *columns[name][row].tolist())
-        for name in ("start", "end")
-    )
+    one = _row(block.mean, row, block.topics, "source_time")
+    points, reckoned = one["points"], tuple(one["reckoned"].tolist())
+    start, end = (Fix(one[f"{name}_time"], *one[name].tolist()) for name in ("start", "end"))
+    names = ("error_std", "dive", "source", "beside_profiles", "deepest")
+    own = {name: one[name] for name in names}
+    own |= {name: one[f"path_{name}"][:points] for name in ("longitude", "latitude", "depth")}
     return PathMean(
-        int(columns["time"][row]),
-        columns["path_time"][row, points],
-        columns["path_longitude"][row, points],
-        columns["path_latitude"][row, points],
-        columns["path_depth"][row, points],
-        columns["weight"][row, points],
-        (velocity[0], velocity[1]),
-        float(columns["error_std"][row]),
-        "dac",
-        int(columns["dive"][row]),
-        _source(columns, row, block.topics, "source_time"),
-        (start, end),
-        beside_profiles=bool(columns["beside_profiles"][row]),
-        deepest=float(columns["deepest"][row]),
-        reckoned=None if np.isnan(reckoned[0]) else (reckoned[0], reckoned[1]),
+        one["time"],
+        path_time_ns=one["path_time"][:points],
+        weight=one["weight"][:points],
+        velocity=tuple(one["velocity"].tolist()),
+        kind="dac",
+        fixes=(start, end),
+        reckoned=None if np.isnan(reckoned[0]) else reckoned,
+        **own,
     )
 
 
-def counts(found: Iterable[Block]) -> Mapping[tuple[str, str], int]:
-    """Return the number of messages by topic and reason, the empty reason for those that are used."""
-    total: dict[tuple[str, str], int] = {}
-    for block in found:
-        for key, number in block.counts().items():
-            total[key] = total.get(key, 0) + number
-    return total
+def observations(
+    messages: Iterable[Message], config: MeasurementConfig | None = None
+) -> Iterator[Measurement]:
+    """Yield the profiles and mean currents in a stream of messages: what a post-mission script loops over.
+
+    A mean current beside profiles that were computed from it is left out: without the flight model's bias it would count twice.
+    """
+    for block in blocks(messages, config or MeasurementConfig()):
+        for event in rows(block):
+            beside = isinstance(event, PathMean) and event.beside_profiles
+            if isinstance(event, Measurement) and not beside:
+                yield event

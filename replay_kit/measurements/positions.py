@@ -12,25 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.geodesy import moved, offset
 from replay_kit.core.table import Columns, Integers
 
-#: Columns of positions: of the first six the names say what they are; submerged and dive are the vehicle's, by its depths; own says whether
+Rows = dict[str, NDArray[Any]]
+#: Columns of positions: submerged and dive are the vehicle's, by its depths; own says whether
 #: the use of its message is told with it.
 ROW: Mapping[str, type] = {
-    "time": np.int64,
-    "order": np.int64,
-    "longitude": np.float64,
-    "latitude": np.float64,
-    "depth": np.float64,
-    "dead_reckoned": np.bool_,
-    "submerged": np.bool_,
-    "dive": np.int64,
-    "input": np.int64,
-    "topic": np.int64,
-    "ordinal": np.int64,
-    "own": np.bool_,
+    **dict.fromkeys(("time", "order", "dive", "input", "topic", "ordinal"), np.int64),
+    **dict.fromkeys(("longitude", "latitude", "depth"), np.float64),
+    **dict.fromkeys(("dead_reckoned", "submerged", "own"), np.bool_),
 }
 # m/s; by which a glider's velocity on one leg departs from its mean over the dive: the place at a share s of a dive of T seconds, taken on
 # the straight way between its ends, is off by this times T s (1 - s)
@@ -44,17 +36,23 @@ _NEVER = np.iinfo(np.int64).max
 LONG_AGO = np.iinfo(np.int64).min // 2
 
 
-def no_rows() -> dict[str, NDArray[Any]]:
+def no_rows() -> Rows:
     """Return no positions."""
     return {name: np.empty(0, kind) for name, kind in ROW.items()}
 
 
-def joined(*parts: Columns) -> dict[str, NDArray[Any]]:
+def joined(*parts: Columns) -> Rows:
     """Return the rows of some positions after those of others."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def chosen(rows: Columns, at: NDArray[Any] | slice) -> dict[str, NDArray[Any]]:
+def in_order(*parts: Columns) -> Rows:
+    """Return the rows of all parts in the order of the stream."""
+    rows = joined(*parts)
+    return chosen(rows, np.argsort(rows["order"], kind="stable"))
+
+
+def chosen(rows: Columns, at: NDArray[Any] | slice | int) -> Rows:
     """Return some rows."""
     return {name: column[at] for name, column in rows.items()}
 
@@ -80,7 +78,7 @@ class Places:
     origins: Mapping[str, tuple[float, float, float, float]] = field(default_factory=dict)
 
 
-def as_of(at: Integers, order: Integers) -> NDArray[np.intp]:
+def as_of(at: Integers, order: Integers) -> Indices:
     """Return the number of the last row up to places in the stream; -1 before the first.
 
     Args:
@@ -90,7 +88,7 @@ def as_of(at: Integers, order: Integers) -> NDArray[np.intp]:
     return np.searchsorted(order, at, side="right") - 1
 
 
-def fixes_after(known: Columns, positions: Columns) -> dict[str, NDArray[Any]]:
+def fixes_after(known: Columns, positions: Columns) -> Rows:
     """Return the fixes at the surface, each later than those before it: ``known`` ones and those among new positions."""
     at_surface = chosen(positions, ~(positions["dead_reckoned"] | positions["submerged"]))
     time, last = at_surface["time"], known["time"][-1:]
@@ -99,32 +97,26 @@ def fixes_after(known: Columns, positions: Columns) -> dict[str, NDArray[Any]]:
     return joined(known, chosen(at_surface, later))
 
 
-def kept_fixes(fixes: Columns) -> dict[str, NDArray[Any]]:
+def kept_fixes(fixes: Columns) -> Rows:
     """Return the fixes that may still give the velocity at a ping: those of two windows before the last but one, and the last."""
     time = fixes["time"]
     first = 0 if time.size < 2 else np.searchsorted(time, time[-2] - 2 * WINDOW, side="right")
     return chosen(fixes, slice(first, None))
 
 
+_BESIDE = {"time": 0, "longitude": np.nan, "latitude": np.nan}
 #: Time [ns, UTC], longitude and latitude [degrees] of a position beside each ping, shapes (n,); NaN for none.
-Beside = tuple[Integers, Array, Array]
+Beside = list[NDArray[Any]]
 
 
-def beside(rows: Columns, at: NDArray[np.intp]) -> Beside:
-    """Return some of the positions, NaN for numbers below 0."""
-    known = at >= 0
-    if not known.any():
-        none = np.full(at.shape, np.nan)
-        return np.zeros(at.shape, np.int64), none, none
-    longitude, latitude = (
-        np.where(known, rows[name][at], np.nan) for name in ("longitude", "latitude")
-    )
-    return rows["time"][at], longitude, latitude
+def beside(rows: Columns, at: Indices) -> Beside:
+    """Return some of the positions, NaN for the number -1."""
+    return [np.append(rows[name], end)[at] for name, end in _BESIDE.items()]
 
 
 def placed(
     time: Integers,
-    in_dive: NDArray[np.bool_],
+    in_dive: Mask,
     before: Beside,
     after: Beside,
     config: MeasurementConfig,
@@ -144,7 +136,7 @@ def placed(
     both, begin, end = has_before & has_after, before[0], after[0]
     since = np.where(has_before, np.abs(time - begin), _NEVER)
     until = np.where(has_after, np.abs(end - time), _NEVER)
-    is_near = (np.minimum(since, until) <= config.position_max_age * 1e9) & (has_before | has_after)
+    is_near = np.minimum(since, until) <= config.position_max_age * 1e9
     gap_s = np.where(both, end - begin, 0) * 1e-9
     in_gap = ~is_near & in_dive & both & (gap_s <= config.position_max_gap)
     earlier = since <= until
@@ -164,9 +156,7 @@ def placed(
     return np.where(known, longitude, np.nan), np.where(known, latitude, np.nan), std
 
 
-def vessel_velocity(
-    time: Integers, fixes: Columns, first: NDArray[np.intp], last: NDArray[np.intp]
-) -> Array:
+def vessel_velocity(time: Integers, fixes: Columns, first: Indices, last: Indices) -> Array:
     """Return a vessel's velocity over the ground at times, true east and north, and its error, shape (n, 3) [m/s].
 
     NaN where fewer than three fixes are within 20 s, or all on one side. The slope of a straight line through these fixes, by least
@@ -214,7 +204,4 @@ def _slopes(since: Array, place: Array) -> Array:
 
 def _sum(values: Array) -> Array:
     """Return sums over the second axis, in order, so that they do not depend on the other rows."""
-    total = values[:, 0]
-    for k in range(1, values.shape[1]):
-        total = total + values[:, k]
-    return np.asarray(total)
+    return np.asarray(np.cumsum(values, axis=1)[:, -1])

@@ -8,20 +8,20 @@ their numbers to the operator; Teledyne's commands WC, WE and its percent good; 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.block import BinTest
 from replay_kit.core.observation import Flag, Reason
+from replay_kit.measurements.earth import Words
 from replay_kit.measurements.frames import tilt
 
 Flags = NDArray[np.int8]
-Words = NDArray[np.object_]
 _GOOD, _NOT_EVALUATED, _SUSPECT, _FAIL, _MISSING = (
     np.int8(flag) for flag in (Flag.GOOD, Flag.NOT_EVALUATED, Flag.SUSPECT, Flag.FAIL, Flag.MISSING)
 )
@@ -31,6 +31,7 @@ _BEAMS = 3
 _MAD = 1.4826
 # bins; fewer have no median that one of them could not move
 _FEWEST = 4
+_NO_SNR = "the ping has neither snr nor noise_floor with amplitude"
 OFF = "switched off"
 Profiles = Mapping[str, NDArray[Any]]
 
@@ -46,66 +47,83 @@ def tested(
         fixed: What is the instrument's.
         config: The limits.
     """
-    quality, (n, m) = config.quality, profiles["depth"].shape
-    found: list[BinTest] = []
-    for name, reason, values, why, limits, least in _inputs(profiles, fixed, config):
-        if all(limit is None for limit in limits):
-            why = np.full(n, OFF, object)
-        flags = np.where((why == "")[:, None], graded(values, limits, least), _NOT_EVALUATED)
-        found.append(BinTest(name, reason, np.broadcast_to(flags, (n, m)), why))
+    quality = config.quality
+    found = list(_tests(profiles, fixed, config))
     # each bin against those around it that no other test failed
-    failed = np.any([test.flags == _FAIL for test in found], axis=0) | ~np.isfinite(
-        profiles["depth"]
-    )
+    failed = np.any([test.flags == _FAIL for test in found], axis=0)
+    failed |= ~np.isfinite(profiles["depth"])
     velocity = np.where(failed[..., None], np.nan, profiles["velocity"][..., :2])
     floor = np.maximum(profiles["error_std"], quality.outlier_floor)
-    ratio, limits = outlyingness(velocity, floor, quality.outlier_window), quality.limits("outlier")
-    why = np.where(np.isfinite(ratio).any(axis=1), "", "too few bins").astype(object)
-    if limits == (None, None):
-        why[:] = OFF
-    found.append(BinTest("outlier", Reason.OUTLIER, graded(ratio, limits, False), why))
+    ratio = outlyingness(velocity, floor, quality.outlier_window)
+    few = _words(len(ratio), ~np.isfinite(ratio).any(axis=1), "too few bins")
+    limits = quality.limits("outlier")
+    found.append(_test(ratio.shape, "outlier", Reason.OUTLIER, ratio, few, limits, False))
     return found, *_rolled_up(found, profiles, quality.use_suspect)
 
 
 Limit = float | Array | None
-#: Name, reason, numbers that broadcast to (n, m), why pings have none, suspect and failing limits, and whether these are the least.
-Input = tuple[str, Reason, Array, Words, tuple[Limit, Limit], bool]
 
 
-def _inputs(
+def _test(
+    shape: tuple[int, ...],
+    name: str,
+    reason: Reason,
+    values: Array,
+    why: Words,
+    limits: tuple[Limit, Limit],
+    least: bool,
+) -> BinTest:
+    """Return the result of a test of numbers that broadcast to bins; ``why`` says in words why pings have none."""
+    flags = np.where((why == "")[:, None], graded(values, limits, least), _NOT_EVALUATED)
+    if all(limit is None for limit in limits):
+        why = _words(len(why), True, OFF)
+    return BinTest(name, reason, np.broadcast_to(flags, shape), why)
+
+
+def _tests(
     profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
-) -> Iterator[Input]:
-    """Yield what each test compares."""
-    depth, velocity, of = profiles["depth"], profiles["velocity"][..., :2], config.quality.limits
-    n, none = len(depth), _words(len(depth))
-    yield "above_surface", Reason.ABOVE_SURFACE, depth, none, (None, 0.0), True
-    fastest = np.abs(velocity).max(axis=2)
-    yield "max_speed", Reason.GROSS_RANGE, fastest, none, (None, config.max_speed), False
+) -> Iterator[BinTest]:
+    """Yield the tests that judge each bin by itself."""
+    quality, shape, velocity = config.quality, profiles["depth"].shape, profiles["velocity"]
+    test, words, said = partial(_test, shape), partial(_words, shape[0]), quality.limits
+    yield test("above_surface", Reason.ABOVE_SURFACE, profiles["depth"], words(), (None, 0.0), True)
+    fastest = np.abs(velocity[..., :2]).max(axis=2)
+    yield test("max_speed", Reason.GROSS_RANGE, fastest, words(), (None, config.max_speed), False)
     reach, cosine = _reach(profiles, fixed, config)
     bottom = profiles["bottom_range"]
-    why, limits = _words(n, ~np.isfinite(bottom), "no bottom track"), (bottom * cosine)[:, None]
-    yield "bottom", Reason.BELOW_BOTTOM, reach, why, (None, limits), False
-    name = "nortek_correlation" if fixed["convention"] == "nortek" else "correlation"
-    yield name, Reason.LOW_CORRELATION, *_beams(profiles, "correlation"), of(name), True
-    yield "amplitude", Reason.LOW_AMPLITUDE, *_beams(profiles, "amplitude"), of("amplitude"), True
-    yield "snr", Reason.LOW_SNR, *_snr(profiles, fixed), of("snr"), True
-    solutions = _percent_good(profiles, fixed)
-    yield "percent_good", Reason.LOW_PERCENT_GOOD, *solutions, of("percent_good"), True
-    error, why = profiles["error_size"], profiles["no_error_velocity"]
-    yield "error_velocity", Reason.ERROR_VELOCITY, error, why, of("error_velocity"), False
-    why = _words(n, ~profiles["absolute"], "velocity is relative to the platform")
-    speed = np.hypot(velocity[..., 0], velocity[..., 1])
-    yield "speed", Reason.HIGH_SPEED, speed, why, of("speed"), False
+    why, most = words(~np.isfinite(bottom), "no bottom track"), (bottom * cosine)[:, None]
+    yield test("bottom", Reason.BELOW_BOTTOM, reach, why, (None, most), False)
+    correlation = "nortek_correlation" if fixed["convention"] == "nortek" else "correlation"
+    for name, reason, (values, why) in (
+        (correlation, Reason.LOW_CORRELATION, _beams(profiles, "correlation")),
+        ("amplitude", Reason.LOW_AMPLITUDE, _beams(profiles, "amplitude")),
+        ("snr", Reason.LOW_SNR, _snr(profiles, fixed)),
+        ("percent_good", Reason.LOW_PERCENT_GOOD, _percent_good(profiles, fixed)),
+    ):
+        yield test(name, reason, values, why, said(name), True)
     angle = tilt(profiles["pitch"], profiles["roll"])
     # how an instrument is mounted in a glider, level in the glide or not, no ping says
-    why = _words(n, profiles["dive"] > 0, "not evaluated for a gliding vehicle")
-    why[~np.isfinite(angle)] = "the ping has no pitch and roll"
-    yield "tilt", Reason.TILT, angle[:, None], why, of("tilt"), False
-    why = none if fixed["orientation"] == "up" else _words(n, True, "the instrument looks down")
-    why = why if config.quality.sidelobe else _words(n, True, OFF)
-    limits = (profiles["transducer_depth"] * cosine)[:, None]
-    yield "sidelobe", Reason.SIDELOBE, reach, why, (None, limits), False
-    yield "at_surface", Reason.AT_SURFACE, *_at_surface(profiles, fixed, config), True
+    tilted = words(profiles["dive"] > 0, "not evaluated for a gliding vehicle")
+    tilted[~np.isfinite(angle)] = "the ping has no pitch and roll"
+    relative = words(~profiles["absolute"], "velocity is relative to the platform")
+    speed, error = np.hypot(velocity[..., 0], velocity[..., 1]), profiles["error_size"]
+    for name, reason, values, why in (
+        ("error_velocity", Reason.ERROR_VELOCITY, error, profiles["no_error_velocity"]),
+        ("speed", Reason.HIGH_SPEED, speed, relative),
+        ("tilt", Reason.TILT, angle[:, None], tilted),
+    ):
+        yield test(name, reason, values, why, said(name), False)
+    why = words(fixed["orientation"] != "up", "the instrument looks down")
+    spoiled = (profiles["transducer_depth"] * cosine)[:, None] if quality.sidelobe else None
+    yield test("sidelobe", Reason.SIDELOBE, reach, why, (None, spoiled), False)
+    # at the surface a vehicle rolls in the waves with its bubbles; its depth may be an older one than the ping's own
+    depth = np.fmax(profiles["vehicle_depth"], profiles["transducer_depth"])[:, None]
+    why = words(fixed["derived"], "derived from many pings")
+    why[profiles["dive"] == 0] = "no dive yet"
+    suspect, fail = (
+        config.surface_depth if quality.at_surface == flag else None for flag in ("suspect", "fail")
+    )
+    yield test("at_surface", Reason.AT_SURFACE, depth, why, (suspect, fail), True)
 
 
 def _words(n: int, at: Any = False, words: str = "") -> Words:
@@ -123,22 +141,14 @@ def _beams(profiles: Profiles, name: str) -> tuple[Array, Words]:
 def _snr(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, Words]:
     """Return the stated ratio of signal to noise, else the echo over the noise's [dB]."""
     values, why = _beams(profiles, "snr")
-    amplitude, floor, why = profiles.get("amplitude"), fixed["noise_floor"], why.copy()
-    lacks = why != ""
-    if not lacks.any():
-        return values, why
-    if amplitude is None or not np.isfinite(floor).any():
-        why[lacks] = "the ping has neither snr nor noise_floor with amplitude"
-        return values, why
-    if floor.size not in (1, amplitude.shape[2]):
-        why[lacks] = "noise_floor is neither one number nor one a beam"
-    else:
-        values = np.where(lacks[:, None], worst_needed(amplitude - floor), values)
-        why[lacks] = ""
-    why[lacks & (profiles["no_amplitude"] != "")] = (
-        "the ping has neither snr nor noise_floor with amplitude"
-    )
-    return values, why
+    amplitude, floor, lacks = profiles.get("amplitude"), fixed["noise_floor"], why != ""
+    instead, words = values, _NO_SNR
+    if amplitude is not None and np.isfinite(floor).any():
+        words = "noise_floor is neither one number nor one a beam"
+        if floor.size in (1, amplitude.shape[2]):
+            instead, words = worst_needed(amplitude - floor), ""
+    said = np.where(profiles["no_amplitude"] == "", words, _NO_SNR)
+    return np.where(lacks[:, None], instead, values), np.where(lacks, said, why)
 
 
 def _percent_good(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, Words]:
@@ -147,11 +157,11 @@ def _percent_good(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, 
     Teledyne's four, of velocities that the instrument turned, are three-beam solutions, rejected ones, cells with too few beams,
     four-beam solutions.
     """
-    values, why = profiles.get("percent_good"), profiles["no_percent_good"]
+    values = profiles.get("percent_good")
     # of the makers whose instruments turn velocities only Teledyne writes four numbers
     turned = fixed["frame"] != "beam" and fixed["convention"] != "nortek"
     if values is not None and turned and values.shape[2] == 4:
-        return values[..., 0] + values[..., 3], why
+        return values[..., 0] + values[..., 3], profiles["no_percent_good"]
     return _beams(profiles, "percent_good")
 
 
@@ -169,25 +179,9 @@ def _reach(
         known = np.isfinite(steps).any(axis=1)
         size[known] = np.nanmedian(steps[known], axis=1)
     vectors = fixed["vectors"]
-    stated = vectors is not None and vectors.size and np.isfinite(vectors[:, 2]).all()
-    lowest = float(np.abs(vectors[:, 2]).min()) if stated else 0.0
+    lowest = 0.0 if vectors is None or not vectors.size else float(np.abs(vectors[:, 2]).min())
     cosine = lowest if 0.0 < lowest <= 1.0 else float(np.cos(np.deg2rad(config.quality.beam_angle)))
     return distance + np.where(np.isfinite(size), 0.5 * size, 0.0)[:, None], cosine
-
-
-def _at_surface(
-    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
-) -> tuple[Array, Words, tuple[Limit, Limit]]:
-    """Return the depth and the limits of a vehicle that dives: at the surface it rolls in the waves with its bubbles."""
-    word, n = config.quality.at_surface, len(profiles["dive"])
-    limits = (config.surface_depth, None) if word == "suspect" else (None, config.surface_depth)
-    # the depth of the vehicle may be an older one than the ping's own
-    depth = np.fmax(profiles["vehicle_depth"], profiles["transducer_depth"])[:, None]
-    if word == "off":
-        return depth, _words(n, True, OFF), limits
-    why = _words(n, fixed["derived"], "derived from many pings")
-    why[profiles["dive"] == 0] = "no dive yet"
-    return depth, why, limits
 
 
 def graded(values: Array, limits: tuple[Limit, Limit], least: bool) -> Flags:
@@ -198,9 +192,8 @@ def graded(values: Array, limits: tuple[Limit, Limit], least: bool) -> Flags:
         limits: Suspect and fail; numbers, or arrays that broadcast to the values.
         least: Whether the limits are the least that is good, else the most.
     """
-    flags = np.where(np.isfinite(values), _GOOD, _NOT_EVALUATED)
-    if all(limit is None for limit in limits):
-        return np.full(values.shape, _NOT_EVALUATED)
+    known = np.isfinite(values) & any(limit is not None for limit in limits)
+    flags = np.where(known, _GOOD, _NOT_EVALUATED)
     for limit, flag in zip(limits, (_SUSPECT, _FAIL), strict=True):
         if limit is not None:
             flags = np.where(values < limit if least else values > limit, flag, flags)
@@ -232,7 +225,7 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
         floor: shape (..., m) [m/s], the least deviation that counts, so that the noise of a smooth profile is no outlier.
         window: Bins in a window, odd; of a shorter profile all.
     """
-    finite: NDArray[np.bool_] = np.asarray(np.isfinite(velocity).all(axis=-1))
+    finite: Mask = np.asarray(np.isfinite(velocity).all(axis=-1))
     n_finite = np.count_nonzero(finite, axis=-1)
     at = _windows(velocity.shape[-2], window)
     count = np.count_nonzero(finite[..., at], axis=-1)
@@ -250,14 +243,14 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _windows(m: int, window: int) -> NDArray[np.intp]:
+def _windows(m: int, window: int) -> Indices:
     """Return the bins about each of m, shape (m, window) or, of a shorter profile, (m, m)."""
     width = min(window, m)
     first = np.clip(np.arange(m) - window // 2, 0, m - width)
     return np.asarray(first[:, None] + np.arange(width))
 
 
-def _median(values: Array, count: NDArray[np.intp]) -> Array:
+def _median(values: Array, count: Indices) -> Array:
     """Return medians of the ``count`` numbers along the last axis, the others NaN; numpy's own take far longer."""
     ordered, width = np.sort(values, axis=-1), values.shape[-1]
     at = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, width - 1)], axis=-1)
@@ -274,11 +267,10 @@ def _rolled_up(
     present = np.isfinite(profiles["velocity"][..., :2]).all(axis=2)
     reasons = np.where(np.isfinite(profiles["depth"]), np.int32(0), np.int32(Reason.MALFORMED))
     reasons |= np.where(present, np.int32(0), np.int32(Reason.MISSING))
-    flags, missing = np.full(reasons.shape, _GOOD), reasons != 0
-    for test in tests:
-        bad = test.flags >= _SUSPECT
-        flags = np.where(bad, np.maximum(flags, test.flags), flags)
-        reasons |= np.where(bad, np.int32(test.reason), np.int32(0))
+    missing, each = reasons != 0, np.stack([test.flags for test in tests])
+    bad, marks = each >= _SUSPECT, np.array([test.reason for test in tests], np.int32)
+    flags = np.where(bad, each, _GOOD).max(axis=0)
+    reasons |= np.bitwise_or.reduce(np.where(bad, marks[:, None, None], np.int32(0)), axis=0)
     if not use_suspect:
         flags[flags == _SUSPECT] = _FAIL
     flags[missing] = _MISSING

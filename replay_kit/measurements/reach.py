@@ -6,13 +6,14 @@ right, and else by the fix before it.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Mask
 from replay_kit.core.errors import Finding, Severity
 from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.core.table import Columns
@@ -58,17 +59,13 @@ def places(rows: Mapping[str, NDArray[Any]]) -> list[Place]:
     return [Place(*each) for each in zip(*(rows[name].tolist() for name in COLUMNS), strict=True)]
 
 
-def short_steps(rows: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+def short_steps(rows: Mapping[str, NDArray[Any]]) -> Mask:
     """Return of which positions the one before them is of the same log and kind, shortly before, and near, shape (n,)."""
-    if not len(rows["time"]):
-        return np.zeros(0, np.bool_)
-    seconds = np.diff(rows["time"]) * 1e-9
+    step = {name: np.diff(rows[name], prepend=rows[name][:1]) for name in COLUMNS}
+    seconds = step["time"] * 1e-9
     short = (seconds > 0.0) & (seconds < _STEP_TIME)
-    for name in ("longitude", "latitude"):
-        short &= np.abs(np.diff(rows[name])) < _STEP
-    for name in ("dead_reckoned", "input"):
-        short &= rows[name][1:] == rows[name][:-1]
-    return np.concatenate([[False], short])
+    short &= (np.abs(step["longitude"]) < _STEP) & (np.abs(step["latitude"]) < _STEP)
+    return np.asarray(short & (step["dead_reckoned"] == 0) & (step["input"] == 0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,17 +106,19 @@ class Reach:
     def on(self, here: Place) -> "Reach":
         """Return what is remembered once a position is reached; nothing is learnt of another log, of the past, or after a pause."""
         last, speeds, gaps = self.last, self.speeds, self.gaps
-        fix, number = self.fix if here.reckoned else here, self.number + 1
+        own, number = None if here.reckoned else here, self.number + 1
         if last is None or last.log != here.log:
-            return Reach(here, None if here.reckoned else here, number=1)
+            return Reach(here, own, number=1)
         seconds = last.seconds(here)
         if seconds > _LONGEST:
-            return replace(self, last=here, fix=None if here.reckoned else here, number=number)
+            return replace(self, last=here, fix=own, number=number)
         if seconds >= 60.0:
             speeds = (*speeds, last.way(here) / seconds)[-_REMEMBERED:]
         if last.reckoned and not here.reckoned:
             gaps = (*gaps, max(last.way(here) - self.fastest * seconds, 0.0))[-_REMEMBERED:]
-        return replace(self, last=here, fix=fix, speeds=speeds, gaps=gaps, number=number)
+        return replace(
+            self, last=here, fix=own or self.fix, speeds=speeds, gaps=gaps, number=number
+        )
 
 
 def within_reach(
@@ -150,28 +149,30 @@ def within_reach(
             continue
         if last is None or last.log != here.log or last.seconds(here) > _LONGEST:
             order[held], held, state = order[i], [], state.on(here)
-        elif last.seconds(here) > 0.0 and state.reaches(last, here):
+        elif last.seconds(here) <= 0.0:
+            pass
+        elif state.reaches(last, here):
             if held:
-                found.append(_thrown(last, [every[k] for k in held], int(order[i])))
+                far = max(last.way(every[k]) for k in held)
+                found.append((int(order[i]), _displaced(every[held[0]], far, len(held))))
                 use[held], order[held], held = False, order[i], []
             state = state.on(here)
-        elif last.seconds(here) > 0.0 and state.number < _LEAST:
+        elif state.number < _LEAST:
             # nothing tells yet which of them was wrong
             state = Reach(here, None if here.reckoned else here, number=state.number + 1)
-        elif last.seconds(here) > 0.0:
+        else:
             held.append(i)
-            if not state.reaches(every[held[-2]], here) if len(held) > 1 else False:
+            if len(held) > 1 and not state.reaches(every[held[-2]], here):
                 use[held[:-1]], order[held[:-1]], held = False, order[i], held[-1:]
             elif len(held) == _LEAST:
-                order[held] = order[i]
-                if last.way(every[held[0]]) >= _MOVED:
-                    found.append(_moved(last, every[held[0]], int(order[i])))
+                order[held], far = order[i], last.way(every[held[0]])
+                if far >= _MOVED:
+                    found.append((int(order[i]), _displaced(every[held[0]], far, 0)))
                 state, held = Reach(here, None, state.speeds, state.gaps, number=_LEAST), []
         i += 1
     if ends and held:
         use[held], held = False, []
-    done = np.ones(len(every), np.bool_)
-    done[held] = False
+    done = ~np.isin(np.arange(len(every)), held)
     rows["order"] = order
     at = np.flatnonzero(done & use)
     at = at[np.argsort(order[at], kind="stable")]
@@ -179,26 +180,15 @@ def within_reach(
     return after, chosen(rows, at), chosen(rows, done & ~use), found
 
 
-def _thrown(last: Place, thrown: Sequence[Place], order: int) -> tuple[int, Finding]:
-    far = max(last.way(one) for one in thrown) / 1e3
-    return order, _finding(
-        thrown[0],
-        f"{len(thrown)} in a row are up to {far:.3g} km out of the vehicle's reach, and the track comes back",
-        "they are not used; check the receiver",
-        "warning",
-    )
-
-
-def _moved(last: Place, first: Place, order: int) -> tuple[int, Finding]:
-    far = last.way(first) / 1e3
-    return order, _finding(
-        first,
-        f"the track goes on {far:.3g} km away, farther than the vehicle reaches, and does not come back",
+def _displaced(first: Place, far: float, thrown: int) -> Finding:
+    """Return what is found where some positions were thrown, or, with none thrown, the track goes on far away [m]."""
+    cause, evidence, advice = (
+        "a receiver that errs, a wrong datum, or positions of another vehicle",
+        f"the track goes on {far / 1e3:.3g} km away, farther than the vehicle reaches, and does not come back",
         "check the receiver, and give a log with the right positions",
-        "inconsistent",
     )
-
-
-def _finding(first: Place, evidence: str, advice: str, severity: Severity) -> Finding:
-    cause = "a receiver that errs, a wrong datum, or positions of another vehicle"
+    severity: Severity = "inconsistent"
+    if thrown:
+        evidence = f"{thrown} in a row are up to {far / 1e3:.3g} km out of the vehicle's reach, and the track comes back"
+        advice, severity = "they are not used; check the receiver", "warning"
     return Finding(DISPLACED, first.time_ns, evidence, cause, advice, severity)

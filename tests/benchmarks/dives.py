@@ -22,10 +22,10 @@ from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.next_dive.mixture import Persistence
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess
 from replay_kit.logs import merge
-from replay_kit.measurements.interpret import events_of
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.surfacings.forecasts import ForecastState, dive_mean, with_profile
 from tests.benchmarks.measure import Row, row, seconds
+from tests.measurements.samples import events_of
 from tests.places import DATA, SAMPLES
 
 _FIRST = 3

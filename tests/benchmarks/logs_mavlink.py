@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.logs import open_log
 from replay_kit.logs.dataflash.reader import DataflashReader
-from replay_kit.measurements import MAVLINK_NAMES
+from replay_kit.workflows.replay.inputs.scan import MAVLINK_NAMES
 from tests.benchmarks.measure import Row, peak_mb, row, runner, seconds
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import SHARED, attitude, tlog_entry

@@ -1,16 +1,66 @@
 """Messages of a small survey, and the loop over them."""
 
 import math
+from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, Source, VehicleState
-from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
+from replay_kit.measurements.observed import begun, rows, taken
 
 CONFIG = MeasurementConfig()
 SECOND = 10**9
+
+
+@dataclass(frozen=True)
+class Used:
+    """A message that was used."""
+
+    topic: str
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A message that was not used, and why."""
+
+    topic: str
+    reason: str
+
+
+def interpret_block(stream, messages, config, last=False):
+    """Return the stream after messages, and the events of each of them, what became of messages first; those of the end with the last."""
+    after, block = taken(stream, messages, config, last)
+    found = [[] for _ in messages] or [[]]
+    for order, topic, reason in block.outcomes.tolist():
+        name = block.topics[topic]
+        event = Used(name) if reason < 0 else Skipped(name, block.reasons[reason])
+        found[min(order - stream.order, len(found) - 1)].append(event)
+    for order, event in zip(block.events[:, 0].tolist(), rows(block), strict=True):
+        found[min(order - stream.order, len(found) - 1)].append(event)
+    return after, found
+
+
+def interpret(stream, message, config):
+    """Return the stream after a message, and the events that it completes."""
+    stream, (events,) = interpret_block(stream, [message], config)
+    return stream, events
+
+
+def finish(stream, config):
+    """Return the events of what still waits when the log ends."""
+    return interpret_block(stream, [], config, last=True)[1][0]
+
+
+def events_of(messages, config, system=None, component=None):
+    """Yield the events that each message of a stream completes, and last those of what still waits at its end."""
+    stream, rest = begun(system, component), iter(messages)
+    while block := list(islice(rest, 128)):
+        stream, found = interpret_block(stream, block, config)
+        yield from found
+    yield finish(stream, config)
 
 
 # what no field of a message should hold
@@ -67,7 +117,7 @@ def fix(time_s, longitude=152.0, latitude=-40.0, depth=None, **changes):
 
 
 def run(messages, config=CONFIG, component=None):
-    state, events = initial_state(None, component), []
+    state, events = begun(None, component), []
     for message in messages:
         state, more = interpret(state, message, config)
         events += more

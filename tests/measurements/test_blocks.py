@@ -5,8 +5,8 @@ import pytest
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Observation
-from replay_kit.measurements import finish, initial_state, interpret_block
-from tests.measurements.samples import fix, ping
+from replay_kit.measurements.observed import begun
+from tests.measurements.samples import finish, fix, interpret_block, ping
 
 
 def _log():
@@ -66,12 +66,11 @@ def _values(event):
 
 
 def _interpreted(size, config):
-    state, events = initial_state(), []
+    state, events = begun(), []
     messages = _log()
     for start in range(0, len(messages), size):
-        steps = interpret_block(state, messages[start : start + size], config)
-        state = steps[-1][0]
-        events += [[_values(event) for event in of_message] for _, of_message in steps]
+        state, steps = interpret_block(state, messages[start : start + size], config)
+        events += [[_values(event) for event in of_message] for of_message in steps]
     return [*events, [_values(event) for event in finish(state, config)]]
 
 

@@ -12,7 +12,7 @@ import replay_kit as rk
 from replay_kit.config.run import LogConfig, MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.logs import merge, open_logs
-from replay_kit.measurements.observed import blocks, counts, rows
+from replay_kit.measurements.observed import blocks, rows
 from tests.places import SAMPLES
 from tests.record.measured import logs
 
@@ -41,7 +41,9 @@ def _now(
     messages: Sequence[Message], config: MeasurementConfig, size: int = 4096
 ) -> tuple[list[Any], Counter]:
     found = list(blocks(messages, config, size))
-    return [row for block in found for row in rows(block)], Counter(counts(found))
+    return [row for block in found for row in rows(block)], sum(
+        (Counter(block.counts()) for block in found), Counter()
+    )
 
 
 def _same(a: Any, b: Any) -> bool:

@@ -8,11 +8,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
-from replay_kit.measurements import Skipped, Used, initial_state, interpret
+from replay_kit.measurements.observed import begun
 from tests.measurements.samples import (
     CONFIG,
     SECOND,
+    Skipped,
+    Used,
     fix,
+    interpret,
     logged,
     mavlink_frames,
     only,
@@ -51,10 +54,10 @@ def test_without_a_near_position_a_ping_is_skipped():
 
 
 def test_pings_do_not_pile_up_without_positions():
-    state = initial_state()
+    state = begun()
     for k in range(200):
         state, _ = interpret(state, ping(100.0 * k), CONFIG)
-    assert sum(map(len, state.stream.memory.waiting)) <= 8
+    assert sum(map(len, state.memory.waiting)) <= 8
 
 
 def test_across_the_antimeridian():

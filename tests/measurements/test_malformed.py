@@ -9,10 +9,13 @@ import pytest
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Reason, VehicleState
-from replay_kit.measurements import MAVLINK_NAMES, Skipped, Used, observations
+from replay_kit.measurements import observations
+from replay_kit.workflows.replay.inputs.scan import MAVLINK_NAMES
 from tests.measurements.foreign import NUCLEUS, ds_adcp, imc, pose
 from tests.measurements.samples import (
     ODD,
+    Skipped,
+    Used,
     fix,
     logged,
     mavlink_frames,

@@ -4,8 +4,7 @@ import pytest
 
 from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.measurements.events import left_out_rules
-from replay_kit.measurements.ledger import left_out_reason
+from replay_kit.measurements.ledger import left_out_reason, left_out_rules
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ from replay_kit.core.message import Message
 from replay_kit.core.table import Table
 from replay_kit.logs.tables.columns import raws_of
 from replay_kit.logs.tables.schemas import tables_of
-from replay_kit.measurements.earth import Attitudes, Motions, to_earth
+from replay_kit.measurements.earth import no_triples, to_earth
 
-NO_ATTITUDE = Attitudes()
+NO_ATTITUDE = no_triples()
 
 
 def table_of(message: Message, config: MeasurementConfig) -> Table:
@@ -32,11 +32,13 @@ def stated(message: Message, config: MeasurementConfig | None = None) -> SimpleN
 
 
 def turned(
-    payload: Mapping[str, Any], config: MeasurementConfig, attitudes: Attitudes = NO_ATTITUDE
+    payload: Mapping[str, Any],
+    config: MeasurementConfig,
+    attitudes: Mapping[str, Any] = NO_ATTITUDE,
 ) -> SimpleNamespace:
     """Return the columns of a ping as ``earth.to_earth`` gives them; ValueError says why it is not used, or cannot be turned."""
     table = table_of(Message(0, "/adcp", "replay_kit.AdcpPing", payload, 0, 0), config)
-    columns, why = to_earth(table, attitudes, Motions(), config)
+    columns, why = to_earth(table, attitudes, no_triples(), config)
     if why[0]:
         raise ValueError(why[0])
     return SimpleNamespace(**{name: np.asarray(column)[0] for name, column in columns.items()})

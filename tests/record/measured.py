@@ -11,7 +11,7 @@ import replay_kit as rk
 from replay_kit.config.run import LogConfig, MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.logs import merge, open_logs
-from replay_kit.measurements import Skipped, Used, events_of
+from tests.measurements.samples import Skipped, Used, events_of
 from tests.places import DATA, SAMPLES
 
 _CASES = DATA.parent / "cases-4"

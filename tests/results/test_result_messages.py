@@ -11,8 +11,9 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import VehicleState
 from replay_kit.logs import open_log
-from replay_kit.measurements import initial_state, interpret
+from replay_kit.measurements.observed import begun
 from replay_kit.results import ResultWriter
+from tests.measurements.samples import interpret
 from tests.results.result_samples import DEPTHS, TOPICS, decoded
 
 
@@ -53,7 +54,7 @@ def test_a_fix_of_a_result_is_read_back_as_it_was(state, tmp_path, depth, dead_r
     written = replace(state, depth=depth, dead_reckoned=dead_reckoned)
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.fix(written)
-    log, memory, read = open_log(tmp_path / "out.mcap"), initial_state(), []
+    log, memory, read = open_log(tmp_path / "out.mcap"), begun(), []
     for message in log.messages():
         memory, events = interpret(memory, message, MeasurementConfig())
         read += [event for event in events if isinstance(event, VehicleState)]
@@ -69,7 +70,7 @@ def test_a_fix_of_a_result_is_read_back_as_it_was(state, tmp_path, depth, dead_r
 def test_the_altitude_of_another_writer_s_fix_is_no_depth(state):
     payload = {"longitude": 5.0, "latitude": 62.0, "altitude": -120.0, "metadata": []}
     message = Message(state.time_ns, "/vehicle/fix", "foxglove.LocationFix", payload, 0, 0)
-    _, events = interpret(initial_state(), message, MeasurementConfig())
+    _, events = interpret(begun(), message, MeasurementConfig())
     assert [np.isnan(event.depth) for event in events if isinstance(event, VehicleState)] == [True]
 
 

@@ -13,12 +13,12 @@ from replay_kit.core.observation import Observation
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements import events_of
 from replay_kit.show.text import SafeConsole
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from tests.command import invoke
 from tests.logs.log_samples import tlog
+from tests.measurements.samples import events_of
 from tests.places import DATA
 from tests.studies.twins.truths import make_truth
 

@@ -11,29 +11,19 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import RunConfig
+from replay_kit.core.block import Block
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.inputs import check_unchanged, stamps_of
 from replay_kit.core.message import LogReport, Message
-from replay_kit.core.observation import (
-    LinearMeasurement,
-    Observation,
-    PathMean,
-    VehicleState,
-    usable,
-)
+from replay_kit.core.observation import usable
 from replay_kit.core.progress import Progress, silent
+from replay_kit.core.table import Columns
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.times import doubtful_times
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.logs.tables.suggest import NAMED, sample_key, suggested_entries
-from replay_kit.measurements.events import Skipped
-from replay_kit.measurements.interpret import (
-    events_of,
-    finish,
-    initial_state,
-    interpret_block,
-)
+from replay_kit.measurements.observed import begun, blocks, taken
 from replay_kit.measurements.pings import NO_POSITION
 from replay_kit.workflows.info.reading import Order, TopicInfo, count_alike, read_log
 
@@ -66,41 +56,44 @@ class LogContent:
     first_longitude: float | None = None
     has_fix: bool = False
 
-    def extended(self, event: object) -> "LogContent":
-        """Return the content with one more measurement; other events change nothing."""
-        match event:
-            case Observation():
-                good = event.depth[usable(event.flags)]
-                shallowest, deepest = self.depths or (np.inf, -np.inf)
-                depths = (
-                    (min(shallowest, float(good.min())), max(deepest, float(good.max())))
-                    if good.size
-                    else self.depths
-                )
-                return replace(
-                    self, profiles=self.profiles + 1, bins=self.bins + good.size, depths=depths
-                )
-            case PathMean():
-                return replace(self, mean_currents=self.mean_currents + 1)
-            case LinearMeasurement() if event.label.kind != "shear":
-                return replace(self, surface=self.surface + 1)
-            case VehicleState():
-                return self._with_position(event.longitude, event.latitude, event.dead_reckoned)
-        return self
+    def extended(self, block: Block) -> "LogContent":
+        """Return the content with what one more block measured."""
+        position, ping, mean, linear = (
+            block.events[block.events[:, 1] == kind, 2] for kind in range(4)
+        )
+        good = np.empty(0)
+        if ping.size:
+            good = block.ping["depth"][ping][usable(block.ping["flags"][ping])]
+        depths = [*(self.depths or ()), *good.tolist()]
+        found = replace(
+            self,
+            profiles=self.profiles + ping.size,
+            bins=self.bins + good.size,
+            mean_currents=self.mean_currents + mean.size,
+            surface=self.surface + sum(block.linear[row].label.kind != "shear" for row in linear),
+            positions=self.positions + position.size,
+            depths=(min(depths), max(depths)) if depths else None,
+        )
+        return found._with_positions(block.position) if position.size else found
 
-    def _with_position(
-        self, longitude: float, latitude: float, dead_reckoned: bool
-    ) -> "LogContent":
-        if self.has_fix and dead_reckoned:
-            return replace(self, positions=self.positions + 1)
-        if not (self.has_fix or dead_reckoned):
-            return replace(self, box=None, has_fix=True)._with_position(longitude, latitude, False)
-        first = longitude if self.first_longitude is None else self.first_longitude
-        if abs(longitude - first) > 180.0:
-            longitude = float(unwrap_longitude(longitude, first))
-        west, south, east, north = self.box or (longitude, latitude, longitude, latitude)
-        box = min(west, longitude), min(south, latitude), max(east, longitude), max(north, latitude)
-        return replace(self, positions=self.positions + 1, box=box, first_longitude=first)
+    def _with_positions(self, rows: Columns) -> "LogContent":
+        longitude, latitude, fixes = rows["longitude"], rows["latitude"], ~rows["dead_reckoned"]
+        first = float(longitude[0]) if self.first_longitude is None else self.first_longitude
+        far = np.abs(longitude - first) > 180.0
+        longitude = np.where(far, unwrap_longitude(longitude, first), longitude)
+        has_fix, box = self.has_fix or bool(fixes.any()), self.box
+        if has_fix:
+            longitude, latitude = longitude[fixes], latitude[fixes]
+            box = box if self.has_fix else None
+        if longitude.size:
+            west, south, east, north = box or (np.inf, np.inf, -np.inf, -np.inf)
+            box = (
+                min(west, float(longitude.min())),
+                min(south, float(latitude.min())),
+                max(east, float(longitude.max())),
+                max(north, float(latitude.max())),
+            )
+        return replace(self, box=box, first_longitude=first, has_fix=has_fix)
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,9 +213,9 @@ def _together(logs: Sequence[LogFile], config: RunConfig) -> LogContent:
     """Return what logs measure that place each other's profiles, merged as a replay merges them."""
     content, settings = LogContent(), config.logs
     merged = merge(logs, settings.reorder_window, settings.start_ns, settings.end_ns)
-    for events in events_of(merged, config.measurements, settings.system, settings.component):
-        for event in events:
-            content = content.extended(event)
+    stream = begun(settings.system, settings.component)
+    for block in blocks(merged, config.measurements, stream=stream):
+        content = content.extended(block)
     return content
 
 
@@ -233,24 +226,23 @@ def _advance(progress: Progress, before: int, logs: int, log: LogFile) -> None:
 def _inspect(
     log: LogFile, config: RunConfig, full: bool, advance: Callable[[], None] = lambda: None
 ) -> LogInfo:
-    state, content, order = (
-        initial_state(config.logs.system, config.logs.component),
-        LogContent(),
-        Order(config.logs.reorder_window),
-    )
+    stream, content = begun(config.logs.system, config.logs.component), LogContent()
+    order = Order(config.logs.reorder_window)
     not_used: Counter[tuple[str, str]] = Counter()
     decoded: Counter[str] = Counter()
     unknown: dict[str, tuple[str, Mapping[str, Any]]] = {}
     samples: dict[str, Message] = {}
 
-    def count(events: Sequence[object]) -> bool:
-        """Add events to the content; return whether the message they are of is of no known kind."""
-        nonlocal content
-        for event in events:
-            content = content.extended(event)
-        skipped = [event for event in events if isinstance(event, Skipped)]
-        not_used.update((event.topic, event.reason) for event in skipped)
-        return any(event.reason == NOT_A_KIND for event in skipped)
+    def take(messages: Sequence[Message], last: bool = False) -> None:
+        nonlocal stream, content
+        since, (stream, found) = stream.order, taken(stream, messages, config.measurements, last)
+        content = content.extended(found)
+        for due, topic, reason in found.outcomes[found.outcomes[:, 2] >= 0].tolist():
+            name, why = found.topics[topic], found.reasons[reason]
+            not_used[name, why] += 1
+            if why == NOT_A_KIND and (not name.startswith("mavlink/") or name.endswith(NAMED)):
+                message = messages[due - since]
+                unknown[sample_key(name, message.payload)] = message.schema, message.payload
 
     before = stamps_of(log.files)
     with log:
@@ -258,21 +250,12 @@ def _inspect(
         for block in reading.blocks:
             order.add(block)
             decoded.update(message.topic for message in block.messages)
-            steps = interpret_block(state, block.messages, config.measurements)
-            for message, (after, events) in zip(block.messages, steps, strict=True):
-                state = after
-                if count(events) and (
-                    not message.topic.startswith("mavlink/") or message.topic.endswith(NAMED)
-                ):
-                    unknown[sample_key(message.topic, message.payload)] = (
-                        message.schema,
-                        message.payload,
-                    )
+            take(block.messages)
             advance()
             for message in block.messages:
                 samples.setdefault(message.topic, message)
         order.finish()
-        count(finish(state, config.measurements))
+        take((), last=True)
         check_unchanged(before)
         report, topics = reading.completed(log.report(), order.topics)
     times = [at for of in topics.values() for at in (of.first_ns, of.last_ns) if at is not None]
@@ -290,7 +273,7 @@ def _inspect(
         report,
         dict(sorted(topics.items())),
         content,
-        state.dive,
+        stream.memory.diving.dive,
         by_topic(not_used),
         unknown,
         reading.sampled,

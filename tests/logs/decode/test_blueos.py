@@ -9,11 +9,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.logs import open_log
 from replay_kit.logs.decode.blueos import mavlink_channel
-from replay_kit.measurements import Skipped, Used
 from tests.logs.log_samples import read_log as read
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.carriers import json_mcap
-from tests.measurements.samples import only, run
+from tests.measurements.samples import Skipped, Used, only, run
 
 HEADER = {"system_id": 1, "component_id": 1, "sequence": 7}
 

@@ -8,9 +8,8 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.logs import merge, open_log, open_logs
 from replay_kit.logs.surface import totals
-from replay_kit.measurements import Skipped
-from replay_kit.measurements.interpret import events_of
 from tests.logs.surface import made
+from tests.measurements.samples import Skipped, events_of
 from tests.places import DATA, needs
 
 CURRENT = (0.15, -0.25)

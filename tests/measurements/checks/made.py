@@ -23,7 +23,9 @@ def fix(seconds, longitude=152.0, latitude=-40.0, depth=math.nan, reckoned=False
 def ping(seconds, velocity, depth=None, error=0.05, place=(152.0, -40.0), **changes):
     """A profile; its raw values are its velocities unless they are given."""
     velocity = np.asarray(velocity, np.float64)
-    depth = np.linspace(10.0, 50.0, len(velocity)) if depth is None else np.asarray(depth, np.float64)
+    depth = (
+        np.linspace(10.0, 50.0, len(velocity)) if depth is None else np.asarray(depth, np.float64)
+    )
     known = np.isfinite(velocity).all(axis=1)
     columns = {
         "time": seconds,

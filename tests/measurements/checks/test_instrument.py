@@ -165,7 +165,9 @@ def test_beams_that_contradict_each_other_in_all_cells_are_named(error, named):
 
 def test_an_instrument_with_another_number_of_beams_is_another():
     bad = list(along_beams(still))
-    later = [(kind, {**one, "time": one["time"] + 40 * STEP}) for kind, one in along_beams(number=3)]
+    later = [
+        (kind, {**one, "time": one["time"] + 40 * STEP}) for kind, one in along_beams(number=3)
+    ]
     _, found, flags = judged([*bad, *later])
     # what a bad one has shown says nothing of the sound one after it
     assert [one.name for _, one in found] == [BEAM]

@@ -114,7 +114,11 @@ def test_what_begins_during_the_log_explains_the_pairs_since_then(begin):
     a = truth + noise(16)
     a[begin:] = 1j * a[begin:].conj()
     found = explanation(pairs(a, truth), FLOOR, KINDS, 3)
-    assert (found.name, found.since, found.pairs) == ("east and north are exchanged", begin, 16 - begin)
+    assert (found.name, found.since, found.pairs) == (
+        "east and north are exchanged",
+        begin,
+        16 - begin,
+    )
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(3, 40), st.floats(0.05, 0.5))

@@ -78,7 +78,11 @@ def test_a_small_turn_is_no_fault():
 @pytest.mark.parametrize(
     ("wrong", "name", "words"),
     [
-        (lambda c: (UNITS["knots"] * c[0], UNITS["knots"] * c[1]), SCALE, "times as fast as the mean"),
+        (
+            lambda c: (UNITS["knots"] * c[0], UNITS["knots"] * c[1]),
+            SCALE,
+            "times as fast as the mean",
+        ),
         (lambda c: (-c[0], -c[1]), CONTRADICTION, "both signs wrong"),
         (lambda c: (c[1], c[0]), CONTRADICTION, "east and north are exchanged"),
         (lambda c: (c[0] + 0.3, c[1]), OFFSET, "+0.2"),
@@ -157,7 +161,10 @@ def test_equal_mean_currents_and_a_slip_beside_dead_reckoning_are_named_and_expl
 def test_depths_that_are_wrong_come_before_a_scale():
     # in the first dive the pressure is of another unit; the profiles lie at other depths than the path
     events = [
-        (kind, {**one, "pressure_depth": 5.0, "depth": one["depth"] + 600.0} if "raw" in one else one)
+        (
+            kind,
+            {**one, "pressure_depth": 5.0, "depth": one["depth"] + 600.0} if "raw" in one else one,
+        )
         for kind, one in mission(CURRENTS * 2)
     ]
     assert SCALE not in [name for name, _, _ in findings(events)]
@@ -189,7 +196,10 @@ def test_an_added_check_is_told_once_and_its_instrument_not_used(monkeypatch):
         return memory, [Found(int(pings.event[k + 1]), found) for k in at]
 
     monkeypatch.setitem(CHECKS, "clock", repeated)
-    events = [ping(seconds, np.random.default_rng(k).normal(size=(3, 2))) for k, seconds in enumerate((0, 1, 1, 1, 2))]
+    events = [
+        ping(seconds, np.random.default_rng(k).normal(size=(3, 2)))
+        for k, seconds in enumerate((0, 1, 1, 1, 2))
+    ]
     _, found, flags = judged(events)
     assert [(event, one.name) for event, one in found] == [(2, "clock")]
     assert [bool((each == 1).all()) for each, _ in flags] == [True, True, False, False, False]

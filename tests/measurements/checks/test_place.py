@@ -32,7 +32,9 @@ def dive(n=4, seconds=200.0, metres=7.0, moves=0.0, **changes):
         ([*dive(), fix(800.0, 150.0, depth=0.0)], [REPEATED, FROZEN]),
     ],
 )
-def test_a_position_that_stays_while_the_vehicle_dives_is_frozen_once_a_fix_repeats_it(track, named):
+def test_a_position_that_stays_while_the_vehicle_dives_is_frozen_once_a_fix_repeats_it(
+    track, named
+):
     assert names(track) == named
 
 
@@ -99,7 +101,10 @@ def reached(events, size=4096):
             "time": [round(one["time"] * 1e9) for one in part],
             "order": list(range(first, first + len(part))),
             "ordinal": list(range(first, first + len(part))),
-            **{n: [one[n] for one in part] for n in ("longitude", "latitude", "depth", "dead_reckoned", "input")},
+            **{
+                n: [one[n] for one in part]
+                for n in ("longitude", "latitude", "depth", "dead_reckoned", "input")
+            },
         }
         positions = {
             name: np.array(columns.get(name, [0] * len(part)), kind) for name, kind in ROW.items()

@@ -79,8 +79,12 @@ def test_sound_sensors_are_not_accused(own, noise):
 def courses(kind, late=0.0, speed=2.0, turned=25.0, n=120):
     """Pings with headings and positions of a vehicle; the clock of the pings is late by some seconds."""
     rng = np.random.default_rng(0)
-    degrees = {"turns": rng.uniform(0.0, 360.0, n // 4).repeat(4), "straight": np.full(n, 70.0)}[kind]
-    place = np.concatenate([[0.0], np.cumsum(speed * STEP * np.exp(1j * np.radians(90.0 - degrees)))])
+    degrees = {"turns": rng.uniform(0.0, 360.0, n // 4).repeat(4), "straight": np.full(n, 70.0)}[
+        kind
+    ]
+    place = np.concatenate(
+        [[0.0], np.cumsum(speed * STEP * np.exp(1j * np.radians(90.0 - degrees)))]
+    )
     events = [fix(STEP * k, at.real / EAST, at.imag / NORTH) for k, at in enumerate(place)]
     noise = np.random.default_rng(1).normal(0.0, 4.0, degrees.size)
     for k, heading in enumerate((degrees + turned + noise) % 360.0):

@@ -6,17 +6,27 @@ import struct
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from replay_kit.logs.tables.cells import STD_BELIEVED
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, VehicleState
-from replay_kit.logs.tables.cells import STD_BELIEVED
 from replay_kit.logs.tables.schemas import canonical, reader_of
-from replay_kit.measurements import Skipped
 from tests.logs.log_samples import one_channel_mcap
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
 from tests.measurements.foreign import BEAMS, NUCLEUS, ds_adcp, imc, pose, vectors
-from tests.measurements.samples import CONFIG, SECOND, fix, logged, only, ping, reasons, run, the
+from tests.measurements.samples import (
+    CONFIG,
+    SECOND,
+    Skipped,
+    fix,
+    logged,
+    only,
+    ping,
+    reasons,
+    run,
+    the,
+)
 from tests.measurements.turned import stated
 
 EARTH = MeasurementConfig(reference="earth")

@@ -13,11 +13,22 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.logs.tables.mapped import look_up
-from replay_kit.measurements import Skipped, Used, initial_state, interpret
+from replay_kit.measurements.observed import begun
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import tlog_entry
-from tests.measurements.samples import fix, logged, mapping, only, reasons, run, the
+from tests.measurements.samples import (
+    Skipped,
+    Used,
+    fix,
+    interpret,
+    logged,
+    mapping,
+    only,
+    reasons,
+    run,
+    the,
+)
 from tests.measurements.turned import stated
 
 PROFILE = {
@@ -283,8 +294,8 @@ def test_a_mapping_goes_before_a_known_kind_of_mavlink(tmp_path):
     depths = {}
     for reader in open_readers([tmp_path / "log.tlog", tmp_path / "log.BIN"], config):
         for message in reader.messages():
-            state, _ = interpret(initial_state(), message, config.measurements)
-            depths[message.topic] = state.stream.memory.diving.depth
+            state, _ = interpret(begun(), message, config.measurements)
+            depths[message.topic] = state.memory.diving.depth
     assert depths["mavlink/1/1/VFR_HUD"] == 12.5
     assert depths["dataflash/CTUN"] == pytest.approx(2.1, abs=1e-6)
     assert depths["dataflash/IMU"] == pytest.approx(9.8, abs=1e-6)

@@ -9,30 +9,25 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import VehicleState
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements import (
-    MAVLINK_NAMES,
-    Skipped,
-    Used,
-    initial_state,
-    interpret,
-    observations,
-)
+from replay_kit.measurements import observations
+from replay_kit.measurements.observed import begun
+from replay_kit.workflows.replay.inputs.scan import MAVLINK_NAMES
 from tests.logs.dataflash.dataflash_samples import dataflash
-from tests.measurements.samples import ping
+from tests.measurements.samples import Skipped, Used, interpret, ping
 
 SECOND = 1_000_000_000
 
 
 def said(*messages: tuple[int, str, dict[str, Any]]) -> list[Any]:
     """What the messages (second, schema or system/schema, payload) mean, without the plain ``Used``."""
-    state, found = initial_state(), []
+    state, found = begun(), []
     for n, (second, schema, payload) in enumerate(messages):
         system, _, name = schema.rpartition("/")
         message = Message(second * SECOND, f"mavlink/{system or 1}/1/{name}", name, payload, 0, n)
         state, events = interpret(state, message, MeasurementConfig())
         assert sum(isinstance(event, Used | Skipped) for event in events) == 1
         found += [event for event in events if not isinstance(event, Used)]
-    return [*found, state.stream.memory.diving.depth]
+    return [*found, state.memory.diving.depth]
 
 
 def gps(fix_type: int) -> dict[str, Any]:
@@ -64,7 +59,7 @@ def test_a_position_is_computed_when_the_last_fix_is_old():
 
 @pytest.mark.parametrize(("asked", "counts"), [(None, "1"), (1, "1"), (2, "2")])
 def test_positions_of_one_system_count(asked, counts):
-    state, places, skipped = initial_state(asked), [], []
+    state, places, skipped = begun(asked), [], []
     for n, system in enumerate("1212"):
         topic = f"mavlink/{system}/1/GLOBAL_POSITION_INT"
         message = Message(

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from replay_kit.measurements.earth import Attitudes
 from replay_kit.measurements.frames import attitude_of
 from replay_kit.measurements.observed import Stream, taken
 from tests.measurements.foreign import pose
@@ -32,7 +31,8 @@ def attitude(message, ned=False):
 def attitudes(message, time_ns=0):
     """Return the attitude of a quaternion at a time."""
     quaternions = np.array([[message[name] for name in "xyzw"]])
-    return Attitudes(np.array([time_ns]), np.array([-1]), quaternions, np.zeros(1, bool))
+    angles = attitude_of(quaternions, np.zeros(1, bool))
+    return {"time": np.array([time_ns]), "order": np.array([-1]), "values": angles}
 
 
 def axes(angles):

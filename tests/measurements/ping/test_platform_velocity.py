@@ -9,8 +9,19 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
-from replay_kit.measurements import Used, earth
-from tests.measurements.samples import CONFIG, SECOND, fix, in_order, only, ping, reasons, run, the
+from replay_kit.measurements import earth
+from tests.measurements.samples import (
+    CONFIG,
+    SECOND,
+    Used,
+    fix,
+    in_order,
+    only,
+    ping,
+    reasons,
+    run,
+    the,
+)
 from tests.measurements.turned import stated
 
 TRUE_HEADING = MeasurementConfig(magnetic_declination=0.0, water_track_distance=12.0)

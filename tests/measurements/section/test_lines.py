@@ -9,8 +9,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import LinearMeasurement
-from replay_kit.measurements import Skipped, Used
-from tests.measurements.samples import run
+from tests.measurements.samples import Skipped, Used, run
 from tests.measurements.section.test_thermal_wind import LATITUDE, expected
 
 CONFIG = MeasurementConfig()

@@ -7,8 +7,20 @@ import pytest
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
-from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
-from tests.measurements.samples import CONFIG, fix, only, ping, reasons, run, the
+from replay_kit.measurements.observed import begun
+from tests.measurements.samples import (
+    CONFIG,
+    Skipped,
+    Used,
+    finish,
+    fix,
+    interpret,
+    only,
+    ping,
+    reasons,
+    run,
+    the,
+)
 
 MANY = 1500
 
@@ -17,12 +29,12 @@ def test_many_pings_expire_at_once():
     """As many as would have ended a recursion."""
     waiting = [ping(0.1 * k) for k in range(MANY)]
     late = Message(5000 * 10**9, "/other", "std_msgs/String", {}, 0, 0)
-    state = initial_state()
+    state = begun()
     for message in waiting:
         state, events = interpret(state, message, CONFIG)
         assert not events
     state, events = interpret(state, late, CONFIG)
-    assert not sum(map(len, state.stream.memory.waiting))
+    assert not sum(map(len, state.memory.waiting))
     assert [event.reason for event in only(Skipped, events)[:-1]] == [
         "no position within 600 s"
     ] * MANY
@@ -43,11 +55,11 @@ def test_pings_out_of_order_are_released_in_order_of_time():
 
 
 def test_one_stamp_from_the_future_does_not_hold_up_the_others():
-    state, events = interpret(initial_state(), ping(10**9), CONFIG)
+    state, events = interpret(begun(), ping(10**9), CONFIG)
     for k in range(100):
         state, more = interpret(state, ping(100.0 * k), CONFIG)
         events += more
-    assert sum(map(len, state.stream.memory.waiting)) <= 9
+    assert sum(map(len, state.memory.waiting)) <= 9
     assert len(only(Skipped, events)) >= 90
 
 

@@ -14,7 +14,6 @@ from replay_kit.core.observation import PathMean
 from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements import events_of
 from replay_kit.measurements.checks.concluded import FORECAST
 from replay_kit.measurements.checks.profile import ENSEMBLE
 from replay_kit.results.slices import depth_slice
@@ -25,6 +24,7 @@ from replay_kit.workflows.replay.replay import replay
 from tests.arrays import write_array
 from tests.command import invoke, succeed
 from tests.faulty import Faults
+from tests.measurements.samples import events_of
 from tests.places import SAMPLES
 from tests.workflows.replay.interrupted import Killed, run_until
 

@@ -432,8 +432,12 @@ def test_what_would_tell_whether_directions_are_right_is_not_what_was_used():
     pings = Checked(pings=(9, 9))
     said = {
         "": conclusions(MonitoringState(pings), ProfileCounts(), RunConfig())[1],
-        "aside": conclusions(MonitoringState(pings, means=(aside,)), ProfileCounts(), RunConfig())[1],
-        "weak": conclusions(MonitoringState(pings, means=(aside, mean)), ProfileCounts(), RunConfig())[1],
+        "aside": conclusions(MonitoringState(pings, means=(aside,)), ProfileCounts(), RunConfig())[
+            1
+        ],
+        "weak": conclusions(
+            MonitoringState(pings, means=(aside, mean)), ProfileCounts(), RunConfig()
+        )[1],
         "alone": conclusions(MonitoringState(means=(mean,)), ProfileCounts(), RunConfig())[1],
     }
     begin = "nothing here can tell whether directions are right"

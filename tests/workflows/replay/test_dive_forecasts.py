@@ -13,7 +13,6 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, PathMean, Source
 from replay_kit.core.surfacing import ellipse_of
 from replay_kit.logs import merge, open_logs
-from replay_kit.measurements import events_of
 from replay_kit.workflows.replay.surfacings.forecasts import (
     _CELL,
     ForecastState,
@@ -23,6 +22,7 @@ from replay_kit.workflows.replay.surfacings.forecasts import (
     forecast_mean,
     next_surfacing,
 )
+from tests.measurements.samples import events_of
 from tests.places import DATA, needs
 
 WAY = np.array([0.15, 0.1])

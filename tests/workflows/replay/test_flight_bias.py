@@ -11,7 +11,6 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Flag, Observation, PathMean
 from replay_kit.logs import merge
-from replay_kit.measurements import events_of
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.store import pickling as values
 from replay_kit.workflows.replay.surfacings.flight_bias import (
@@ -20,6 +19,7 @@ from replay_kit.workflows.replay.surfacings.flight_bias import (
     corrected,
     with_dive_profile,
 )
+from tests.measurements.samples import events_of
 from tests.places import DATA, needs
 from tests.workflows.replay.test_dive_forecasts import mean
 

@@ -13,10 +13,13 @@ from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.message import LogReader, Message
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.logs import merge, open_logs
-from replay_kit.measurements.interpret import MAVLINK_NAMES
+from replay_kit.logs.tables.frames import SCHEMA
+from replay_kit.logs.tables.schemas import SENDERS
 from replay_kit.measurements.observed import begun, rows, taken
 from replay_kit.results.losses import iso_time
 
+#: What a MAVLink reader needs to decode for measurements.
+MAVLINK_NAMES = SENDERS | {SCHEMA}
 # Positions are kept to this fraction of a degree: a long log has millions.
 _PER_DEGREE = 100
 # Messages that are decoded and tested together; one with thousands of vectors, 2 MB, is the last of its block.
