@@ -25,7 +25,9 @@ def contents(tmp_path, innovation, plan):
         flow, path = turned(synthetic_flow(), 35.0), tmp_path / f"{estimate}-{land}.mcap"
         wet = np.ones_like(flow.grid.wet)
         wet[:, 2, 2] = not land
-        island = replace(flow, grid=replace(flow.grid, wet=wet))
+        grid = replace(flow.grid, wet=wet)
+        error = np.zeros((flow.levels.size, len(grid.nodes)))
+        island = replace(flow, grid=grid, unknowns=replace(flow.unknowns, error=error))
         return write(path, island, [innovation] * 2, plan, estimate=estimate)
 
     return make
