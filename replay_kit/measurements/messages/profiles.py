@@ -15,8 +15,6 @@ from replay_kit.measurements.messages.fields import number, whole_number
 from replay_kit.measurements.messages.vehicle import Position, checked
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 
-#: Schema of our own pings.
-PING_SCHEMA = "replay_kit.AdcpPing"
 _NUCLEUS_BEAMS = 3
 _MM_PER_M = 1000.0
 _INT16_MISSING = -32768
