@@ -4,12 +4,12 @@ The local frame is the azimuthal equidistant projection (WGS84) about a region's
 are not true east and north: the angle between them is the meridian convergence, and vectors turn by it.
 """
 
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, partial
 from math import atan, cos, radians, sin, sqrt, tan
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import ArrayLike
 from pyproj import Geod, Proj
 
@@ -224,15 +224,18 @@ def unwrap_longitude(longitude: ArrayLike, near: float) -> Array:
 
 def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> Mask:
     """Return whether local points [m] lie inside the grid's outline, its edge included to a millimetre; the shape is kept."""
-    return np.asarray(shapely.contains_xy(_inside(grid), east, north))
+    return np.asarray(_contains(grid)(east, north))
 
 
 @lru_cache(maxsize=8)
-def _inside(grid: Grid) -> shapely.Polygon:
-    """Return the polygon of a grid's outline and a millimetre around it."""
+def _contains(grid: Grid) -> Callable[..., Any]:
+    """Return whether a grid's outline and a millimetre around it contain local points."""
+    # loads slowly, and many commands ask nothing of an outline
+    import shapely
+
     polygon = shapely.Polygon(outline(grid)).buffer(1e-3, join_style="mitre")
     shapely.prepare(polygon)
-    return polygon
+    return partial(shapely.contains_xy, polygon)
 
 
 def outline(grid: Grid) -> Array:

@@ -24,7 +24,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
     from replay_kit.core.flow.points import Velocities
 
-# Points evaluated at once: bounds the matrices to some tens of MB.
+# Points evaluated at once: bounds the matrices to some hundred MB.
 _CHUNK = 2_048
 _NS = 1e9
 # Depths so far above the surface are rounded, as those of a planned track [m].
@@ -586,9 +586,14 @@ def checked_depth(depth: ArrayLike, above: float = _ROUNDED) -> Array:
 
 def nearest_node(grid: Grid, places: Array) -> Indices:
     """Return the position of the node nearest to each place, shape (P,); ``places`` of shape (P, 2) [m]."""
-    parts = np.split(places, range(_CHUNK, len(places), _CHUNK))
-    squares = (((part[:, None] - grid.nodes) ** 2).sum(axis=2) for part in parts)
-    return np.concatenate([square.argmin(axis=1) for square in squares])
+    return np.asarray(_nodes(grid).query(np.nan_to_num(places))[1])
+
+
+@lru_cache(maxsize=8)
+def _nodes(grid: Grid) -> Any:
+    from scipy.spatial import cKDTree
+
+    return cKDTree(grid.nodes)
 
 
 def _over_places(

@@ -18,15 +18,15 @@ from tests.synthetic_flow import synthetic_flow
 
 @pytest.fixture
 def contents(tmp_path, innovation, plan):
-    """Return a function that opens a result on a grid turned by 35 degrees, with or without an estimate, and an island."""
+    """Return a function that opens a result on a grid turned by 35 degrees, with or without an island or an estimate."""
 
     @cache
-    def make(estimate: bool = True, land: bool = True) -> Contents:
-        flow, path = turned(synthetic_flow(), 35.0), tmp_path / f"{estimate}-{land}.mcap"
+    def make(land: bool = True, **options: bool) -> Contents:
+        flow, path = turned(synthetic_flow(n_modes=0), 35.0), tmp_path / f"{land}.mcap"
         wet = np.ones_like(flow.grid.wet)
         wet[:, 2, 2] = not land
         island = replace(flow, grid=replace(flow.grid, wet=wet))
-        return write(path, island, [innovation] * 2, plan, estimate=estimate)
+        return write(path, island, [innovation] * 2, plan, **options)
 
     return make
 
