@@ -1,5 +1,8 @@
 """Messages to blocks, and the rows of blocks as observations: what a script loops over."""
 
+# keeps the signature in help() short
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice

@@ -20,7 +20,7 @@ References:
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -366,13 +366,20 @@ def explanation(
     if len(pairs) < least_pairs:
         return None
     sums = Sums.of(pairs, floor)
-    found = [
-        _best(sums, kind, least_pairs)
-        for kind in kinds
-        if kind in _ADDED or sums.most(kind) >= least_gain
-    ]
-    best = max((each for each in found if each), key=lambda each: each[0], default=None)
-    return best[1] if best is not None and best[1].gain >= least_gain else None
+    tried = (kind for kind in kinds if kind in _ADDED or sums.most(kind) >= least_gain)
+    found = [each for kind in tried if (each := _best(sums, kind, least_pairs))]
+    most, best = max(found, key=lambda each: each[0], default=(0.0, None))
+    if best is None or best.gain < least_gain:
+        return None
+    # slips of the other kind of the same cause: beside a way due east a mirror is a turn
+    alike = dict.fromkeys(
+        name
+        for logs, each in found
+        if logs > most - _ALIKE and CAUSES[each.kind] == CAUSES[best.kind]
+        for name in (each.slip, *each.alike)
+        if name and name != best.slip
+    )
+    return replace(best, alike=tuple(alike))
 
 
 def _best(sums: Sums, kind: str, least_pairs: int) -> tuple[float, Explanation] | None:

@@ -74,11 +74,9 @@ class ArraySession:
             session.writer = writer
 
     @property
-    def state(self) -> ArrayState | None:
-        """What a checkpoint keeps; None while observations wait for their block."""
-        if self.shared.has_block:
-            return None
-        states = tuple(session.between_blocks for session in self.vehicles)
+    def state(self) -> ArrayState:
+        """What a checkpoint keeps."""
+        states = tuple(session.state_with(None) for session in self.vehicles)
         return ArrayState(states, self.shared.queued, self.last_ns)
 
     def restore(self, state: ReplayState | ArrayState) -> None:

@@ -363,10 +363,7 @@ def _loop(
     stream: _Stream,
     on_message: Callable[[], None],
 ) -> None:
-    """Pass the logs' messages, those after the checkpoint, through the sessions of their vehicles.
-
-    After each block of messages no observation waits, so that there is a state from which another run can go on.
-    """
+    """Pass the logs' messages, those after the checkpoint, through the sessions of their vehicles."""
     checkpoint, sessions = stream.checkpoint, session.vehicles
     logs, count = session.config.logs, 0
     states = [begun(logs.system, logs.component) for _ in sessions]
@@ -388,7 +385,6 @@ def _loop(
             if message.schema == END:
                 session.shared.end(number)
             on_message()
-        session.shared.assimilate()
         if checkpoints is not None:
             checkpoints.write_when_due(session, tuple(states), count)
     if checkpoints is not None:

@@ -25,7 +25,7 @@ from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.observed import rows
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.inputs.estimator import flow_at
-from replay_kit.workflows.replay.shared import SharedEstimate
+from replay_kit.workflows.replay.shared import Queued, SharedEstimate
 from replay_kit.workflows.replay.stages import consistency, plans
 from replay_kit.workflows.replay.stages.consistency import MonitoringState
 from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, inputs_of, kept
@@ -70,6 +70,7 @@ class ReplayState:
         flight: Of the flight model's error.
         last_ns: Time of the last message [ns, UTC].
         first_ns: Time of the first position or measurement [ns, UTC]; None before it.
+        queued: What waits for the estimate; None where that is kept elsewhere.
     """
 
     estimation: EstimationState
@@ -81,14 +82,14 @@ class ReplayState:
     flight: FlightState = field(default_factory=FlightState)
     last_ns: int = 0
     first_ns: int | None = None
+    queued: Queued | None = None
 
 
 class Session:
     """One replay as it runs.
 
     It is mutable: a stream of events goes through it, and a block of them waits in the estimate that it gives them to, because the
-    estimator assimilates a block of observations in little more time than one. A checkpoint is made only when none waits. Without a
-    ``writer`` nothing is published.
+    estimator assimilates a block of observations in little more time than one. Without a ``writer`` nothing is published.
     """
 
     def __init__(
@@ -128,13 +129,12 @@ class Session:
         self._number = self.shared.add(self)
 
     @property
-    def state(self) -> ReplayState | None:
-        """The states of all stages; None while observations wait, for which there is no state yet."""
-        return None if self.shared.has_block else self.between_blocks
+    def state(self) -> ReplayState:
+        """The states of all stages, with the observations that wait for their block."""
+        return self.state_with(self.shared.queued)
 
-    @property
-    def between_blocks(self) -> ReplayState:
-        """The states of all stages, whether observations wait or not."""
+    def state_with(self, queued: Queued | None) -> ReplayState:
+        """Return the states of all stages; where vehicles share the estimate, its queue is kept beside them, and None here."""
         return ReplayState(
             self.estimation,
             self.publishing,
@@ -145,6 +145,7 @@ class Session:
             self.flight,
             self.last_ns,
             self.first_ns,
+            queued,
         )
 
     @property
@@ -178,6 +179,8 @@ class Session:
         self.forecasts, self.flight = state.forecasts, state.flight
         self.first_ns: int | None = state.first_ns
         self.estimator = consistency.trusting(self.built, self.monitoring)
+        if state.queued is not None:
+            self.shared.restore(state.queued)
 
     def take_block(self, block: Block) -> dict[int, list[Given]]:
         """Check what a block of messages measured, count the messages, and return the events by the place of their message in the stream."""

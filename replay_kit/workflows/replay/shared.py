@@ -68,6 +68,7 @@ class Queued:
         ended: Of each vehicle, whether its logs have ended.
         kept: Measurements so far in their order, with their vehicles; none with one vehicle.
         next_slices_ns: Of each window, when its next depth slices are due [ns, UTC].
+        waiting: Events of the block that is not complete, with their vehicles.
     """
 
     queues: tuple[tuple[tuple[int, Input], ...], ...]
@@ -75,6 +76,7 @@ class Queued:
     ended: tuple[bool, ...]
     kept: tuple[tuple[int, Measurement], ...]
     next_slices_ns: Mapping[Hashable, int | None]
+    waiting: tuple[tuple[int, Input], ...]
 
 
 class SharedEstimate:
@@ -118,11 +120,6 @@ class SharedEstimate:
         return len(self.vehicles) > 1
 
     @property
-    def has_block(self) -> bool:
-        """Whether events wait for their block to be complete."""
-        return bool(self._buffer)
-
-    @property
     def queued(self) -> Queued:
         """What a checkpoint keeps."""
         each: list[list[tuple[int, Input]]] = [[] for _ in self.vehicles]
@@ -134,6 +131,7 @@ class SharedEstimate:
             tuple(self._ended),
             tuple(self.kept),
             dict(self.next_slices_ns),
+            tuple(self._buffer),
         )
 
     def restore(self, queued: Queued) -> None:
@@ -141,6 +139,8 @@ class SharedEstimate:
         self._due_ns, self._ended = list(queued.due_ns), list(queued.ended)
         self.kept, self.next_slices_ns = list(queued.kept), dict(queued.next_slices_ns)
         self._queue, self._n_queued = [], list(map(len, queued.queues))
+        for number, event in queued.waiting:
+            self._take(number, event)
         for number, queue in enumerate(queued.queues):
             for due_ns, event in queue:
                 self._push(due_ns, number, event)

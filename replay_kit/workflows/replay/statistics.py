@@ -106,12 +106,12 @@ class RunStatistics:
 
     def after_messages(self, found: Mapping[tuple[str, str], int]) -> "RunStatistics":
         """Return the statistics with more messages by topic and the reason for which they are not used, empty for those that are."""
-        used, skipped = Counter(self.messages.used), Counter(self.messages.skipped)
+        used, skipped = dict(self.messages.used), dict(self.messages.skipped)
         for (topic, reason), number in found.items():
             if reason:
-                skipped[topic, reason] += number
+                skipped[topic, reason] = skipped.get((topic, reason), 0) + number
             else:
-                used[topic] += number
+                used[topic] = used.get(topic, 0) + number
         return RunStatistics(replace(self.messages, used=used, skipped=skipped), self.profiles)
 
     def with_unsupported(self, event: Measurement) -> "RunStatistics":

@@ -16,6 +16,7 @@ from replay_kit.workflows.follow.watch import read_memory, write_memory
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay import replay as replaying
 from replay_kit.workflows.replay.inputs import estimator as basis
+from replay_kit.workflows.replay.inputs import scan
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.verify import verify
 from tests import synthetic
@@ -67,7 +68,8 @@ def test_the_estimator_is_built_once_for_all_replays_with_a_forecast(ocean, dive
     assert built.call_count == 1
 
 
-def test_what_did_not_change_is_not_replayed_again(ocean, dives, tmp_path):
+def test_what_did_not_change_is_not_replayed_again(ocean, dives, tmp_path, monkeypatch):
+    monkeypatch.setattr(scan, "_BLOCK", 8)
     sea = Sea(ocean, tmp_path, goal=None)
     for one in dives[:-1]:
         sea.put(one.name, one.data)()
@@ -75,11 +77,9 @@ def test_what_did_not_change_is_not_replayed_again(ocean, dives, tmp_path):
     sea.put(dives[-1].name, dives[-1].data)()
 
     def messages_of(replay: Callable[[], object]) -> int:
-        with mock.patch.object(
-            replaying, "interpret_block", wraps=replaying.interpret_block
-        ) as interpreted:
+        with mock.patch.object(replaying, "taken", wraps=replaying.taken) as taken:
             replay()
-        return sum(len(call.args[1]) for call in interpreted.call_args_list)
+        return sum(len(call.args[1]) for call in taken.call_args_list)
 
     # the last block of observations before the new dive was not complete
     assert (

@@ -39,7 +39,7 @@ def dives(count=12):
     ("change", "words"),
     [
         (lambda u: -u, "both signs wrong"),
-        (lambda u: 10.0 * u, "several times too fast"),
+        (lambda u: 10.0 * u, "10 times too fast"),
         (lambda u: u, None),
     ],
 )

@@ -52,7 +52,7 @@ def mean_current():
 
 def given(supports_path_means):
     session = Session(Recorder(supports_path_means), GRID.levels, RunConfig())
-    session.take([PROFILE, mean_current(), PROFILE])
+    session.take_message(0, [(each, ()) for each in (PROFILE, mean_current(), PROFILE)])
     session.shared.assimilate()
     return session.state
 
@@ -83,7 +83,8 @@ def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_
     session = Session(estimator, GRID.levels, config)
     session.writer = published
     for seconds in range(0, 250, 25):
-        session.take([replace(PROFILE, time_ns=seconds * 10**9)])
+        ping = replace(PROFILE, time_ns=seconds * 10**9)
+        session.take_message(ping.time_ns, [(ping, ())])
     session.shared.assimilate()
     assert (
         published.grids_ns
@@ -98,13 +99,9 @@ def test_windows_that_were_left_are_published_once_and_forgotten():
     session = Session(windowed(of, TINY, pings[0], 25_000.0, QUICK), LEVELS, RunConfig())
     session.writer = MagicMock()
     for ping in pings:
-        session.take([ping])
-        if session.state is not None:
-            assert (
-                session.state.estimation.current.left
-                == session.state.estimation.dive_start.left
-                == ()
-            )
+        session.take_message(ping.time_ns, [(ping, ())])
+        of = session.state.estimation
+        assert of.current.left == of.dive_start.left == ()
     session.shared.assimilate(last=True)
     numbers = [call.args[0] for call in session.writer.window.call_args_list]
     assert numbers == list(range(1, session.estimation.current.number))

@@ -116,8 +116,7 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
     assert {info.use for info in content} == {"ready for replay: currents at the surface found"}
 
 
-@pytest.mark.parametrize("stop_after", [2, pytest.param(3, marks=pytest.mark.full)])
-def test_after_a_pause_the_surface_is_that_of_one_run(ocean, tmp_path, stop_after):
+def test_after_a_pause_the_surface_is_that_of_one_run(ocean, tmp_path):
     totals = made.totals((0.1, 0.05), 4, west=-59.9, south=39.8)
     totals.to_netcdf(tmp_path / "totals.nc", engine="h5netcdf")
     settings = {"estimator": {"modes": 7}, "output": {"checkpoint_interval": 1.0}}
@@ -128,7 +127,7 @@ def test_after_a_pause_the_surface_is_that_of_one_run(ocean, tmp_path, stop_afte
     replay(whole, config := load_config(None, settings))
     job = dataclasses.replace(job, checkpoint=tmp_path / "checkpoint")
     with pytest.raises(Killed):
-        run_until(job, config, stop_after)
+        run_until(job, config, 3)
     assert job.checkpoint.exists()
     run_until(job, config, None)
     assert job.out.read_bytes() == whole.out.read_bytes()

@@ -245,16 +245,16 @@ class CheckpointFile(StateStore):
         measurement: tuple[Stream, ...],
         messages: int,
     ) -> None:
-        """Write a checkpoint when it is time and no observation waits."""
+        """Write a checkpoint when it is time."""
         if session.writer is None or self._journal is None:
             return
         if self._next_ns is None:
             self._next_ns = session.last_ns + self._interval_ns
-        if session.last_ns < self._next_ns or (state := session.state) is None:
+        if session.last_ns < self._next_ns:
             return
-        self._next_ns = state.last_ns + self._interval_ns
+        self._next_ns = session.last_ns + self._interval_ns
         checkpoint = Checkpoint(
-            state,
+            session.state,
             measurement,
             messages,
             self._journal.flushed(),

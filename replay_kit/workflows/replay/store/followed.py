@@ -143,14 +143,14 @@ class FollowedStates(StateStore):
         measurement: tuple[Stream, ...],
         messages: int,
     ) -> None:
-        """Remember a state between two blocks of observations, and now and then write it."""
-        if session.writer is None or self._journal is None or (state := session.state) is None:
+        """Remember a state, and now and then write it."""
+        if session.writer is None or self._journal is None:
             return
         known = _Known(messages, self._digest(messages))
         self._pending = (
             known,
             Checkpoint(
-                state,
+                session.state,
                 measurement,
                 messages,
                 self._journal.place,
