@@ -183,7 +183,7 @@ class Session:
             self.shared.restore(state.queued)
 
     def take_block(self, block: Block) -> dict[int, list[Given]]:
-        """Check what a block of messages measured, count the messages, and return the events by the place of their message in the stream."""
+        """Check what a block of messages measured, count these, and return the events by the place of their message in the stream."""
         with self.clock.stage("check"):
             self.monitoring, block, found = consistency.checked(
                 self.monitoring, block, self.config, self._speeds
@@ -204,6 +204,8 @@ class Session:
             first_ns = event.time_ns if self.first_ns is None else self.first_ns
             self.first_ns = min(first_ns, event.time_ns)
             means = self.monitoring.means
+            if any(contradict for _, contradict in found) and self.shared.has_others(self._number):
+                self.monitoring, found = consistency.left_out(self.monitoring, found)
             self.monitoring = consistency.noted(self.monitoring, event, found, self.config)
             if found:
                 self._act_on([finding for finding, _ in found], means, time_ns)
@@ -219,11 +221,15 @@ class Session:
     def _use(self, checked: VehicleState | Measurement) -> None:
         """Give an event that was checked to the estimate, or count it."""
         event = self._corrected(checked)
-        if isinstance(event, self._inputs):
+        if isinstance(event, Measurement) and self.monitoring.left_out:
+            counts = self.statistics.profiles
+            counts = replace(counts, rejected=counts.rejected + 1)
+            self.statistics = RunStatistics(self.statistics.messages, counts)
+        elif isinstance(event, self._inputs):
             self.shared.give(self._number, event)
             return
         # one beside profiles that were computed from it is no loss
-        if not (isinstance(event, PathMean) and event.beside_profiles):
+        elif not (isinstance(event, PathMean) and event.beside_profiles):
             self.statistics = self.statistics.with_unsupported(event)
         if isinstance(event, PathMean):
             self._expect(forecast_mean(self.forecasts, event))
@@ -239,16 +245,13 @@ class Session:
         """Rebuild the estimate without an instrument that is not believed, and open the gate between sources that contradict each other."""
         self.shared.assimilate(last=True)
         self.estimator = consistency.trusting(self.built, self.monitoring)
-        counts = self.statistics.profiles
         if consistency.is_distrusted(found):
             kept = means if self.estimator.supports_path_means else ()
-            steps = self.shared.rebuild(self._number, kept)
+            self.shared.rebuild(self._number, kept)
             publishes = self.shared.vehicles[0]
             publishes.publishing = withdraw_windows(publishes.publishing)
-            counts = consistency.rebuilt(counts, steps)
-            self.monitoring = replace(self.monitoring, gated=())
         self.estimation, self.monitoring, counts = consistency.readmitted(
-            self.estimator, self.estimation, self.monitoring, counts
+            self.estimator, self.estimation, self.monitoring, self.statistics.profiles
         )
         self.shared.spread(self.estimation.current)
         self.statistics = RunStatistics(self.statistics.messages, counts)
@@ -260,6 +263,13 @@ class Session:
         """Count the steps of a block."""
         self.statistics = self.statistics.after_steps(steps)
         self.monitoring = consistency.with_gated(self.monitoring, steps)
+
+    def count_again(self, steps: Sequence[Step]) -> None:
+        """Count the steps of an estimate that was rebuilt."""
+        counts = consistency.rebuilt(self.statistics.profiles, steps)
+        self.statistics = RunStatistics(self.statistics.messages, counts)
+        fresh = replace(self.monitoring, gated=(), decisions={})
+        self.monitoring = consistency.with_gated(fresh, steps)
 
     def follow_up(self, steps: Sequence[Step]) -> None:
         """Publish steps, plan where a plan is due, and compare the dives that they end with what was expected."""

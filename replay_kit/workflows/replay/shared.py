@@ -21,6 +21,7 @@ from replay_kit.core.observation import (
 )
 from replay_kit.core.progress import Stopwatch
 from replay_kit.estimator import Estimator
+from replay_kit.workflows.replay.stages.consistency import MonitoringState
 from replay_kit.workflows.replay.stages.estimation import (
     Contributor,
     EstimationState,
@@ -44,9 +45,14 @@ class Vehicle(Protocol):
     estimator: Estimator[Any]
     estimation: EstimationState
     publishing: PublishingState
+    monitoring: MonitoringState
 
     def after_steps(self, steps: Sequence[Step]) -> None:
         """Count the steps of a block."""
+        ...
+
+    def count_again(self, steps: Sequence[Step]) -> None:
+        """Count the steps of an estimate that was rebuilt."""
         ...
 
     def follow_up(self, steps: Sequence[Step]) -> None:
@@ -232,8 +238,16 @@ class SharedEstimate:
         for vehicle in self.vehicles:
             vehicle.estimation = replace(vehicle.estimation, current=current)
 
-    def rebuild(self, number: int, means: Sequence[PathMean]) -> list[Step]:
-        """Make the estimate again without the profiles of a vehicle, and return the vehicle's steps.
+    def has_others(self, number: int) -> bool:
+        """Return whether another vehicle than one measures what is used."""
+        return any(
+            not vehicle.monitoring.left_out
+            for other, vehicle in enumerate(self.vehicles)
+            if other != number
+        )
+
+    def rebuild(self, number: int, means: Sequence[PathMean]) -> None:
+        """Make the estimate again without the profiles of a vehicle, or without all that it measured if it is left out.
 
         Args:
             number: Of the vehicle.
@@ -242,13 +256,12 @@ class SharedEstimate:
         # with one vehicle its mean currents are all there is
         kept: Iterable[tuple[int, Measurement]] = ((number, mean) for mean in means)
         if self.is_pooled:
+            unused = Measurement if self.vehicles[number].monitoring.left_out else Observation
             self.kept = [
-                one for one in self.kept if one[0] != number or isinstance(one[1], PathMean)
+                one for one in self.kept if one[0] != number or not isinstance(one[1], unused)
             ]
             self._queue = [
-                one
-                for one in self._queue
-                if one[1] != number or not isinstance(one[3], Observation)
+                one for one in self._queue if one[1] != number or not isinstance(one[3], unused)
             ]
             heapify(self._queue)
             self._n_queued[number] = sum(one[1] == number for one in self._queue)
@@ -256,9 +269,9 @@ class SharedEstimate:
             kept = self.kept
         with self.clock.stage("estimate"):
             states, steps = assimilate_together(self._contributors(begun=True), list(kept))
-        for vehicle, state in zip(self.vehicles, states, strict=True):
+        for other, (vehicle, state) in enumerate(zip(self.vehicles, states, strict=True)):
             vehicle.estimation = state
-        return [step for of, step in steps if of == number]
+            vehicle.count_again([step for of, step in steps if of == other])
 
     def without(self, number: int) -> Any:
         """Return the state of the estimator that all measurements but those of a vehicle lead to, in the same windows."""

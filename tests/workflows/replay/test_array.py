@@ -14,8 +14,8 @@ from replay_kit.core.observation import PathMean
 from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.measurements.checks import profile
 from replay_kit.measurements.checks.concluded import FORECAST
-from replay_kit.measurements.checks.profile import ENSEMBLE
 from replay_kit.results.slices import depth_slice
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build
@@ -175,8 +175,27 @@ def test_a_turned_compass_is_the_fault_of_its_own_vehicle(tmp_path, truth):
     assert "compass or instrument turned" in {found["name"] for found in each["sg2"]}
     # a forecast that is not of this sea may be doubted, a sound vehicle is not
     others = {found["name"] for found in each["sg1"]}
-    assert others <= {FORECAST, ENSEMBLE}
+    assert others <= {FORECAST, profile.ENSEMBLE}
     assert 6 in found.outcome.exit_codes
+
+
+def test_a_vehicle_whose_sources_contradict_each_other_is_left_out(tmp_path, truth):
+    logs = write_array(tmp_path, truth, 3, pings=100, faults={2: Faults(heading_bias_deg=90.0)})
+    messages = list(open_log(logs["sg3"]).messages())
+    for ping in (one.payload for one in messages if one.topic == "/adcp"):
+        for cell in ping["velocity"]:
+            if None not in cell[:2]:
+                cell[:2] = cell[0] + 0.2, cell[1] + 0.1
+    write_mcap_log(logs["sg3"], messages)
+    with pytest.warns(UserWarning, match="sg3: two sources of the current contradict"):
+        found = rk.replay(logs, ENSEMBLE, settings=SETTINGS)
+    sound = {name: logs[name] for name in ("sg1", "sg2")}
+    expected = rk.replay(sound, ENSEMBLE, settings=SETTINGS)
+    assert found.estimate.latent == pytest.approx(expected.estimate.latent, abs=1e-9)
+    vehicles = found.outcome.vehicles
+    assert [len(vehicles[name]["consistency"]) > 0 for name in logs] == [False, False, True]
+    assert vehicles["sg3"]["observations"]["used"] == 0
+    assert found.outcome.observations["used"] == expected.outcome.observations["used"]
 
 
 @pytest.mark.full

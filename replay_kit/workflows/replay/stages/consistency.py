@@ -52,6 +52,7 @@ class MonitoringState:
         gated: Latest measurements that the gate rejected, before two sources were known to contradict each other.
         tracks: Positions, by the log that they are of.
         decisions: By kind of measurement, how many the gate was asked for, and how many it rejected.
+        left_out: Whether nothing that this vehicle of several measures is used.
     """
 
     checks: Checked = field(default_factory=Checked)
@@ -61,6 +62,7 @@ class MonitoringState:
     gated: tuple[Measurement, ...] = ()
     tracks: LogTracks = field(default_factory=LogTracks)
     decisions: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    left_out: bool = False
 
     @property
     def explains_no_profile(self) -> bool:
@@ -196,6 +198,15 @@ def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | No
 def is_distrusted(found: Iterable[Finding]) -> bool:
     """Return whether findings leave an instrument unused, so that the estimate is rebuilt without it."""
     return any(finding.distrusts for finding in found)
+
+
+def left_out(state: MonitoringState, found: FoundWith) -> tuple[MonitoringState, FoundWith]:
+    """Return state and findings of a vehicle, one of several, whose sources contradict each other: nothing that it measures is used."""
+    advice = "nothing that this vehicle measured is used, the estimate is rebuilt from the others; check both of its sources"
+    return replace(state, left_out=True), [
+        (replace(finding, distrusts=True, advice=advice), contradict)
+        for finding, contradict in found
+    ]
 
 
 def trusting(estimator: Any, state: MonitoringState) -> Any:
