@@ -13,7 +13,7 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import Payload, Tables, number, some, whole_number
+from replay_kit.logs.tables.columns import Payload, Tables, number, whole_number
 from replay_kit.logs.tables.instruments import pings
 
 SCHEMA = "DEBUG_FLOAT_ARRAY"
@@ -41,7 +41,7 @@ _CONFIGURATION = [
 _WORDS = ("coordinate_system", "reference", "orientation")
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
-_INCOMPLETE, _REPEATED = "part of an incomplete ping", "repeated frame of a ping"
+_INCOMPLETE = "part of an incomplete ping"
 _NO_KEY = "frame of a ping: expected array_id and time_usec to be integers and data to be a list"
 
 #: Numbers of the frames of pings that are not complete, by name of the frame, of each topic, ``array_id`` and ``time_usec``.
@@ -56,45 +56,30 @@ def joined(pending: Open, raws: Sequence[Raw], config: MeasurementConfig) -> tup
         raws: Frames whose names are of ``PARTS``.
         config: As of ``pings``.
     """
-    order = sorted(
-        (place, r, k) for r, raw in enumerate(raws) for k, place in enumerate(raw.order.tolist())
-    )
-    pending, made = dict(pending), [dict[int, tuple[Payload | str, int]]() for _ in raws]
-    for _, r, k in order:
-        taken = _taken(pending, raws[r].topic, raws[r].payloads[k])
-        if taken is not None:
-            made[r][k] = taken
-    found: Tables = []
-    for raw, rows in zip(raws, made, strict=True):
-        if rows:
-            payloads, counts = zip(*rows.values(), strict=True)
-            chosen = [k in rows for k in range(len(raw.time))]
-            found += pings(some(raw, chosen), payloads, config, counts)
-    return pending, found
+    held, found = dict(pending), Tables()
+    order = sorted((place, r, k) for r, raw in enumerate(raws) for k, place in enumerate(raw.order))
+    taken = {(r, k): _taken(held, raws[r].topic, raws[r].payloads[k]) for _, r, k in order}
+    for r, raw in enumerate(raws):
+        payloads, counts = zip(*(taken[r, k] for k in range(len(raw.time))), strict=True)
+        found += pings(raw, payloads, config, counts)
+    return held, found
 
 
-def _taken(
-    pending: dict[Any, Any], topic: str, payload: Payload
-) -> tuple[Payload | str, int] | None:
+def _taken(held: dict[Any, Any], topic: str, payload: Payload) -> tuple[Payload | str, int]:
     """Take in a frame; return the ping that it completes, or why frames can be part of none, and the number of frames."""
     name, data = payload["name"], payload.get("data")
-    numbers = [whole_number(payload.get(part)) for part in ("array_id", "time_usec")]
-    if None in numbers or not isinstance(data, list | tuple):
+    key = topic, *(whole_number(payload.get(part)) for part in ("array_id", "time_usec"))
+    if None in key or not isinstance(data, list | tuple):
         return _NO_KEY, 1
-    key = topic, *numbers
-    if name in pending.get(key, {}):
-        return _REPEATED, 1
-    frames = {**pending.get(key, {}), name: data}
-    missing = {*PARTS} - {*frames}
-    if "ADCP_CFG" in frames and _configuration(frames["ADCP_CFG"])["n_components"] == 2:
-        missing -= {"ADCP_U"}
-    if not missing:
-        pending.pop(key, None)
-        return _assembled(frames), len(frames)
-    pending[key] = frames
-    if len(pending) <= _OPEN_PINGS:
-        return None
-    return _INCOMPLETE, len(pending.pop(next(iter(pending))))
+    frames = held.get(key, {})
+    if name in frames:
+        return "repeated frame of a ping", 1
+    frames = held[key] = {**frames, name: data}
+    two = _configuration(frames.get("ADCP_CFG", ()))["n_components"] == 2
+    if {*PARTS} - {*frames} <= ({"ADCP_U"} if two else set()):
+        return _assembled(held.pop(key)), len(frames)
+    last = [] if len(held) <= _OPEN_PINGS else held.pop(next(iter(held)))
+    return _INCOMPLETE, len(last)
 
 
 def lost(pending: Open, order: int) -> Tables:

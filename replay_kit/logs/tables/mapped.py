@@ -5,24 +5,34 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from replay_kit.config.mapping import DepthMap, PositionMap, ProfileMap, TopicMap, VelocityMap
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import Payload, guarded, number, read_each, some
+from replay_kit.logs.tables.columns import (
+    Payload,
+    Rows,
+    guarded,
+    kept,
+    number,
+    read_each,
+    some,
+    why,
+)
 from replay_kit.logs.tables.instruments import pings
 from replay_kit.logs.tables.vehicle import no_place
 
 _NAMES_SHOWN = 12
 # how many of a unit make the unit used inside; dividing by a power of ten rounds once
 _PER_METRE = {"m": 1.0, "dm": 10.0, "cm": 100.0, "mm": 1000.0}
+_PER_DEGREE = {"deg": 1.0, "rad": math.radians(1.0), "degE7": 1e7}
 _PER_DBAR = {"dbar": 1.0, "bar": 0.1, "Pa": 1e4, "hPa": 100.0, "kPa": 10.0}
 _ATMOSPHERE_DBAR = 10.1325
 _EARTH = {"enu": "earth", "ned": "earth"}
 _SIGNS = {"down": 1.0, "up": -1.0}
-_NOWHERE = (math.nan,) * 3
-#: Longitude, latitude, depth (NaN where not stated), whether it is dead-reckoned.
-Place = tuple[float, float, float, bool]
+_SURFACE = {"pressure": 0.0, "transducer_depth": 0.0}
 
 
 def mapped(entry: TopicMap, raw: Raw, config: MeasurementConfig) -> list[Table]:
@@ -33,29 +43,37 @@ def mapped(entry: TopicMap, raw: Raw, config: MeasurementConfig) -> list[Table]:
         raw: The messages.
         config: As of ``pings``.
     """
-    by = "pressure" if entry.depth_unit in _PER_DBAR else "depth"
     if isinstance(entry, DepthMap):
-        return read_each(raw, "depth", by, lambda payload: (_depth(payload, entry),), by=by)
+        by = _depth_by(entry)
+        depths = read_each("depth", by, raw.payloads, lambda one: (_depth(one, entry),), float)
+        return kept(raw, depths._replace(fixed={"by": by}))
     if isinstance(entry, PositionMap):
-        return _positions(raw, entry)
-    read = _profile if isinstance(entry, ProfileMap) else _velocity
+        return kept(raw, _positions(raw, entry))
+    read: Any = _profile if isinstance(entry, ProfileMap) else _velocity
     found = [guarded(partial(read, entry=entry), payload) for payload in raw.payloads]
-    fields, places = zip(
-        *((one, _NOWHERE) if isinstance(one, str) else one for one in found), strict=True
-    )
-    tables = pings(raw, fields, config, places=places)
-    located = [not isinstance(one, str) for one in fields]
-    if isinstance(entry, VelocityMap) or entry.longitude is None or not any(located):
+    places = [
+        (math.nan,) * 3 if isinstance(one, str) else one.pop("place", (math.nan,) * 3)
+        for one in found
+    ]
+    tables = pings(raw, found, config, places=places)
+    located = np.array([not isinstance(one, str) for one in found])
+    if isinstance(entry, VelocityMap) or entry.longitude is None or not located.any():
         return tables
-    beside = _positions(some(raw, located), entry, beside=True)
+    raw = some(raw, located)
+    beside = kept(raw, _positions(raw, entry)._replace(fixed={"beside": True}))
     # a message without a fix still has its profile, which other positions may place
     return tables + [one for one in beside if one.kind == "position"]
 
 
-def _positions(raw: Raw, entry: Any, **fixed: Any) -> list[Table]:
-    depth = "pressure" if entry.depth and entry.depth_unit in _PER_DBAR else "depth"
-    names = f"longitude latitude {depth} dead_reckoned"
-    return read_each(raw, "position", names, lambda payload: _position(payload, entry), **fixed)
+def _depth_by(entry: Any) -> str:
+    """Return what a mapping's depth is, by its unit."""
+    return "pressure" if entry.depth_unit in _PER_DBAR else "depth"
+
+
+def _positions(raw: Raw, entry: Any) -> Rows:
+    names = f"longitude latitude {_depth_by(entry) if entry.depth else 'depth'}"
+    found = read_each("position", names, raw.payloads, lambda one: _position(one, entry), float)
+    return found._replace(columns={**found.columns, "dead_reckoned": entry.dead_reckoned})
 
 
 def look_up(value: Any, path: str, at: int = 0) -> Any:
@@ -97,18 +115,12 @@ def _contents(value: Any) -> str:
     return "nothing" if value is None else f"one {type(value).__name__}, no fields"
 
 
-def _position(payload: Payload, entry: Any) -> Place | str:
-    """Return a position with depth [m], or pressure [dbar] by its unit."""
-    x, y = (
-        _degrees(number(look_up(payload, path)), entry.angle_unit)
-        for path in (entry.longitude, entry.latitude)
-    )
+def _position(payload: Payload, entry: Any) -> tuple[float, float, float] | str:
+    """Return longitude and latitude [degrees], and a depth as of ``_depth``, NaN where the mapping has none."""
+    per = _PER_DEGREE[entry.angle_unit]
+    x, y = (number(look_up(payload, path)) / per for path in (entry.longitude, entry.latitude))
     depth = _depth(payload, entry) if entry.depth else math.nan
-    return str(no_place(x, y)) or (x, y, depth, entry.dead_reckoned)
-
-
-def _degrees(value: float, unit: str) -> float:
-    return math.degrees(value) if unit == "rad" else value / 1e7 if unit == "degE7" else value
+    return str(why(no_place(x, y))) or (x, y, depth)
 
 
 def _depth(payload: Payload, entry: Any) -> float:
@@ -117,10 +129,6 @@ def _depth(payload: Payload, entry: Any) -> float:
     if unit in _PER_DBAR:
         return value / _PER_DBAR[unit] - _ATMOSPHERE_DBAR * bool(entry.depth_absolute)
     return _SIGNS[entry.depth_positive] * (value / _PER_METRE[unit])
-
-
-#: The fields of a ping, and the place of a mooring.
-_Stated = tuple[dict[str, Any], tuple[float, float, float]]
 
 
 def _ping(entry: Any, frame: str, cells: Sequence[Any]) -> dict[str, Any]:
@@ -135,43 +143,33 @@ def _ping(entry: Any, frame: str, cells: Sequence[Any]) -> dict[str, Any]:
     }
 
 
-def _profile(payload: Payload, entry: Any) -> _Stated | str:
-    cells = _cells(payload, entry)
-    if isinstance(cells, str):
-        return cells
+def _profile(payload: Payload, entry: ProfileMap) -> dict[str, Any]:
+    fields = _ping(entry, _EARTH.get(entry.frame, entry.frame), _cells(payload, entry))
     if entry.longitude is not None:
         _position(payload, entry)
-    return {
-        **_ping(entry, _EARTH.get(entry.frame, entry.frame), cells),
-        **_geometry(payload, entry),
-    }, _NOWHERE
+    return fields | _geometry(payload, entry)
 
 
-def _velocity(payload: Payload, entry: Any) -> _Stated | str:
+def _velocity(payload: Payload, entry: VelocityMap) -> dict[str, Any] | str:
     """Return one velocity as a profile of one cell, at the distance 0 from an instrument where it was measured."""
-    place: Any = None
-    if entry.place is not None:
-        place = str(no_place(*entry.place)) or entry.place
+    place: Any = entry.place
+    if place is not None:
+        place = str(why(no_place(*place))) or place
     elif entry.longitude is not None:
         place = _position(payload, entry)
     if isinstance(place, str):
         return place
-    # a cell of an instrument is where it is on a vessel that states no depth, too; a velocity at the vehicle needs the vehicle's
-    depth: dict[str, Any] = {"vehicle_depth_needed": True} if entry.distance is None else {}
-    if entry.at_depth is not None:
-        depth = {"pressure": 0.0, "transducer_depth": entry.at_depth}
-    elif entry.depth is not None:
-        depth = _instrument_depth(payload, entry)
     velocity = [_speed(look_up(payload, path), entry) for path in (entry.east, entry.north)]
-    fields = {
-        **_ping(entry, "earth", [velocity]),
-        "cell_distances": [entry.distance or 0.0],
-        **depth,
-    }
-    if place is None:
-        return fields, _NOWHERE
+    fields = _ping(entry, "earth", [velocity]) | {"cell_distances": [entry.distance or 0.0]}
+    if entry.at_depth is not None:
+        fields |= _SURFACE | {"transducer_depth": entry.at_depth}
+    elif entry.depth is not None:
+        fields |= _instrument_depth(payload, entry)
+    elif entry.distance is None:
+        # a cell of an instrument is where it is on a vessel that states no depth, too; a velocity at the vehicle needs the vehicle's
+        fields["vehicle_depth_needed"] = True
     # in no dive where a mooring measured
-    return {**fields, "dive": 0}, (place[0], place[1], math.nan)
+    return fields | ({"dive": 0, "place": (*place[:2], math.nan)} if place else {})
 
 
 def _instrument_depth(payload: Payload, entry: Any) -> dict[str, Any]:
@@ -179,27 +177,33 @@ def _instrument_depth(payload: Payload, entry: Any) -> dict[str, Any]:
     value = _depth(payload, entry)
     if not math.isfinite(value):
         return {"vehicle_depth_needed": True}
-    fields = {"pressure": 0.0, "transducer_depth": 0.0}
     by = "pressure" if entry.depth_unit in _PER_DBAR else "transducer_depth"
-    return {**fields, by: value}
+    return _SURFACE | {by: value}
 
 
-def _cells(payload: Payload, entry: Any) -> list[list[float]] | str:
-    """Return the cells' components [m/s], east and north first where they are of the earth."""
+def _cells(payload: Payload, entry: ProfileMap) -> list[list[float]]:
+    """Return the cells' components [m/s], east and north first where they are of the earth.
+
+    Raises:
+        MeasurementError: They are not what the mapping says.
+    """
+    rows: Any
     if entry.velocity is None:
-        columns = [look_up(payload, path) for path in (entry.east, entry.north)]
+        columns = [look_up(payload, str(path)) for path in (entry.east, entry.north)]
         lists = all(isinstance(column, list | tuple) for column in columns)
         if not lists or len(columns[0]) != len(columns[1]):
-            return "measurements.map: east and north are not lists of one length"
-        rows: Any = zip(*columns, strict=True)
+            raise MeasurementError("measurements.map: east and north are not lists of one length")
+        rows = zip(*columns, strict=True)
     else:
         rows = look_up(payload, entry.velocity)
         if not isinstance(rows, list | tuple):
-            return "measurements.map: velocity is not a list"
+            raise MeasurementError("measurements.map: velocity is not a list")
         if rows and not any(isinstance(row, list | tuple) for row in rows):
             n = entry.components
             if n is None or len(rows) % n:
-                return "measurements.map: velocity is flat; state the number of components per cell"
+                raise MeasurementError(
+                    "measurements.map: velocity is flat; state the number of components per cell"
+                )
             rows = [rows[i : i + n] for i in range(0, len(rows), n)]
     cells = [
         [_speed(value, entry) for value in row] if isinstance(row, list | tuple) else [math.nan] * 2
@@ -232,5 +236,5 @@ def _geometry(payload: Payload, entry: ProfileMap) -> dict[str, Any]:
         raise MeasurementError(f"measurements.map: '{listed}' is not a list")
     if entry.depths is not None:
         scale *= _SIGNS[entry.depth_positive]
-        fields |= {"pressure": 0.0, "transducer_depth": 0.0, "orientation": "down"}
+        fields |= _SURFACE | {"orientation": "down"}
     return {**fields, "cell_distances": [number(value) / scale for value in values]}

@@ -20,6 +20,7 @@ from replay_kit.logs.tables.columns import (
     number,
     stated,
     whole_number,
+    why,
 )
 from replay_kit.logs.tables.instruments import SYSTEMS, pings
 from replay_kit.logs.tables.vehicle import no_place
@@ -44,17 +45,16 @@ _Vectors = list[list[float]]
 
 def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
     """Return the tables of ``replay_kit.AdcpPing`` messages; those with ``place`` were measured by a mooring or a drifter."""
-    moored = [isinstance(place, Mapping) for place in field(raw.payloads, "place")]
-    longitude, latitude = stated(raw.payloads, "lon lat", "place.")
-    why = np.where(moored, no_place(longitude, latitude), "").tolist()
-    payloads: list[Any] = [
-        _BOTTOM_ALONE
-        if payload.get("n_cells") == 0 and payload.get("bottom_track")
-        else reason or payload
-        for payload, reason in zip(raw.payloads, why, strict=True)
-    ]
+    payloads = raw.payloads
+    moored = np.array([isinstance(place, Mapping) for place in field(payloads, "place")])
+    cells, *place = stated(payloads, "n_cells place.lon place.lat")
+    bottom = [*map(bool, field(payloads, "bottom_track"))]
+    reasons = {_BOTTOM_ALONE: (cells == 0) & bottom}
+    reasons |= {word: moored & wrong for word, wrong in no_place(*place).items()}
+    words = np.broadcast_to(why(reasons), len(payloads)).tolist()
+    said = [word or payload for word, payload in zip(words, payloads, strict=True)]
     depth = np.where(moored, 0.0, np.nan)
-    return pings(raw, payloads, config, places=np.column_stack([longitude, latitude, depth]))
+    return pings(raw, said, config, places=np.column_stack([*place, depth]))
 
 
 def _of(

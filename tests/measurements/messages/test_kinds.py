@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from replay_kit.logs.tables.cells import STD_BELIEVED
+from replay_kit.logs.tables.instruments import STD_BELIEVED
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, VehicleState
