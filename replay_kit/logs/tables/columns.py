@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import compress, zip_longest
-from operator import itemgetter, methodcaller
+from operator import itemgetter
 from reprlib import repr as shorten
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -135,12 +135,12 @@ def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
 
 def field(payloads: Iterable[Any], path: str) -> list[Any]:
     """Return the values of a field, which parts of the message may hold (``pose.position``); None where there is none."""
-    values = [*payloads]
+    values: Any = payloads
     for name in path.split("."):
         try:
-            values = [*map(methodcaller("get", name), values)]
+            values = [one.get(name) for one in values]
         except AttributeError:
-            values = [one.get(name) if isinstance(one, Mapping) else None for one in values]
+            values = [one.get(name) if hasattr(one, "get") else None for one in values]
     return values
 
 

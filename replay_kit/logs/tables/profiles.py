@@ -46,7 +46,7 @@ _Vectors = list[list[float]]
 def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
     """Return the tables of ``replay_kit.AdcpPing`` messages; those with ``place`` were measured by a mooring or a drifter."""
     payloads = raw.payloads
-    moored = np.array([isinstance(place, Mapping) for place in field(payloads, "place")])
+    moored = np.array([hasattr(place, "get") for place in field(payloads, "place")])
     cells, *place = stated(payloads, "n_cells place.lon place.lat")
     bottom = [*map(bool, field(payloads, "bottom_track"))]
     reasons = {_BOTTOM_ALONE: (cells == 0) & bottom}

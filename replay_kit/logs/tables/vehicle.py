@@ -79,8 +79,8 @@ def location_fixes(payloads: Payloads) -> Rows:
 def _metadata(pairs: Any) -> Payload:
     """Return key-value pairs as a dict; a plain mapping is read too, and what is no pair says nothing."""
     if isinstance(pairs, list | tuple):
-        return {str(one.get("key")): one.get("value") for one in pairs if isinstance(one, Mapping)}
-    return pairs if isinstance(pairs, Mapping) else {}
+        return {str(one.get("key")): one.get("value") for one in pairs if hasattr(one, "get")}
+    return pairs or {}
 
 
 def nav_sat_fixes(payloads: Payloads) -> Rows:
