@@ -1,7 +1,7 @@
 """Fields of many payloads as columns: numbers, words and cells, whatever encoding wrote them; and messages grouped by topic."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import compress, zip_longest
 from operator import itemgetter
 from reprlib import repr as shorten
@@ -97,12 +97,7 @@ def why(reasons: Mapping[str, Any]) -> Any:
 
 
 def read_each(
-    kind: Kind,
-    names: str,
-    payloads: Sequence[Payload],
-    read: Callable[[Payload], Any],
-    of: type = object,
-    **fixed: Any,
+    kind: Kind, names: str, payloads: Sequence[Payload], read: Callable[[Payload], Any]
 ) -> Rows:
     """Return rows of payloads that are read one by one.
 
@@ -111,16 +106,13 @@ def read_each(
         names: Of the columns.
         payloads: What is read.
         read: Returns a row's values, or in words why there are none.
-        of: What the values are.
-        fixed: As in ``Table``.
     """
-    found = [guarded(read, payload) for payload in payloads]
+    found, named = [guarded(read, payload) for payload in payloads], names.split()
     words = [row if isinstance(row, str) else "" for row in found]
-    values: Any = np.full((len(found), len(names.split())), np.nan, of)
-    for row, one in zip(values, found, strict=True):
-        row[:] = np.nan if isinstance(one, str) else one
-    reasons = {word: np.equal(words, word) for word in {*words} - {""}}
-    return Rows(kind, dict(zip(names.split(), values.T, strict=True)), reasons, fixed)
+    values = np.empty((len(found), len(named)), object)
+    values[:] = [(None,) * len(named) if isinstance(row, str) else row for row in found]
+    reasons = {word: np.equal(words, word) for word in {*words}}
+    return Rows(kind, dict(zip(named, values.T, strict=True)), reasons)
 
 
 def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
@@ -133,9 +125,9 @@ def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
         return f"malformed: a field is missing or of the wrong kind ({type(error).__name__})"
 
 
-def field(payloads: Iterable[Any], path: str) -> list[Any]:
+def field(payloads: Sequence[Any], path: str) -> list[Any]:
     """Return the values of a field, which parts of the message may hold (``pose.position``); None where there is none."""
-    values: Any = payloads
+    values: list[Any] = [*payloads]
     for name in path.split("."):
         try:
             values = [one.get(name) for one in values]

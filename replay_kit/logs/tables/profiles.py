@@ -6,7 +6,7 @@ What a message does not state stays out: ``reference`` above all, which the conf
 """
 
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
