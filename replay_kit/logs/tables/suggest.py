@@ -7,63 +7,119 @@ used until a person states it.
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
-from replay_kit.logs.tables.suggest_profile import (
-    Leaf,
-    by_name,
-    leaves,
-    line,
-    named,
-    pair,
-    profile_lines,
-    velocity_lines,
-)
+from replay_kit.logs.tables.columns import number
 
-_NO_SCHEMA = "message without a schema"
-_AT_VEHICLE = line(
-    "distance", 0.0, "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle"
-)
+_DEEPEST = 12
 #: Key to schema and payload, as of ``suggestions``.
 Samples = Mapping[str, tuple[str, Mapping[str, Any]]]
-
-
-def _entry(topic: str, head: str, select: list[str], kind: str, lines: list[str]) -> str:
-    """Return an entry; one all of whose fields are doubtful is doubtful as a whole."""
-    quoted = json.dumps(topic, ensure_ascii=False)
-    entry = ["[[measurements.map]]", f"topic = {quoted}", *select, f'kind = "{kind}"']
-    if all(each.startswith("#") for each in lines):
-        entry = [f"# {each}" for each in entry]
-    return "\n".join([f"# {quoted}: {head}", *entry, *lines, ""])
-
-
-_LATITUDE = re.compile(r"(.*_)?lat(itude)?(_?(deg|rad|e7|int|wgs84))?")
-_LONGITUDE = re.compile(r"(.*_)?(lon|lng|long|longitude)(_?(deg|rad|e7|int|wgs84))?")
-_DEPTH = re.compile(r"(.*_)?depth(_?m)?")
-_PRESSURE = re.compile(r"(.*_)?(fluid_|water_|sea_)?press(ure)?(_?(pa|hpa|kpa|bar|mbar|dbar))?")
-_HEIGHT = re.compile(r"(.*_)?(alt|altitude|height|z)(_?m)?")
-# where something began, ended or should go, not where the vehicle is
-_ELSEWHERE = re.compile(
-    r"(?<![A-Za-z])(?i:start|end|goal|home|target|waypoint|destination)(?![a-z])"
-)
-# of other vectors, a field or a rate, z is no height
-_PLACE = re.compile(r"|(.*_)?(pos|position|location|point|place|translation|pose|ned|enu)")
 #: MAVLink messages that carry numbers under names of the sender's own.
 NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY")
 # of topics and names of arrays and vectors: these may be currents
 _CURRENT = re.compile(r"adcp|vel|cur|profil|water|flow|speed", re.IGNORECASE)
-# longer ones before their ends
-_UNIT_IN_NAME = {
-    "dbar": "dbar",
-    "mbar": "hPa",
-    "hpa": "hPa",
-    "kpa": "kPa",
-    "bar": "bar",
-    "pa": "Pa",
+# where something began, ended or should go, not where the vehicle is
+_ELSEWHERE = re.compile(
+    r"(?<![A-Za-z])(?i:start|end|goal|home|target|waypoint|destination)(?![a-z])"
+)
+# what may stand before a name, and ends of names of what each setting may be
+_ANGLE = r"(_?(deg|rad|e7|int|wgs84))?"
+_NAMES = {
+    "latitude": rf"lat(itude)?{_ANGLE}",
+    "longitude": rf"(lon|lng|long|longitude){_ANGLE}",
+    "depth": r"depth(_?m)?",
+    "pressure": r"(fluid_|water_|sea_)?press(ure)?(_?(pa|hpa|kpa|bar|mbar|dbar))?",
+    "height": r"(alt|altitude|height|z)(_?m)?",
+    "east": r"(east|eastward|u|ve|vel_e|vel_east|east_vel|velocity_east|east_velocity)",
+    "north": r"(north|northward|v|vn|vel_n|vel_north|north_vel|velocity_north|north_velocity)",
+    "velocity": r"(vel|velocity|velocities|current|currents|vel_data|velocity_data)",
+    "depths": r"(cell_|bin_)?depths?",
+    "distances": r"(distances?|ranges?|cell_positions?)",
+    "cell_size": r"(cell|bin)_?(size|length|height|depth)",
+    "first_cell": r"(bin0_?distance|bin1_?distance|first_?(cell|bin)(_?distance)?|blanking(_?distance)?)",
+    "count": r"(n|num|number_of|no_of)?_?(cells|bins)",
 }
-# an absolute pressure near the surface is one atmosphere
-_ATMOSPHERE = {"Pa": 101_325.0, "hPa": 1013.25, "kPa": 101.325, "bar": 1.01325}
+_PATTERNS = {key: re.compile(rf"(.*_)?{name}") for key, name in _NAMES.items()}
+# of other vectors, a field or a rate, z is no height
+_PLACE = re.compile(r"|(.*_)?(pos|position|location|point|place|translation|pose|ned|enu)")
+# ends of names of pressures, longer ones first, the unit, and in it an atmosphere, which an absolute one near the surface is
+_PRESSURES = {
+    "dbar": ("dbar", math.inf),
+    "mbar": ("hPa", 1013.25),
+    "hpa": ("hPa", 1013.25),
+    "kpa": ("kPa", 101.325),
+    "bar": ("bar", 1.01325),
+    "pa": ("Pa", 101_325.0),
+}
+# a flat list this short is one velocity, not a profile
+_SHORTEST_FLAT = 6
+_MISSING = (-32768.0, -9999.0, 9999.0, -999.0)
+# no current in m/s is as fast
+_NO_MPS = 20.0
+_UNKNOWN = "NOT KNOWN from the message"
+_REFERENCE = f'reference = "unknown"  # {_UNKNOWN}, so it is not used yet: earth if the vehicle\'s motion is removed, else platform'
+
+
+class Leaf(NamedTuple):
+    """A number, a list of numbers or a list of lists of numbers.
+
+    Attributes:
+        path: Where it stands.
+        name: Its last field name, in lower case.
+        shape: () for a number, (n,) for a list, (n, m) for n lists of which the first has m.
+        values: The numbers in one row; NaN for what is missing.
+    """
+
+    path: str
+    name: str
+    shape: tuple[int, ...]
+    values: tuple[float, ...]
+
+    @property
+    def parent(self) -> str:
+        """The path of what holds it."""
+        return self.path.rpartition(".")[0]
+
+    def is_a(self, key: str) -> bool:
+        """Return whether its name is one of a setting's."""
+        return _PATTERNS[key].fullmatch(self.name) is not None
+
+
+def leaves(value: Any, path: str = "") -> Iterator[Leaf]:
+    """Yield the numbers of a payload, in its order; texts, flags and what no path can name are left out."""
+    if isinstance(value, Mapping) and path.count(".") < _DEEPEST - 1:
+        for key, item in value.items():
+            if isinstance(key, str) and key and "." not in key and key == key.strip():
+                yield from leaves(item, f"{path}.{key}" if path else key)
+    elif _is_row([value]) and value is not None:
+        yield _leaf(path, (), [value])
+    elif isinstance(value, list | tuple) and value:
+        yield from _in_list(value, path)
+
+
+def _in_list(items: Sequence[Any], path: str) -> Iterator[Leaf]:
+    n, rows = len(items), [item for item in items if item is not None]
+    if all(isinstance(item, Mapping) for item in items):
+        # every item is taken to be like the first
+        within = [{leaf.path: leaf for leaf in leaves(item)} for item in items]
+        for inner in within[0].values():
+            if len(inner.shape) < 2 and all(inner.path in found for found in within):
+                values = [value for found in within for value in found[inner.path].values]
+                yield _leaf(f"{path}.*.{inner.path}", (n, *inner.shape), values)
+    elif _is_row(items):
+        yield _leaf(path, (n,), items)
+    elif all(isinstance(row, list | tuple) and row and _is_row(row) for row in rows):
+        yield _leaf(path, (n, len(rows[0])), [value for row in rows for value in row])
+
+
+def _leaf(path: str, shape: tuple[int, ...], values: Sequence[Any]) -> Leaf:
+    name = path.removesuffix(".*").rpartition(".")[2].lower()
+    return Leaf(path, name, shape, tuple(map(number, values)))
+
+
+def _is_row(items: Sequence[Any]) -> bool:
+    return all(item is None or type(item) in (int, float) for item in items)
 
 
 def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | None:
@@ -82,19 +138,27 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
     if _CURRENT.search(label) or topic.endswith("/DEBUG_FLOAT_ARRAY"):
         names |= {"data": "velocity"} | ({"x": "east", "y": "north"} if named_by_sender else {})
     found = [leaf._replace(name=names.get(leaf.path, leaf.name)) for leaf in found]
-    select = [f"name = {json.dumps(name, ensure_ascii=False)}"] if named_by_sender else []
     scalars = [leaf for leaf in found if leaf.shape == ()]
-    profile = profile_lines(found)
+    profile, velocity = _profile(found), _velocity(scalars)
+    place, depth = _place(scalars), _depth(scalars)
+    # a position must have its place
+    known = bool(place) and not place[0].startswith("#")
     guesses = {
-        "profile": [*profile, *_place(scalars)] if profile else [],
-        "velocity": _velocity(scalars),
-        "position": _position(scalars),
-        "depth": _depth_lines(scalars),
+        "profile": profile and profile + place,
+        "velocity": velocity and velocity + place + _where(scalars, known),
+        "position": place + depth if known else place,
+        "depth": depth,
     }
-    head = f"{len(found)} numbers in a {schema or _NO_SCHEMA}"
-    return next(
-        (_entry(topic, head, select, kind, lines) for kind, lines in guesses.items() if lines), None
-    )
+    for kind, lines in guesses.items():
+        if lines:
+            quoted = _quoted(topic)
+            select = [f"name = {_quoted(name)}"] if named_by_sender else []
+            entry = ["[[measurements.map]]", f"topic = {quoted}", *select, f'kind = "{kind}"']
+            # an entry all of whose fields are doubtful is doubtful as a whole
+            mark = "# " if all(text.startswith("#") for text in lines) else ""
+            head = f"# {quoted}: {len(found)} numbers in a {schema or 'message without a schema'}"
+            return "\n".join([head, *(mark + text for text in entry), *lines, ""])
+    return None
 
 
 def sample_key(topic: str, payload: Mapping[str, Any]) -> str:
@@ -110,11 +174,11 @@ def suggested_entries(samples: Samples) -> dict[str, str]:
     Args:
         samples: As of ``suggestions``.
     """
-    found = {
-        key: suggestion(key.partition("\n")[0], schema, payload)
-        for key, (schema, payload) in samples.items()
-    }
-    return {key: entry for key, entry in sorted(found.items()) if entry}
+    found = {}
+    for key, (schema, payload) in sorted(samples.items()):
+        if entry := suggestion(key.partition("\n")[0], schema, payload):
+            found[key] = entry
+    return found
 
 
 def suggestions(samples: Samples) -> str:
@@ -133,60 +197,90 @@ def suggestions(samples: Samples) -> str:
     )
 
 
-def _velocity(scalars: Sequence[Leaf]) -> list[str]:
-    """Return the lines of one velocity at one depth, with its place where the message has one."""
-    lines = velocity_lines(scalars)
-    if not lines:
-        return []
-    place, depth = _place(scalars), named(scalars, _DEPTH)
-    where = [_AT_VEHICLE]
-    if depth is not None:
-        where = _as_depth(depth)
-    elif place and not place[0].startswith("#"):
-        unknown = "NOT FOUND in the message: state the depth of the measurement, in m"
-        where = [line("at_depth", 0.0, unknown)]
-    return [*lines, *place, *where]
+def _quoted(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False)
 
 
-def _position(scalars: Sequence[Leaf]) -> list[str]:
-    place = _place(scalars)
-    # a position must have its place
-    depth = [] if any(text.startswith("#") for text in place) else _depth_lines(scalars)
-    return [*place, *depth] if place else []
+def _line(key: str, value: object, why: str = "by its name") -> str:
+    """Return one line of an entry with its comment."""
+    return f"{key} = {_quoted(value)}  # {why}"
+
+
+def _named(found: Sequence[Leaf], key: str, shape: tuple[int, ...] = ()) -> Leaf | None:
+    """Return the first leaf of a shape whose name fits; None without any."""
+    return next((leaf for leaf in found if leaf.shape == shape and leaf.is_a(key)), None)
+
+
+def _pair(found: Sequence[Leaf], first: str, second: str, dimensions: int = 0) -> list[Leaf]:
+    """Return the first two leaves of one shape and one part of the message whose names fit; none without any."""
+    for one in found:
+        if len(one.shape) == dimensions and one.is_a(first):
+            beside = [leaf for leaf in found if leaf.parent == one.parent]
+            if other := _named(beside, second, one.shape):
+                return [one, other]
+    return []
 
 
 def _place(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a position, commented out when there is none but of another time or purpose."""
     here = [leaf for leaf in scalars if not _ELSEWHERE.search(leaf.path)]
-    return _pair(here) or [
-        f"# {text}: by its name not where the vehicle is" for text in _pair(scalars)
-    ]
-
-
-def _pair(scalars: Sequence[Leaf]) -> list[str]:
-    found = pair(scalars, _LATITUDE, _LONGITUDE)
-    if found is None:
+    found = _pair(here, "latitude", "longitude")
+    latitude, longitude = found or _pair(scalars, "latitude", "longitude") or (None, None)
+    if not latitude or not longitude:
         return []
-    latitude, longitude = found
     x, y = longitude.values[0], latitude.values[0]
     unit, why = "deg", f"the latitude is {y:g}"
     if abs(y) > 90.0 or abs(x) > 360.0:
         unit, why = "degE7", f"{x:g} is more than a turn"
     elif "rad" in latitude.name or (abs(y) <= math.pi / 2.0 and 0.0 < abs(x) <= math.pi):
         unit, why = "rad", f"{why}; write deg if these are degrees"
-    return [*by_name(longitude=longitude, latitude=latitude), line("angle_unit", unit, why)]
+    names = [_line("longitude", longitude.path), _line("latitude", latitude.path)]
+    lines = [*names, _line("angle_unit", unit, why)]
+    return lines if found else [f"# {text}: by its name not where the vehicle is" for text in lines]
 
 
-def _depth_lines(scalars: Sequence[Leaf]) -> list[str]:
+def _velocity(scalars: Sequence[Leaf]) -> list[str]:
+    """Return the lines of a velocity at one depth; none when no two numbers look like its components."""
+    found, why = _pair(scalars, "east", "north"), "by its name"
+    if not found:
+        names = {"linear.x": "east", "linear.y": "north"}
+        twist = [leaf._replace(name=names.get(leaf.path[-8:], "")) for leaf in scalars]
+        found, why = (
+            _pair(twist, "east", "north"),
+            "a twist's: only if its frame is east, north, up",
+        )
+    lines = [
+        _line(key, leaf.path, why) for key, leaf in zip(("east", "north"), found, strict=False)
+    ]
+    return lines and [_REFERENCE, *lines, *_speed(found[0].values + found[1].values)]
+
+
+def _where(scalars: Sequence[Leaf], placed: bool) -> list[str]:
+    """Return the lines of where one velocity was measured."""
+    if depth := _named(scalars, "depth"):
+        return _as_depth(depth)
+    if placed:
+        unknown = "NOT FOUND in the message: state the depth of the measurement, in m"
+        return [_line("at_depth", 0.0, unknown)]
+    unknown = "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle"
+    return [_line("distance", 0.0, unknown)]
+
+
+def _depth(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a depth: a depth if there is one, else a pressure, else a height, which only a person can place."""
     of_place = [
         leaf
         for leaf in scalars
         if leaf.name != "z" or _PLACE.fullmatch(leaf.parent.rpartition(".")[2].lower())
     ]
-    for pattern, lines in ((_DEPTH, _as_depth), (_PRESSURE, _as_pressure), (_HEIGHT, _as_height)):
-        if (leaf := named(of_place, pattern)) is not None:
-            return lines(leaf)
+    if depth := _named(of_place, "depth"):
+        return _as_depth(depth)
+    if pressure := _named(of_place, "pressure"):
+        return _as_pressure(pressure)
+    if height := _named(of_place, "height"):
+        why = f"{height.values[0]:g}: use it if it is counted from the sea surface, not from the sea floor or the ellipsoid"
+        up = _line("depth_positive", "up", "z and heights grow upwards")
+        return ["# " + _line("depth", height.path, why), "# " + up]
     return []
 
 
@@ -194,34 +288,76 @@ def _as_depth(leaf: Leaf) -> list[str]:
     value = leaf.values[0]
     up, sign = ("up", "negative") if value < 0.0 else ("down", "positive")
     return [
-        *by_name(depth=leaf),
-        line("depth_unit", "m", "the usual one"),
-        line("depth_positive", up, f"{value:g}: {sign} below the surface"),
+        _line("depth", leaf.path),
+        _line("depth_unit", "m", "the usual one"),
+        _line("depth_positive", up, f"{value:g}: {sign} below the surface"),
     ]
 
 
 def _as_pressure(leaf: Leaf) -> list[str]:
     value = leaf.values[0]
-    stated = next((unit for end, unit in _UNIT_IN_NAME.items() if leaf.name.endswith(end)), None)
-    near = [
-        unit
-        for unit, one in _ATMOSPHERE.items()
-        if stated in (None, unit) and 0.8 * one < value < 1.2 * one
-    ]
-    large = "Pa" if value > 1e5 else "dbar"
-    unit = stated or (near[0] if near else large)
+    stated = [unit for end, (unit, _) in _PRESSURES.items() if leaf.name.endswith(end)][:1]
+    near = [unit for unit, air in _PRESSURES.values() if 0.8 * air < value < 1.2 * air]
+    unit = [*stated, *near, "Pa" if value > 1e5 else "dbar"][0]
     why = "in its name" if stated else "by its size; check it"
+    absolute = unit in near or (unit == "Pa" and value > 1e5)
     air = "whether the atmosphere is in it: check a value at the surface"
     return [
-        line("depth", leaf.path, "a pressure by its name"),
-        line("depth_unit", unit, f"{why}: {value:g}"),
-        line("depth_absolute", bool(near) or unit == large == "Pa", air),
+        _line("depth", leaf.path),
+        _line("depth_unit", unit, f"{why}: {value:g}"),
+        _line("depth_absolute", absolute, air),
     ]
 
 
-def _as_height(leaf: Leaf) -> list[str]:
-    why = f"{leaf.values[0]:g}: use it if it is counted from the sea surface, not from the sea floor or the ellipsoid"
-    return [
-        "# " + line("depth", leaf.path, why),
-        "# " + line("depth_positive", "up", "z and heights grow upwards"),
-    ]
+def _profile(found: Sequence[Leaf]) -> list[str]:
+    """Return the lines of a profile entry; none when no list looks like velocities."""
+    lists = [leaf for leaf in found if leaf.shape and leaf.is_a("velocity")]
+    nested = [leaf for leaf in lists if len(leaf.shape) > 1 and leaf.shape[1] >= 2]
+    flat = [leaf for leaf in lists if len(leaf.shape) == 1 and leaf.shape[0] >= _SHORTEST_FLAT]
+    likely = _pair(found, "east", "north", 1) or nested or flat
+    if not likely:
+        return []
+    leaf, *rest = likely
+    n, values, lines = leaf.shape[0], leaf.values, [_line("velocity", leaf.path)]
+    if leaf.is_a("east"):
+        values += rest[0].values
+        lines = [_line("east", leaf.path), _line("north", rest[0].path)]
+    elif leaf in flat:
+        counts = [int(one.values[0]) for one in found if one.shape == () and one.is_a("count")]
+        fitting = [n // count for count in counts if 0 < count < n and n % count == 0]
+        why = "from the number of cells" if fitting else _UNKNOWN
+        components = [*fitting, 2 if n % 3 else 3][0]
+        n, lines = n // components, [*lines, _line("components", components, why)]
+    frame = _line("frame", "enu", f"{_UNKNOWN}: enu, ned, ship, instrument or beam")
+    return [_REFERENCE, frame, *lines, *_speed(values), *_geometry(found, n)]
+
+
+def _speed(values: Sequence[float]) -> list[str]:
+    """Return the lines of the unit of velocities, and of numbers that stand for none."""
+    missing = sorted({value for value in values if value in _MISSING})
+    known = [value for value in values if math.isfinite(value) and value not in _MISSING]
+    whole = any(known) and all(value.is_integer() for value in known)
+    fast = max(map(abs, known), default=0.0)
+    unit = "mm/s" if whole or fast > _NO_MPS else "m/s"
+    why = f"up to {fast:g}{', whole numbers' if whole else ''}; check it"
+    stand_in = [_line("missing", missing, "these stand for no velocity")] if missing else []
+    return [_line("speed_unit", unit, why), *stand_in]
+
+
+def _geometry(found: Sequence[Leaf], n_cells: int) -> list[str]:
+    """Return the lines of where the cells of a profile are, by the numbers beside it."""
+    if depths := _named(found, "depths", (n_cells,)):
+        least = min(depths.values)
+        up = _line("depth_positive", "up", f"{least:g}: negative below the surface")
+        return [_line("depths", depths.path), *([up] if least < 0.0 else [])]
+    if distances := _named(found, "distances", (n_cells,)):
+        return [_line("distances", distances.path)]
+    lines = []
+    for key in ("cell_size", "first_cell"):
+        leaf, why = _named(found, key), "NOT FOUND in the message: state the instrument's, in m"
+        if leaf is not None:
+            why = f"by its name: {leaf.values[0]:g} m"
+            if "blanking" in leaf.name:
+                why += "; blanking ends where the first cell begins: state half a cell more"
+        lines.append(_line(key, leaf.path if leaf else 1.0, why))
+    return lines
