@@ -10,7 +10,10 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from replay_kit.logs.tables.columns import number
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.logs.tables.columns import number, numbers, rows
 
 _DEEPEST = 12
 #: Key to schema and payload, as of ``suggestions``.
@@ -25,7 +28,7 @@ _ELSEWHERE = re.compile(
 )
 # what may stand before a name, and ends of names of what each setting may be
 _ANGLE = r"(_?(deg|rad|e7|int|wgs84))?"
-_NAMES = {
+_ENDS = {
     "latitude": rf"lat(itude)?{_ANGLE}",
     "longitude": rf"(lon|lng|long|longitude){_ANGLE}",
     "depth": r"depth(_?m)?",
@@ -40,7 +43,8 @@ _NAMES = {
     "first_cell": r"(bin0_?distance|bin1_?distance|first_?(cell|bin)(_?distance)?|blanking(_?distance)?)",
     "count": r"(n|num|number_of|no_of)?_?(cells|bins)",
 }
-_PATTERNS = {key: re.compile(rf"(.*_)?{name}") for key, name in _NAMES.items()}
+_NAMES = {key: re.compile(rf"(.*_)?{end}") for key, end in _ENDS.items()}
+_LONLAT = ("longitude", "latitude")
 # of other vectors, a field or a rate, z is no height
 _PLACE = re.compile(r"|(.*_)?(pos|position|location|point|place|translation|pose|ned|enu)")
 # ends of names of pressures, longer ones first, the unit, and in it an atmosphere, which an absolute one near the surface is
@@ -59,6 +63,10 @@ _MISSING = (-32768.0, -9999.0, 9999.0, -999.0)
 _NO_MPS = 20.0
 _UNKNOWN = "NOT KNOWN from the message"
 _REFERENCE = f'reference = "unknown"  # {_UNKNOWN}, so it is not used yet: earth if the vehicle\'s motion is removed, else platform'
+_AT_DEPTH = "at_depth = 0.0  # NOT FOUND in the message: state the depth of the measurement, in m"
+_AT_VEHICLE = (
+    "distance = 0.0  # NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle"
+)
 
 
 class Leaf(NamedTuple):
@@ -67,59 +75,46 @@ class Leaf(NamedTuple):
     Attributes:
         path: Where it stands.
         name: Its last field name, in lower case.
-        shape: () for a number, (n,) for a list, (n, m) for n lists of which the first has m.
-        values: The numbers in one row; NaN for what is missing.
+        values: shape () of a number, (n,) of a list, (n, m) of n lists; NaN for what is missing.
     """
 
     path: str
     name: str
-    shape: tuple[int, ...]
-    values: tuple[float, ...]
+    values: Array
 
     @property
     def parent(self) -> str:
         """The path of what holds it."""
         return self.path.rpartition(".")[0]
 
-    def is_a(self, key: str) -> bool:
-        """Return whether its name is one of a setting's."""
-        return _PATTERNS[key].fullmatch(self.name) is not None
-
 
 def leaves(value: Any, path: str = "") -> Iterator[Leaf]:
     """Yield the numbers of a payload, in its order; texts, flags and what no path can name are left out."""
+    name = path.removesuffix(".*").rpartition(".")[2].lower()
     if isinstance(value, Mapping) and path.count(".") < _DEEPEST - 1:
         for key, item in value.items():
             if isinstance(key, str) and key and "." not in key and key == key.strip():
                 yield from leaves(item, f"{path}.{key}" if path else key)
-    elif _is_row([value]) and value is not None:
-        yield _leaf(path, (), [value])
-    elif isinstance(value, list | tuple) and value:
-        yield from _in_list(value, path)
-
-
-def _in_list(items: Sequence[Any], path: str) -> Iterator[Leaf]:
-    n, rows = len(items), [item for item in items if item is not None]
-    if all(isinstance(item, Mapping) for item in items):
+    elif type(value) in (int, float):
+        yield Leaf(path, name, np.array(number(value)))
+    elif not isinstance(value, list | tuple) or not value:
+        return
+    elif all(isinstance(item, Mapping) for item in value):
         # every item is taken to be like the first
-        within = [{leaf.path: leaf for leaf in leaves(item)} for item in items]
-        for inner in within[0].values():
-            if len(inner.shape) < 2 and all(inner.path in found for found in within):
-                values = [value for found in within for value in found[inner.path].values]
-                yield _leaf(f"{path}.*.{inner.path}", (n, *inner.shape), values)
-    elif _is_row(items):
-        yield _leaf(path, (n,), items)
-    elif all(isinstance(row, list | tuple) and row and _is_row(row) for row in rows):
-        yield _leaf(path, (n, len(rows[0])), [value for row in rows for value in row])
-
-
-def _leaf(path: str, shape: tuple[int, ...], values: Sequence[Any]) -> Leaf:
-    name = path.removesuffix(".*").rpartition(".")[2].lower()
-    return Leaf(path, name, shape, tuple(map(number, values)))
-
-
-def _is_row(items: Sequence[Any]) -> bool:
-    return all(item is None or type(item) in (int, float) for item in items)
+        within = [{leaf.path: leaf for leaf in leaves(item)} for item in value]
+        for key, inner in within[0].items():
+            if inner.values.ndim < 2 and all(key in found for found in within):
+                values = rows([found[key].values.tolist() for found in within])
+                yield Leaf(
+                    f"{path}.*.{key}", inner.name, values if inner.values.ndim else values[:, 0]
+                )
+    else:
+        lists = [item for item in value if isinstance(item, list | tuple)]
+        single = [one for item in lists or [value] for one in item]
+        if all(item is None or item in lists for item in value if lists) and all(
+            one is None or type(one) in (int, float) for one in single
+        ):
+            yield Leaf(path, name, rows(value) if lists else numbers(value))
 
 
 def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | None:
@@ -138,27 +133,26 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
     if _CURRENT.search(label) or topic.endswith("/DEBUG_FLOAT_ARRAY"):
         names |= {"data": "velocity"} | ({"x": "east", "y": "north"} if named_by_sender else {})
     found = [leaf._replace(name=names.get(leaf.path, leaf.name)) for leaf in found]
-    scalars = [leaf for leaf in found if leaf.shape == ()]
+    scalars = [leaf for leaf in found if not leaf.values.ndim]
     profile, velocity = _profile(found), _velocity(scalars)
     place, depth = _place(scalars), _depth(scalars)
-    # a position must have its place
-    known = bool(place) and not place[0].startswith("#")
+    placed, deep = (bool(lines) and not lines[0].startswith("#") for lines in (place, depth))
+    where = depth if deep else [_AT_DEPTH if placed else _AT_VEHICLE]
     guesses = {
         "profile": profile and profile + place,
-        "velocity": velocity and velocity + place + _where(scalars, known),
-        "position": place + depth if known else place,
+        "velocity": velocity and velocity + place + where,
+        # a position must have its place
+        "position": place + depth if placed else place,
         "depth": depth,
     }
-    for kind, lines in guesses.items():
-        if lines:
-            quoted = _quoted(topic)
-            select = [f"name = {_quoted(name)}"] if named_by_sender else []
-            entry = ["[[measurements.map]]", f"topic = {quoted}", *select, f'kind = "{kind}"']
-            # an entry all of whose fields are doubtful is doubtful as a whole
-            mark = "# " if all(text.startswith("#") for text in lines) else ""
-            head = f"# {quoted}: {len(found)} numbers in a {schema or 'message without a schema'}"
-            return "\n".join([head, *(mark + text for text in entry), *lines, ""])
-    return None
+    kind, lines = next(((kind, lines) for kind, lines in guesses.items() if lines), ("", []))
+    quoted = _quoted(topic)
+    select = [f"name = {_quoted(name)}"] if named_by_sender else []
+    entry = ["[[measurements.map]]", f"topic = {quoted}", *select, f'kind = "{kind}"']
+    # an entry all of whose fields are doubtful is doubtful as a whole
+    mark = "# " if all(text.startswith("#") for text in lines) else ""
+    head = f"# {quoted}: {len(found)} numbers in a {schema or 'message without a schema'}"
+    return "\n".join([head, *(mark + text for text in entry), *lines, ""]) if lines else None
 
 
 def sample_key(topic: str, payload: Mapping[str, Any]) -> str:
@@ -206,64 +200,53 @@ def _line(key: str, value: object, why: str = "by its name") -> str:
     return f"{key} = {_quoted(value)}  # {why}"
 
 
-def _named(found: Sequence[Leaf], key: str, shape: tuple[int, ...] = ()) -> Leaf | None:
-    """Return the first leaf of a shape whose name fits; None without any."""
-    return next((leaf for leaf in found if leaf.shape == shape and leaf.is_a(key)), None)
-
-
-def _pair(found: Sequence[Leaf], first: str, second: str, dimensions: int = 0) -> list[Leaf]:
-    """Return the first two leaves of one shape and one part of the message whose names fit; none without any."""
+def _pick(found: Sequence[Leaf], *keys: str) -> dict[str, Leaf]:
+    """Return the first leaves of one shape and one part of the message that may be settings, by their names; none where one lacks."""
     for one in found:
-        if len(one.shape) == dimensions and one.is_a(first):
-            beside = [leaf for leaf in found if leaf.parent == one.parent]
-            if other := _named(beside, second, one.shape):
-                return [one, other]
-    return []
+        beside = [leaf for leaf in found if leaf.parent == one.parent]
+        alike = [leaf for leaf in beside if leaf.values.shape == one.values.shape]
+        picked = {
+            key: leaf
+            for key in keys
+            for leaf in reversed(alike)
+            if _NAMES[key].fullmatch(leaf.name)
+        }
+        if len(picked) == len(keys) and one is picked[keys[0]]:
+            return picked
+    return {}
+
+
+def _lines(picked: Mapping[str, Leaf], why: str = "by its name") -> list[str]:
+    return [_line(key, leaf.path, why) for key, leaf in picked.items()]
 
 
 def _place(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a position, commented out when there is none but of another time or purpose."""
-    here = [leaf for leaf in scalars if not _ELSEWHERE.search(leaf.path)]
-    found = _pair(here, "latitude", "longitude")
-    latitude, longitude = found or _pair(scalars, "latitude", "longitude") or (None, None)
-    if not latitude or not longitude:
+    here = _pick([leaf for leaf in scalars if not _ELSEWHERE.search(leaf.path)], *_LONLAT)
+    found = here or _pick(scalars, *_LONLAT)
+    if not found:
         return []
-    x, y = longitude.values[0], latitude.values[0]
+    x, y = (float(leaf.values) for leaf in found.values())
     unit, why = "deg", f"the latitude is {y:g}"
     if abs(y) > 90.0 or abs(x) > 360.0:
         unit, why = "degE7", f"{x:g} is more than a turn"
-    elif "rad" in latitude.name or (abs(y) <= math.pi / 2.0 and 0.0 < abs(x) <= math.pi):
+    elif "rad" in found["latitude"].name or (abs(y) <= math.pi / 2.0 and 0.0 < abs(x) <= math.pi):
         unit, why = "rad", f"{why}; write deg if these are degrees"
-    names = [_line("longitude", longitude.path), _line("latitude", latitude.path)]
-    lines = [*names, _line("angle_unit", unit, why)]
-    return lines if found else [f"# {text}: by its name not where the vehicle is" for text in lines]
+    lines = [*_lines(found), _line("angle_unit", unit, why)]
+    return lines if here else [f"# {text}: by its name not where the vehicle is" for text in lines]
 
 
 def _velocity(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a velocity at one depth; none when no two numbers look like its components."""
-    found, why = _pair(scalars, "east", "north"), "by its name"
+    names = {"linear.x": "east", "linear.y": "north"}
+    twist = [leaf._replace(name=names.get(leaf.path[-8:], "")) for leaf in scalars]
+    found, why = _pick(scalars, "east", "north"), "by its name"
     if not found:
-        names = {"linear.x": "east", "linear.y": "north"}
-        twist = [leaf._replace(name=names.get(leaf.path[-8:], "")) for leaf in scalars]
         found, why = (
-            _pair(twist, "east", "north"),
+            _pick(twist, "east", "north"),
             "a twist's: only if its frame is east, north, up",
         )
-    lines = [
-        _line(key, leaf.path, why) for key, leaf in zip(("east", "north"), found, strict=False)
-    ]
-    return lines and [_REFERENCE, *lines, *_speed(found[0].values + found[1].values)]
-
-
-def _where(scalars: Sequence[Leaf], placed: bool) -> list[str]:
-    """Return the lines of where one velocity was measured."""
-    if depth := _named(scalars, "depth"):
-        return _as_depth(depth)
-    if placed:
-        unknown = "NOT FOUND in the message: state the depth of the measurement, in m"
-        return [_line("at_depth", 0.0, unknown)]
-    unknown = "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle"
-    return [_line("distance", 0.0, unknown)]
+    return [_REFERENCE, *_lines(found, why), *_speed(found)] if found else []
 
 
 def _depth(scalars: Sequence[Leaf]) -> list[str]:
@@ -273,91 +256,79 @@ def _depth(scalars: Sequence[Leaf]) -> list[str]:
         for leaf in scalars
         if leaf.name != "z" or _PLACE.fullmatch(leaf.parent.rpartition(".")[2].lower())
     ]
-    if depth := _named(of_place, "depth"):
-        return _as_depth(depth)
-    if pressure := _named(of_place, "pressure"):
-        return _as_pressure(pressure)
-    if height := _named(of_place, "height"):
-        why = f"{height.values[0]:g}: use it if it is counted from the sea surface, not from the sea floor or the ellipsoid"
-        up = _line("depth_positive", "up", "z and heights grow upwards")
-        return ["# " + _line("depth", height.path, why), "# " + up]
-    return []
-
-
-def _as_depth(leaf: Leaf) -> list[str]:
-    value = leaf.values[0]
-    up, sign = ("up", "negative") if value < 0.0 else ("down", "positive")
-    return [
-        _line("depth", leaf.path),
-        _line("depth_unit", "m", "the usual one"),
-        _line("depth_positive", up, f"{value:g}: {sign} below the surface"),
-    ]
-
-
-def _as_pressure(leaf: Leaf) -> list[str]:
-    value = leaf.values[0]
+    picked = [key for key in ("depth", "pressure", "height") if _pick(of_place, key)]
+    if not picked:
+        return []
+    leaf = _pick(of_place, picked[0])[picked[0]]
+    value, path = float(leaf.values), _line("depth", leaf.path)
+    if picked[0] == "height":
+        surface = (
+            "only if it is counted from the sea surface, not from the sea floor or the ellipsoid"
+        )
+        return [f"# {path}, {value:g}: {surface}", f"# {_line('depth_positive', 'up')}"]
+    if picked[0] == "depth":
+        up, sign = ("up", "negative") if value < 0.0 else ("down", "positive")
+        why = f"{value:g}: {sign} below the surface"
+        return [path, _line("depth_unit", "m", "the usual one"), _line("depth_positive", up, why)]
     stated = [unit for end, (unit, _) in _PRESSURES.items() if leaf.name.endswith(end)][:1]
     near = [unit for unit, air in _PRESSURES.values() if 0.8 * air < value < 1.2 * air]
     unit = [*stated, *near, "Pa" if value > 1e5 else "dbar"][0]
-    why = "in its name" if stated else "by its size; check it"
     absolute = unit in near or (unit == "Pa" and value > 1e5)
     air = "whether the atmosphere is in it: check a value at the surface"
-    return [
-        _line("depth", leaf.path),
-        _line("depth_unit", unit, f"{why}: {value:g}"),
-        _line("depth_absolute", absolute, air),
-    ]
+    why = f"{'in its name' if stated else 'by its size; check it'}: {value:g}"
+    return [path, _line("depth_unit", unit, why), _line("depth_absolute", absolute, air)]
 
 
 def _profile(found: Sequence[Leaf]) -> list[str]:
     """Return the lines of a profile entry; none when no list looks like velocities."""
-    lists = [leaf for leaf in found if leaf.shape and leaf.is_a("velocity")]
-    nested = [leaf for leaf in lists if len(leaf.shape) > 1 and leaf.shape[1] >= 2]
-    flat = [leaf for leaf in lists if len(leaf.shape) == 1 and leaf.shape[0] >= _SHORTEST_FLAT]
-    likely = _pair(found, "east", "north", 1) or nested or flat
-    if not likely:
+    nested = [leaf for leaf in found if leaf.values.ndim == 2 and leaf.values.shape[1] > 1]
+    lists = [leaf for leaf in found if leaf.values.ndim == 1]
+    # a flat list that is shorter is one velocity, not a profile
+    flat = _pick([leaf for leaf in lists if leaf.values.size >= _SHORTEST_FLAT], "velocity")
+    columns = _pick(lists, "east", "north") or _pick(nested, "velocity")
+    picked = columns or flat
+    if not picked:
         return []
-    leaf, *rest = likely
-    n, values, lines = leaf.shape[0], leaf.values, [_line("velocity", leaf.path)]
-    if leaf.is_a("east"):
-        values += rest[0].values
-        lines = [_line("east", leaf.path), _line("north", rest[0].path)]
-    elif leaf in flat:
-        counts = [int(one.values[0]) for one in found if one.shape == () and one.is_a("count")]
-        fitting = [n // count for count in counts if 0 < count < n and n % count == 0]
+    lines, n = _lines(picked), len(next(iter(picked.values())).values)
+    if not columns:
+        counts = [_pick([leaf], "count") for leaf in found if not leaf.values.ndim]
+        cells = [int(one["count"].values) for one in counts if one]
+        fitting = [n // count for count in cells if 0 < count < n and n % count == 0]
         why = "from the number of cells" if fitting else _UNKNOWN
         components = [*fitting, 2 if n % 3 else 3][0]
         n, lines = n // components, [*lines, _line("components", components, why)]
     frame = _line("frame", "enu", f"{_UNKNOWN}: enu, ned, ship, instrument or beam")
-    return [_REFERENCE, frame, *lines, *_speed(values), *_geometry(found, n)]
+    return [_REFERENCE, frame, *lines, *_speed(picked), *_geometry(found, n)]
 
 
-def _speed(values: Sequence[float]) -> list[str]:
+def _speed(picked: Mapping[str, Leaf]) -> list[str]:
     """Return the lines of the unit of velocities, and of numbers that stand for none."""
-    missing = sorted({value for value in values if value in _MISSING})
-    known = [value for value in values if math.isfinite(value) and value not in _MISSING]
-    whole = any(known) and all(value.is_integer() for value in known)
-    fast = max(map(abs, known), default=0.0)
+    values = np.concatenate([leaf.values.ravel() for leaf in picked.values()])
+    stand_in = np.isin(values, _MISSING)
+    known = np.abs(values[np.isfinite(values) & ~stand_in])
+    whole, fast = known.any() and not (known % 1.0).any(), known.max(initial=0.0)
     unit = "mm/s" if whole or fast > _NO_MPS else "m/s"
     why = f"up to {fast:g}{', whole numbers' if whole else ''}; check it"
-    stand_in = [_line("missing", missing, "these stand for no velocity")] if missing else []
-    return [_line("speed_unit", unit, why), *stand_in]
+    missing = np.unique(values[stand_in]).tolist()
+    marks = [_line("missing", missing, "these stand for no velocity")] if missing else []
+    return [_line("speed_unit", unit, why), *marks]
 
 
 def _geometry(found: Sequence[Leaf], n_cells: int) -> list[str]:
     """Return the lines of where the cells of a profile are, by the numbers beside it."""
-    if depths := _named(found, "depths", (n_cells,)):
-        least = min(depths.values)
+    listed = [leaf for leaf in found if leaf.values.shape == (n_cells,)]
+    if depths := _pick(listed, "depths"):
+        least = depths["depths"].values.min()
         up = _line("depth_positive", "up", f"{least:g}: negative below the surface")
-        return [_line("depths", depths.path), *([up] if least < 0.0 else [])]
-    if distances := _named(found, "distances", (n_cells,)):
-        return [_line("distances", distances.path)]
-    lines = []
+        return _lines(depths) + [up] * bool(least < 0.0)
+    if distances := _pick(listed, "distances"):
+        return _lines(distances)
+    lines, scalars = list[str](), [leaf for leaf in found if not leaf.values.ndim]
     for key in ("cell_size", "first_cell"):
-        leaf, why = _named(found, key), "NOT FOUND in the message: state the instrument's, in m"
-        if leaf is not None:
-            why = f"by its name: {leaf.values[0]:g} m"
-            if "blanking" in leaf.name:
-                why += "; blanking ends where the first cell begins: state half a cell more"
-        lines.append(_line(key, leaf.path if leaf else 1.0, why))
+        blanking = "; blanking ends where the first cell begins: state half a cell more"
+        near = [
+            _line(key, one.path, f"{one.values:g} m" + blanking * ("blanking" in one.name))
+            for one in _pick(scalars, key).values()
+        ]
+        lines += near or [_line(key, 1.0, "NOT FOUND in the message: state the instrument's, in m")]
     return lines

@@ -168,7 +168,7 @@ def test_leaves():
         "mixed": [{"x": 1}, {"y": 2}],
         "text": "7",
     }
-    found = {leaf.path: leaf.shape for leaf in leaves(payload)}
+    found = {leaf.path: leaf.values.shape for leaf in leaves(payload)}
     assert found == {
         "a": (),
         "list": (2,),
