@@ -12,8 +12,14 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import Payload, Tables, number, whole_number
+from replay_kit.core.table import Raw
+from replay_kit.logs.tables.columns import (
+    Payload,
+    Tables,
+    number,
+    unused,
+    whole_number,
+)
 from replay_kit.logs.tables.instruments import pings
 
 SCHEMA = "DEBUG_FLOAT_ARRAY"
@@ -84,11 +90,10 @@ def _taken(held: dict[Any, Any], topic: str, payload: Payload) -> tuple[Payload 
 
 def lost(pending: Open, order: int) -> Tables:
     """Return the tables of the frames whose pings are not complete when the log ends, at a place in the stream."""
-    found = []
+    found = Tables()
     for (topic, _, _), frames in pending.items():
         zero, at = np.zeros(len(frames), np.int64), np.full(len(frames), order, np.int64)
-        columns = {"reason": np.full(len(frames), _INCOMPLETE, object)}
-        found.append(Table("unused", topic, 0, zero, at, zero, columns))
+        found += unused(Raw(topic, SCHEMA, 0, zero, at, zero, ()), _INCOMPLETE)
     return found
 
 
@@ -96,10 +101,9 @@ def _assembled(frames: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
     """Return the ping's payload, as if it had come as JSON; what a frame is too short for is left for the ping's own checks."""
     payload = _configuration(frames["ADCP_CFG"])
     n_cells = max(whole_number(payload["n_cells"]) or 0, 0)
-    columns = [frames[part][:n_cells] for part in PARTS[1:4] if part in frames]
-    velocity = [list(cell) for cell in zip(*columns, strict=False)]
-    std = list(frames["ADCP_STD"])[:n_cells]
-    return {**payload, "n_cells": n_cells, "velocity": velocity, "velocity_std": std}
+    *components, std = [frames[part][:n_cells] for part in PARTS[1:] if part in frames]
+    velocity = [list(cell) for cell in zip(*components, strict=False)]
+    return {**payload, "n_cells": n_cells, "velocity": velocity, "velocity_std": [*std]}
 
 
 def declination_in(payload: Payload) -> float:

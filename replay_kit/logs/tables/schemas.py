@@ -105,7 +105,7 @@ def _plain(read: Callable[[Sequence[Payload]], Rows]) -> Reader:
     def reader(raw: Raw, config: MeasurementConfig) -> Tables:
         rows, parts = read(raw.payloads), raw.topic.split("/")
         fixed = dict(rows.fixed)
-        if raw.schema in _MAVLINK:
+        if raw.schema in SENDERS and not raw.schema.startswith("dataflash"):
             fixed["system"] = "/".join(parts[:2])
             if parts[0] == "mavlink" and len(parts) > 3:
                 fixed["sender"] = parts[1], parts[2]
@@ -114,37 +114,9 @@ def _plain(read: Callable[[Sequence[Payload]], Rows]) -> Reader:
     return reader
 
 
-_MAVLINK = {
-    "GLOBAL_POSITION_INT": vehicle.global_positions_int,
-    "GPS_RAW_INT": vehicle.gps_raw_ints,
-    "LOCAL_POSITION_NED": vehicle.local_positions_ned,
-    "GPS_GLOBAL_ORIGIN": vehicle.gps_global_origins,
-}
-_DATAFLASH = {
-    "dataflash.GPS": vehicle.dataflash_gps,
-    "dataflash.POS": vehicle.dataflash_positions,
-    "dataflash.CTUN": vehicle.dataflash_depths,
-}
 #: Messages of which one sender counts.
-SENDERS = frozenset((*_MAVLINK, *_DATAFLASH))
-_PLAIN: Mapping[str, Callable[[Sequence[Payload]], Rows]] = {
-    **_MAVLINK,
-    **_DATAFLASH,
-    "replay_kit.DepthAveragedCurrent": water.mean_currents,
-    "replay_kit.Ctd": water.ctds,
-    "replay_kit.DrifterFix": water.drifter_fixes,
-    "replay_kit.RadarCurrents": water.radar_currents,
-    "foxglove.LocationFix": vehicle.location_fixes,
-    "foxglove_msgs.LocationFix": vehicle.location_fixes,
-    "sensor_msgs.NavSatFix": vehicle.nav_sat_fixes,
-    "sensor_msgs.FluidPressure": vehicle.fluid_pressures,
-    "sensor_msgs.Imu": vehicle.imus,
-    "nav_msgs.Odometry": vehicle.poses_within,
-    "geometry_msgs.PoseStamped": vehicle.poses,
-    "geometry_msgs.PoseWithCovarianceStamped": vehicle.poses_within,
-    "marine_acoustic_msgs.Dvl": vehicle.dvls,
-    "ds_sensor_msgs.Dvl": vehicle.dvls,
-}
+SENDERS = frozenset(vehicle.SENDING)
+_PLAIN = {**vehicle.SENDING, **vehicle.READERS, **water.READERS}
 _SCHEMAS: Mapping[str, Reader | str] = {
     **{name: _plain(read) for name, read in _PLAIN.items()},
     "replay_kit.AdcpPing": profiles.adcp_pings,
@@ -155,8 +127,7 @@ _SCHEMAS: Mapping[str, Reader | str] = {
 }
 _IMC: Mapping[str, Reader] = {
     "CurrentProfile": profiles.current_profiles,
-    "GpsFix": _plain(vehicle.imc_gps_fixes),
-    "EstimatedState": _plain(vehicle.imc_estimated_states),
+    **{name: _plain(read) for name, read in vehicle.IMC.items()},
 }
 _SEPARATORS = re.compile(r"::|[/.]")
 # a pose on such a topic is where something should go, not where the vehicle is

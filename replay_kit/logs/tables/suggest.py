@@ -109,12 +109,10 @@ def leaves(value: Any, path: str = "") -> Iterator[Leaf]:
                     f"{path}.*.{key}", inner.name, values if inner.values.ndim else values[:, 0]
                 )
     else:
-        lists = [item for item in value if isinstance(item, list | tuple)]
-        single = [one for item in lists or [value] for one in item]
-        if all(item is None or item in lists for item in value if lists) and all(
-            one is None or type(one) in (int, float) for one in single
-        ):
-            yield Leaf(path, name, rows(value) if lists else numbers(value))
+        nested = any(isinstance(item, list | tuple) for item in value)
+        rest = [one for row in (value if nested else [value]) for one in row or ()]
+        if all(type(one) in (int, float, type(None)) for one in rest):
+            yield Leaf(path, name, rows(value) if nested else numbers(value))
 
 
 def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | None:

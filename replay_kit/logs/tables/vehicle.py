@@ -6,7 +6,9 @@ that it writes itself it is taken for dead-reckoned, in telemetry where the GPS 
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -42,38 +44,34 @@ def no_place(longitude: Any, latitude: Any) -> dict[str, Any]:
 
 
 def _positions(
-    place: Any, reasons: Mapping[str, Any], depth: Any = math.nan, reckoned: Any = False
+    payloads: Payloads,
+    names: str = "longitude latitude",
+    unit: float = 1.0,
+    reasons: Mapping[str, Any] = MappingProxyType({}),
+    depth: Any = math.nan,
+    reckoned: Any = False,
 ) -> Rows:
     """Return positions.
 
     Args:
-        place: Longitude and latitude [degrees].
+        payloads: Of the messages.
+        names: Fields of longitude and latitude.
+        unit: Theirs [degrees].
         reasons: Why one is not used, whatever its place.
         depth: [m].
         reckoned: Whether they are dead-reckoned.
     """
-    columns = {
-        "longitude": place[0],
-        "latitude": place[1],
-        "depth": depth,
-        "dead_reckoned": reckoned,
-    }
-    return Rows("position", columns, {**reasons, **no_place(*place)})
+    longitude, latitude = (unit * one for one in stated(payloads, names))
+    place = {"longitude": longitude, "latitude": latitude}
+    columns = {**place, "depth": depth, "dead_reckoned": reckoned}
+    return Rows("position", columns, {**reasons, **no_place(longitude, latitude)})
 
 
-def _place(payloads: Payloads, names: str = "longitude latitude", unit: float = 1.0) -> Any:
-    """Return longitudes and latitudes, shape (2, n) [degrees], of fields in another unit."""
-    return unit * np.array(stated(payloads, names))
-
-
-def location_fixes(payloads: Payloads) -> Rows:
-    """Return the positions of ``foxglove.LocationFix`` messages.
-
-    ``metadata`` may carry ``depth`` [m] and ``dead_reckoned``; the altitude is above the ellipsoid and is not a depth.
-    """
+def _location_fixes(payloads: Payloads) -> Rows:
+    """Return positions whose ``metadata`` may carry ``depth`` [m] and ``dead_reckoned``; the altitude, above the ellipsoid, is no depth."""
     extra = [*map(_metadata, field(payloads, "metadata"))]
     reckoned = [str(one).strip().lower() in _TRUE for one in field(extra, "dead_reckoned")]
-    return _positions(_place(payloads), {}, stated(extra, "depth")[0], reckoned)
+    return _positions(payloads, depth=stated(extra, "depth")[0], reckoned=reckoned)
 
 
 def _metadata(pairs: Any) -> Payload:
@@ -83,19 +81,13 @@ def _metadata(pairs: Any) -> Payload:
     return pairs or {}
 
 
-def nav_sat_fixes(payloads: Payloads) -> Rows:
-    """Return the positions of ``sensor_msgs/NavSatFix`` messages; one that states no status is taken at its word."""
+def _nav_sat_fixes(payloads: Payloads) -> Rows:
+    """Return positions; one that states no status is taken at its word."""
     status, inner = stated(payloads, "status status.status")
-    return _positions(_place(payloads), {"no fix (status < 0)": (status < 0) | (inner < 0)})
+    return _positions(payloads, reasons={"no fix (status < 0)": (status < 0) | (inner < 0)})
 
 
-def fluid_pressures(payloads: Payloads) -> Rows:
-    """Return the sea pressures [dbar] of ``sensor_msgs/FluidPressure`` messages (absolute, Pa)."""
-    pressure = (stated(payloads, "fluid_pressure")[0] - _ATMOSPHERE_PA) / _PA_PER_DBAR
-    return Rows("depth", {"pressure": pressure}, fixed={"by": "pressure"})
-
-
-def poses(payloads: Payloads, part: str = "pose.") -> Rows:
+def _stamped_poses(payloads: Payloads, part: str = "pose.") -> Rows:
     """Return the poses in a part of messages.
 
     x is east, y north, z up (ROS REP-103), or x north, y east, z down where the frame's name ends so.
@@ -127,16 +119,6 @@ def _poses(
     return Rows("pose", columns, {**reasons, _NO_NUMBER: np.isnan(x + y + z)}, fixed)
 
 
-def poses_within(payloads: Payloads) -> Rows:
-    """Return the poses of ``nav_msgs/Odometry`` or ``geometry_msgs/PoseWithCovarianceStamped`` messages."""
-    return poses(payloads, "pose.pose.")
-
-
-def local_positions_ned(payloads: Payloads) -> Rows:
-    """Return the positions of ``LOCAL_POSITION_NED`` messages."""
-    return _poses(stated(payloads, "x y z"), True, {}, np.full((1, 4), np.nan), oriented=False)
-
-
 def _frames(payloads: Payloads) -> list[str]:
     return [*map(str, field(payloads, "header.frame_id"))]
 
@@ -146,35 +128,35 @@ def _quaternions(payloads: Payloads, part: str = "") -> Array:
     return np.column_stack(stated(payloads, "x y z w", part + "orientation."))
 
 
-def imus(payloads: Payloads) -> Rows:
+def _imus(payloads: Payloads) -> Rows:
     """Return the orientations of ``sensor_msgs/Imu`` messages; a first covariance of -1 says that there is none (ROS REP-145)."""
     none = rows(field(payloads, "orientation_covariance"), 1)[:, 0] == -1.0
     columns = {"quaternion": _quaternions(payloads), "ned": False}
     return Rows("attitude", columns, {"attitude: no orientation stated": none})
 
 
-def imc_gps_fixes(payloads: Payloads) -> Rows:
-    """Return the positions of IMC ``GpsFix`` messages in JSON; one that states no validity is taken at its word."""
+def _imc_gps_fixes(payloads: Payloads) -> Rows:
+    """Return positions; one that states no validity is taken at its word."""
     validity = map(whole_number, field(payloads, "validity"))
     invalid = [flags is not None and not flags & _IMC_VALID_POSITION for flags in validity]
     reckoned = [kind in _IMC_DEAD_RECKONING for kind in field(payloads, "type")]
-    place = _place(payloads, "lon lat", math.degrees(1.0))
-    return _positions(place, {"no fix (validity without VALID_POS)": invalid}, reckoned=reckoned)
+    reasons = {"no fix (validity without VALID_POS)": invalid}
+    return _positions(payloads, "lon lat", math.degrees(1.0), reasons, reckoned=reckoned)
 
 
-def imc_estimated_states(payloads: Payloads) -> Rows:
-    """Return the positions of IMC ``EstimatedState`` messages: a reference with offsets x north and y east."""
+def _imc_estimated_states(payloads: Payloads) -> Rows:
+    """Return positions of a reference with offsets x north and y east; negative depths denote invalid estimates."""
     # an offset that the JSON leaves out is zero
     payloads = [{"x": 0.0, "y": 0.0, **payload} for payload in payloads]
     *reference, north, east, depth = stated(payloads, "lon lat x y depth")
     places = np.where(np.isnan(north + east), np.nan, np.degrees(reference))
     for k in np.flatnonzero(why(no_place(*places)) == ""):
         places[:, k] = to_geographic(Projection(*places[:, k]), east[k], north[k])
-    # negative values denote invalid estimates
-    return _positions(places, {}, np.where(depth >= 0.0, depth, np.nan), True)
+    moved = [{"longitude": x, "latitude": y} for x, y in places.T]
+    return _positions(moved, depth=np.where(depth >= 0.0, depth, np.nan), reckoned=True)
 
 
-def dvls(payloads: Payloads) -> Rows:
+def _dvls(payloads: Payloads) -> Rows:
     """Return velocity, error, whether it is relative to the bottom, and axes of DVLs' messages.
 
     The message's convention is that x points forward and z where the instrument looks, which is taken to be down, unless the frame's name
@@ -199,40 +181,52 @@ def dvls(payloads: Payloads) -> Rows:
     return Rows("dvl", columns, reasons)
 
 
-def gps_global_origins(payloads: Payloads) -> Rows:
-    """Return the origins of ``GPS_GLOBAL_ORIGIN`` messages."""
-    return _positions(_place(payloads, unit=1e-7), {})._replace(kind="origin")
-
-
-def gps_raw_ints(payloads: Payloads) -> Rows:
-    """Return why ``GPS_RAW_INT`` messages have no three-dimensional fix; empty where one has."""
-    return Rows("gps", {"no_fix": why(_no_fix(payloads, "fix_type")).astype(object)})
-
-
-def global_positions_int(payloads: Payloads) -> Rows:
-    """Return the positions of ``GLOBAL_POSITION_INT`` messages."""
-    depth = -1e-3 * stated(payloads, "relative_alt")[0]
-    return _positions(_place(payloads, "lon lat", 1e-7), {}, depth)
-
-
-def dataflash_gps(payloads: Payloads) -> Rows:
-    """Return the first receiver's fixes."""
-    other = {"not the first GPS receiver": stated(payloads, "I")[0] > 0}
-    return _positions(_place(payloads, "Lng Lat"), other | _no_fix(payloads, "Status"))
-
-
-def dataflash_positions(payloads: Payloads) -> Rows:
-    """Return the filter's positions."""
-    return _positions(_place(payloads, "Lng Lat"), {}, reckoned=True)
-
-
-def dataflash_depths(payloads: Payloads) -> Rows:
-    """Return the depths that the vehicle's controller uses.
-
-    BARO is left alone: which of its sensors is in the water, and which in the hull or in the air, it does not say.
-    """
-    return Rows("depth", {"depth": -stated(payloads, "Alt")[0]}, fixed={"by": "depth"})
-
-
 def _no_fix(payloads: Payloads, name: str) -> dict[str, Any]:
     return {f"no fix ({name} < {_FIX_3D})": ~(stated(payloads, name)[0] >= _FIX_3D)}
+
+
+def _pressures(payloads: Payloads) -> Rows:
+    """Return the sea pressures [dbar] of absolute ones [Pa]."""
+    pressure = (stated(payloads, "fluid_pressure")[0] - _ATMOSPHERE_PA) / _PA_PER_DBAR
+    return Rows("depth", {"pressure": pressure}, fixed={"by": "pressure"})
+
+
+Read = Callable[[Payloads], Rows]
+#: What reads the messages of which one sender counts. The positions of ArduPilot's filter, and the depths that its controller uses; BARO
+#: is left alone: which of its sensors is in the water, and which in the hull or in the air, it does not say.
+SENDING: Mapping[str, Read] = {
+    "GLOBAL_POSITION_INT": lambda them: _positions(
+        them, "lon lat", 1e-7, depth=-1e-3 * stated(them, "relative_alt")[0]
+    ),
+    "GPS_RAW_INT": lambda them: Rows(
+        "gps", {"no_fix": why(_no_fix(them, "fix_type")).astype(object)}
+    ),
+    "LOCAL_POSITION_NED": lambda them: _poses(
+        stated(them, "x y z"), True, {}, np.full((1, 4), np.nan), oriented=False
+    ),
+    "GPS_GLOBAL_ORIGIN": lambda them: _positions(them, unit=1e-7)._replace(kind="origin"),
+    "dataflash.GPS": lambda them: _positions(
+        them,
+        "Lng Lat",
+        reasons={"not the first GPS receiver": stated(them, "I")[0] > 0} | _no_fix(them, "Status"),
+    ),
+    "dataflash.POS": lambda them: _positions(them, "Lng Lat", reckoned=True),
+    "dataflash.CTUN": lambda them: Rows(
+        "depth", {"depth": -stated(them, "Alt")[0]}, fixed={"by": "depth"}
+    ),
+}
+#: What reads those of other schemas.
+READERS: Mapping[str, Read] = {
+    "foxglove.LocationFix": _location_fixes,
+    "foxglove_msgs.LocationFix": _location_fixes,
+    "sensor_msgs.NavSatFix": _nav_sat_fixes,
+    "sensor_msgs.FluidPressure": _pressures,
+    "sensor_msgs.Imu": _imus,
+    "nav_msgs.Odometry": partial(_stamped_poses, part="pose.pose."),
+    "geometry_msgs.PoseStamped": _stamped_poses,
+    "geometry_msgs.PoseWithCovarianceStamped": partial(_stamped_poses, part="pose.pose."),
+    "marine_acoustic_msgs.Dvl": _dvls,
+    "ds_sensor_msgs.Dvl": _dvls,
+}
+#: What reads those of IMC.
+IMC: Mapping[str, Read] = {"GpsFix": _imc_gps_fixes, "EstimatedState": _imc_estimated_states}

@@ -1,6 +1,6 @@
 """What is measured of the water besides profiles: mean currents, temperature and salinity, and currents at the surface."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,13 +33,7 @@ def _named(payloads: Payloads, names: str) -> dict[str, Array]:
     return dict(zip(names.split(), stated(payloads, names), strict=True))
 
 
-def ctds(payloads: Payloads) -> Rows:
-    """Return the samples of ``replay_kit.Ctd`` messages."""
-    return Rows("ctd", _named(payloads, _CTD))
-
-
-def mean_currents(payloads: Payloads) -> Rows:
-    """Return the mean currents of ``replay_kit.DepthAveragedCurrent`` messages."""
+def _mean_currents(payloads: Payloads) -> Rows:
     velocity = np.column_stack(stated(payloads, "dac_eastward dac_northward"))
     std, deepest = stated(payloads, "error max_depth")
     (start_time, start), (end_time, end) = (_fix(payloads, f"{at}_fix.") for at in ("start", "end"))
@@ -69,8 +63,7 @@ def _fix(payloads: Payloads, part: str) -> tuple[Times, Array]:
     return time, np.where(known[:, None], place, np.nan)
 
 
-def drifter_fixes(payloads: Payloads) -> Rows:
-    """Return the fixes of ``replay_kit.DrifterFix`` messages."""
+def _drifter_fixes(payloads: Payloads) -> Rows:
     columns = _named(payloads, _DRIFTER)
     placed = np.isfinite(columns["longitude"]) & (np.abs(columns["latitude"]) <= 90.0)
     own = np.array([*map(str, field(payloads, "id"))], object)
@@ -83,13 +76,8 @@ def drifter_fixes(payloads: Payloads) -> Rows:
     return Rows("drifter", {"name": own, **columns}, reasons)
 
 
-def radar_currents(payloads: Payloads) -> Rows:
-    """Return the vectors or radials of ``replay_kit.RadarCurrents`` messages that are whole."""
-    return read_each("radar", _RADAR, payloads, _radar)
-
-
 def _radar(payload: Payload) -> tuple[Any, ...] | str:
-    """Return a row of ``radar_currents``, or why there is none.
+    """Return a row of vectors or radials that are whole, or why there is none.
 
     Arrays of v vectors: longitude, latitude, value (v, 2), or (v, 1) along direction, error, direction (None for vectors), suspect; then
     depth [m], time of averaging [s], length over which errors are correlated [m] (0 where not stated), radar or sensors.
@@ -119,3 +107,12 @@ def _radar(payload: Payload) -> tuple[Any, ...] | str:
     of = "sensors" if payload.get("kind") == "sensors" else "radar"
     extent = depth, averaged, length if length > 0.0 else 0.0
     return longitude, latitude, value, std, direction, suspect, *extent, of
+
+
+#: What reads the messages of our own schemas.
+READERS: Mapping[str, Callable[[Payloads], Rows]] = {
+    "replay_kit.DepthAveragedCurrent": _mean_currents,
+    "replay_kit.Ctd": lambda them: Rows("ctd", _named(them, _CTD)),
+    "replay_kit.DrifterFix": _drifter_fixes,
+    "replay_kit.RadarCurrents": lambda them: read_each("radar", _RADAR, them, _radar),
+}
