@@ -109,9 +109,9 @@ def leaves(value: Any, path: str = "") -> Iterator[Leaf]:
                     f"{path}.*.{key}", inner.name, values if inner.values.ndim else values[:, 0]
                 )
     else:
-        nested = any(isinstance(item, list | tuple) for item in value)
-        rest = [one for row in (value if nested else [value]) for one in row or ()]
-        if all(type(one) in (int, float, type(None)) for one in rest):
+        nested = any(isinstance(row, list | tuple) for row in value)
+        single = [one for row in value for one in (row if isinstance(row, list | tuple) else [row])]
+        if all(type(one) in (int, float, type(None)) for one in single):
             yield Leaf(path, name, rows(value) if nested else numbers(value))
 
 
