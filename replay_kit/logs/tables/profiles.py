@@ -5,13 +5,12 @@ What a message does not state stays out: ``reference`` above all, which the conf
 ``CurrentProfile`` of IMC (LSTS/imc, messages 1014 to 1016).
 """
 
-import operator
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.table import Raw, Table
 from replay_kit.logs.tables.columns import (
     Payload,
@@ -40,7 +39,6 @@ _IMC_COORDINATES = {
     "ENU": ("earth", _ENU),
 }
 _BOTTOM_ALONE = "bottom track alone: how the vehicle moves, and no current"
-_Vectors = list[list[float]]
 
 
 def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
@@ -76,18 +74,24 @@ def _ds_adcp(payload: Payload) -> Payload | str:
     cell_size = number(payload.get("cell_depth"))
     if cell_size == 0.0:
         return _WHOLE_METRES
-    directions = [_vector(unit) for unit in payload["beam_unit_vec"]]
+    directions = _vectors(payload["beam_unit_vec"])
+    found = [_vectors(cell["velocity_bin_beam"]) for cell in cells]
+    for vectors in found:
+        vectors[~vectors.any(axis=1)] = np.nan
+    velocity = [vectors[:1].ravel().tolist() or None for vectors in found]
+    if SYSTEMS[mode] == "beam":
+        velocity = [
+            [float(one @ unit) for one, unit in zip(vectors, directions, strict=True)]
+            for vectors in found
+        ]
     return {
         "coordinate_system": SYSTEMS[mode],
         "orientation": "down",
         "n_cells": len(cells),
         "cell_size": cell_size,
         "bin0_distance": payload.get("bin0_distance"),
-        "beam_unit_vectors": directions,
-        "velocity": [
-            _ds_cell([_vector(item) for item in cell["velocity_bin_beam"]], mode, directions)
-            for cell in cells
-        ],
+        "beam_unit_vectors": directions.tolist(),
+        "velocity": velocity,
     }
 
 
@@ -121,11 +125,9 @@ def _nucleus(payload: Payload) -> Payload | str:
         "cell_size": cell_size,
         # blanking ends where the first cell begins
         "bin0_distance": number(payload.get("blanking")) + 0.5 * cell_size,
-        "velocity": _rows(values, _NUCLEUS_BEAMS),
-        **{
-            name: _rows(payload.get(f"{name}_data"), _NUCLEUS_BEAMS)
-            for name in ("amplitude", "correlation")
-        },
+        "velocity": values,
+        "amplitude": list(payload.get("amplitude_data") or ()),
+        "correlation": list(payload.get("correlation_data") or ()),
     }
 
 
@@ -148,29 +150,11 @@ def _imc(payload: Payload) -> Payload | str:
         "n_cells": len(cells),
         "cell_distances": [abs(number(cell.get("cell_position"))) for cell in profile],
         "velocity": cells,
-        **{
-            name: [field(cell["beams"], key) for cell in profile]
-            for name, key in (("amplitude", "amp"), ("correlation", "cor"))
-        },
+        "amplitude": [field(cell["beams"], "amp") for cell in profile],
+        "correlation": [field(cell["beams"], "cor") for cell in profile],
     }
 
 
-def _vector(value: Payload) -> list[float]:
-    return [number(value.get(axis)) for axis in "xyz"]
-
-
-def _ds_cell(vectors: _Vectors, mode: int, directions: _Vectors) -> list[float | None]:
-    """Return a cell's only vector, or the velocity along each beam; zeros are no solution."""
-    if SYSTEMS[mode] != "beam":
-        return [*vectors[0]] if vectors and any(vectors[0]) else [None] * 3
-    return [
-        sum(map(operator.mul, vector, unit)) if any(vector) else None
-        for vector, unit in zip(vectors, directions, strict=True)
-    ]
-
-
-def _rows(values: Any, width: int) -> list[Sequence[Any]] | None:
-    """Return a flat list cut into rows; None for what is no list."""
-    if not isinstance(values, list | tuple | bytes):
-        return None
-    return [list(values[i : i + width]) for i in range(0, len(values), width)]
+def _vectors(values: Sequence[Payload]) -> Array:
+    """Return x, y, z of messages, shape (n, 3)."""
+    return np.column_stack(stated(values, "x y z"))
