@@ -222,13 +222,18 @@ def velocity_cells(payloads: Sequence[Payload], systems: Sequence[str]) -> Array
             "ping: expected n_cells >= 1 and a list of velocities, "
             f"got n_cells {shorten(said)} and velocity {type(values[0]).__name__}"
         )
-    plain = regular(values)
-    if plain.ndim == 2 and plain.shape[1] >= 2 * m and plain.shape[1] % m == 0:
-        plain = plain.reshape(len(values), m, -1)
-    if plain.ndim != 3 or plain.shape[1] != m or plain.shape[2] < 2:
+    plain = by_cell(regular(values), m)
+    if plain is None or plain.shape[2] < 2:
         earth = word(payloads[0].get("coordinate_system"), systems) == "earth"
         plain = np.array([_cells_of(value, m, earth) for value in values])
     return _padded(plain, 3)
+
+
+def by_cell(values: Array, m: int) -> Array | None:
+    """Return numbers listed by cell or flat, shape (n, m, b); None where they are not those of m cells."""
+    if values.ndim == 2 and values.shape[1] % m == 0:
+        values = values.reshape(len(values), m, -1)
+    return values if values.ndim == 3 and values.shape[1] == m and values.size else None
 
 
 def _cells_of(cells: Sequence[Any], m: int, earth: bool) -> Array:

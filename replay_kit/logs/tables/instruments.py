@@ -32,6 +32,7 @@ from replay_kit.core.quantities import metres_per_second
 from replay_kit.core.table import Raw, Table
 from replay_kit.logs.tables.columns import (
     Payload,
+    by_cell,
     dive_number,
     field,
     number,
@@ -243,12 +244,12 @@ def _distance(payloads: Sequence[Payload], n: int, m: int) -> Array:
     """
     listed = field(payloads, "cell_distances")
     if any(one is not None for one in listed):
-        wrong = [one for one in listed if not isinstance(one, list | tuple) or len(one) != m]
-        if wrong:
+        found = by_cell(rows(_lists(listed)), m)
+        if found is None or found.shape[2] > 1:
             raise MeasurementError(
-                f"ping: expected cell_distances to be {m} numbers [m], got {shorten(wrong[0])}"
+                f"ping: expected cell_distances to be {m} numbers [m], got {shorten(listed[0])}"
             )
-        return rows(listed)
+        return found[:, :, 0]
     said = [payloads[0].get(name) for name in ("cell_size", "bin0_distance")]
     size, first = map(number, said)
     if not (size > 0.0 and math.isfinite(first)):
@@ -268,9 +269,7 @@ def _by_cell(said: Sequence[Any], name: str, n: int, m: int) -> tuple[Array | No
     if not values.ndim:
         # cells of different lengths, or something among them that is no number
         values = np.array([rows(one) for one in said])
-    wrong = values.ndim == 3 and values.shape[1] != m
-    if wrong or values.ndim > 3 or values.size == 0 or values[0].size % m:
+    cells = by_cell(values, m)
+    if cells is None:
         return None, np.full(n, f"{name} is not as long as the velocity", object)
-    values = values.reshape(n, m, -1)
-    why = np.where(np.isfinite(values).any(axis=(1, 2)), "", none)
-    return values, why.astype(object)
+    return cells, np.where(np.isfinite(cells).any(axis=(1, 2)), "", none).astype(object)

@@ -72,18 +72,16 @@ def mapped(entry: TopicMap, raw: Raw, config: MeasurementConfig) -> list[Table]:
     if entry.kind == "position":
         return tables + kept(raw, positions)
     payloads: Any = [guarded(partial(_ping, entry), one) for one in said]
-    if entry.kind == "profile":
-        # a message without a fix still has its profile, which other positions may place
-        beside = (
-            kept(raw, positions._replace(fixed={"beside": True}))[-1:] if entry.longitude else []
-        )
-        tables += [one for one in beside if one.kind == "position"]
-        return tables + pings(raw, payloads, config)
-    if entry.place:
-        places, wrong = [np.full(len(said), place) for place in entry.place], {}
-    elif entry.longitude:
+    there = np.full((len(said), 3), np.nan)
+    if entry.kind == "velocity" and entry.place:
+        there[:, :2] = entry.place
+    elif entry.kind == "velocity" and entry.longitude:
+        there[:, :2] = np.transpose(places)
         payloads = [word or one for word, one in zip(why(wrong).tolist(), payloads, strict=True)]
-    there = np.column_stack([*places, np.full(len(said), np.nan)])
+    elif entry.longitude:
+        beside = kept(raw, positions._replace(fixed={"beside": True}))
+        # a message without a fix still has its profile, which other positions may place
+        tables += [one for one in beside if one.kind == "position"]
     return tables + pings(raw, payloads, config, places=there)
 
 

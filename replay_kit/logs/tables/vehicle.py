@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.grid import Projection
+from replay_kit.core.geodesy import moved
 from replay_kit.logs.tables.columns import Payload, Rows, field, rows, stated, whole_number, why
 
 Payloads = Sequence[Payload]
@@ -150,10 +149,10 @@ def _imc_estimated_states(payloads: Payloads) -> Rows:
     payloads = [{"x": 0.0, "y": 0.0, **payload} for payload in payloads]
     *reference, north, east, depth = stated(payloads, "lon lat x y depth")
     places = np.where(np.isnan(north + east), np.nan, np.degrees(reference))
-    for k in np.flatnonzero(why(no_place(*places)) == ""):
-        places[:, k] = to_geographic(Projection(*places[:, k]), east[k], north[k])
-    moved = [{"longitude": x, "latitude": y} for x, y in places.T]
-    return _positions(moved, depth=np.where(depth >= 0.0, depth, np.nan), reckoned=True)
+    placed = why(no_place(*places)) == ""
+    places = np.where(placed, moved(places[0], places[1], east, north), places)
+    said = [{"longitude": x, "latitude": y} for x, y in places.T]
+    return _positions(said, depth=np.where(depth >= 0.0, depth, np.nan), reckoned=True)
 
 
 def _dvls(payloads: Payloads) -> Rows:

@@ -14,6 +14,7 @@ from replay_kit.logs.tables.columns import (
     field,
     number,
     read_each,
+    regular,
     stated,
 )
 from replay_kit.logs.tables.instruments import believed
@@ -84,26 +85,24 @@ def _radar(payload: Payload) -> tuple[Any, ...] | str:
     """
     radials = "speed" in payload
     names = "speed direction error" if radials else "east north east_error north_error"
-    columns = [
-        np.array(payload[name], np.float64) for name in ("longitude", "latitude", *names.split())
-    ]
-    flags = np.array(payload.get("flag", np.ones_like(columns[0])), np.float64)
-    if len({each.shape for each in (*columns, flags)}) != 1 or columns[0].ndim != 1:
+    said = [payload[name] for name in ("longitude", "latitude", *names.split())]
+    columns = regular([*said, payload.get("flag", [Flag.GOOD] * len(said[0]))])
+    if columns.ndim != 2:
         return "radar currents: columns of unlike lengths"
-    known = np.isfinite(columns).all(axis=0) & (np.abs(columns[1]) <= 90.0)
-    known &= (flags != Flag.FAIL) & (flags != Flag.MISSING)
+    known = np.isfinite(columns[:-1]).all(axis=0) & (np.abs(columns[1]) <= 90.0)
+    known &= ~np.isin(columns[-1], (Flag.FAIL, Flag.MISSING))
     if not known.any():
         return "radar currents: no vector that is whole"
-    longitude, latitude, first, second, *errors = (each[known] for each in columns)
+    longitude, latitude, first, second, *errors, flags = columns[:, known]
     depth, averaged, length = (
         number(payload.get(name)) for name in ("depth", "averaged", "error_length")
     )
     if not (depth >= 0.0 and averaged > 0.0):
         return "radar currents: depth or time of averaging is not stated"
-    value = first[:, None] if radials else np.column_stack([first, second])
+    value = np.column_stack([first] if radials else [first, second])
     # both components of a vector err alike
-    std = errors[0] if radials else np.sqrt(0.5 * (errors[0] ** 2 + errors[1] ** 2))
-    direction, suspect = second if radials else None, flags[known] == Flag.SUSPECT
+    std = np.sqrt(np.mean(np.square(errors), axis=0))
+    direction, suspect = second if radials else None, flags == Flag.SUSPECT
     of = "sensors" if payload.get("kind") == "sensors" else "radar"
     extent = depth, averaged, length if length > 0.0 else 0.0
     return longitude, latitude, value, std, direction, suspect, *extent, of
