@@ -108,20 +108,19 @@ def pings(
     counts, place = np.full(n, messages, np.int64), np.full((n, 3), places, np.float64)
     at = [k for k in range(n) if not reasons[k]]
     held, found = [payloads[k] for k in at], list[Table]()
-    errors = [len(one) for one in _lists(field(held, "velocity_std"))]
-    left = _alike(at, [errors, *(field(held, name) for name in _INSTRUMENT)])
+    sizes = [[*map(len, _lists(field(held, name)))] for name in _LISTS]
+    left = _alike(at, [*sizes, *(field(held, name) for name in _INSTRUMENT)])
     while left:
         at = left.pop()
         held = [payloads[k] for k in at]
         try:
             columns, fixed = _columns(held, config)
         except (MeasurementError, ValueError, TypeError, OverflowError) as error:
-            # one of them differs: the others must not suffer
+            # one of them differs, perhaps each second one: the others must not suffer
             if len(at) == 1:
                 reasons[at[0]] = str(error)
-                continue
-            unlike = _alike(at, [map(_size, field(held, name)) for name in _LISTS])
-            left += unlike if len(unlike) > 1 else [at[::2], at[1::2]]
+            else:
+                left += at[::2], at[1::2]
         else:
             columns |= {"messages": counts[at], "place": place[at]}
             found.append(table(raw, "ping", np.array(at), columns, fixed))
@@ -140,15 +139,10 @@ def _alike(at: Sequence[int], columns: Iterable[Iterable[Any]]) -> list[list[int
     return [alike for _, alike in groups]
 
 
-def _size(value: Any) -> Any:
-    if not isinstance(value, list | tuple):
-        return None
-    return len(value), _size(value[0]) if value else None
-
-
 def _lists(values: Sequence[Any], least: int = 0) -> list[Any]:
     """Return values of which those are empty that are no lists, or shorter ones."""
-    return [one if isinstance(one, list | tuple) and len(one) >= least else () for one in values]
+    kinds = (list, tuple)
+    return [one if isinstance(one, kinds) and len(one) >= least else () for one in values]
 
 
 def _columns(
@@ -167,7 +161,6 @@ def _columns(
         raise MeasurementError(
             f"ping: expected velocity_std to be a number or {m} numbers, got {errors.shape[1]}"
         )
-    bottom = {name: field(payloads, f"bottom_track.{name}") for name in ("velocity", "distance")}
     found: dict[str, NDArray[Any]] = {
         **{name: stated(payloads, path)[0] for name, path in _NUMBERS.items()},
         "dive": np.array([*map(dive_number, field(payloads, "dive"))], np.int64),
@@ -175,8 +168,10 @@ def _columns(
         "velocity": velocity * (metres_per_second(config.velocity_unit or "m/s") or 1.0),
         "distance": _distance(payloads, n, m),
         "error_std": np.broadcast_to(believed(errors), (n, m)),
-        "bottom": rows(_lists(bottom["velocity"], 3), 4),
-        "bottom_range": np.fmin.reduce(rows(_lists(bottom["distance"]), 1), axis=1),
+        "bottom": rows(_lists(field(payloads, "bottom_track.velocity"), 3), 4),
+        "bottom_range": np.fmin.reduce(
+            rows(_lists(field(payloads, "bottom_track.distance")), 1), axis=1
+        ),
         "platform": np.column_stack(stated(payloads, "east north", "platform_velocity.")),
     }
     for name in QUALITY:
@@ -184,8 +179,7 @@ def _columns(
         if values is not None:
             found[name] = values
     shapes = {name: column.shape[1:] for name, column in found.items()}
-    own = {k: v.tobytes() if isinstance(v, np.ndarray) else v for k, v in fixed.items()}
-    return found, fixed | {"layout": repr((own, shapes))}
+    return found, fixed | {"layout": repr((fixed, shapes))}
 
 
 def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:

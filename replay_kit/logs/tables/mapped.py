@@ -50,13 +50,7 @@ def mapped(entry: TopicMap, raw: Raw, config: MeasurementConfig) -> list[Table]:
         raw: The messages.
         config: As of ``pings``.
     """
-    asked = {name: getattr(entry, name, None) for name in _PATHS}
-    paths = {name: path for name, path in asked.items() if isinstance(path, str)}
-
-    def read(payload: Payload) -> Payload:
-        return {name: look_up(payload, path) for name, path in paths.items()}
-
-    found = [guarded(read, payload) for payload in raw.payloads]
+    found = [guarded(partial(_said, entry), payload) for payload in raw.payloads]
     words = [one if isinstance(one, str) else "" for one in found]
     tables, raw = unused(raw, words), some(raw, np.equal(words, ""))
     said = [one for one in found if not isinstance(one, str)]
@@ -83,6 +77,12 @@ def mapped(entry: TopicMap, raw: Raw, config: MeasurementConfig) -> list[Table]:
         # a message without a fix still has its profile, which other positions may place
         tables += [one for one in beside if one.kind == "position"]
     return tables + pings(raw, payloads, config, places=there)
+
+
+def _said(entry: Any, payload: Payload) -> dict[str, Any]:
+    """Return what stands at the mapping's paths, by the names of its settings."""
+    asked = {name: getattr(entry, name, None) for name in _PATHS}
+    return {k: look_up(payload, path) for k, path in asked.items() if isinstance(path, str)}
 
 
 def look_up(value: Any, path: str, at: int = 0) -> Any:
