@@ -123,16 +123,14 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
         schema: Its schema's name, for the comment.
         payload: One of its messages.
     """
-    found, name = [*leaves(payload)], payload.get("name")
-    named_by_sender = sample_key(topic, payload) != topic
-    names = {"value": str(name).lower()} if named_by_sender else {}
+    found, own_name = [*leaves(payload)], sample_key(topic, payload)[len(topic) + 1 :]
+    names = {"value": own_name.lower()} if own_name else {}
     # an array of floats that is no ping of ours has no other use than a profile, whatever its name
-    label = f"{topic} {name if named_by_sender else ''}"
-    if _CURRENT.search(label) or topic.endswith("/DEBUG_FLOAT_ARRAY"):
-        names |= {"data": "velocity"} | ({"x": "east", "y": "north"} if named_by_sender else {})
+    if _CURRENT.search(f"{topic} {own_name}") or topic.endswith("/DEBUG_FLOAT_ARRAY"):
+        names |= {"data": "velocity"} | ({"x": "east", "y": "north"} if own_name else {})
     found = [leaf._replace(name=names.get(leaf.path, leaf.name)) for leaf in found]
     scalars = [leaf for leaf in found if not leaf.values.ndim]
-    profile, velocity = _profile(found), _velocity(scalars)
+    profile, velocity = _profile(found, scalars), _velocity(scalars)
     place, depth = _place(scalars), _depth(scalars)
     placed, deep = (bool(lines) and not lines[0].startswith("#") for lines in (place, depth))
     where = depth if deep else [_AT_DEPTH if placed else _AT_VEHICLE]
@@ -145,7 +143,7 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
     }
     kind, lines = next(((kind, lines) for kind, lines in guesses.items() if lines), ("", []))
     quoted = _quoted(topic)
-    select = [f"name = {_quoted(name)}"] if named_by_sender else []
+    select = [f"name = {_quoted(own_name)}"] if own_name else []
     entry = ["[[measurements.map]]", f"topic = {quoted}", *select, f'kind = "{kind}"']
     # an entry all of whose fields are doubtful is doubtful as a whole
     mark = "# " if all(text.startswith("#") for text in lines) else ""
@@ -277,7 +275,7 @@ def _depth(scalars: Sequence[Leaf]) -> list[str]:
     return [path, _line("depth_unit", unit, why), _line("depth_absolute", absolute, air)]
 
 
-def _profile(found: Sequence[Leaf]) -> list[str]:
+def _profile(found: Sequence[Leaf], scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a profile entry; none when no list looks like velocities."""
     nested = [leaf for leaf in found if leaf.values.ndim == 2 and leaf.values.shape[1] > 1]
     lists = [leaf for leaf in found if leaf.values.ndim == 1]
@@ -289,14 +287,13 @@ def _profile(found: Sequence[Leaf]) -> list[str]:
         return []
     lines, n = _lines(picked), len(next(iter(picked.values())).values)
     if not columns:
-        counts = [_pick([leaf], "count") for leaf in found if not leaf.values.ndim]
-        cells = [int(one["count"].values) for one in counts if one]
-        fitting = [n // count for count in cells if 0 < count < n and n % count == 0]
+        counts = [leaf.values for leaf in scalars if _NAMES["count"].fullmatch(leaf.name)]
+        fitting = [n // int(count) for count in counts if 1.0 <= count < n and n % count == 0]
         why = "from the number of cells" if fitting else _UNKNOWN
         components = [*fitting, 2 if n % 3 else 3][0]
         n, lines = n // components, [*lines, _line("components", components, why)]
     frame = _line("frame", "enu", f"{_UNKNOWN}: enu, ned, ship, instrument or beam")
-    return [_REFERENCE, frame, *lines, *_speed(picked), *_geometry(found, n)]
+    return [_REFERENCE, frame, *lines, *_speed(picked), *_geometry(found, scalars, n)]
 
 
 def _speed(picked: Mapping[str, Leaf]) -> list[str]:
@@ -312,16 +309,15 @@ def _speed(picked: Mapping[str, Leaf]) -> list[str]:
     return [_line("speed_unit", unit, why), *marks]
 
 
-def _geometry(found: Sequence[Leaf], n_cells: int) -> list[str]:
+def _geometry(found: Sequence[Leaf], scalars: Sequence[Leaf], n_cells: int) -> list[str]:
     """Return the lines of where the cells of a profile are, by the numbers beside it."""
     listed = [leaf for leaf in found if leaf.values.shape == (n_cells,)]
-    if depths := _pick(listed, "depths"):
-        least = depths["depths"].values.min()
-        up = _line("depth_positive", "up", f"{least:g}: negative below the surface")
-        return _lines(depths) + [up] * bool(least < 0.0)
-    if distances := _pick(listed, "distances"):
-        return _lines(distances)
-    lines, scalars = list[str](), [leaf for leaf in found if not leaf.values.ndim]
+    picked = _pick(listed, "depths") or _pick(listed, "distances")
+    lines = _lines(picked)
+    if "depths" in picked and (least := picked["depths"].values.min()) < 0.0:
+        lines.append(_line("depth_positive", "up", f"{least:g}: negative below the surface"))
+    if lines:
+        return lines
     for key in ("cell_size", "first_cell"):
         blanking = "; blanking ends where the first cell begins: state half a cell more"
         near = [
