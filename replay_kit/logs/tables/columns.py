@@ -105,12 +105,12 @@ def read_each(
         kind: Of the rows.
         names: Of the columns.
         payloads: What is read.
-        read: Returns a row's values, or in words why there are none.
+        read: Returns a row's values, or its only one, or in words why there are none.
     """
     found, named = [guarded(read, payload) for payload in payloads], names.split()
     words = [row if isinstance(row, str) else "" for row in found]
     values = np.empty((len(found), len(named)), object)
-    values[:] = [(None,) * len(named) if isinstance(row, str) else row for row in found]
+    values[:] = [row if isinstance(row, tuple) else (row,) * len(named) for row in found]
     reasons = {word: np.equal(words, word) for word in {*words}}
     return Rows(kind, dict(zip(named, values.T, strict=True)), reasons)
 

@@ -146,7 +146,7 @@ def reader_of(schema: str, topic: str) -> Reader | str | None:
     if kind == "CurrentProfile" or package.lower() == "imc":
         reader = _IMC.get(kind)
     if reader is None and (added := additions("sensors", callable, "a function").get(name)):
-        reader = _sensor(added)
+        reader = _plain(lambda payloads: read_each("sensor", "measurement", payloads, added))
     if name in _POSES and _WISH.search(topic):
         return "topic name suggests a goal, not the vehicle position"
     if reader is None and topic == _BLUEOS_COPY:
@@ -160,16 +160,6 @@ def may_state(schema: str, topic: str) -> bool:
     """Return whether messages of a schema and topic may state something; where not, the same becomes of each of them."""
     # without a schema a message may say inside what it is
     return not schema or schema == SCHEMA or callable(reader_of(schema, topic))
-
-
-def _sensor(added: Callable[[Payload], Any]) -> Reader:
-    """Return the reader of the measurements that a function of another package reads."""
-
-    def read(payload: Payload) -> tuple[Any] | str:
-        measured = added(payload)
-        return measured if isinstance(measured, str) else (measured,)
-
-    return _plain(lambda payloads: read_each("sensor", "measurement", payloads, read))
 
 
 def canonical(schema: str) -> str:
