@@ -98,14 +98,10 @@ def mean_currents(
         own = table.get("dac_time", np.zeros(zero.size, np.int64))
         begins = zero & np.r_[True, ~zero[:-1] | (own[1:] != own[:-1])]
         notes.append(f"mean current: {int(begins.sum())} of exactly (0, 0) taken as missing")
-    candidates = (
-        _repeated(table, np.flatnonzero(finite & ~zero), fixes, notes)
-        if table is columns.samples
-        else [
-            _Candidate(row, table, np.empty(0, np.intp))
-            for row in np.flatnonzero(finite & ~zero).tolist()
-        ]
-    )
+    rows = np.flatnonzero(finite & ~zero)
+    candidates = [_Candidate(row, table, rows[:0]) for row in rows.tolist()]
+    if table is columns.samples:
+        candidates = _repeated(table, rows, fixes, notes)
     made: dict[tuple[int, int], DiveMean] = {}
     lost = 0
     for candidate in candidates:
@@ -191,40 +187,23 @@ def _with_ends(
 def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[Fix, Fix] | None:
     """Return the ends that the file states, or that follow from the middle of the dive and one more place on its straight way."""
     start, end = candidate.fix("start_"), candidate.fix("end_")
-    if start is not None and end is not None:
+    if start and end:
         return start, end
-    middle = candidate.fix()
-    if middle is None:
+    middle, other = candidate.fix(), end or (candidate.fix("") if ascent_share > 0.5 else None)
+    if middle is None or other is None:
         return None
-    if start is None and end is not None:
-        near = float(unwrap_longitude(end.longitude, middle.longitude))
-        mirrored = _at_longitude(
-            2 * middle.time_ns - end.time_ns,
-            2 * middle.longitude - near,
-            2 * middle.latitude - end.latitude,
-        )
-        return mirrored, end
-    if ascent_share > 0.5 and (own := candidate.fix("")) is not None:
-        # from the middle to the profile's place is that share of the way, less a half
-        place = own._replace(longitude=float(unwrap_longitude(own.longitude, middle.longitude)))
-        half = [
-            0.5 * (at - mid) / (ascent_share - 0.5) for at, mid in zip(place, middle, strict=True)
-        ]
-        before, after = (
-            [mid + sign * step for mid, step in zip(middle, half, strict=True)]
-            for sign in (-1.0, 1.0)
-        )
-        return _at_longitude(*before), _at_longitude(*after)
-    return None
+    near = float(unwrap_longitude(other.longitude, middle.longitude))
+    way = [at - mid for at, mid in zip(other._replace(longitude=near), middle, strict=True)]
+    # from the middle to the profile's place is the ascent's share of the way, less a half
+    step = way if end else [0.5 * part / (ascent_share - 0.5) for part in way]
+    return _moved(middle, [-part for part in step]), end or _moved(middle, step)
 
 
-def _at_longitude(time_ns: float, longitude: float, latitude: float) -> Fix:
-    """Return an end whose longitude may have gone beyond the antimeridian."""
-    return Fix(
-        round(time_ns),
-        longitude - 360.0 * (longitude > 360.0) + 360.0 * (longitude < -180.0),
-        latitude,
-    )
+def _moved(middle: Fix, step: Sequence[float]) -> Fix:
+    """Return an end, whose longitude may have gone beyond the antimeridian."""
+    time_ns, longitude, latitude = (mid + part for mid, part in zip(middle, step, strict=True))
+    turns = 360.0 * (longitude < -180.0) - 360.0 * (longitude > 360.0)
+    return Fix(round(time_ns), longitude + turns, latitude)
 
 
 def _about(
@@ -243,15 +222,10 @@ def _about(
 def _time_within(candidate: _Candidate, samples: Table) -> int:
     """Return a time within the dive [ns]; 0 when the file has neither times nor depths to tell it from."""
     time_ns, depth = samples.get("time", np.empty(0, np.int64)), samples.get("depth", np.empty(0))
-    known = np.isfinite(depth) if depth.size else np.zeros(0, np.bool_)
-    stated = candidate.time()
+    known, stated = np.isfinite(depth), candidate.time()
     if not known.any() or not (stated or candidate.rows.size):
         return stated
-    own = (
-        candidate.rows[np.isfinite(depth[candidate.rows])]
-        if candidate.rows.size
-        else candidate.rows
-    )
+    own = candidate.rows[known[candidate.rows]]
     if not stated and own.size and depth[own].max() > _SURFACE:
         return int(time_ns[own[np.argmax(depth[own])]])
     at = stated or int(time_ns[candidate.rows[-1]])
