@@ -117,6 +117,7 @@ def _nucleus(payload: Payload) -> Payload | str:
         return "velocity_data does not hold three beams for each of number_of_cells"
     values = [None if value == _INT16_MISSING else number(value) / _MM_PER_M for value in flat]
     cell_size = number(payload.get("cell_size"))
+    quality = {name: payload.get(f"{name}_data") for name in ("amplitude", "correlation")}
     return {
         "coordinate_system": "beam",
         "reference": "platform",
@@ -126,8 +127,10 @@ def _nucleus(payload: Payload) -> Payload | str:
         # blanking ends where the first cell begins
         "bin0_distance": number(payload.get("blanking")) + 0.5 * cell_size,
         "velocity": values,
-        "amplitude": list(payload.get("amplitude_data") or ()),
-        "correlation": list(payload.get("correlation_data") or ()),
+        **{
+            name: [*said] if isinstance(said, list | tuple | bytes) else None
+            for name, said in quality.items()
+        },
     }
 
 
@@ -157,4 +160,5 @@ def _imc(payload: Payload) -> Payload | str:
 
 def _vectors(values: Sequence[Payload]) -> Array:
     """Return x, y, z of messages, shape (n, 3)."""
-    return np.column_stack(stated(values, "x y z"))
+    xyz = [[number(value.get(axis)) for axis in "xyz"] for value in values]
+    return np.array(xyz, np.float64).reshape(-1, 3)

@@ -88,7 +88,7 @@ def _radar(payload: Payload) -> tuple[Any, ...] | str:
     said = [payload[name] for name in ("longitude", "latitude", *names.split())]
     columns = regular([*said, payload.get("flag", [Flag.GOOD] * len(said[0]))])
     if columns.ndim != 2:
-        return "radar currents: columns of unlike lengths"
+        return "radar currents: columns are not numbers, or of unlike lengths"
     known = np.isfinite(columns[:-1]).all(axis=0) & (np.abs(columns[1]) <= 90.0)
     known &= ~np.isin(columns[-1], (Flag.FAIL, Flag.MISSING))
     if not known.any():
