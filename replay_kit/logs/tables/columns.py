@@ -51,7 +51,7 @@ def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
     found = []
     for (log, topic, schema), at in groups.items():
         times, _, _, payloads, _, ordinals = zip(*[messages[k] for k in at], strict=True)
-        time, order, position = (np.array(one, np.int64) for one in (times, at, ordinals))
+        time, order, position = np.array([times, at, ordinals], np.int64)
         found.append(Raw(topic, schema, log, time, order + first, position, payloads))
     return found
 

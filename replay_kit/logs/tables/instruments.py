@@ -129,14 +129,15 @@ def pings(
 
 def _alike(at: Sequence[int], columns: Iterable[Iterable[Any]]) -> list[list[int]]:
     """Return the numbers of pings in groups that have the same in all columns."""
-    known: tuple[Any, list[int]] = None, []
     groups: list[tuple[Any, list[int]]] = []
     for k, own in zip(at, zip(*columns, strict=True), strict=True):
-        if own != known[0]:
-            known = next((group for group in groups if group[0] == own), (own, []))
-            groups += [known] * (not known[1])
-        known[1].append(k)
-    return [alike for _, alike in groups]
+        # mostly the group of the ping before
+        alike = next((held for key, held in reversed(groups) if key == own), None)
+        if alike is None:
+            groups.append((own, [k]))
+        else:
+            alike.append(k)
+    return [held for _, held in groups]
 
 
 def _lists(values: Sequence[Any], least: int = 0) -> list[Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.logs.tables.columns import number, numbers, rows
 
-_DEEPEST = 12
+_DEEPEST, _PATH_PART = 12, re.compile(r"[^.\s]([^.]*[^.\s])?")
 #: Key to schema and payload, as of ``suggestions``.
 Samples = Mapping[str, tuple[str, Mapping[str, Any]]]
 #: MAVLink messages that carry numbers under names of the sender's own.
@@ -93,7 +93,7 @@ def leaves(value: Any, path: str = "") -> Iterator[Leaf]:
     name = path.removesuffix(".*").rpartition(".")[2].lower()
     if isinstance(value, Mapping) and path.count(".") < _DEEPEST - 1:
         for key, item in value.items():
-            if isinstance(key, str) and key and "." not in key and key == key.strip():
+            if isinstance(key, str) and _PATH_PART.fullmatch(key):
                 yield from leaves(item, f"{path}.{key}" if path else key)
     elif type(value) in (int, float):
         yield Leaf(path, name, np.array(number(value)))

@@ -6,10 +6,10 @@ import struct
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from replay_kit.logs.tables.instruments import STD_BELIEVED
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, VehicleState
+from replay_kit.logs.tables.instruments import STD_BELIEVED
 from replay_kit.logs.tables.schemas import canonical, reader_of
 from tests.logs.log_samples import one_channel_mcap
 from tests.measurements import definitions as msg
