@@ -108,7 +108,8 @@ def pings(
     counts, place = np.full(n, messages, np.int64), np.full((n, 3), places, np.float64)
     at = [k for k in range(n) if not reasons[k]]
     held, found = [payloads[k] for k in at], list[Table]()
-    sizes = [[*map(len, _lists(field(held, name)))] for name in _LISTS]
+    said = (field(held, name) for name in _LISTS)
+    sizes = [[*map(len, _lists(one))] for one in said if {list, tuple} & {*map(type, one)}]
     left = _alike(at, [*sizes, *(field(held, name) for name in _INSTRUMENT)])
     while left:
         at = left.pop()
