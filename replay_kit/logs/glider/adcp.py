@@ -239,14 +239,11 @@ def orientation(velocity: Array, depth: Array, distance: Array, notes: list[str]
     # False too where any of them is not known
     decided = abs(np.log(ratio)) > _ERRORS * error
     found = "down" if decided and ratio < 1.0 else "up"
-    if not decided:
-        notes.append(
-            "ADCP: assumed to look up; neither the file nor its shears show its orientation"
-        )
-    else:
-        notes.append(
-            f"ADCP: looks {found} by its shears, whose variance is {max(ratio, 1.0 / ratio):.2f} times smaller than the other way"
-        )
+    notes.append(
+        f"ADCP: looks {found} by its shears, whose variance is {max(ratio, 1.0 / ratio):.2f} times smaller than the other way"
+        if decided
+        else "ADCP: assumed to look up; neither the file nor its shears show its orientation"
+    )
     return found
 
 
@@ -258,11 +255,9 @@ def _variance_within(shear: Array, depth: Array) -> float:
     full = count >= _LEAST
     if not full.any():
         return float("nan")
-    means = np.stack(
-        [np.bincount(at, component) / np.maximum(count, 1) for component in values.T], axis=-1
-    )
-    squares = ((values - means[at]) ** 2).sum(axis=-1)
-    return float(squares[full[at]].sum() / (count[full] - 1).sum())
+    sums = np.array([np.bincount(at, component)[full] for component in values.T])
+    squares = np.bincount(at, (values**2).sum(axis=-1))[full] - (sums**2).sum(axis=0) / count[full]
+    return float(squares.sum() / (count[full] - 1).sum())
 
 
 _FORE, _SIDE = np.deg2rad(47.5), np.deg2rad(25.0)
@@ -274,6 +269,10 @@ _BEAMS = np.array(
         [0.0, np.sin(_SIDE), np.cos(_SIDE)],
     ]
 )
+
+
+# what MIDAS writes beside the beams: sensors, a row a ping, then others
+_FLAT = ("heading", "pitch", "roll", "pressure", "speedofsound", "accelerometerz", "velocityrange")
 
 
 def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
@@ -295,18 +294,13 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
         for word in ("amplitude", "correlation")
         if all(f"{word}beam{k}" in held for k in beams)
     }
+    flat = {name: file.array(own).ravel() for name, own in held.items() if name in _FLAT}
     sensors = {
-        key: values
-        for key, name in (
-            ("heading",) * 2,
-            ("pitch",) * 2,
-            ("roll",) * 2,
-            ("pressure",) * 2,
-            ("sound_speed", "speedofsound"),
-        )
-        if name in held and (values := file.array(held[name]).ravel()).size == time_ns.size
+        "sound_speed" if name == "speedofsound" else name: values
+        for name, values in flat.items()
+        if name in _FLAT[:5] and values.size == time_ns.size
     }
-    up = file.array(held["accelerometerz"]).ravel() if "accelerometerz" in held else np.empty(0)
+    up = flat.get("accelerometerz", np.empty(0))
     up = up[np.isfinite(up)]
     orientation = "down" if up.size and np.median(up) < 0.0 else "up"
     notes.append(
@@ -316,10 +310,9 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
         "ADCP: beams assumed to be those of Nortek's glider head (47.5 degrees fore and aft, 25 degrees abeam)"
     )
     notes.append("ADCP: headings are magnetic; set measurements.magnetic_declination")
-    distance = file.array(held["velocityrange"]).ravel() if "velocityrange" in held else np.empty(0)
-    distance = (
-        distance if distance.size == velocity.shape[1] else _distances(file, velocity.shape[1])
-    )
+    distance = flat.get("velocityrange", np.empty(0))
+    if distance.size != velocity.shape[1]:
+        distance = _distances(file, velocity.shape[1])
     size = float(np.median(np.diff(distance))) if distance.size > 1 else None
     for k in np.flatnonzero(known).tolist():
         payload = earth_ping(int(time_ns[k]), k, None, velocity[k], (size, float(distance[0])))

@@ -17,41 +17,10 @@ from replay_kit.logs.glider.netcdf import NetcdfFile
 
 #: Columns of one length by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
 Table = Mapping[str, NDArray[Any]]
-_SAMPLES = (
-    *(
-        "time",
-        "longitude",
-        "latitude",
-        "depth",
-        "pressure",
-        "heading",
-        "pitch",
-        "roll",
-        "declination",
-        "dive",
-    ),
-    *("dead_reckoning", "nav_state"),
-    *(
-        "temperature",
-        "salinity",
-        "conductivity",
-        "altitude",
-        "water_depth",
-        "voltage",
-        "charge_used",
-    ),
-    *("waypoint_longitude", "waypoint_latitude"),
-    *(
-        "start_time",
-        "start_longitude",
-        "start_latitude",
-        "end_time",
-        "end_longitude",
-        "end_latitude",
-    ),
+_DAC, _GPS = (
+    [key for key in (*TIMES, *QUANTITIES) if key.startswith(part)] for part in ("dac_", "gps_")
 )
-_DAC = ("dac_time", "dac_longitude", "dac_latitude", "dac_east", "dac_north", "dac_error")
-_GPS = ("gps_time", "gps_longitude", "gps_latitude", "gps_error")
+_SAMPLES = [key for key in (*TIMES, *QUANTITIES) if not key.startswith(("gps_", "profile_"))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -237,49 +206,42 @@ def _grouped(
 ) -> Columns:
     """Return quantities as tables: those as long as the samples' times, or single numbers, belong to the samples."""
     n = values["time"].size if "time" in values else 0
-    along = {
-        key: np.broadcast_to(values[key].ravel(), (n,))
-        for key in (*_SAMPLES, *_DAC)
-        if key in values and values[key].size in (1, n)
-    }
-    samples = along if n else {}
-    own = {key: values[key].ravel() for key in (*_DAC, "dive") if key in values}
-    dac = _same_length(own, "dac_east") if "dac_east" in own and "dac_east" not in samples else {}
-    gps = {key: values[key].ravel() for key in _GPS if key in values}
-    if (
-        "gps_longitude" in gps
-        and gps["gps_longitude"].size == n == gps.get("gps_time", np.zeros(n)).size
-    ):
+    samples = _sorted(
+        {
+            key: np.broadcast_to(values[key].ravel(), (n,))
+            for key in _SAMPLES
+            if n and key in values and values[key].size in (1, n)
+        }
+    )
+    dac = {} if "dac_east" in samples else _same_length(values, [*_DAC, "dive"], "dac_east")
+    gps = dict(values)
+    own_time = values.get("gps_time", np.zeros(n, np.int64)).ravel()
+    if "gps_longitude" in gps and gps["gps_longitude"].size == n == own_time.size:
         # some writers state the position of a fix and leave its time to the row
-        own_time = gps.get("gps_time", np.zeros(n, np.int64))
         gps["gps_time"] = np.where(own_time > 0, own_time, values["time"].ravel())
-    gps = (
-        _same_length(gps, "gps_longitude")
-        if {"gps_time", "gps_longitude", "gps_latitude"} <= set(gps)
-        else {}
-    )
+    gps = _same_length(gps, _GPS, "gps_longitude")
+    if not {"gps_time", "gps_latitude"} <= set(gps):
+        gps = {}
     profile = _profile(values, n)
-    if not profile:
-        return Columns(_sorted(samples), gps, dac, profile, skipped)
-    has = np.isfinite(profile["east"] + profile["north"])
-    deepest = np.where(has, profile["depth"], -np.inf).max(axis=1)
-    deep = {"deepest": np.where(has.any(axis=1), deepest, np.nan)}
-    return Columns(
-        {**_sorted(samples), **deep, "dive": np.arange(1.0, has.shape[0] + 1.0)},
-        gps,
-        dac,
-        profile,
-        skipped,
-    )
+    if profile:
+        has = np.isfinite(profile["east"] + profile["north"])
+        deepest = np.where(has, profile["depth"], -np.inf).max(axis=1)
+        samples["deepest"] = np.where(has.any(axis=1), deepest, np.nan)
+        samples["dive"] = np.arange(1.0, has.shape[0] + 1.0)
+    return Columns(samples, gps, dac, profile, skipped)
 
 
-def _same_length(table: Table, key: str) -> dict[str, NDArray[Any]]:
-    return {name: values for name, values in table.items() if values.size == table[key].size}
+def _same_length(
+    values: Mapping[str, NDArray[Any]], keys: Sequence[str], first: str
+) -> dict[str, NDArray[Any]]:
+    """Return the columns that are as long as one of them; none without it."""
+    held = {key: values[key].ravel() for key in keys if key in values}
+    return {key: held[key] for key in held if first in held and held[key].size == held[first].size}
 
 
-def _sorted(samples: Table) -> Table:
+def _sorted(samples: Table) -> dict[str, NDArray[Any]]:
     if not samples:
-        return samples
+        return {}
     order = np.argsort(samples["time"], kind="stable")
     order = order[samples["time"][order] > 0]
     return {key: values[order] for key, values in samples.items()}

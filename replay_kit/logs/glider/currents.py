@@ -59,8 +59,15 @@ class _Candidate:
     def number(self, key: str) -> float:
         return float(self.table[key][self.row]) if key in self.table else float("nan")
 
-    def time(self, key: str) -> int:
+    def time(self, part: str = "dac_") -> int:
+        key = f"{part}time"
         return int(self.table[key][self.row]) if key in self.table else 0
+
+    def fix(self, part: str = "dac_") -> Fix | None:
+        """Return a time and a place; None where it does not state all of both."""
+        place = self.number(f"{part}longitude"), self.number(f"{part}latitude")
+        known = self.time(part) > 0 and np.isfinite(place).all()
+        return Fix(self.time(part), *place) if known else None
 
 
 class Found(NamedTuple):
@@ -91,14 +98,10 @@ def mean_currents(
         own = table.get("dac_time", np.zeros(zero.size, np.int64))
         begins = zero & np.r_[True, ~zero[:-1] | (own[1:] != own[:-1])]
         notes.append(f"mean current: {int(begins.sum())} of exactly (0, 0) taken as missing")
-    candidates = (
-        _repeated(table, np.flatnonzero(finite & ~zero), fixes, notes)
-        if table is columns.samples
-        else [
-            _Candidate(row, table, np.empty(0, np.intp))
-            for row in np.flatnonzero(finite & ~zero).tolist()
-        ]
-    )
+    rows = np.flatnonzero(finite & ~zero)
+    candidates = [_Candidate(row, table, rows[:0]) for row in rows.tolist()]
+    if table is columns.samples:
+        candidates = _repeated(table, rows, fixes, notes)
     made: dict[tuple[int, int], DiveMean] = {}
     lost = 0
     for candidate in candidates:
@@ -132,63 +135,43 @@ def _repeated(
     table: Table, rows: NDArray[np.intp], fixes: Positions, notes: list[str]
 ) -> list[_Candidate]:
     """Return the mean currents that samples repeat, each once: by their own time, else by the fixes between which they stand."""
-    if not rows.size:
-        return []
-    values = np.column_stack([table["dac_east"], table["dac_north"]])
+    velocity = table["dac_east"] + 1j * table["dac_north"]
     # a value that a dive repeats may stand at the fixes at its ends, too, where it could be of either dive
     at_fix = np.isin(table["time"][rows], fixes.time_ns)
-    under_way = {tuple(pair) for pair in values[rows[~at_fix]].tolist()}
-    rows = rows[
-        [
-            not fix or tuple(pair) not in under_way
-            for fix, pair in zip(at_fix.tolist(), values[rows].tolist(), strict=True)
-        ]
-    ]
-    own = table["dac_time"][rows] if "dac_time" in table else np.zeros(rows.size, np.int64)
+    rows = rows[~(at_fix & np.isin(velocity[rows], velocity[rows[~at_fix]]))]
+    value, own = velocity[rows], table.get("dac_time", np.zeros(velocity.size, np.int64))[rows]
     segment = np.where(own > 0, own, np.searchsorted(fixes.time_ns, table["time"][rows]))
-    pair = np.column_stack([segment.astype(np.float64), values[rows]])
-    begins = np.flatnonzero(np.r_[True, (np.diff(pair, axis=0) != 0.0).any(axis=1)])
-    groups = np.split(rows, begins[1:])
-    unique: dict[tuple[float, ...], NDArray[np.intp]] = {}
-    for group, begin in zip(groups, begins, strict=True):
-        key = (
-            tuple(pair[begin].tolist()) if own[begin] > 0 or fixes.time_ns.size else (float(begin),)
-        )
-        unique[key] = np.concatenate([unique[key], group]) if key in unique else group
-    if rows.size > len(unique) > 1:
-        notes.append(f"mean current: {len(unique)} in {rows.size} values, each counted once")
-    return [_Candidate(int(group[0]), table, group) for group in unique.values()]
+    if not fixes.time_ns.size:
+        runs = np.cumsum((np.diff(value, prepend=np.nan) != 0) | (np.diff(own, prepend=0) != 0))
+        segment = np.where(own > 0, own, runs)
+    keys = np.column_stack([segment, value.real, value.imag])
+    _, first, of = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    groups = [rows[of.ravel() == k] for k in np.argsort(first)]
+    if rows.size > len(groups) > 1:
+        notes.append(f"mean current: {len(groups)} in {rows.size} values, each counted once")
+    return [_Candidate(int(group[0]), table, group) for group in groups]
 
 
 def _with_ends(
     candidate: _Candidate, samples: Table, fixes: Positions, ascent_share: float
 ) -> DiveMean | None:
+    inside, time = _time_within(candidate, samples), fixes.time_ns
+    # where nothing tells a time of the dive, it is between the fixes farthest apart
+    farthest = int(time[np.argmax(np.diff(time)) + 1]) if time.size > 1 else 0
     ends = (
         _stated_ends(candidate, ascent_share)
-        or _fixes_about(candidate, samples, fixes)
+        or _about(inside or farthest, time, fixes.longitude, fixes.latitude)
         or _outer_samples(candidate)
+        or _about(inside, *_at_surface(samples))
     )
-    ends = ends or _samples_at_surface(candidate, samples)
     if ends is None or not 0 < ends[1].time_ns - ends[0].time_ns <= _LONGEST_NS:
         return None
     start, end = ends
-    depth = samples.get("depth", np.empty(0))
+    depth, times = samples.get("depth", np.empty(0)), samples.get("time", np.empty(0))
     if depth.size:
-        within = (samples["time"] >= start.time_ns) & (samples["time"] <= end.time_ns)
-        depth = depth[within]
+        depth = depth[(times >= start.time_ns) & (times <= end.time_ns)]
     deepest = float(np.nanmax(depth)) if np.isfinite(depth).any() else candidate.number("deepest")
-    dive = candidate.number("dive")
-    middle = None
-    if (
-        candidate.time("dac_time")
-        and candidate.rows.size
-        and np.unique(samples["time"][candidate.rows]).size == 1
-    ):
-        middle = Fix(
-            candidate.time("dac_time"),
-            candidate.number("dac_longitude"),
-            candidate.number("dac_latitude"),
-        )
+    dive, once = candidate.number("dive"), np.unique(times[candidate.rows]).size == 1
     return DiveMean(
         candidate.number("dac_east"),
         candidate.number("dac_north"),
@@ -197,86 +180,52 @@ def _with_ends(
         end,
         deepest,
         int(dive) if np.isfinite(dive) else None,
-        middle if middle is not None and np.isfinite(middle.longitude + middle.latitude) else None,
+        candidate.fix() if once else None,
     )
 
 
 def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[Fix, Fix] | None:
     """Return the ends that the file states, or that follow from the middle of the dive and one more place on its straight way."""
-    start, end = (_end(candidate, part) for part in ("start_", "end_"))
-    if start is not None and end is not None:
+    start, end = candidate.fix("start_"), candidate.fix("end_")
+    if start and end:
         return start, end
-    middle = _end(candidate, "dac_")
-    if middle is None:
+    middle, other = candidate.fix(), end or (candidate.fix("") if ascent_share > 0.5 else None)
+    if middle is None or other is None:
         return None
-    if start is None and end is not None:
-        near = float(unwrap_longitude(end.longitude, middle.longitude))
-        mirrored = _at_longitude(
-            2 * middle.time_ns - end.time_ns,
-            2 * middle.longitude - near,
-            2 * middle.latitude - end.latitude,
-        )
-        return mirrored, end
-    if ascent_share > 0.5 and (own := _end(candidate, "")) is not None:
-        # from the middle to the profile's place is that share of the way, less a half
-        place = own._replace(longitude=float(unwrap_longitude(own.longitude, middle.longitude)))
-        half = [
-            0.5 * (at - mid) / (ascent_share - 0.5) for at, mid in zip(place, middle, strict=True)
-        ]
-        before, after = (
-            [mid + sign * step for mid, step in zip(middle, half, strict=True)]
-            for sign in (-1.0, 1.0)
-        )
-        return _at_longitude(*before), _at_longitude(*after)
-    return None
+    near = float(unwrap_longitude(other.longitude, middle.longitude))
+    way = [at - mid for at, mid in zip(other._replace(longitude=near), middle, strict=True)]
+    # from the middle to the profile's place is the ascent's share of the way, less a half
+    step = way if end else [0.5 * part / (ascent_share - 0.5) for part in way]
+    return _moved(middle, [-part for part in step]), end or _moved(middle, step)
 
 
-def _at_longitude(time_ns: float, longitude: float, latitude: float) -> Fix:
-    """Return an end whose longitude may have gone beyond the antimeridian."""
-    return Fix(
-        round(time_ns),
-        longitude - 360.0 * (longitude > 360.0) + 360.0 * (longitude < -180.0),
-        latitude,
-    )
+def _moved(middle: Fix, step: Sequence[float]) -> Fix:
+    """Return an end, whose longitude may have gone beyond the antimeridian."""
+    time_ns, longitude, latitude = (mid + part for mid, part in zip(middle, step, strict=True))
+    turns = 360.0 * (longitude < -180.0) - 360.0 * (longitude > 360.0)
+    return Fix(round(time_ns), longitude + turns, latitude)
 
 
-def _end(candidate: _Candidate, part: str) -> Fix | None:
-    time_ns = candidate.time(f"{part}time")
-    longitude, latitude = candidate.number(f"{part}longitude"), candidate.number(f"{part}latitude")
-    return (
-        Fix(time_ns, longitude, latitude)
-        if time_ns > 0 and np.isfinite(longitude + latitude)
-        else None
-    )
-
-
-def _fixes_about(candidate: _Candidate, samples: Table, fixes: Positions) -> tuple[Fix, Fix] | None:
-    """Return the fix before and the fix after a time within the dive."""
-    if fixes.time_ns.size < 2:
+def _about(
+    inside: int, time_ns: NDArray[np.int64], longitude: Array, latitude: Array
+) -> tuple[Fix, Fix] | None:
+    """Return the places before a time within the dive and at or after it; None outside of them."""
+    after = int(np.searchsorted(time_ns, inside))
+    if not 0 < after < time_ns.size:
         return None
-    inside = _time_within(candidate, samples)
-    after = (
-        int(np.searchsorted(fixes.time_ns, inside))
-        if inside
-        else int(np.argmax(np.diff(fixes.time_ns))) + 1
+    before, end = (
+        Fix(int(time_ns[k]), float(longitude[k]), float(latitude[k])) for k in (after - 1, after)
     )
-    if not 0 < after < fixes.time_ns.size:
-        return None
-    return _two(fixes.time_ns, fixes.longitude, fixes.latitude, after)
+    return before, end
 
 
 def _time_within(candidate: _Candidate, samples: Table) -> int:
     """Return a time within the dive [ns]; 0 when the file has neither times nor depths to tell it from."""
     time_ns, depth = samples.get("time", np.empty(0, np.int64)), samples.get("depth", np.empty(0))
-    known = np.isfinite(depth) if depth.size else np.zeros(0, np.bool_)
-    stated = candidate.time("dac_time")
+    known, stated = np.isfinite(depth), candidate.time()
     if not known.any() or not (stated or candidate.rows.size):
         return stated
-    own = (
-        candidate.rows[np.isfinite(depth[candidate.rows])]
-        if candidate.rows.size
-        else candidate.rows
-    )
+    own = candidate.rows[known[candidate.rows]]
     if not stated and own.size and depth[own].max() > _SURFACE:
         return int(time_ns[own[np.argmax(depth[own])]])
     at = stated or int(time_ns[candidate.rows[-1]])
@@ -291,40 +240,18 @@ def _outer_samples(candidate: _Candidate) -> tuple[Fix, Fix] | None:
     """Return the first and the last sample that state the mean current, where there are no fixes."""
     if not candidate.rows.size:
         return None
-    first, last = (replace(candidate, row=int(candidate.rows[k])) for k in (0, -1))
-    ends = _end(first, ""), _end(last, "")
-    return (
-        None
-        if ends[0] is None or ends[1] is None or ends[0].time_ns == ends[1].time_ns
-        else (ends[0], ends[1])
-    )
+    first, last = (replace(candidate, row=int(candidate.rows[k])).fix("") for k in (0, -1))
+    return (first, last) if first and last and first.time_ns != last.time_ns else None
 
 
-def _samples_at_surface(candidate: _Candidate, samples: Table) -> tuple[Fix, Fix] | None:
-    """Return the samples at the surface before and after the dive of a mean current that is stated once, where there are no fixes."""
-    inside = _time_within(candidate, samples)
-    if inside <= 0 or not {"longitude", "latitude", "depth"} <= set(samples):
-        return None
-    shallow = np.flatnonzero(
-        (samples["depth"] <= _SURFACE) & np.isfinite(samples["longitude"] + samples["latitude"])
-    )
-    after = int(np.searchsorted(samples["time"][shallow], inside))
-    if not 0 < after < shallow.size:
-        return None
-    time_ns, longitude, latitude = (
-        samples[name][shallow] for name in ("time", "longitude", "latitude")
-    )
-    return _two(time_ns, longitude, latitude, after)
-
-
-def _two(
-    time_ns: NDArray[np.int64], longitude: Array, latitude: Array, after: int
-) -> tuple[Fix, Fix]:
-    """Return the places before and at an index."""
-    before, end = (
-        Fix(int(time_ns[k]), float(longitude[k]), float(latitude[k])) for k in (after - 1, after)
-    )
-    return before, end
+def _at_surface(samples: Table) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return time [ns, UTC], longitude and latitude [degrees] of the samples at the surface."""
+    names = ("time", "longitude", "latitude", "depth")
+    if not {*names} <= set(samples):
+        return np.empty(0, np.int64), np.empty(0), np.empty(0)
+    time_ns, longitude, latitude, depth = (samples[name] for name in names)
+    shallow = (depth <= _SURFACE) & np.isfinite(longitude + latitude)
+    return time_ns[shallow], longitude[shallow], latitude[shallow]
 
 
 def _note_ends(means: Iterable[DiveMean], fixes: Positions, notes: list[str]) -> None:

@@ -105,21 +105,18 @@ class Dialect:
         """Return whether a file with these variables and attributes is of the dialect."""
         lower = {name.lower() for name in names}
         stated = str(attributes.get("Conventions", attributes.get("conventions", "")))
-        by_name = all(
-            any(name in lower for name in wanted.split("|")) for wanted in self.signature.split()
-        )
-        return (bool(self.convention) and self.convention in stated.upper()) or (
-            bool(self.signature) and by_name
-        )
+        wanted = [names.split("|") for names in self.signature.split()]
+        by_name = bool(wanted) and all(not lower.isdisjoint(names) for names in wanted)
+        return by_name or bool(self.convention and self.convention in stated.upper())
 
     def chosen(self, names: Collection[str]) -> dict[str, str]:
         """Return the variable of each quantity that a file has: the first of its names, in the file's own case."""
         own = {name.lower(): name for name in names}
         found = {
-            key: next((own[name] for name in listed.split() if name in own), "")
+            key: [own[name] for name in listed.split() if name in own]
             for key, listed in self.names.items()
         }
-        return {key: name for key, name in found.items() if name}
+        return {key: names[0] for key, names in found.items() if names}
 
     def wanted(self, names: Collection[str]) -> list[str]:
         """Return which of a file's variables are read: those of quantities, their flags, and those of the ADCP reader."""
@@ -155,14 +152,14 @@ class Dialect:
         found = self.chosen(held)
         for part in ("dac", "profile"):
             keys = (f"{part}_east", f"{part}_north")
-            named = [found.get(key, "") for key in keys]
-            stated = [_direction(held, name) if name else "" for name in named]
-            if all(named) and stated in (["north", "east"], ["north", ""], ["", "east"]):
+            named = [found[key] for key in keys if key in found]
+            stated = [_direction(held, name) for name in named]
+            if stated in (["north", "east"], ["north", ""], ["", "east"]):
                 found |= dict(zip(keys, reversed(named), strict=True))
                 notes.append(
                     f"{' and '.join(named)}: read as their standard names state, northward and eastward; their names say the contrary"
                 )
-            elif all(named) and stated[0] and stated[0] == stated[1]:
+            elif stated in (["north"] * 2, ["east"] * 2):
                 notes.append(
                     f"{' and '.join(named)}: both have the standard name of the {stated[0]}ward component; read by their names"
                 )
@@ -175,11 +172,10 @@ class Dialect:
             and stored.values.ndim < 2
             and self.may_be_mean(held, name)
         ]
-        east, north = (
-            [name for name in free if _direction(held, name) == to] for to in ("east", "north")
-        )
-        if len(east) == len(north) == 1 and held[east[0]].values.size == held[north[0]].values.size:
-            return found | {"dac_east": east[0], "dac_north": north[0]}
+        directed = {name: to for name in free if (to := _direction(held, name))}
+        sizes = {held[name].values.size for name in directed}
+        if sorted(directed.values()) == ["east", "north"] and len(sizes) == 1:
+            return found | {f"dac_{to}": name for name, to in directed.items()}
         if free:
             notes.append(
                 f"{NO_MEANS}{', '.join(free)} may be them, by their unit, but no standard name says which is east and which north; "

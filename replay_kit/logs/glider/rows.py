@@ -120,21 +120,14 @@ class NetcdfRows(LogFile):
 
 def _time_name(file: NetcdfFile) -> str:
     """Return the name of the variable of time: the longest of those with an epoch, then of those with the name."""
-    stated = {
+    sized = {
         name: stored
         for name, stored in file.variables.items()
-        if " since " in stored.units and stored.values.ndim < 2
+        if stored.values.size and stored.values.dtype.kind in "iuf" and stored.values.ndim < 2
     }
-    named = {
-        name: stored
-        for name, stored in file.variables.items()
-        if "time" in name.lower() and stored.values.ndim == 1
-    }
-    found = {
-        name: stored
-        for name, stored in (stated or named).items()
-        if stored.values.size and stored.values.dtype.kind in "iuf"
-    }
+    stated = [name for name, stored in sized.items() if " since " in stored.units]
+    named = [name for name in sized if "time" in name.lower() and sized[name].values.ndim]
+    found = stated or named
     if not found:
         raise LogError(
             f"{file.path}: {_EXPECTED}, or any NetCDF with a variable of time (units 'seconds since 1970-01-01'); got variables "
@@ -142,7 +135,7 @@ def _time_name(file: NetcdfFile) -> str:
         )
     return max(
         found,
-        key=lambda name: (found[name].values.size, found[name].text("standard_name") == "time"),
+        key=lambda name: (sized[name].values.size, sized[name].text("standard_name") == "time"),
     )
 
 

@@ -133,13 +133,9 @@ def in_minutes(places: Mapping[str, Array]) -> bool:
             apart, its longitude does.
     """
     # marks of no fix, such as 69696969, are more than either
+    most = {key: 90.0 if key.endswith("latitude") else 360.0 for key in places}
     return any(
-        bool(
-            (
-                (np.abs(v) > (90.0 if key.endswith("latitude") else 360.0)) & (np.abs(v) < 36_000.0)
-            ).any()
-        )
-        for key, v in places.items()
+        ((np.abs(v) > most[key]) & (np.abs(v) < 36_000.0)).any() for key, v in places.items()
     )
 
 
@@ -153,11 +149,8 @@ def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str
         notes: What was assumed is added here.
     """
     known = np.abs(values[np.isfinite(values)])
-    if (
-        known.size < _LEAST_ANGLES
-        or known.max() == 0.0
-        or known.max() > (_TURN if whole_turn else _TURN / 4.0)
-    ):
+    most = _TURN if whole_turn else _TURN / 4.0
+    if known.size < _LEAST_ANGLES or not 0.0 < known.max() <= most:
         return values
     notes.append(
         f"{name}: no value above {known.max():.2f}, so taken as radians although its unit is degrees; converted to degrees"
@@ -175,40 +168,30 @@ def time_ns(
     """
     if stored.values.dtype.kind == "S":
         notes.append(f"{name}: times are texts, taken as UTC")
-        stored = Stored(
-            np.array([_seconds_of(text) for text in stored.texts()]),
-            {"units": "seconds since 1970-01-01"},
-            stored.dims[:1],
-        )
-    units, match = stored.units, _SINCE.fullmatch(stored.units)
+        seconds_of = np.array([_seconds_of(text) for text in stored.texts()])
+        stored = Stored(seconds_of, {"units": "seconds since 1970-01-01"}, stored.dims[:1])
+    units, match, plain = stored.units, _SINCE.fullmatch(stored.units), stored.unpacked()
     # of whole numbers, nanoseconds since 1970 have more digits than a float holds
     whole = stored.values.dtype.kind in "iu" and stored.packing == (1.0, 0.0)
-    values = stored.values if whole else stored.unpacked()
-    finite = np.isfinite(stored.unpacked())
-    stated = finite.copy()
-    factor, epoch_ms = 1000.0, 0
-    unit = None if match is None else seconds(match[1])
-    epoch = None if match is None else _epoch_ms(match)
-    if unit is not None and epoch is not None:
-        factor, epoch_ms = 1000.0 * unit, epoch
-    else:
-        inside = (stored.unpacked() > _EPOCH_SECONDS[0]) & (stored.unpacked() < _EPOCH_SECONDS[1])
-        if finite.any() and inside.any():
-            notes.append(
-                f"{name}: {f'unit {units!r}' if units else 'no unit'}, taken as seconds since 1970"
-            )
-        finite &= inside
+    finite = np.isfinite(plain)
+    unit, epoch_ms = (seconds(match[1]), _epoch_ms(match)) if match else (None, None)
+    known = finite.copy()
+    if unit is None or epoch_ms is None:
+        unit, epoch_ms = 1.0, 0
+        known = finite & (plain > _EPOCH_SECONDS[0]) & (plain < _EPOCH_SECONDS[1])
+        if known.any():
+            stated = f"unit {units!r}" if units else "no unit"
+            notes.append(f"{name}: {stated}, taken as seconds since 1970")
     with np.errstate(over="ignore"):
-        since = np.where(finite, values * factor, np.nan)
-    countable = np.abs(since) < _MOST_MS
-    milliseconds = np.round(np.where(countable, since, 0.0)).astype(np.int64) + epoch_ms
-    finite &= countable
+        since = np.where(known, (stored.values if whole else plain) * (1000.0 * unit), np.nan)
+    known &= np.abs(since) < _MOST_MS
+    milliseconds = np.round(np.where(known, since, 0.0)).astype(np.int64) + epoch_ms
     found = milliseconds * 1_000_000
-    known = finite & (found > _FIRST_NS) & (found < _LAST_NS)
-    if stated.any() and not known.any():
+    known &= (found > _FIRST_NS) & (found < _LAST_NS)
+    if finite.any() and not known.any():
         raise LogError(
             f"{file.path}: {name}: expected units 'seconds since 1970-01-01' or the like that give times of a mission, got '{units}' and "
-            f"times from {np.nanmin(stored.unpacked()):g} on; process the dive again, or correct the units"
+            f"times from {np.nanmin(plain):g} on; process the dive again, or correct the units"
         )
     return np.where(known, found, 0), known
 
@@ -247,23 +230,16 @@ def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> ND
     known = stated_meanings(flags) or dict(
         zip(map(int, meanings.split()[::2]), meanings.split()[1::2], strict=True)
     )
-    numbers = np.nan_to_num(_flag_numbers(flags), nan=-1.0).astype(np.int64)
+    if flags.values.dtype.kind == "S":
+        digits = flags.values.ravel().astype("S1").astype(str)
+        numbers = np.where(np.char.isdigit(digits), digits, "-1").astype(np.int64)
+    else:
+        numbers = np.nan_to_num(flags.unpacked(), nan=-1.0).astype(np.int64)
     bad = {value: words for value, words in known.items() if UNUSABLE.search(words)}
     found = np.isin(numbers, list(bad))
     for value in sorted(set(numbers[found].tolist())):
         notes.append(f"{name}: {int((numbers == value).sum())} x {value} ({bad[value]}), not used")
     return np.asarray(found)
-
-
-def _flag_numbers(flags: Stored) -> Array:
-    if flags.values.dtype.kind != "S":
-        return flags.unpacked()
-    return np.array(
-        [
-            float(item) if item.strip().isdigit() else np.nan
-            for item in flags.values.ravel().astype("S1").astype(str)
-        ]
-    )
 
 
 def stated_meanings(flags: Stored) -> dict[int, str]:

@@ -1,16 +1,16 @@
 """Fields of many payloads as columns: numbers, words and cells, whatever encoding wrote them; and messages grouped by topic."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import compress, zip_longest
-from operator import itemgetter, methodcaller
+from operator import itemgetter
 from reprlib import repr as shorten
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, Indices, Mask
+from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.table import Columns, Kind, Raw, Table
@@ -20,6 +20,22 @@ MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
 Payload = Mapping[str, Any]
 Tables = list[Table]
 _LARGEST_DIVE = 2**32 - 1
+
+
+class Rows(NamedTuple):
+    """What payloads say, a row each.
+
+    Attributes:
+        kind: Of the rows.
+        columns: By name, values of all payloads, or one value.
+        reasons: Why some are not used, from where that holds, shape (n,); the first that does counts.
+        fixed: As in ``Table``.
+    """
+
+    kind: Kind
+    columns: Mapping[str, Any]
+    reasons: Mapping[str, Any] = MappingProxyType({})
+    fixed: Mapping[str, Any] = MappingProxyType({})
 
 
 def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
@@ -35,26 +51,23 @@ def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
     found = []
     for (log, topic, schema), at in groups.items():
         times, _, _, payloads, _, ordinals = zip(*[messages[k] for k in at], strict=True)
-        integers = (np.array(column, np.int64) for column in (times, at, ordinals))
-        time, order, position = integers
+        time, order, position = np.array([times, at, ordinals], np.int64)
         found.append(Raw(topic, schema, log, time, order + first, position, payloads))
     return found
 
 
-def some(raw: Raw, chosen: Sequence[bool] | Mask) -> Raw:
+def some(raw: Raw, chosen: Mask) -> Raw:
     """Return the chosen messages of a topic."""
-    if np.all(chosen):
+    if chosen.all():
         return raw
-    rows = np.flatnonzero(chosen)
-    at_rows = raw.time[rows], raw.order[rows], raw.position[rows]
+    at_rows = raw.time[chosen], raw.order[chosen], raw.position[chosen]
     return Raw(raw.topic, raw.schema, raw.input, *at_rows, [*compress(raw.payloads, chosen)])
 
 
-def table(raw: Raw, kind: Kind, at: Mask | Indices, columns: Columns, **fixed: Any) -> Table:
+def table(raw: Raw, kind: Kind, at: Any, columns: Columns, fixed: Mapping[str, Any]) -> Table:
     """Return a table of some of a topic's messages."""
-    return Table(
-        *(kind, raw.topic, raw.input, raw.time[at], raw.order[at], raw.position[at]), columns, fixed
-    )
+    at_rows = raw.time[at], raw.order[at], raw.position[at]
+    return Table(kind, raw.topic, raw.input, *at_rows, columns, fixed)
 
 
 def unused(raw: Raw, reasons: Any, times: Any = 1) -> Tables:
@@ -62,56 +75,44 @@ def unused(raw: Raw, reasons: Any, times: Any = 1) -> Tables:
     words = np.full(len(raw.time), reasons, object)
     at = np.repeat(np.arange(words.size), times)
     at = at[words[at] != ""]
-    return [table(raw, "unused", at, {"reason": words[at]})] if at.size else []
+    return [table(raw, "unused", at, {"reason": words[at]}, {})] if at.size else []
 
 
-def kept(raw: Raw, kind: Kind, reasons: Any, columns: Mapping[str, Any], **fixed: Any) -> Tables:
-    """Return the tables of messages that are used, and of those that are not.
-
-    Args:
-        raw: The messages.
-        kind: Of the rows.
-        reasons: Why each is not used, empty where it is; one for all, or shape (n,).
-        columns: By name, values of all messages, or one value.
-        fixed: As in ``Table``.
-    """
+def kept(raw: Raw, rows: Rows) -> Tables:
+    """Return the tables of messages that are used, and of those that are not."""
     n = len(raw.time)
-    good = np.broadcast_to(np.equal(reasons, ""), n)
-    held = {
+    words = np.broadcast_to(why(rows.reasons), n)
+    good = words == ""
+    columns = {
         name: np.broadcast_to(column, (n, *np.shape(column)[1:]))[good]
-        for name, column in columns.items()
+        for name, column in rows.columns.items()
     }
-    return unused(raw, reasons) + ([table(raw, kind, good, held, **fixed)] if good.any() else [])
+    used = [table(raw, rows.kind, good, columns, rows.fixed)] if good.any() else []
+    return unused(raw, words) + used
+
+
+def why(reasons: Mapping[str, Any]) -> Any:
+    """Return the first reason that holds for each message, empty where none does, from where each holds, shape (n,)."""
+    return np.select([False, *reasons.values()], ["", *reasons], "")
 
 
 def read_each(
-    raw: Raw, kind: Kind, names: str, read: Callable[[Payload], Any], **fixed: Any
-) -> Tables:
-    """Return tables of messages that are read one by one.
+    kind: Kind, names: str, payloads: Sequence[Payload], read: Callable[[Payload], Any]
+) -> Rows:
+    """Return rows of payloads that are read one by one.
 
     Args:
-        raw: The messages.
         kind: Of the rows.
         names: Of the columns.
-        read: Returns a row's values, or in words why there are none.
-        fixed: As in ``Table``.
+        payloads: What is read.
+        read: Returns a row's values, or its only one, or in words why there are none.
     """
-    found = [guarded(read, payload) for payload in raw.payloads]
-    good = np.array([not isinstance(row, str) for row in found])
-    tables = unused(raw, [row if isinstance(row, str) else "" for row in found])
-    if good.any():
-        values = zip(*compress(found, good), strict=True)
-        columns = {name: _column(held) for name, held in zip(names.split(), values, strict=True)}
-        tables.append(table(raw, kind, good, columns, **fixed))
-    return tables
-
-
-def _column(values: Sequence[Any]) -> NDArray[Any]:
-    if isinstance(values[0], float | int):
-        return np.array(values)
-    column = np.empty(len(values), object)
-    column[:] = values
-    return column
+    found, named = [guarded(read, payload) for payload in payloads], names.split()
+    words = [row if isinstance(row, str) else "" for row in found]
+    values = np.empty((len(found), len(named)), object)
+    values[:] = [row if isinstance(row, tuple) else (row,) * len(named) for row in found]
+    reasons = {word: np.equal(words, word) for word in {*words}}
+    return Rows(kind, dict(zip(named, values.T, strict=True)), reasons)
 
 
 def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
@@ -124,14 +125,14 @@ def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
         return f"malformed: a field is missing or of the wrong kind ({type(error).__name__})"
 
 
-def field(payloads: Iterable[Any], path: str) -> list[Any]:
+def field(payloads: Sequence[Any], path: str) -> list[Any]:
     """Return the values of a field, which parts of the message may hold (``pose.position``); None where there is none."""
-    values = [*payloads]
+    values: list[Any] = [*payloads]
     for name in path.split("."):
         try:
-            values = [*map(methodcaller("get", name), values)]
+            values = [one.get(name) for one in values]
         except AttributeError:
-            values = [one.get(name) if isinstance(one, Mapping) else None for one in values]
+            values = [one.get(name) if hasattr(one, "get") else None for one in values]
     return values
 
 
@@ -140,23 +141,14 @@ def stated(payloads: Sequence[Payload], names: str, part: str = "") -> list[Arra
     return [numbers(field(payloads, part + name)) for name in names.split()]
 
 
-def each(read: Callable[[Any], Any], values: Sequence[Any]) -> list[Any]:
-    """Return what a function makes of values, of which most are the same."""
-    keys = [*zip(map(type, values), values, strict=True)]
-    try:
-        known = {key: read(key[1]) for key in {*keys}}
-    except TypeError:
-        return [*map(read, values)]
-    return [*map(known.__getitem__, keys)]
-
-
 def regular(values: Sequence[Any]) -> Array:
     """Return nested lists as an array, NaN where not finite; one NaN alone where lengths differ or there is something else in them."""
     try:
         plain = np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError):
         return np.array(np.nan)
-    return np.where(np.isfinite(plain), plain, np.nan)
+    plain[~np.isfinite(plain)] = np.nan
+    return plain
 
 
 def numbers(values: Sequence[Any]) -> Array:
@@ -185,11 +177,6 @@ def rows(values: Sequence[Any], least: int = 0) -> Array:
     return _padded(plain, least)
 
 
-def lists(values: Sequence[Any], least: int = 0) -> list[Any]:
-    """Return values of which those are empty that are no lists, or shorter ones."""
-    return [one if isinstance(one, list | tuple) and len(one) >= least else () for one in values]
-
-
 def _padded(values: Array, least: int) -> Array:
     """Return values, shape (..., k), with at least so many in a row, NaN where one is missing."""
     missing = np.full((*values.shape[:-1], max(least - values.shape[-1], 0)), np.nan)
@@ -212,26 +199,7 @@ def word(value: Any, known: Sequence[str]) -> str:
     code = whole_number(value)
     if code is not None and 0 <= code < len(known):
         return known[code]
-    return value if value in known else "None" if value is None else shorten(value)
-
-
-def why(reasons: Mapping[str, Any]) -> Any:
-    """Return the first reason that holds for each message, empty where none does, from where each holds, shape (n,)."""
-    return np.select([*reasons.values()], [*reasons], "")
-
-
-def known_word(payload: Payload, name: str, known: Sequence[str]) -> str:
-    """Return the word in a field, given by itself or by its number.
-
-    Raises:
-        MeasurementError: It is none of the known ones.
-    """
-    value = word(payload.get(name), known)
-    if value not in known:
-        raise MeasurementError(
-            f"ping: expected {name} to be one of {', '.join(known)}, got {value}; state it in the message"
-        )
-    return value
+    return value if value in known else shorten(value)
 
 
 def velocity_cells(payloads: Sequence[Payload], systems: Sequence[str]) -> Array:
@@ -254,13 +222,18 @@ def velocity_cells(payloads: Sequence[Payload], systems: Sequence[str]) -> Array
             "ping: expected n_cells >= 1 and a list of velocities, "
             f"got n_cells {shorten(said)} and velocity {type(values[0]).__name__}"
         )
-    plain = regular(values)
-    if plain.ndim == 2 and plain.shape[1] >= 2 * m and plain.shape[1] % m == 0:
-        plain = plain.reshape(len(values), m, -1)
-    if plain.ndim != 3 or plain.shape[1] != m or plain.shape[2] < 2:
+    plain = by_cell(regular(values), m)
+    if plain is None or plain.shape[2] < 2:
         earth = word(payloads[0].get("coordinate_system"), systems) == "earth"
         plain = np.array([_cells_of(value, m, earth) for value in values])
     return _padded(plain, 3)
+
+
+def by_cell(values: Array, m: int) -> Array | None:
+    """Return numbers listed by cell or flat, shape (n, m, b); None where they are not those of m cells."""
+    if values.ndim == 2 and values.shape[1] % m == 0:
+        values = values.reshape(len(values), m, -1)
+    return values if values.ndim == 3 and values.shape[1] == m and values.size else None
 
 
 def _cells_of(cells: Sequence[Any], m: int, earth: bool) -> Array:
@@ -269,14 +242,8 @@ def _cells_of(cells: Sequence[Any], m: int, earth: bool) -> Array:
     Raises:
         MeasurementError: As ``velocity_cells``.
     """
-    flat = bool(cells) and not any(isinstance(item, list | tuple | Mapping) for item in cells)
-    # nulls alone, as many as there are cells, are missing cells
-    if flat and not (len(cells) == m and all(item is None for item in cells)):
-        width, rest = divmod(len(cells), m)
-        if rest:
-            raise MeasurementError(
-                f"ping: {len(cells)} flat velocities do not divide into {m} cells"
-            )
+    if len(cells) > m and not any(isinstance(item, list | tuple | Mapping) for item in cells):
+        width = len(cells) // m
         cells = [cells[i : i + width] for i in range(0, len(cells), width)]
     if len(cells) != m:
         raise MeasurementError(

@@ -12,8 +12,14 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.table import Raw, Table
-from replay_kit.logs.tables.columns import Payload, Tables, number, some, whole_number
+from replay_kit.core.table import Raw
+from replay_kit.logs.tables.columns import (
+    Payload,
+    Tables,
+    number,
+    unused,
+    whole_number,
+)
 from replay_kit.logs.tables.instruments import pings
 
 SCHEMA = "DEBUG_FLOAT_ARRAY"
@@ -41,7 +47,7 @@ _CONFIGURATION = [
 _WORDS = ("coordinate_system", "reference", "orientation")
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
-_INCOMPLETE, _REPEATED = "part of an incomplete ping", "repeated frame of a ping"
+_INCOMPLETE = "part of an incomplete ping"
 _NO_KEY = "frame of a ping: expected array_id and time_usec to be integers and data to be a list"
 
 #: Numbers of the frames of pings that are not complete, by name of the frame, of each topic, ``array_id`` and ``time_usec``.
@@ -56,54 +62,38 @@ def joined(pending: Open, raws: Sequence[Raw], config: MeasurementConfig) -> tup
         raws: Frames whose names are of ``PARTS``.
         config: As of ``pings``.
     """
-    order = sorted(
-        (place, r, k) for r, raw in enumerate(raws) for k, place in enumerate(raw.order.tolist())
-    )
-    pending, made = dict(pending), [dict[int, tuple[Payload | str, int]]() for _ in raws]
-    for _, r, k in order:
-        taken = _taken(pending, raws[r].topic, raws[r].payloads[k])
-        if taken is not None:
-            made[r][k] = taken
-    found: Tables = []
-    for raw, rows in zip(raws, made, strict=True):
-        if rows:
-            payloads, counts = zip(*rows.values(), strict=True)
-            chosen = [k in rows for k in range(len(raw.time))]
-            found += pings(some(raw, chosen), payloads, config, counts)
-    return pending, found
+    held, found = dict(pending), Tables()
+    order = sorted((place, r, k) for r, raw in enumerate(raws) for k, place in enumerate(raw.order))
+    taken = {(r, k): _taken(held, raws[r].topic, raws[r].payloads[k]) for _, r, k in order}
+    for r, raw in enumerate(raws):
+        payloads, counts = zip(*(taken[r, k] for k in range(len(raw.time))), strict=True)
+        found += pings(raw, payloads, config, counts)
+    return held, found
 
 
-def _taken(
-    pending: dict[Any, Any], topic: str, payload: Payload
-) -> tuple[Payload | str, int] | None:
+def _taken(held: dict[Any, Any], topic: str, payload: Payload) -> tuple[Payload | str, int]:
     """Take in a frame; return the ping that it completes, or why frames can be part of none, and the number of frames."""
     name, data = payload["name"], payload.get("data")
-    numbers = [whole_number(payload.get(part)) for part in ("array_id", "time_usec")]
-    if None in numbers or not isinstance(data, list | tuple):
+    key = topic, *(whole_number(payload.get(part)) for part in ("array_id", "time_usec"))
+    if None in key or not isinstance(data, list | tuple):
         return _NO_KEY, 1
-    key = topic, *numbers
-    if name in pending.get(key, {}):
-        return _REPEATED, 1
-    frames = {**pending.get(key, {}), name: data}
-    missing = {*PARTS} - {*frames}
-    if "ADCP_CFG" in frames and _configuration(frames["ADCP_CFG"])["n_components"] == 2:
-        missing -= {"ADCP_U"}
-    if not missing:
-        pending.pop(key, None)
-        return _assembled(frames), len(frames)
-    pending[key] = frames
-    if len(pending) <= _OPEN_PINGS:
-        return None
-    return _INCOMPLETE, len(pending.pop(next(iter(pending))))
+    frames = held.get(key, {})
+    if name in frames:
+        return "repeated frame of a ping", 1
+    frames = held[key] = {**frames, name: data}
+    two = _configuration(frames.get("ADCP_CFG", ()))["n_components"] == 2
+    if {*PARTS} - {*frames} <= ({"ADCP_U"} if two else set()):
+        return _assembled(held.pop(key)), len(frames)
+    last = [] if len(held) <= _OPEN_PINGS else held.pop(next(iter(held)))
+    return _INCOMPLETE, len(last)
 
 
 def lost(pending: Open, order: int) -> Tables:
     """Return the tables of the frames whose pings are not complete when the log ends, at a place in the stream."""
-    found = []
+    found = Tables()
     for (topic, _, _), frames in pending.items():
         zero, at = np.zeros(len(frames), np.int64), np.full(len(frames), order, np.int64)
-        columns = {"reason": np.full(len(frames), _INCOMPLETE, object)}
-        found.append(Table("unused", topic, 0, zero, at, zero, columns))
+        found += unused(Raw(topic, SCHEMA, 0, zero, at, zero, ()), _INCOMPLETE)
     return found
 
 
@@ -111,10 +101,9 @@ def _assembled(frames: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
     """Return the ping's payload, as if it had come as JSON; what a frame is too short for is left for the ping's own checks."""
     payload = _configuration(frames["ADCP_CFG"])
     n_cells = max(whole_number(payload["n_cells"]) or 0, 0)
-    columns = [frames[part][:n_cells] for part in PARTS[1:4] if part in frames]
-    velocity = [list(cell) for cell in zip(*columns, strict=False)]
-    std = list(frames["ADCP_STD"])[:n_cells]
-    return {**payload, "n_cells": n_cells, "velocity": velocity, "velocity_std": std}
+    *components, std = [frames[part][:n_cells] for part in PARTS[1:] if part in frames]
+    velocity = [list(cell) for cell in zip(*components, strict=False)]
+    return {**payload, "n_cells": n_cells, "velocity": velocity, "velocity_std": [*std]}
 
 
 def declination_in(payload: Payload) -> float:

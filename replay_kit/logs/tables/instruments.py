@@ -18,7 +18,7 @@ be joined.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from reprlib import repr as shorten
 from typing import Any
 
@@ -32,13 +32,10 @@ from replay_kit.core.quantities import metres_per_second
 from replay_kit.core.table import Raw, Table
 from replay_kit.logs.tables.columns import (
     Payload,
+    by_cell,
     dive_number,
-    each,
     field,
-    known_word,
-    lists,
     number,
-    numbers,
     regular,
     rows,
     stated,
@@ -55,7 +52,12 @@ _WORDS = {
     "orientation": ("down", "up"),
 }
 QUALITY = ("amplitude", "correlation", "percent_good", "snr", "error_velocity")
-_NUMBERS = "heading pitch roll pressure transducer_depth"
+_NUMBERS = {
+    **{name: name for name in ("heading", "pitch", "roll", "pressure", "transducer_depth")},
+    "declination": "magnetic_declination",
+    "bottom_std": "bottom_track.velocity_std",
+    "platform_std": "platform_velocity.velocity_std",
+}
 _LISTS = ("velocity", "velocity_std", "cell_distances", *QUALITY)
 # What is the instrument's, and mostly the same in all its pings; the rest each ping has of its own.
 _INSTRUMENT = [
@@ -88,7 +90,7 @@ def pings(
     raw: Raw,
     payloads: Sequence[Any],
     config: MeasurementConfig,
-    messages: Sequence[int] | int = 1,
+    messages: Any = 1,
     places: Any = math.nan,
 ) -> list[Table]:
     """Return the tables of pings that messages hold, one for each layout, and that of those that cannot be used.
@@ -98,52 +100,51 @@ def pings(
         payloads: Fields of a ``replay_kit.AdcpPing`` for each of them, with JSON's lists of lists or protobuf's flat ones; or in words why
             there are none.
         config: What the velocities are relative to, and their unit, where payloads do not say.
-        messages: Number of messages that make each ping.
+        messages: Number of messages that make each ping, or that have a reason to be none.
         places: shape (n, 3), longitude, latitude and depth of the instrument; NaN for one on the vehicle.
     """
     n = len(payloads)
-    reasons = [payload if isinstance(payload, str) else "" for payload in payloads]
+    reasons = [one if isinstance(one, str) else "" for one in payloads]
     counts, place = np.full(n, messages, np.int64), np.full((n, 3), places, np.float64)
-    groups: list[tuple[Any, list[int]]] = []
-    at: list[int] = []
-    known: Any = None
-    for k, payload in enumerate(payloads):
-        if reasons[k]:
-            continue
-        own = _layout(payload)
-        if own != known:
-            known, at = next((group for group in groups if group[0] == own), (own, []))
-            if not at:
-                groups.append((own, at))
-        at.append(k)
-    left, found = [at for _, at in groups], list[Table]()
+    at = [k for k in range(n) if not reasons[k]]
+    held, found = [payloads[k] for k in at], list[Table]()
+    said = (field(held, name) for name in _LISTS)
+    sizes = [[*map(len, _lists(one))] for one in said if {list, tuple} & {*map(type, one)}]
+    left = _alike(at, [*sizes, *(field(held, name) for name in _INSTRUMENT)])
     while left:
         at = left.pop()
+        held = [payloads[k] for k in at]
         try:
-            columns, fixed = _columns([payloads[k] for k in at], config)
+            columns, fixed = _columns(held, config)
         except (MeasurementError, ValueError, TypeError, OverflowError) as error:
-            # one of them differs: the others must not suffer
-            half = len(at) // 2
-            if half:
-                left += at[:half], at[half:]
-            else:
+            # one of them differs, perhaps each second one: the others must not suffer
+            if len(at) == 1:
                 reasons[at[0]] = str(error)
-            continue
-        columns |= {"messages": counts[at], "place": place[at]}
-        found.append(table(raw, "ping", np.array(at), columns, **fixed))
+            else:
+                left += at[::2], at[1::2]
+        else:
+            columns |= {"messages": counts[at], "place": place[at]}
+            found.append(table(raw, "ping", np.array(at), columns, fixed))
     return found + unused(raw, reasons, counts)
 
 
-def _layout(payload: Payload) -> tuple[Any, ...]:
-    """Return what pings must have in common to be read together."""
-    sizes = (_size(payload.get(name)) for name in _LISTS)
-    return *map(payload.get, _INSTRUMENT), *sizes
+def _alike(at: Sequence[int], columns: Iterable[Iterable[Any]]) -> list[list[int]]:
+    """Return the numbers of pings in groups that have the same in all columns."""
+    groups: list[tuple[Any, list[int]]] = []
+    for k, own in zip(at, zip(*columns, strict=True), strict=True):
+        # mostly the group of the ping before
+        alike = next((held for key, held in reversed(groups) if key == own), None)
+        if alike is None:
+            groups.append((own, [k]))
+        else:
+            alike.append(k)
+    return [held for _, held in groups]
 
 
-def _size(value: Any) -> Any:
-    if not isinstance(value, list | tuple):
-        return None
-    return len(value), _size(value[0]) if value else None
+def _lists(values: Sequence[Any], least: int = 0) -> list[Any]:
+    """Return values of which those are empty that are no lists, or shorter ones."""
+    kinds = (list, tuple)
+    return [one if isinstance(one, kinds) and len(one) >= least else () for one in values]
 
 
 def _columns(
@@ -157,35 +158,30 @@ def _columns(
     """
     fixed, velocity = _instrument(payloads[0], config), velocity_cells(payloads, SYSTEMS)
     n, m, _ = velocity.shape
-    bottom = "bottom_track."
     errors = rows([value or None for value in field(payloads, "velocity_std")])
     if errors.shape[1] not in (1, m):
         raise MeasurementError(
             f"ping: expected velocity_std to be a number or {m} numbers, got {errors.shape[1]}"
         )
     found: dict[str, NDArray[Any]] = {
-        **dict(zip(_NUMBERS.split(), stated(payloads, _NUMBERS), strict=True)),
-        "declination": numbers(field(payloads, "magnetic_declination")),
-        "dive": np.array(each(dive_number, field(payloads, "dive")), np.int64),
+        **{name: stated(payloads, path)[0] for name, path in _NUMBERS.items()},
+        "dive": np.array([*map(dive_number, field(payloads, "dive"))], np.int64),
         # an unknown unit is that of a config that says none
         "velocity": velocity * (metres_per_second(config.velocity_unit or "m/s") or 1.0),
         "distance": _distance(payloads, n, m),
         "error_std": np.broadcast_to(believed(errors), (n, m)),
-        "bottom": rows(lists(field(payloads, bottom + "velocity"), 3), 4),
-        "bottom_std": numbers(field(payloads, bottom + "velocity_std")),
+        "bottom": rows(_lists(field(payloads, "bottom_track.velocity"), 3), 4),
         "bottom_range": np.fmin.reduce(
-            rows(lists(field(payloads, bottom + "distance")), 1), axis=1
+            rows(_lists(field(payloads, "bottom_track.distance")), 1), axis=1
         ),
         "platform": np.column_stack(stated(payloads, "east north", "platform_velocity.")),
-        "platform_std": numbers(field(payloads, "platform_velocity.velocity_std")),
     }
     for name in QUALITY:
         values, found[f"no_{name}"] = _by_cell(field(payloads, name), name, n, m)
         if values is not None:
             found[name] = values
     shapes = {name: column.shape[1:] for name, column in found.items()}
-    own = {k: v.tobytes() if isinstance(v, np.ndarray) else v for k, v in fixed.items()}
-    return found, fixed | {"layout": repr((own, shapes))}
+    return found, fixed | {"layout": repr((fixed, shapes))}
 
 
 def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
@@ -194,30 +190,33 @@ def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
     Raises:
         MeasurementError: A word is none of the known.
     """
-    if payload.get("reference") is None:
+    said = payload.get
+    if said("reference") is None:
         if config.reference is None:
             raise MeasurementError(_NO_REFERENCE)
-        payload = {**payload, "reference": config.reference}
-    vectors = payload.get("beam_unit_vectors")
+        said = {**payload, "reference": config.reference}.get
+    words = {name: word(said(name), known) for name, known in _WORDS.items()}
+    for name, value in words.items():
+        if value not in _WORDS[name]:
+            raise MeasurementError(
+                f"ping: expected {name} to be one of {', '.join(_WORDS[name])}, got {value}; state it in the message"
+            )
+    vectors = said("beam_unit_vectors")
     return {
-        **{
-            name.replace("coordinate_system", "frame"): known_word(payload, name, known)
-            for name, known in _WORDS.items()
-        },
-        "cell_size": number(payload.get("cell_size")),
+        "frame": words.pop("coordinate_system"),
+        **words,
+        "cell_size": number(said("cell_size")),
         "vectors": _vectors(vectors) if vectors else None,
         # a number in MAVLink, as that of the declination
-        "bin_mapped": number(payload.get("bin_mapped")) == 1.0,
-        "noise_floor": rows([payload.get("noise_floor")], 1)[0],
-        "needs_depth": payload.get("vehicle_depth_needed") is True,
-        "correlation_depth": number(payload.get("correlation_depth")),
-        "derived": payload.get("derived") is True,
-        "convention": word(payload.get("attitude_convention"), ("teledyne", "nortek")),
-        "gimbal": payload.get("gimbal_pitch") is True,
-        "tilt_applied": payload.get("tilt_applied") is not False,
-        "declination_applied": {1.0: True, 0.0: False}.get(
-            number(payload.get("declination_applied"))
-        ),
+        "bin_mapped": number(said("bin_mapped")) == 1.0,
+        "noise_floor": rows([said("noise_floor")], 1)[0],
+        "needs_depth": said("vehicle_depth_needed") is True,
+        "correlation_depth": number(said("correlation_depth")),
+        "derived": said("derived") is True,
+        "convention": word(said("attitude_convention"), ("teledyne", "nortek")),
+        "gimbal": said("gimbal_pitch") is True,
+        "tilt_applied": said("tilt_applied") is not False,
+        "declination_applied": {1.0: True, 0.0: False}.get(number(said("declination_applied"))),
     }
 
 
@@ -241,12 +240,12 @@ def _distance(payloads: Sequence[Payload], n: int, m: int) -> Array:
     """
     listed = field(payloads, "cell_distances")
     if any(one is not None for one in listed):
-        wrong = [one for one in listed if not isinstance(one, list | tuple) or len(one) != m]
-        if wrong:
+        found = by_cell(rows(_lists(listed)), m)
+        if found is None or found.shape[2] > 1:
             raise MeasurementError(
-                f"ping: expected cell_distances to be {m} numbers [m], got {shorten(wrong[0])}"
+                f"ping: expected cell_distances to be {m} numbers [m], got {shorten(listed[0])}"
             )
-        return rows(listed)
+        return found[:, :, 0]
     said = [payloads[0].get(name) for name in ("cell_size", "bin0_distance")]
     size, first = map(number, said)
     if not (size > 0.0 and math.isfinite(first)):
@@ -257,18 +256,16 @@ def _distance(payloads: Sequence[Payload], n: int, m: int) -> Array:
     return np.broadcast_to(first + size * np.arange(m), (n, m))
 
 
-def _by_cell(stated: Sequence[Any], name: str, n: int, m: int) -> tuple[Array | None, NDArray[Any]]:
+def _by_cell(said: Sequence[Any], name: str, n: int, m: int) -> tuple[Array | None, NDArray[Any]]:
     """Return a field with one or more numbers for each of m cells, shape (n, m, b), and why pings have none, shape (n,)."""
     none = f"the ping has no {name}"
-    if not any(lists(stated)):
+    if not any(said):
         return None, np.full(n, none, object)
-    values = regular(stated)
+    values = regular(said)
     if not values.ndim:
         # cells of different lengths, or something among them that is no number
-        values = np.array([rows(one) for one in stated])
-    wrong = values.ndim == 3 and values.shape[1] != m
-    if wrong or values.ndim > 3 or values.size == 0 or values[0].size % m:
+        values = np.array([rows(one) for one in said])
+    cells = by_cell(values, m)
+    if cells is None:
         return None, np.full(n, f"{name} is not as long as the velocity", object)
-    values = values.reshape(n, m, -1)
-    why = np.where(np.isfinite(values).any(axis=(1, 2)), "", none)
-    return values, why.astype(object)
+    return cells, np.where(np.isfinite(cells).any(axis=(1, 2)), "", none).astype(object)

@@ -5,13 +5,12 @@ What a message does not state stays out: ``reference`` above all, which the conf
 ``CurrentProfile`` of IMC (LSTS/imc, messages 1014 to 1016).
 """
 
-import operator
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.table import Raw, Table
 from replay_kit.logs.tables.columns import (
     Payload,
@@ -20,6 +19,7 @@ from replay_kit.logs.tables.columns import (
     number,
     stated,
     whole_number,
+    why,
 )
 from replay_kit.logs.tables.instruments import SYSTEMS, pings
 from replay_kit.logs.tables.vehicle import no_place
@@ -39,22 +39,20 @@ _IMC_COORDINATES = {
     "ENU": ("earth", _ENU),
 }
 _BOTTOM_ALONE = "bottom track alone: how the vehicle moves, and no current"
-_Vectors = list[list[float]]
 
 
 def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
     """Return the tables of ``replay_kit.AdcpPing`` messages; those with ``place`` were measured by a mooring or a drifter."""
-    moored = [isinstance(place, Mapping) for place in field(raw.payloads, "place")]
-    longitude, latitude = stated(raw.payloads, "lon lat", "place.")
-    why = np.where(moored, no_place(longitude, latitude), "").tolist()
-    payloads: list[Any] = [
-        _BOTTOM_ALONE
-        if payload.get("n_cells") == 0 and payload.get("bottom_track")
-        else reason or payload
-        for payload, reason in zip(raw.payloads, why, strict=True)
-    ]
+    payloads = raw.payloads
+    moored = np.array([hasattr(place, "get") for place in field(payloads, "place")])
+    cells, *place = stated(payloads, "n_cells place.lon place.lat")
+    bottom = [*map(bool, field(payloads, "bottom_track"))]
+    reasons = {_BOTTOM_ALONE: (cells == 0) & bottom}
+    reasons |= {word: moored & wrong for word, wrong in no_place(*place).items()}
+    words = np.broadcast_to(why(reasons), len(payloads)).tolist()
+    said = [word or payload for word, payload in zip(words, payloads, strict=True)]
     depth = np.where(moored, 0.0, np.nan)
-    return pings(raw, payloads, config, places=np.column_stack([longitude, latitude, depth]))
+    return pings(raw, said, config, places=np.column_stack([*place, depth]))
 
 
 def _of(
@@ -76,18 +74,24 @@ def _ds_adcp(payload: Payload) -> Payload | str:
     cell_size = number(payload.get("cell_depth"))
     if cell_size == 0.0:
         return _WHOLE_METRES
-    directions = [_vector(unit) for unit in payload["beam_unit_vec"]]
+    directions = _vectors(payload["beam_unit_vec"])
+    found = [_vectors(cell["velocity_bin_beam"]) for cell in cells]
+    for vectors in found:
+        vectors[~vectors.any(axis=1)] = np.nan
+    velocity = [vectors[:1].ravel().tolist() or None for vectors in found]
+    if SYSTEMS[mode] == "beam":
+        velocity = [
+            [float(one @ unit) for one, unit in zip(vectors, directions, strict=True)]
+            for vectors in found
+        ]
     return {
         "coordinate_system": SYSTEMS[mode],
         "orientation": "down",
         "n_cells": len(cells),
         "cell_size": cell_size,
         "bin0_distance": payload.get("bin0_distance"),
-        "beam_unit_vectors": directions,
-        "velocity": [
-            _ds_cell([_vector(item) for item in cell["velocity_bin_beam"]], mode, directions)
-            for cell in cells
-        ],
+        "beam_unit_vectors": directions.tolist(),
+        "velocity": velocity,
     }
 
 
@@ -113,6 +117,7 @@ def _nucleus(payload: Payload) -> Payload | str:
         return "velocity_data does not hold three beams for each of number_of_cells"
     values = [None if value == _INT16_MISSING else number(value) / _MM_PER_M for value in flat]
     cell_size = number(payload.get("cell_size"))
+    quality = {name: payload.get(f"{name}_data") for name in ("amplitude", "correlation")}
     return {
         "coordinate_system": "beam",
         "reference": "platform",
@@ -121,10 +126,10 @@ def _nucleus(payload: Payload) -> Payload | str:
         "cell_size": cell_size,
         # blanking ends where the first cell begins
         "bin0_distance": number(payload.get("blanking")) + 0.5 * cell_size,
-        "velocity": _rows(values, _NUCLEUS_BEAMS),
+        "velocity": values,
         **{
-            name: _rows(payload.get(f"{name}_data"), _NUCLEUS_BEAMS)
-            for name in ("amplitude", "correlation")
+            name: [*said] if isinstance(said, list | tuple | bytes) else None
+            for name, said in quality.items()
         },
     }
 
@@ -148,29 +153,12 @@ def _imc(payload: Payload) -> Payload | str:
         "n_cells": len(cells),
         "cell_distances": [abs(number(cell.get("cell_position"))) for cell in profile],
         "velocity": cells,
-        **{
-            name: [field(cell["beams"], key) for cell in profile]
-            for name, key in (("amplitude", "amp"), ("correlation", "cor"))
-        },
+        "amplitude": [field(cell["beams"], "amp") for cell in profile],
+        "correlation": [field(cell["beams"], "cor") for cell in profile],
     }
 
 
-def _vector(value: Payload) -> list[float]:
-    return [number(value.get(axis)) for axis in "xyz"]
-
-
-def _ds_cell(vectors: _Vectors, mode: int, directions: _Vectors) -> list[float | None]:
-    """Return a cell's only vector, or the velocity along each beam; zeros are no solution."""
-    if SYSTEMS[mode] != "beam":
-        return [*vectors[0]] if vectors and any(vectors[0]) else [None] * 3
-    return [
-        sum(map(operator.mul, vector, unit)) if any(vector) else None
-        for vector, unit in zip(vectors, directions, strict=True)
-    ]
-
-
-def _rows(values: Any, width: int) -> list[Sequence[Any]] | None:
-    """Return a flat list cut into rows; None for what is no list."""
-    if not isinstance(values, list | tuple | bytes):
-        return None
-    return [list(values[i : i + width]) for i in range(0, len(values), width)]
+def _vectors(values: Sequence[Payload]) -> Array:
+    """Return x, y, z of messages, shape (n, 3)."""
+    xyz = [[number(value.get(axis)) for axis in "xyz"] for value in values]
+    return np.array(xyz, np.float64).reshape(-1, 3)

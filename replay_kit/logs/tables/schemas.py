@@ -14,20 +14,35 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Mask, replace
 from replay_kit.core.extensions import additions
 from replay_kit.core.table import Raw
 from replay_kit.logs.tables import profiles, vehicle, water
-from replay_kit.logs.tables.columns import Payload, Tables, field, read_each, some, unused
+from replay_kit.logs.tables.columns import (
+    Payload,
+    Rows,
+    Tables,
+    field,
+    kept,
+    read_each,
+    some,
+    unused,
+)
 from replay_kit.logs.tables.frames import PARTS, SCHEMA, Open, joined
 from replay_kit.logs.tables.mapped import mapped
 
 #: The reason of a message of a kind that is not known.
 NOT_A_KIND = "message type not used by the estimator"
-_ALSO_INVERTED = (
-    "already in the dive's inverted profile; measurements.use_inverted = false uses this instead"
-)
-_INVERTED = "inverted from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
+# by whether inverted profiles are used: the field that marks what is then left out, and why it is
+_INVERTED = {
+    True: (
+        "also_in",
+        "already in the dive's inverted profile; measurements.use_inverted = false uses this instead",
+    ),
+    False: (
+        "computed_from",
+        "inverted from the dive's pings and mean current, which are used instead (measurements.use_inverted)",
+    ),
+}
 _NO_FIELDS = "malformed: a field is missing or of the wrong kind (AttributeError)"
 #: Returns the tables of a topic's messages.
 Reader = Callable[[Raw, MeasurementConfig], Tables]
@@ -51,13 +66,11 @@ def tables_of(
         for raw in raws:
             left = np.full(len(raw.time), True)
             for read, chosen in _readers(raw, config):
-                part, left = left & chosen, left & ~np.array(chosen)
-                if not part.any():
-                    continue
-                own = some(raw, part)
-                if read == SCHEMA:
+                own = some(raw, left & chosen)
+                left &= ~np.array(chosen)
+                if own.payloads and read == SCHEMA:
                     framed.append(own)
-                else:
+                elif own.payloads:
                     found += (
                         read(own, config) if callable(read) else unused(own, read or NOT_A_KIND)
                     )
@@ -65,70 +78,45 @@ def tables_of(
     return found + pings, pending
 
 
-def _readers(
-    raw: Raw, config: MeasurementConfig
-) -> Iterator[tuple[Reader | str | None, Sequence[bool] | Mask]]:
+def _readers(raw: Raw, config: MeasurementConfig) -> Iterator[tuple[Reader | str | None, Any]]:
     """Yield what reads messages, or why they cannot be used, and which of those they are that were not yielded before."""
     payloads, names = raw.payloads, field(raw.payloads, "name")
-    yield _NO_FIELDS, [type(one) is not dict and not isinstance(one, Mapping) for one in payloads]
+    if {*map(type, payloads)} != {dict}:
+        yield _NO_FIELDS, [not isinstance(one, Mapping) for one in payloads]
     for entry in config.map:
         if entry.topic == raw.topic:
             yield partial(mapped, entry), [entry.name in (None, name) for name in names]
     if raw.schema == SCHEMA:
         yield SCHEMA, [name in PARTS for name in names]
-    mark, reason = (
-        ("also_in", _ALSO_INVERTED) if config.use_inverted else ("computed_from", _INVERTED)
-    )
+    mark, reason = _INVERTED[config.use_inverted]
     yield reason, [*map(bool, field(payloads, mark))]
-    read, everyone = reader_of(raw.schema, raw.topic), np.full(len(payloads), True)
+    read = reader_of(raw.schema, raw.topic)
     if not (raw.schema or read):
         # IMC in JSON names its messages inside, when nothing outside does
         kinds = field(payloads, "abbrev")
         for kind, own in _IMC.items():
             yield own, [one == kind for one in kinds]
-    yield read, everyone
+    yield read, True
 
 
-def _plain(read: Callable[[Raw], Tables]) -> Reader:
-    """Return the reader of a schema whose messages say all themselves; of one of which one sender counts, it says which this is."""
+def _plain(read: Callable[[Sequence[Payload]], Rows]) -> Reader:
+    """Return the reader of a schema whose messages say all themselves; of MAVLink's, what they are of is told by the topic."""
 
     def reader(raw: Raw, config: MeasurementConfig) -> Tables:
-        parts, tables = raw.topic.split("/"), read(raw)
-        if raw.schema not in SENDERS or parts[0] != "mavlink" or len(parts) < 4:
-            return tables
-        return [replace(one, fixed={**one.fixed, "sender": (parts[1], parts[2])}) for one in tables]
+        rows, parts = read(raw.payloads), raw.topic.split("/")
+        fixed = dict(rows.fixed)
+        if raw.schema in SENDERS and not raw.schema.startswith("dataflash"):
+            fixed["system"] = "/".join(parts[:2])
+            if parts[0] == "mavlink" and len(parts) > 3:
+                fixed["sender"] = parts[1], parts[2]
+        return kept(raw, rows._replace(fixed=fixed))
 
     return reader
 
 
-_SENDING: Mapping[str, Callable[[Raw], Tables]] = {
-    "dataflash.GPS": vehicle.dataflash_gps,
-    "dataflash.POS": vehicle.dataflash_positions,
-    "dataflash.CTUN": vehicle.dataflash_depths,
-    "GLOBAL_POSITION_INT": vehicle.global_positions_int,
-    "GPS_RAW_INT": vehicle.gps_raw_ints,
-    "LOCAL_POSITION_NED": vehicle.local_positions_ned,
-    "GPS_GLOBAL_ORIGIN": vehicle.gps_global_origins,
-}
 #: Messages of which one sender counts.
-SENDERS = frozenset(_SENDING)
-_PLAIN: Mapping[str, Callable[[Raw], Tables]] = {
-    **_SENDING,
-    "replay_kit.DepthAveragedCurrent": water.mean_currents,
-    "replay_kit.Ctd": water.ctds,
-    "replay_kit.DrifterFix": water.drifter_fixes,
-    "replay_kit.RadarCurrents": water.radar_currents,
-    "foxglove.LocationFix": vehicle.location_fixes,
-    "foxglove_msgs.LocationFix": vehicle.location_fixes,
-    "sensor_msgs.NavSatFix": vehicle.nav_sat_fixes,
-    "sensor_msgs.FluidPressure": vehicle.fluid_pressures,
-    "sensor_msgs.Imu": vehicle.imus,
-    "nav_msgs.Odometry": vehicle.poses_within,
-    "geometry_msgs.PoseStamped": vehicle.poses,
-    "geometry_msgs.PoseWithCovarianceStamped": vehicle.poses_within,
-    "marine_acoustic_msgs.Dvl": vehicle.dvls,
-    "ds_sensor_msgs.Dvl": vehicle.dvls,
-}
+SENDERS = frozenset(vehicle.SENDING)
+_PLAIN = {**vehicle.SENDING, **vehicle.READERS, **water.READERS}
 _SCHEMAS: Mapping[str, Reader | str] = {
     **{name: _plain(read) for name, read in _PLAIN.items()},
     "replay_kit.AdcpPing": profiles.adcp_pings,
@@ -137,11 +125,9 @@ _SCHEMAS: Mapping[str, Reader | str] = {
     "replay_kit.Battery": "state of the battery, not used",
     "replay_kit.Waypoint": "where the glider steers for, not where it is",
 }
-_ANY_PACKAGE: Mapping[str, Reader] = {"CurrentProfile": profiles.current_profiles}
 _IMC: Mapping[str, Reader] = {
-    **_ANY_PACKAGE,
-    "GpsFix": _plain(vehicle.imc_gps_fixes),
-    "EstimatedState": _plain(vehicle.imc_estimated_states),
+    "CurrentProfile": profiles.current_profiles,
+    **{name: _plain(read) for name, read in vehicle.IMC.items()},
 }
 _SEPARATORS = re.compile(r"::|[/.]")
 # a pose on such a topic is where something should go, not where the vehicle is
@@ -156,13 +142,11 @@ def reader_of(schema: str, topic: str) -> Reader | str | None:
     """Return what reads a topic's messages, or why they cannot be used; None for a kind that is not known."""
     name = canonical(schema)
     package, _, kind = name.rpartition(".")
-    reader = (
-        _SCHEMAS.get(name)
-        or _ANY_PACKAGE.get(kind)
-        or (_IMC.get(kind) if package.lower() == "imc" else None)
-    )
+    reader = _SCHEMAS.get(name)
+    if kind == "CurrentProfile" or package.lower() == "imc":
+        reader = _IMC.get(kind)
     if reader is None and (added := additions("sensors", callable, "a function").get(name)):
-        reader = _sensor(added)
+        reader = _plain(lambda payloads: read_each("sensor", "measurement", payloads, added))
     if name in _POSES and _WISH.search(topic):
         return "topic name suggests a goal, not the vehicle position"
     if reader is None and topic == _BLUEOS_COPY:
@@ -176,16 +160,6 @@ def may_state(schema: str, topic: str) -> bool:
     """Return whether messages of a schema and topic may state something; where not, the same becomes of each of them."""
     # without a schema a message may say inside what it is
     return not schema or schema == SCHEMA or callable(reader_of(schema, topic))
-
-
-def _sensor(added: Callable[[Payload], Any]) -> Reader:
-    """Return the reader of the measurements that a function of another package reads."""
-
-    def read(payload: Payload) -> tuple[Any] | str:
-        measured = added(payload)
-        return measured if isinstance(measured, str) else (measured,)
-
-    return _plain(lambda raw: read_each(raw, "sensor", "measurement", read))
 
 
 def canonical(schema: str) -> str:

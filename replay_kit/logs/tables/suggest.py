@@ -7,63 +7,112 @@ used until a person states it.
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
-from replay_kit.logs.tables.suggest_profile import (
-    Leaf,
-    by_name,
-    leaves,
-    line,
-    named,
-    pair,
-    profile_lines,
-    velocity_lines,
-)
+import numpy as np
 
-_NO_SCHEMA = "message without a schema"
-_AT_VEHICLE = line(
-    "distance", 0.0, "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle"
-)
+from replay_kit.core.arrays import Array
+from replay_kit.logs.tables.columns import number, numbers, rows
+
+_DEEPEST, _PATH_PART = 12, re.compile(r"[^.\s]([^.]*[^.\s])?")
 #: Key to schema and payload, as of ``suggestions``.
 Samples = Mapping[str, tuple[str, Mapping[str, Any]]]
-
-
-def _entry(topic: str, head: str, select: list[str], kind: str, lines: list[str]) -> str:
-    """Return an entry; one all of whose fields are doubtful is doubtful as a whole."""
-    quoted = json.dumps(topic, ensure_ascii=False)
-    entry = ["[[measurements.map]]", f"topic = {quoted}", *select, f'kind = "{kind}"']
-    if all(each.startswith("#") for each in lines):
-        entry = [f"# {each}" for each in entry]
-    return "\n".join([f"# {quoted}: {head}", *entry, *lines, ""])
-
-
-_LATITUDE = re.compile(r"(.*_)?lat(itude)?(_?(deg|rad|e7|int|wgs84))?")
-_LONGITUDE = re.compile(r"(.*_)?(lon|lng|long|longitude)(_?(deg|rad|e7|int|wgs84))?")
-_DEPTH = re.compile(r"(.*_)?depth(_?m)?")
-_PRESSURE = re.compile(r"(.*_)?(fluid_|water_|sea_)?press(ure)?(_?(pa|hpa|kpa|bar|mbar|dbar))?")
-_HEIGHT = re.compile(r"(.*_)?(alt|altitude|height|z)(_?m)?")
-# where something began, ended or should go, not where the vehicle is
-_ELSEWHERE = re.compile(
-    r"(?<![A-Za-z])(?i:start|end|goal|home|target|waypoint|destination)(?![a-z])"
-)
-# of other vectors, a field or a rate, z is no height
-_PLACE = re.compile(r"|(.*_)?(pos|position|location|point|place|translation|pose|ned|enu)")
 #: MAVLink messages that carry numbers under names of the sender's own.
 NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY")
 # of topics and names of arrays and vectors: these may be currents
 _CURRENT = re.compile(r"adcp|vel|cur|profil|water|flow|speed", re.IGNORECASE)
-# longer ones before their ends
-_UNIT_IN_NAME = {
-    "dbar": "dbar",
-    "mbar": "hPa",
-    "hpa": "hPa",
-    "kpa": "kPa",
-    "bar": "bar",
-    "pa": "Pa",
+# where something began, ended or should go, not where the vehicle is
+_ELSEWHERE = re.compile(
+    r"(?<![A-Za-z])(?i:start|end|goal|home|target|waypoint|destination)(?![a-z])"
+)
+# what may stand before a name, and ends of names of what each setting may be
+_ANGLE = r"(_?(deg|rad|e7|int|wgs84))?"
+_ENDS = {
+    "latitude": rf"lat(itude)?{_ANGLE}",
+    "longitude": rf"(lon|lng|long|longitude){_ANGLE}",
+    "depth": r"depth(_?m)?",
+    "pressure": r"(fluid_|water_|sea_)?press(ure)?(_?(pa|hpa|kpa|bar|mbar|dbar))?",
+    "height": r"(alt|altitude|height|z)(_?m)?",
+    "east": r"(east|eastward|u|ve|vel_e|vel_east|east_vel|velocity_east|east_velocity)",
+    "north": r"(north|northward|v|vn|vel_n|vel_north|north_vel|velocity_north|north_velocity)",
+    "velocity": r"(vel|velocity|velocities|current|currents|vel_data|velocity_data)",
+    "depths": r"(cell_|bin_)?depths?",
+    "distances": r"(distances?|ranges?|cell_positions?)",
+    "cell_size": r"(cell|bin)_?(size|length|height|depth)",
+    "first_cell": r"(bin0_?distance|bin1_?distance|first_?(cell|bin)(_?distance)?|blanking(_?distance)?)",
+    "count": r"(n|num|number_of|no_of)?_?(cells|bins)",
 }
-# an absolute pressure near the surface is one atmosphere
-_ATMOSPHERE = {"Pa": 101_325.0, "hPa": 1013.25, "kPa": 101.325, "bar": 1.01325}
+_NAMES = {key: re.compile(rf"(.*_)?{end}") for key, end in _ENDS.items()}
+_LONLAT = ("longitude", "latitude")
+# of other vectors, a field or a rate, z is no height
+_PLACE = re.compile(r"|(.*_)?(pos|position|location|point|place|translation|pose|ned|enu)")
+# ends of names of pressures, longer ones first, the unit, and in it an atmosphere, which an absolute one near the surface is
+_PRESSURES = {
+    "dbar": ("dbar", math.inf),
+    "mbar": ("hPa", 1013.25),
+    "hpa": ("hPa", 1013.25),
+    "kpa": ("kPa", 101.325),
+    "bar": ("bar", 1.01325),
+    "pa": ("Pa", 101_325.0),
+}
+# a flat list this short is one velocity, not a profile
+_SHORTEST_FLAT = 6
+_MISSING = (-32768.0, -9999.0, 9999.0, -999.0)
+# no current in m/s is as fast
+_NO_MPS = 20.0
+_UNKNOWN = "NOT KNOWN from the message"
+_REFERENCE = f'reference = "unknown"  # {_UNKNOWN}, so it is not used yet: earth if the vehicle\'s motion is removed, else platform'
+_AT_DEPTH = "at_depth = 0.0  # NOT FOUND in the message: state the depth of the measurement, in m"
+_AT_VEHICLE = (
+    "distance = 0.0  # NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle"
+)
+
+
+class Leaf(NamedTuple):
+    """A number, a list of numbers or a list of lists of numbers.
+
+    Attributes:
+        path: Where it stands.
+        name: Its last field name, in lower case.
+        values: shape () of a number, (n,) of a list, (n, m) of n lists; NaN for what is missing.
+    """
+
+    path: str
+    name: str
+    values: Array
+
+    @property
+    def parent(self) -> str:
+        """The path of what holds it."""
+        return self.path.rpartition(".")[0]
+
+
+def leaves(value: Any, path: str = "") -> Iterator[Leaf]:
+    """Yield the numbers of a payload, in its order; texts, flags and what no path can name are left out."""
+    name = path.removesuffix(".*").rpartition(".")[2].lower()
+    if isinstance(value, Mapping) and path.count(".") < _DEEPEST - 1:
+        for key, item in value.items():
+            if isinstance(key, str) and _PATH_PART.fullmatch(key):
+                yield from leaves(item, f"{path}.{key}" if path else key)
+    elif type(value) in (int, float):
+        yield Leaf(path, name, np.array(number(value)))
+    elif not isinstance(value, list | tuple) or not value:
+        return
+    elif all(isinstance(item, Mapping) for item in value):
+        # every item is taken to be like the first
+        within = [{leaf.path: leaf for leaf in leaves(item)} for item in value]
+        for key, inner in within[0].items():
+            if inner.values.ndim < 2 and all(key in found for found in within):
+                values = rows([found[key].values.tolist() for found in within])
+                yield Leaf(
+                    f"{path}.*.{key}", inner.name, values if inner.values.ndim else values[:, 0]
+                )
+    else:
+        nested = any(isinstance(row, list | tuple) for row in value)
+        single = [one for row in value for one in (row if isinstance(row, list | tuple) else [row])]
+        if all(type(one) in (int, float, type(None)) for one in single):
+            yield Leaf(path, name, rows(value) if nested else numbers(value))
 
 
 def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | None:
@@ -74,27 +123,32 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
         schema: Its schema's name, for the comment.
         payload: One of its messages.
     """
-    found, name = [*leaves(payload)], payload.get("name")
-    named_by_sender = sample_key(topic, payload) != topic
-    names = {"value": str(name).lower()} if named_by_sender else {}
+    found, own_name = [*leaves(payload)], sample_key(topic, payload)[len(topic) + 1 :]
+    names = {"value": own_name.lower()} if own_name else {}
     # an array of floats that is no ping of ours has no other use than a profile, whatever its name
-    label = f"{topic} {name if named_by_sender else ''}"
-    if _CURRENT.search(label) or topic.endswith("/DEBUG_FLOAT_ARRAY"):
-        names |= {"data": "velocity"} | ({"x": "east", "y": "north"} if named_by_sender else {})
+    if _CURRENT.search(f"{topic} {own_name}") or topic.endswith("/DEBUG_FLOAT_ARRAY"):
+        names |= {"data": "velocity"} | ({"x": "east", "y": "north"} if own_name else {})
     found = [leaf._replace(name=names.get(leaf.path, leaf.name)) for leaf in found]
-    select = [f"name = {json.dumps(name, ensure_ascii=False)}"] if named_by_sender else []
-    scalars = [leaf for leaf in found if leaf.shape == ()]
-    profile = profile_lines(found)
+    scalars = [leaf for leaf in found if not leaf.values.ndim]
+    profile, velocity = _profile(found, scalars), _velocity(scalars)
+    place, depth = _place(scalars), _depth(scalars)
+    placed, deep = (bool(lines) and not lines[0].startswith("#") for lines in (place, depth))
+    where = depth if deep else [_AT_DEPTH if placed else _AT_VEHICLE]
     guesses = {
-        "profile": [*profile, *_place(scalars)] if profile else [],
-        "velocity": _velocity(scalars),
-        "position": _position(scalars),
-        "depth": _depth_lines(scalars),
+        "profile": profile and profile + place,
+        "velocity": velocity and velocity + place + where,
+        # a position must have its place
+        "position": place + depth if placed else place,
+        "depth": depth,
     }
-    head = f"{len(found)} numbers in a {schema or _NO_SCHEMA}"
-    return next(
-        (_entry(topic, head, select, kind, lines) for kind, lines in guesses.items() if lines), None
-    )
+    kind, lines = next(((kind, lines) for kind, lines in guesses.items() if lines), ("", []))
+    quoted = _quoted(topic)
+    select = [f"name = {_quoted(own_name)}"] if own_name else []
+    entry = ["[[measurements.map]]", f"topic = {quoted}", *select, f'kind = "{kind}"']
+    # an entry all of whose fields are doubtful is doubtful as a whole
+    mark = "# " if all(text.startswith("#") for text in lines) else ""
+    head = f"# {quoted}: {len(found)} numbers in a {schema or 'message without a schema'}"
+    return "\n".join([head, *(mark + text for text in entry), *lines, ""]) if lines else None
 
 
 def sample_key(topic: str, payload: Mapping[str, Any]) -> str:
@@ -110,11 +164,11 @@ def suggested_entries(samples: Samples) -> dict[str, str]:
     Args:
         samples: As of ``suggestions``.
     """
-    found = {
-        key: suggestion(key.partition("\n")[0], schema, payload)
-        for key, (schema, payload) in samples.items()
-    }
-    return {key: entry for key, entry in sorted(found.items()) if entry}
+    found = {}
+    for key, (schema, payload) in sorted(samples.items()):
+        if entry := suggestion(key.partition("\n")[0], schema, payload):
+            found[key] = entry
+    return found
 
 
 def suggestions(samples: Samples) -> str:
@@ -133,95 +187,142 @@ def suggestions(samples: Samples) -> str:
     )
 
 
-def _velocity(scalars: Sequence[Leaf]) -> list[str]:
-    """Return the lines of one velocity at one depth, with its place where the message has one."""
-    lines = velocity_lines(scalars)
-    if not lines:
-        return []
-    place, depth = _place(scalars), named(scalars, _DEPTH)
-    where = [_AT_VEHICLE]
-    if depth is not None:
-        where = _as_depth(depth)
-    elif place and not place[0].startswith("#"):
-        unknown = "NOT FOUND in the message: state the depth of the measurement, in m"
-        where = [line("at_depth", 0.0, unknown)]
-    return [*lines, *place, *where]
+def _quoted(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False)
 
 
-def _position(scalars: Sequence[Leaf]) -> list[str]:
-    place = _place(scalars)
-    # a position must have its place
-    depth = [] if any(text.startswith("#") for text in place) else _depth_lines(scalars)
-    return [*place, *depth] if place else []
+def _line(key: str, value: object, why: str = "by its name") -> str:
+    """Return one line of an entry with its comment."""
+    return f"{key} = {_quoted(value)}  # {why}"
+
+
+def _pick(found: Sequence[Leaf], *keys: str) -> dict[str, Leaf]:
+    """Return the first leaves of one shape and one part of the message that may be settings, by their names; none where one lacks."""
+    for one in found:
+        beside = [leaf for leaf in found if leaf.parent == one.parent]
+        alike = [leaf for leaf in beside if leaf.values.shape == one.values.shape]
+        picked = {
+            key: leaf
+            for key in keys
+            for leaf in reversed(alike)
+            if _NAMES[key].fullmatch(leaf.name)
+        }
+        if len(picked) == len(keys) and one is picked[keys[0]]:
+            return picked
+    return {}
+
+
+def _lines(picked: Mapping[str, Leaf], why: str = "by its name") -> list[str]:
+    return [_line(key, leaf.path, why) for key, leaf in picked.items()]
 
 
 def _place(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a position, commented out when there is none but of another time or purpose."""
-    here = [leaf for leaf in scalars if not _ELSEWHERE.search(leaf.path)]
-    return _pair(here) or [
-        f"# {text}: by its name not where the vehicle is" for text in _pair(scalars)
-    ]
-
-
-def _pair(scalars: Sequence[Leaf]) -> list[str]:
-    found = pair(scalars, _LATITUDE, _LONGITUDE)
-    if found is None:
+    here = _pick([leaf for leaf in scalars if not _ELSEWHERE.search(leaf.path)], *_LONLAT)
+    found = here or _pick(scalars, *_LONLAT)
+    if not found:
         return []
-    latitude, longitude = found
-    x, y = longitude.values[0], latitude.values[0]
+    x, y = (float(leaf.values) for leaf in found.values())
     unit, why = "deg", f"the latitude is {y:g}"
     if abs(y) > 90.0 or abs(x) > 360.0:
         unit, why = "degE7", f"{x:g} is more than a turn"
-    elif "rad" in latitude.name or (abs(y) <= math.pi / 2.0 and 0.0 < abs(x) <= math.pi):
+    elif "rad" in found["latitude"].name or (abs(y) <= math.pi / 2.0 and 0.0 < abs(x) <= math.pi):
         unit, why = "rad", f"{why}; write deg if these are degrees"
-    return [*by_name(longitude=longitude, latitude=latitude), line("angle_unit", unit, why)]
+    lines = [*_lines(found), _line("angle_unit", unit, why)]
+    return lines if here else [f"# {text}: by its name not where the vehicle is" for text in lines]
 
 
-def _depth_lines(scalars: Sequence[Leaf]) -> list[str]:
+def _velocity(scalars: Sequence[Leaf]) -> list[str]:
+    """Return the lines of a velocity at one depth; none when no two numbers look like its components."""
+    names = {"linear.x": "east", "linear.y": "north"}
+    twist = [leaf._replace(name=names.get(leaf.path[-8:], "")) for leaf in scalars]
+    found, why = _pick(scalars, "east", "north"), "by its name"
+    if not found:
+        found, why = (
+            _pick(twist, "east", "north"),
+            "a twist's: only if its frame is east, north, up",
+        )
+    return [_REFERENCE, *_lines(found, why), *_speed(found)] if found else []
+
+
+def _depth(scalars: Sequence[Leaf]) -> list[str]:
     """Return the lines of a depth: a depth if there is one, else a pressure, else a height, which only a person can place."""
     of_place = [
         leaf
         for leaf in scalars
         if leaf.name != "z" or _PLACE.fullmatch(leaf.parent.rpartition(".")[2].lower())
     ]
-    for pattern, lines in ((_DEPTH, _as_depth), (_PRESSURE, _as_pressure), (_HEIGHT, _as_height)):
-        if (leaf := named(of_place, pattern)) is not None:
-            return lines(leaf)
-    return []
-
-
-def _as_depth(leaf: Leaf) -> list[str]:
-    value = leaf.values[0]
-    up, sign = ("up", "negative") if value < 0.0 else ("down", "positive")
-    return [
-        *by_name(depth=leaf),
-        line("depth_unit", "m", "the usual one"),
-        line("depth_positive", up, f"{value:g}: {sign} below the surface"),
-    ]
-
-
-def _as_pressure(leaf: Leaf) -> list[str]:
-    value = leaf.values[0]
-    stated = next((unit for end, unit in _UNIT_IN_NAME.items() if leaf.name.endswith(end)), None)
-    near = [
-        unit
-        for unit, one in _ATMOSPHERE.items()
-        if stated in (None, unit) and 0.8 * one < value < 1.2 * one
-    ]
-    large = "Pa" if value > 1e5 else "dbar"
-    unit = stated or (near[0] if near else large)
-    why = "in its name" if stated else "by its size; check it"
+    picked = [key for key in ("depth", "pressure", "height") if _pick(of_place, key)]
+    if not picked:
+        return []
+    leaf = _pick(of_place, picked[0])[picked[0]]
+    value, path = float(leaf.values), _line("depth", leaf.path)
+    if picked[0] == "height":
+        surface = (
+            "only if it is counted from the sea surface, not from the sea floor or the ellipsoid"
+        )
+        return [f"# {path}, {value:g}: {surface}", f"# {_line('depth_positive', 'up')}"]
+    if picked[0] == "depth":
+        up, sign = ("up", "negative") if value < 0.0 else ("down", "positive")
+        why = f"{value:g}: {sign} below the surface"
+        return [path, _line("depth_unit", "m", "the usual one"), _line("depth_positive", up, why)]
+    stated = [unit for end, (unit, _) in _PRESSURES.items() if leaf.name.endswith(end)][:1]
+    near = [unit for unit, air in _PRESSURES.values() if 0.8 * air < value < 1.2 * air]
+    unit = [*stated, *near, "Pa" if value > 1e5 else "dbar"][0]
+    absolute = unit in near or (unit == "Pa" and value > 1e5)
     air = "whether the atmosphere is in it: check a value at the surface"
-    return [
-        line("depth", leaf.path, "a pressure by its name"),
-        line("depth_unit", unit, f"{why}: {value:g}"),
-        line("depth_absolute", bool(near) or unit == large == "Pa", air),
-    ]
+    why = f"{'in its name' if stated else 'by its size; check it'}: {value:g}"
+    return [path, _line("depth_unit", unit, why), _line("depth_absolute", absolute, air)]
 
 
-def _as_height(leaf: Leaf) -> list[str]:
-    why = f"{leaf.values[0]:g}: use it if it is counted from the sea surface, not from the sea floor or the ellipsoid"
-    return [
-        "# " + line("depth", leaf.path, why),
-        "# " + line("depth_positive", "up", "z and heights grow upwards"),
-    ]
+def _profile(found: Sequence[Leaf], scalars: Sequence[Leaf]) -> list[str]:
+    """Return the lines of a profile entry; none when no list looks like velocities."""
+    nested = [leaf for leaf in found if leaf.values.ndim == 2 and leaf.values.shape[1] > 1]
+    lists = [leaf for leaf in found if leaf.values.ndim == 1]
+    # a flat list that is shorter is one velocity, not a profile
+    flat = _pick([leaf for leaf in lists if leaf.values.size >= _SHORTEST_FLAT], "velocity")
+    columns = _pick(lists, "east", "north") or _pick(nested, "velocity")
+    picked = columns or flat
+    if not picked:
+        return []
+    lines, n = _lines(picked), len(next(iter(picked.values())).values)
+    if not columns:
+        counts = [leaf.values for leaf in scalars if _NAMES["count"].fullmatch(leaf.name)]
+        fitting = [n // int(count) for count in counts if 1.0 <= count < n and n % count == 0]
+        why = "from the number of cells" if fitting else _UNKNOWN
+        components = [*fitting, 2 if n % 3 else 3][0]
+        n, lines = n // components, [*lines, _line("components", components, why)]
+    frame = _line("frame", "enu", f"{_UNKNOWN}: enu, ned, ship, instrument or beam")
+    return [_REFERENCE, frame, *lines, *_speed(picked), *_geometry(found, scalars, n)]
+
+
+def _speed(picked: Mapping[str, Leaf]) -> list[str]:
+    """Return the lines of the unit of velocities, and of numbers that stand for none."""
+    values = np.concatenate([leaf.values.ravel() for leaf in picked.values()])
+    stand_in = np.isin(values, _MISSING)
+    known = np.abs(values[np.isfinite(values) & ~stand_in])
+    whole, fast = known.any() and not (known % 1.0).any(), known.max(initial=0.0)
+    unit = "mm/s" if whole or fast > _NO_MPS else "m/s"
+    why = f"up to {fast:g}{', whole numbers' if whole else ''}; check it"
+    missing = np.unique(values[stand_in]).tolist()
+    marks = [_line("missing", missing, "these stand for no velocity")] if missing else []
+    return [_line("speed_unit", unit, why), *marks]
+
+
+def _geometry(found: Sequence[Leaf], scalars: Sequence[Leaf], n_cells: int) -> list[str]:
+    """Return the lines of where the cells of a profile are, by the numbers beside it."""
+    listed = [leaf for leaf in found if leaf.values.shape == (n_cells,)]
+    picked = _pick(listed, "depths") or _pick(listed, "distances")
+    lines = _lines(picked)
+    if "depths" in picked and (least := picked["depths"].values.min()) < 0.0:
+        lines.append(_line("depth_positive", "up", f"{least:g}: negative below the surface"))
+    if lines:
+        return lines
+    for key in ("cell_size", "first_cell"):
+        blanking = "; blanking ends where the first cell begins: state half a cell more"
+        near = [
+            _line(key, one.path, f"{one.values:g} m" + blanking * ("blanking" in one.name))
+            for one in _pick(scalars, key).values()
+        ]
+        lines += near or [_line(key, 1.0, "NOT FOUND in the message: state the instrument's, in m")]
+    return lines

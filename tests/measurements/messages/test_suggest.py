@@ -8,8 +8,7 @@ from numpy.testing import assert_array_equal
 from replay_kit.config.run import load_config
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
-from replay_kit.logs.tables.suggest import sample_key
-from replay_kit.logs.tables.suggest_profile import leaves
+from replay_kit.logs.tables.suggest import leaves, sample_key
 from replay_kit.measurements import suggestions
 from tests.measurements.samples import logged, only, run, the
 
@@ -169,7 +168,7 @@ def test_leaves():
         "mixed": [{"x": 1}, {"y": 2}],
         "text": "7",
     }
-    found = {leaf.path: leaf.shape for leaf in leaves(payload)}
+    found = {leaf.path: leaf.values.shape for leaf in leaves(payload)}
     assert found == {
         "a": (),
         "list": (2,),
