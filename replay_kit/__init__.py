@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from replay_kit.measurements import observations
     from replay_kit.show.notebook import Result
     from replay_kit.workflows.library import open_ensemble, plan, replay
+    from replay_kit.workflows.live import live
     from replay_kit.workflows.sound import open_result
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "Result",
     "RunConfig",
     "__version__",
+    "live",
     "observations",
     "open_ensemble",
     "open_estimate",

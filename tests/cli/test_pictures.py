@@ -1,5 +1,6 @@
 """The commands on results, and the scripts beside the sample logs."""
 
+import re
 import runpy
 import sys
 from unittest import mock
@@ -9,6 +10,7 @@ import pytest
 import replay_kit as rk
 from tests.command import run_command
 from tests.places import SAMPLES
+from tests.workflows.replay.interrupted import make_ocean
 
 SETTINGS = {
     "logs": {"end": "2018-11-16T06:00:00Z"},
@@ -88,3 +90,11 @@ def test_the_script_of_the_next_three_days(folder, capsys):
     # a plan has its odds: fewer than 90 % of the samples of this estimate arrive
     assert lines[1].split()[:2] == ["153.0,-40.2,0", "uncertain"]
     assert float(lines[1].split()[2]) < 72.0
+
+
+def test_the_script_that_feeds_a_log_as_it_comes(tmp_path, capsys):
+    ocean = make_ocean(tmp_path, rk.RunConfig(), 45)
+    files, goal = (ocean / "glider.mcap", ocean / "ensemble.nc"), "152.5,-40.0,0"
+    lines = script(capsys, "as_it_comes.py", *files, goal)
+    assert lines
+    assert all(re.search(r"at 100 m .* m/s  steer +\d+ degrees", line) for line in lines)

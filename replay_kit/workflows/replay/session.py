@@ -28,7 +28,13 @@ from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.shared import Queued, SharedEstimate
 from replay_kit.workflows.replay.stages import consistency, plans
 from replay_kit.workflows.replay.stages.consistency import MonitoringState
-from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, inputs_of, kept
+from replay_kit.workflows.replay.stages.estimation import (
+    EstimationState,
+    Step,
+    assimilate,
+    inputs_of,
+    kept,
+)
 from replay_kit.workflows.replay.stages.planner import VehiclePlanner
 from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.stages.publishing import (
@@ -352,6 +358,14 @@ class Session:
         """Return the estimate of a state for a time [ns, UTC], with the current beside it as the dives so far show it."""
         flow, local = flow_at(self.estimator, state, time_ns), self.forecasts.local
         return flow if local is None else replace(flow, local=local)
+
+    def flow_now(self) -> FlowEstimate:
+        """Return the estimate at the time of the last message, with what waits for its block or group; that goes on waiting."""
+        if not self.last_ns:
+            return self.estimator.flow(self.estimation.current)
+        waiting = [event for _, event in self.shared.queued.waiting]
+        state, _ = assimilate(self.estimator, self.estimation, waiting)
+        return self._dated(self._flow(state.current, self.last_ns))
 
     def _dated(self, flow: FlowEstimate) -> FlowEstimate:
         """Return an estimate with the span of its data, which ends at its time."""

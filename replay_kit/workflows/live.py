@@ -1,0 +1,115 @@
+"""The live door: a replay that a vehicle's own program feeds, message by message or in blocks of any size.
+
+    now = rk.live("ensemble.nc")
+    for message in source:
+        now.feed([message])
+    now.estimate.velocity_at(152.6, -40.0, 150.0)
+
+It is the replay's own session, so that after the same messages the estimate is that of a replay, to the last bit.
+"""
+
+# keeps the signatures in help() short: the names of types, not what they stand for
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import ConfigError, Finding
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.message import Message
+from replay_kit.core.observation import VehicleState
+from replay_kit.core.paths import Paths, as_groups
+from replay_kit.core.plan import Place, Plan
+from replay_kit.measurements.observed import begun, taken
+from replay_kit.measurements.region import for_region
+from replay_kit.workflows.library import At, Settings, plan, settings_of
+from replay_kit.workflows.replay.inputs.estimator import build
+from replay_kit.workflows.replay.inputs.forecast import read_forecasts
+from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.stages.consistency import checked_speeds
+
+
+def live(ensemble: Paths, *, settings: Settings = None) -> Live:
+    """Return an estimate that messages are fed to as they come.
+
+    Args:
+        ensemble: Files of the forecast, as in ``replay``. All of its region is used, or ``forecast.region``.
+        settings: As in ``replay``.
+
+    Raises:
+        ReplayKitError: The forecast cannot be used, or a setting is wrong.
+    """
+    return Live(as_groups(ensemble, "ensemble"), settings_of(settings))
+
+
+class Live:
+    """What the messages so far say of the current. It is mutable: messages change it, and no question does."""
+
+    def __init__(self, ensemble: Paths, config: RunConfig) -> None:
+        """Read the forecast and make the prior of it."""
+        forecasts = read_forecasts(ensemble, config, None, None)
+        estimator = build(forecasts, config)
+        speeds = checked_speeds(forecasts.ensemble, config)
+        self._session = Session(estimator, forecasts.ensemble.grid.levels, config, speeds=speeds)
+        self._config = for_region(config, forecasts.ensemble).measurements
+        self._stream = begun(config.logs.system, config.logs.component)
+
+    def feed(self, messages: Iterable[Message], *, last: bool = False) -> None:
+        """Take messages, in the order of their times.
+
+        Args:
+            messages: One or several.
+            last: Whether none follows: pings that wait for a position are then measured with what there is.
+
+        Raises:
+            MeasurementError: They cannot be used, or contradict each other and ``consistency.on_failure`` is ``stop``.
+        """
+        block, first, session = list(messages), self._stream.order, self._session
+        self._stream, found = taken(self._stream, block, self._config, last)
+        given = session.take_block(found)
+        for number, message in enumerate(block, first):
+            session.take_message(message.time_ns, given.pop(number, ()))
+        for rest in given.values():
+            session.take_message(session.last_ns, rest)
+
+    @property
+    def estimate(self) -> FlowEstimate:
+        """The estimate of the current at the time of the last message, with the measurements that wait for others of their group."""
+        return self._session.flow_now()
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What contradicts each other so far."""
+        found: tuple[Finding, ...] = self._session.monitoring.findings
+        return found
+
+    @property
+    def position(self) -> VehicleState | None:
+        """The last position of the vehicle; None before one."""
+        waiting = (event for _, event in self._session.shared.queued.waiting)
+        last = self._session.statistics.profiles.last_position
+        return max(
+            (one for one in (last, *waiting) if isinstance(one, VehicleState)),
+            key=lambda one: one.time_ns,
+            default=None,
+        )
+
+    def plan(self, goal: At, *, start: At | None = None) -> Plan:
+        """Return the best way to a goal on the estimate as it is now; as ``replay_kit.plan``.
+
+        Args:
+            goal: Where it should pass.
+            start: Where it begins; None for the last position.
+
+        Raises:
+            ConfigError: Neither a start nor a position is known.
+            PlanError: Start or goal is outside the region or on land.
+        """
+        if start is None:
+            if (at := self.position) is None:
+                raise ConfigError(
+                    "start: expected a place, as no message has held a position, got none"
+                )
+            start = Place(at.longitude, at.latitude, at.depth)
+        estimate = self.estimate
+        return plan(estimate, start, goal, time=estimate.time_ns, settings=self._session.config)

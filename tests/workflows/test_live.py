@@ -1,0 +1,67 @@
+"""A replay that is fed message by message: what it says at any time, and that asking changes nothing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import replay_kit as rk
+from replay_kit.core.errors import ConfigError
+from tests.places import SAMPLES
+from tests.workflows.replay.interrupted import make_ocean
+
+SETTINGS = {
+    "estimator": {"modes": 12, "sample_share": 0.5, "shift_distance": 0.0},
+    "measurements": {"flight_bias": False},
+}
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory) -> Path:
+    return make_ocean(tmp_path_factory.mktemp("ocean"), rk.RunConfig(**SETTINGS), 45)
+
+
+def test_fed_message_by_message_and_asked_after_each_it_ends_with_the_estimate_of_a_replay(ocean):
+    now = rk.live(ocean / "ensemble.nc", settings=SETTINGS)
+    with rk.open_log(ocean / "glider.mcap") as log:
+        for message in log.messages():
+            now.feed([message])
+            known = now.estimate
+    now.feed([], last=True)
+    whole = rk.replay(ocean / "glider.mcap", ocean / "ensemble.nc", settings=SETTINGS).estimate
+    for name in ("latent", "time_ns", "span_ns"):
+        assert np.array_equal(getattr(now.estimate, name), getattr(whole, name))
+    # what waits for others of its group is in the estimate before it ends
+    assert known.latent == pytest.approx(whole.latent, abs=1e-6)
+    assert now.findings == ()
+
+
+def test_before_a_message_it_knows_the_forecast_alone(ocean):
+    now = rk.live(ocean / "ensemble.nc", settings=SETTINGS)
+    mean = rk.open_ensemble(ocean / "ensemble.nc").velocity.mean(axis=0)
+    grid = now.estimate.grid
+    at = grid.longitude[2, 2], grid.latitude[2, 2], grid.levels[0]
+    assert now.estimate.velocity_at(*at).u == pytest.approx(mean[0, 0, 2, 2], abs=0.05)
+    with pytest.raises(ConfigError, match="no message has held a position"):
+        now.plan((152.6, -40.0, 0.0))
+
+
+def test_it_plans_from_the_last_position_on_what_is_known_then():
+    settings = {**SETTINGS, "forecast": {"levels": [5, 150, 500]}}
+    now = rk.live(SAMPLES / "ensemble.nc", settings=settings)
+    with rk.open_log(SAMPLES / "glider.mcap") as log:
+        messages = [message for message, _ in zip(log.messages(), range(100), strict=False)]
+    now.feed(messages)
+    position, goal = now.position, (152.6, -40.0, 0.0)
+    found, expected = (
+        now.plan(goal),
+        rk.plan(
+            now.estimate,
+            (position.longitude, position.latitude, position.depth),
+            goal,
+            time=messages[-1].time_ns,
+            settings=settings,
+        ),
+    )
+    assert found.start == expected.start
+    assert found.duration == expected.duration
