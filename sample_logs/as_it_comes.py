@@ -1,4 +1,4 @@
-"""What the water does as a log comes in: python sample_logs/as_it_comes.py LOG FORECAST LON,LAT,DEPTH
+"""What the water does as a log comes in: python sample_logs/as_it_comes.py LOG FORECAST LON,LAT,DEPTH.
 
 A robot's own loop feeds its messages instead of those of a log. At the surface, every three hours, it asks where to go next.
 """
