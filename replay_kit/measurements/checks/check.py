@@ -110,28 +110,26 @@ def check(
         # with the first event of the message that tells
         found.append(("", Found(int(np.searchsorted(block.events[:, 0], order)), finding)))
     instruments, (number, absolute) = _instruments(block, state.instruments), state.pings
-    wrong = np.zeros(block.ping["reasons"].shape if block.ping else (0, 0), np.int32)
+    wrong = np.zeros_like(block.ping["reasons"] if block.ping else np.empty((0, 0), np.int32))
     for name, pings in instruments.items() if len(means) or block.ping else ():
         known = state.named.get(name, frozenset())
         context = Context(ensemble, through_water, vehicle, means, known)
         dead = run("dead", instrument.dead, pings)
         living = pings.take(~dead)
         stuck = run("stuck", instrument.stuck_cells, living)
-        reasons = np.where(dead[:, None], np.int32(Reason.DEAD), np.zeros_like(pings["reasons"]))
-        reasons[~dead] = np.where(stuck, Reason.DEAD, 0)
-        living = living.having(reasons=living["reasons"] | reasons[~dead])
+        row, cell = np.nonzero(stuck)
+        wrong[pings["row"][dead]] = wrong[living["row"][row], cell] = Reason.DEAD
+        living = living.having(reasons=living["reasons"] | stuck * np.int32(Reason.DEAD))
         for check_name, fold in {**CHECKS, **added_checks()}.items():
             run(check_name, fold, living, context)
-        # at the position before
-        at_frozen = frozen[np.searchsorted(positions.event, pings.event)]
-        if block.ping:
-            wrong[pings["row"]] = reasons | (at_frozen * np.int32(Reason.INCONSISTENT))[:, None]
         number += len(pings)
         absolute += int(np.isfinite(pings["common_std"]).sum())
     named, new, since = _named(state.named, found)
     for name, pings in instruments.items():
-        late = pings.event >= since.get(name, len(block.events))
-        wrong[pings["row"][late]] |= np.int32(Reason.INCONSISTENT)
+        # by the position before
+        bad = frozen[np.searchsorted(positions.event, pings.event)]
+        bad |= pings.event >= since.get(name, len(block.events))
+        wrong[pings["row"][bad]] |= np.int32(Reason.INCONSISTENT)
     if block.ping:
         flags, why = block.ping["flags"], block.ping["reasons"]
         bad = usable(flags) & (wrong != 0)

@@ -5,8 +5,8 @@ criterion is evaluated at every row, by ``sums`` and ``windows`` that go on from
 depends on where a log is cut into blocks. Both have one row more, the first: that of what was remembered.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,11 +63,11 @@ class Rows:
     def take(self, at: Holds | Indices | slice) -> "Rows":
         """Return some of the rows."""
         columns = {name: values[at] for name, values in self.columns.items()}
-        return Rows(self.topic, self.event[at], columns, self.instrument)
+        return replace(self, event=self.event[at], columns=columns)
 
     def having(self, **columns: NDArray[Any]) -> "Rows":
         """Return the rows with columns more, or others."""
-        return Rows(self.topic, self.event, {**self.columns, **columns}, self.instrument)
+        return replace(self, columns={**self.columns, **columns})
 
     def until(self, event: int, most: int) -> "Rows":
         """Return the latest rows up to an event."""
@@ -133,8 +133,10 @@ class Context:
     known: frozenset[str] = frozenset()
 
 
+#: What is remembered after rows, and what was found.
+Judged = tuple[Memory, list[Found]]
 #: A check of pings: memory, pings of one instrument in order, and what it is told, to memory and what it found.
-Fold = Callable[[Memory, Rows, Context], tuple[Memory, list[Found]]]
+Fold = Callable[[Memory, Rows, Context], Judged]
 
 
 def rows_of(block: Block, kind: int) -> Rows:
@@ -163,13 +165,15 @@ def sums(memory: Memory, name: str, new: NDArray[Any]) -> NDArray[Any]:
     return np.cumsum(np.concatenate([start, new]), axis=0)
 
 
-def spaced(values: Iterable[Any], last: Any, apart: Callable[[Any, Any], bool]) -> Indices:
-    """Return the places of values that are apart from the last one chosen; the first is where none was chosen before."""
-    chosen = list[int]()
+def spaced(
+    values: Iterable[Any], before: Sequence[Any], apart: Callable[[Any, Any], bool]
+) -> Indices:
+    """Return the places of values that are apart from the last one chosen, of those before at first; where none is, the first is."""
+    last, chosen = before[-1:], list[int]()
     for i, value in enumerate(values):
-        if last is None or apart(last, value):
+        if not last or apart(last[0], value):
             chosen.append(i)
-            last = value
+            last = [value]
     return np.array(chosen, np.intp)
 
 
@@ -188,21 +192,17 @@ def history(
         most: Number of rows that are remembered.
         of: Tells histories in one memory apart.
     """
-    old = {name: memory[of + name] for name in (*names, "number") if of + name in memory}
-    times = old.get("time", np.empty(0, np.int64))
-    last = int(times[-1]) if len(times) else None
-    new = rows.take(
-        spaced(rows["time"].tolist(), last, lambda one, other: abs(other - one) >= seconds * 1e9)
+    new = rows.having(number=rows.event)
+    old = {name: memory.get(of + name, new[name][:0]) for name in (*names, "number")}
+    times = old["time"].tolist()
+    new = new.take(
+        spaced(new["time"].tolist(), times, lambda one, other: abs(other - one) >= seconds * 1e9)
     )
-    before = int(old["number"][-1]) if len(times) else 0
-    new = new.having(number=np.arange(before + 1, before + len(new) + 1))
-    columns = {
-        name: np.concatenate([old.get(name, new[name][:0]), new[name]])
-        for name in (*names, "number")
-    }
+    new = new.having(number=old["number"][-1:].sum() + np.arange(1, len(new) + 1))
+    columns = {name: np.concatenate([old[name], new[name]]) for name in old}
     event = np.concatenate([np.full(len(times), -1), new.event])
-    both = Rows(rows.topic, event, columns, rows.instrument)
-    return both, {of + name: values[-most:] for name, values in columns.items()}
+    after = {of + name: values[-most:] for name, values in columns.items()}
+    return replace(rows, event=event, columns=columns), after
 
 
 def total(values: Array) -> Array:

@@ -8,7 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Mask
-from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, sums, total, windows
+from replay_kit.measurements.checks.fold import (
+    Context,
+    Found,
+    Judged,
+    Memory,
+    Rows,
+    sums,
+    total,
+    windows,
+)
 
 DEAD = "dead or stale instrument"
 STUCK = "stuck cells"
@@ -87,18 +96,15 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]
     Velocities are written with few digits: what share of the living cells repeats by chance says how long a run means something.
 
     Args:
-        memory: ``last`` (1, m, k), the ping before; ``run`` (m,), how often each cell has repeated; ``counts`` (1, 2), repeats of living
-            cells and their number.
+        memory: ``last`` (1, m, k), the ping before; ``equal`` (16, m), whether cells of the latest have repeated; ``counts`` (1, 2), repeats
+            of living cells and their number.
         pings: Of one instrument, not dead, in order.
     """
-    raw, at = pings["raw"], np.arange(-1, len(pings))[:, None]
+    raw = pings["raw"]
     last = windows(memory, "last", raw, 1)
     equal = (raw == last[:-1, 0]).all(axis=2)
-    before = np.resize(memory.get("run", 0), (1, raw.shape[1]))
-    # a run ends with a cell that differs; those of other shapes are none
-    ends = np.concatenate([-1 - before, np.where(equal, np.iinfo(np.int64).min, at[1:])])
-    runs = at - np.maximum.accumulate(ends)
-    run = runs[1:]
+    latest = windows(memory, "equal", equal, _STUCK_NAMED)
+    run = np.logical_and.accumulate(latest[1:, ::-1], axis=1).sum(axis=1)
     living = run < _LIVING
     tried = (equal & living, living & np.isfinite(raw).all(axis=2))
     counts = sums(memory, "counts", np.column_stack([each.sum(axis=1) for each in tried]))
@@ -118,12 +124,10 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]
         "those cells are not used; nothing needs to be set",
         "warning",
     )
-    return {"last": last[-1], "run": runs[-1], "counts": counts[-1:]}, found, stuck
+    return {"last": last[-1], "equal": latest[-1], "counts": counts[-1:]}, found, stuck
 
 
-def duplicates(
-    memory: Memory, rows: Rows, context: Context | None = None
-) -> tuple[Memory, list[Found]]:
+def duplicates(memory: Memory, rows: Rows, context: Context | None = None) -> Judged:
     """Return that pings or positions come twice, equal, at one time, from one log: a third of the last 30.
 
     Args:
@@ -153,7 +157,7 @@ def duplicates(
     return {"last": last[-1], "again": latest[-1]}, found
 
 
-def beams(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def beams(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return that one beam scatters unlike the others, by the second differences along it, or that the beams contradict each other.
 
     Args:

@@ -25,6 +25,7 @@ from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.measurements.checks.fold import (
     Context,
     Found,
+    Judged,
     Memory,
     Rows,
     history,
@@ -132,7 +133,7 @@ def _pairs_of(a: Complex, b: Complex, weight: float, time: Times) -> Array:
     return np.column_stack(columns)
 
 
-def moved(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def moved(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return what changes of motion, and the platform's stated velocity beside that of its positions, establish.
 
     Args:
@@ -279,7 +280,7 @@ def _blocks(near: Rows, more: complex) -> list[tuple[Rows, complex]]:
         near: Pings.
         more: What is added to the velocity between positions [m/s].
     """
-    starts = spaced(near["time"].tolist(), None, lambda one, other: other - one > _BLOCK * 1e9)
+    starts = spaced(near["time"].tolist(), [], lambda one, other: other - one > _BLOCK * 1e9)
     found = []
     for begin, end in pairwise([*starts.tolist(), len(near)]):
         block = near.take(slice(begin, end))
@@ -288,7 +289,7 @@ def _blocks(near: Rows, more: complex) -> list[tuple[Rows, complex]]:
     return found
 
 
-def beside_means(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def beside_means(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return what mean currents establish beside the profiles of one instrument.
 
     Args:
@@ -439,7 +440,7 @@ def _of_sources(best: Explanation, rivals: str, time_ns: int, topic: str) -> Fin
     return finding_of(best, name, evidence, cause + rivals, advice, time_ns)
 
 
-def of_means(memory: Memory, means: Rows) -> tuple[Memory, list[Found]]:
+def of_means(memory: Memory, means: Rows) -> Judged:
     """Return that mean currents are equal to the last digit, which no two dives have, or have a slip beside dead reckoning.
 
     Positions that were reckoned with a current, of which dead reckoning tells less, differ in other ways, which are not named.

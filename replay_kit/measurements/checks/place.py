@@ -7,7 +7,7 @@ import numpy as np
 from replay_kit.core.arrays import Mask
 from replay_kit.core.geodesy import distance
 from replay_kit.core.text import place_text, time_text
-from replay_kit.measurements.checks.fold import Found, Memory, Rows
+from replay_kit.measurements.checks.fold import Found, Judged, Memory, Rows
 from replay_kit.measurements.reach import COLUMNS, Place, places, short_steps
 
 FROZEN = "frozen positions"
@@ -66,7 +66,7 @@ def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
     return {"run": run}, found, bad_at
 
 
-def separate(memory: Memory, positions: Rows) -> tuple[Memory, list[Found]]:
+def separate(memory: Memory, positions: Rows) -> Judged:
     """Return that the positions are of two missions, between which no vehicle goes.
 
     Of positions that the first track does not reach only the latest that belong together are kept.

@@ -14,6 +14,7 @@ from replay_kit.measurements.checks.fold import (
     Context,
     Found,
     Holds,
+    Judged,
     Memory,
     Rows,
     mean_of,
@@ -117,7 +118,7 @@ def _scatter(pings: Rows, among: Holds) -> Array:
     return np.where(known.sum(axis=1) >= _LEAST_BINS, middle / _SIZE, np.inf)
 
 
-def above_surface(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def above_surface(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return that bins are above the surface where no geometry puts them.
 
     An instrument that looks up from less deep than its middle bin is far has bins above the surface, in which it measures echoes. Such a
@@ -158,7 +159,7 @@ def above_surface(memory: Memory, pings: Rows, context: Context) -> tuple[Memory
     )
 
 
-def speeds(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def speeds(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return that the speeds are no current's, or that they contradict the ensemble's; a ping counts by the median of its bins.
 
     Args:
@@ -202,7 +203,7 @@ def ensemble_contradicts(evidence: str) -> Finding:
     return Finding(ENSEMBLE, 0, evidence, *_OF_ENSEMBLE, "warning")
 
 
-def noise(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def noise(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return that neighbouring bins scatter far more, or less, than their stated errors, in the median of 40 pings.
 
     Bins whose errors are correlated say nothing. Less scatter than stated harms nothing: it is a warning.
@@ -242,43 +243,48 @@ def noise(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[F
     return {"log_ratio": ratios[-1]}, found
 
 
-def one_shape(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return that profiles keep one shape while the instrument moves through other water: it repeats itself, with some noise.
 
     Second differences of eight profiles in a row are correlated by .7 and more, each with those before it 20 m or 1 km away, and what
     differs between two of them is white along the profile: smooth water is alike, too, but what differs there is smooth.
 
     Args:
-        memory: ``profile`` (2, m, k), the last two that were compared; ``place`` (3,), depth [m], longitude and latitude of the last one;
-            of the latest comparisons ``times`` (30,) [ns] and ``products`` (30, 5), of second differences of one with the other and of each
-            with itself, mean square of the second differences of what differs and what white noise would give.
+        memory: ``profile`` (2, m, k), the last two that were compared; ``place`` (1, 3), depth [m], longitude and latitude of the last one;
+            of the latest comparisons ``times`` (30,) [ns] and ``products`` (30, 5), means of the second differences of one times itself and
+            the other, and of the other times the one and itself, and the variance of what differs.
         pings: Of one instrument; stuck cells are left out.
         context: Is not asked.
     """
     known = np.isfinite(pings["raw"][..., :2]).all(axis=2).sum(axis=1)
     pings = pings.take((pings["bins"] >= LEAST_CELLS) & (known >= LEAST_CELLS))
     places = np.column_stack([pings["depth"][:, 0], pings["longitude"], pings["latitude"]])
-    last = memory.get("place")
-    chosen = spaced(places.tolist(), None if last is None else last.tolist(), _in_other_water)
-    pings, place = pings.take(chosen), places[chosen][-1:]
+    last = memory.get("place", places[:0])
+    chosen = spaced(places.tolist(), last.tolist(), _in_other_water)
+    pings, last = pings.take(chosen), np.concatenate([last, places[chosen]])
     stuck = (pings["reasons"] & Reason.DEAD) != 0
     profile = windows(memory, "profile", np.where(stuck[..., None], np.nan, pings["raw"]), 2)
-    before, now = np.moveaxis(profile[1:], 1, 0)
-    compared = np.isfinite(np.diff(now - before, 2, axis=1)).any(axis=(1, 2))
-    pings, new = pings.take(compared), _products(before[compared], now[compared])
+    second = np.diff(profile[1:], 2, axis=2)
+    known = np.isfinite(second).all(axis=1, keepdims=True)
+    number = known.sum(axis=(1, 2, 3))
+    told = number > 0
+    second = np.where(known, second, 0.0)[told]
+    of_each = np.einsum("nimk,njmk->nij", second, second).reshape(-1, 4) / number[told, None]
+    differs = np.diff(profile[1:][told], axis=1)
+    pings, new = pings.take(told), np.column_stack([of_each, np.nanvar(differs, axis=(1, 2, 3))])
     products = windows(memory, "products", new, _COMPARISONS)
     times = windows(memory, "times", pings["time"], _COMPARISONS)
-    one, first, second, white, expected = products[:, -_LEAST_ALIKE:].sum(axis=1).T
-    size = np.sqrt(first * second)
+    first, one, _, other, variance = products[:, -_LEAST_ALIKE:].sum(axis=1).T
+    size, white = np.sqrt(first * other), first + other - 2.0 * one
 
     def since(k: int) -> int:
         # by the latest comparisons alone: those before were of a living instrument
-        one, first, second = products[k, :, :3].T
-        unlike = np.flatnonzero(~(one >= 0.5 * np.sqrt(first * second)))
+        first, one, _, other, _ = products[k].T
+        unlike = np.flatnonzero(~(one >= 0.5 * np.sqrt(first * other)))
         return int(times[k, min(unlike.max(initial=-1) + 1, _COMPARISONS - 1)])
 
     found = pings.first(
-        (size >= _ROUNDING) & (one >= _ALIKE * size) & (white >= _WHITE * expected),
+        (size >= _ROUNDING) & (one >= _ALIKE * size) & (white >= _WHITE * 6.0 * variance),
         DEAD,
         lambda k: (
             f"{_LEAST_ALIKE} profiles in a row, at other depths or places, have one shape "
@@ -289,8 +295,8 @@ def one_shape(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, li
         distrusts=True,
         since=since,
     )
-    after = {"profile": profile[-1], "products": products[-1], "times": times[-1]}
-    return {**memory, **after, **({"place": place[0]} if len(place) else {})}, found
+    after = {"place": last[-1:], "profile": profile[-1], "products": products[-1]}
+    return {**after, "times": times[-1]}, found
 
 
 def _in_other_water(one: Any, other: Any) -> bool:
@@ -300,17 +306,3 @@ def _in_other_water(one: Any, other: Any) -> bool:
         return bool(depth >= _OTHER_DEPTH)
     east, north = metres_per_degree(one[2])
     return math.hypot(east * longitude, north * latitude) >= _OTHER_PLACE
-
-
-def _products(before: Array, now: Array) -> Array:
-    """Return the products of the second differences of two profiles each, shape (n, m, k), and how white it is what differs between them."""
-    one, other, differs = np.diff(before, 2, axis=1), np.diff(now, 2, axis=1), now - before
-    both, known, axes = np.isfinite(one + other), np.isfinite(differs), (1, 2)
-    one, other, differs = (
-        np.where(use, each, 0.0) for use, each in ((both, one), (both, other), (known, differs))
-    )
-    number = known.sum(axis=axes)
-    left = np.sum(differs**2, axis=axes) / number - (np.sum(differs, axis=axes) / number) ** 2
-    products = [np.sum(a * b, axis=axes) for a, b in ((one, other), (one, one), (other, other))]
-    white = np.sum((other - one) ** 2, axis=axes) / both.sum(axis=axes)
-    return np.column_stack([*products, white, 6.0 * left])

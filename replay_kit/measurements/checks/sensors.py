@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, history
+from replay_kit.measurements.checks.fold import Context, Found, Judged, Memory, Rows, history
 from replay_kit.measurements.checks.likelihood import LEAST_GAIN
 from replay_kit.measurements.checks.profile import SURFACE
 
@@ -68,7 +68,7 @@ def of_vehicle(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Ro
     return after, [], rows
 
 
-def of_sensors(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def of_sensors(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return what an instrument's depths establish beside the vehicle's, or of a vehicle that does not dive its headings.
 
     Args:
