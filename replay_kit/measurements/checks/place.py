@@ -1,11 +1,19 @@
-"""Checks of positions: one spot to the last digit in dives, positions out of reach, and places that no one vehicle can join."""
+"""Checks of positions: one spot to the last digit in dives, places that no one vehicle can join, and tracks of logs that none can.
+
+The positions of all logs are gone through in the order of their times. Where one is of another log than the one before, the vehicle, if it
+is one, came from there to here: two logs of one vehicle are near each other, two vehicles are not, each time anew.
+"""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
 from replay_kit.core.arrays import Mask
-from replay_kit.core.geodesy import distance
+from replay_kit.core.observation import VehicleState
 from replay_kit.core.text import place_text, time_text
 from replay_kit.measurements.checks.fold import Found, Judged, Memory, Rows
 from replay_kit.measurements.reach import COLUMNS, Place, places, short_steps
@@ -18,8 +26,15 @@ _FROZEN_TIME, _FROZEN_DEPTH, _FROZEN_FIXES = 600.0, 20.0, 4
 # m and m/s: positions farther apart than a vehicle or a ship goes in the time between them, and by no small error; s between the
 # positions of one mission at most; positions before which a place counts as one.
 _FAR, _FASTEST, _LONGEST, _LEAST = 100e3, 10.0, 366 * 86_400.0, 5
-# Degrees of latitude and of longitude at any latitude within which two places are certainly not so far apart.
-_NEAR = 0.5
+# m and s; two logs of one vehicle differ by less: by the error of dead reckoning during a dive, and by the way that it goes while one of
+# their clocks is late
+_ERROR, _CLOCK = 20e3, 3600.0
+# m/s: every vehicle may have been as fast as this, none was faster than a ship; between, this many times as fast as its fixes show
+_LEAST_SPEED, _FASTER = 3.0, 3.0
+# s between two fixes of a log at least, from which its speed is taken
+_LEAST_TIME = 600.0
+# Passages out of reach before which nothing is said: single wrong fixes make none.
+_LEAST_BEYOND = 4
 
 
 def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
@@ -106,9 +121,77 @@ def separate(memory: Memory, positions: Rows) -> Judged:
 def _goes(start: Place, end: Place) -> bool:
     """Return whether any vehicle can have come from one position to another."""
     seconds = abs(start.seconds(end))
-    if seconds > _LONGEST:
-        return False
-    if max(abs(start.latitude - end.latitude), abs(start.longitude - end.longitude)) < _NEAR:
-        return True
-    far = float(distance(start.longitude, start.latitude, end.longitude, end.latitude))
-    return far <= _FAR + _FASTEST * seconds
+    return seconds <= _LONGEST and start.way(end) <= _FAR + _FASTEST * seconds
+
+
+class Passages(NamedTuple):
+    """How often a position of one log came next after one of another.
+
+    Attributes:
+        number: How often.
+        beyond: How often it was out of reach.
+        example: The two positions of the last one out of reach.
+    """
+
+    number: int = 0
+    beyond: int = 0
+    example: tuple[Place, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LogTracks:
+    """The positions of several logs so far.
+
+    Attributes:
+        last: The last one, whatever its log; None before the first.
+        fixes: Of each log the measured one from which its speed is taken next.
+        speed: The fastest that any log's fixes show [m/s]; 0 before two of one log.
+        passages: From log to log, by the numbers of both, the smaller first.
+    """
+
+    last: Place | None = None
+    fixes: Mapping[int, Place] = field(default_factory=dict)
+    speed: float = 0.0
+    passages: Mapping[tuple[int, int], Passages] = field(default_factory=dict)
+
+    def after(self, vehicle: VehicleState) -> "LogTracks":
+        """Return the tracks after a position; one that a receiver repeats to the last digit says nothing."""
+        log, time_ns, reckoned = vehicle.source.input, vehicle.time_ns, vehicle.dead_reckoned
+        here = Place(time_ns, vehicle.longitude, vehicle.latitude, reckoned, log)
+        fix, last, tracks = self.fixes.get(log), self.last, replace(self, last=here)
+        if fix and (fix.longitude, fix.latitude) == (here.longitude, here.latitude):
+            return self
+        if not reckoned and (not fix or fix.seconds(here) >= _LEAST_TIME):
+            shown = fix.way(here) / fix.seconds(here) if fix else 0.0
+            speed = max(self.speed, shown)
+            tracks = replace(tracks, fixes={**self.fixes, log: here}, speed=speed)
+        if not last or last.log == log:
+            return tracks
+        pair = min(log, last.log), max(log, last.log)
+        number, beyond, example = self.passages.get(pair, Passages())
+        if not tracks._reaches(last, here):
+            beyond, example = beyond + 1, (last, here)
+        passages = {**self.passages, pair: Passages(number + 1, beyond, example)}
+        return replace(tracks, passages=passages)
+
+    def _reaches(self, start: Place, end: Place) -> bool:
+        """Return whether one vehicle can have gone from one position to another."""
+        speed = min(self.speed, _FASTEST)
+        fastest = min(max(_FASTER * speed, _LEAST_SPEED), _FASTEST) if speed else _FASTEST
+        reached = _ERROR + _CLOCK * speed + fastest * abs(start.seconds(end))
+        return start.way(end) <= reached
+
+    @property
+    def two_vehicles(self) -> Passages | None:
+        """Passages between the two logs that no one vehicle can have made; None where one can have made all.
+
+        Most passages of a log, or of all, must be out of reach: a receiver that is wrong for a time makes few.
+        """
+        found = list[Passages]()
+        # -1 for all logs together: each of many short ones may have few passages
+        for log in {-1, *chain(*self.passages)}:
+            of_log = [each for pair, each in self.passages.items() if log in (*pair, -1)]
+            beyond = sum(each.beyond for each in of_log)
+            if beyond >= _LEAST_BEYOND and 2 * beyond > sum(each.number for each in of_log):
+                found += of_log
+        return max(found, key=lambda passages: passages.beyond, default=None)
