@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array, Indices, Mask, Times
 from replay_kit.core.block import Block
 from replay_kit.core.errors import Finding, Severity
+from replay_kit.core.geodesy import metres_per_degree
 
 #: A criterion for each row.
 Holds = Mask | np.bool_
@@ -203,6 +204,15 @@ def history(
     event = np.concatenate([np.full(len(times), -1), new.event])
     after = {of + name: values[-most:] for name, values in columns.items()}
     return replace(rows, event=event, columns=columns), after
+
+
+def steps(places: Memory | Rows) -> tuple[NDArray[np.complex128], Array]:
+    """Return the way from each place to the next, east + i north [m], and the time from one to the other [s], shapes (n - 1,)."""
+    latitude, longitude = places["latitude"], places["longitude"]
+    scale = [metres_per_degree(one) for one in latitude[:-1].tolist()]
+    east, north = np.reshape(scale, (-1, 2)).T
+    degrees = (np.diff(longitude) + 180.0) % 360.0 - 180.0
+    return east * degrees + 1j * north * np.diff(latitude), np.diff(places["time"]) * 1e-9
 
 
 def total(values: Array) -> Array:

@@ -15,7 +15,6 @@ from replay_kit.measurements.checks.fold import (
     Memory,
     Rows,
     sums,
-    total,
     windows,
 )
 
@@ -170,12 +169,10 @@ def beams(memory: Memory, pings: Rows, context: Context) -> Judged:
     known = np.isfinite(texture)
     told = pings["along_beams"].astype(np.bool_) & (pings["bins"] >= LEAST_CELLS)
     told &= np.any(known.all(axis=2), axis=1)
-    pings, known = pings.take(told), known[told]
-    squares = total(np.where(known, texture[told] ** 2, 0.0)) / np.maximum(known.sum(axis=1), 1)
+    pings, squares = pings.take(told), np.nanmean(texture[told] ** 2, axis=1)
     variances = windows(memory, "variances", squares, _LEAST)
     usual = np.median(variances, axis=1)
-    others = [np.median(np.delete(usual, k, axis=1), axis=1) for k in range(usual.shape[1])]
-    ratios = usual / np.column_stack(others)
+    ratios = usual / np.median(usual, axis=1, keepdims=True)
     worst = np.argmax(np.abs(np.log(np.maximum(ratios, 1e-9))), axis=1)
     ratio = ratios[np.arange(len(ratios)), worst]
     found = pings.first(

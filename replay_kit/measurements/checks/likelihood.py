@@ -191,7 +191,7 @@ class Alternatives(NamedTuple):
 
     Attributes:
         gain: shape (K, h), log-likelihood ratios to equality, of which each beginning within the log is as likely before.
-        value: shape (K or 1, h), g, or what is added.
+        value: shape (K, h), g, or what is added.
         prior: shape (h,), as of ``Family``.
         slip: As of ``Family``.
         cost: shape (K, h), by how much less each fits in its gain than by what it leaves.
@@ -234,7 +234,7 @@ def alternatives(pairs: Array, floor: float, kind: str) -> Alternatives:
         of = Family(value[0], np.log([_OF_CAUSE[CAUSES[kind]]]), ("",))
     else:
         of = family(kind)
-        g, n, value = of.factor, of.narrowed, of.factor[None]
+        g, n, value = of.factor, of.narrowed, of.factor
         c = b.conj() if kind == "mirror" else b
         aa, cc, ac, s_a, s_c = (
             _since(w * each)[:, None]
@@ -246,9 +246,9 @@ def alternatives(pairs: Array, floor: float, kind: str) -> Alternatives:
         gain = density(squares - np.abs(shared) ** 2 / precision, shared / precision)
         gain += 2.0 * weight[:, None] * np.log(n)
         cost = -2.0 * np.maximum(weight - 1.0, 0.0)[:, None] * np.log(n)
-    equal = density(misfit[0] - np.abs(common[0]) ** 2 / precision, common[0] / precision)
-    begun = np.where(np.arange(len(w)) > 0, math.log(len(w)), 0.0)
-    return Alternatives(gain - equal - begun[:, None], value, of.prior, of.slip, cost)
+    gain -= density(misfit[0] - np.abs(common[0]) ** 2 / precision, common[0] / precision)
+    gain[1:] -= math.log(len(gain))
+    return Alternatives(gain, np.broadcast_to(value, gain.shape), of.prior, of.slip, cost)
 
 
 def _vectors(pairs: Array) -> tuple[Complex, Complex, Array]:
@@ -324,36 +324,33 @@ def _best(
     logs = of.gain + of.prior
     last = logs[: len(pairs) - least_pairs + 1]
     k, h = (int(one) for one in np.unravel_index(np.argmax(last), last.shape))
-    value = complex(np.broadcast_to(of.value, logs.shape)[k, h])
-    a, b, w = (each[k:] for each in _vectors(pairs))
-    left = _narrowed(np.array([value])) * (a - value * (b.conj() if kind == "mirror" else b))
+    value, (a, b, w) = complex(of.value[k, h]), (each[k:] for each in _vectors(pairs))
+    expected = value * (b.conj() if kind == "mirror" else b)
     if kind in _ADDED:
-        left = a - b - value * _basis(kind, pairs)[k, k:]
+        expected = b + value * _basis(kind, pairs)[k, k:]
         hours = 1.0 if kind == "offset" else pairs[-1, 5] - pairs[0, 5]
         if abs(value) * hours < _LEAST_OFFSET:
             return None
-    if kind in ("scale", "unit"):
-        shares, size = np.exp(logs[k] - logs[k, h]), np.log(np.abs(of.value[0]) / abs(value))
-        spread = math.sqrt(float(shares @ size**2 / shares.sum()))
-    favoured = float(w @ (np.abs(left) < np.abs(a - b)) / w.sum())
-    ratio = (w @ np.abs(a - b) ** 2 + floor) / (w @ np.abs(left) ** 2 + floor)
+    left, equal = np.abs(a - expected) * _narrowed(np.array(value)), np.abs(a - b)
+    favoured = float(w @ (left < equal) / w.sum())
+    ratio = (w @ equal**2 + floor) / (w @ left**2 + floor)
     if favoured < _MAJORITY or ratio < _LEAST_RATIO:
         return None
+    if kind in ("scale", "unit"):
+        shares, size = np.exp(logs[k] - logs[k, h]), np.log(np.abs(of.value[k] / value))
+        spread = math.sqrt(float(shares @ size**2 / shares.sum()))
     near = (of.slip[one] for one in np.flatnonzero(logs[k] > logs[k, h] - _ALIKE))
     slips = of.slip[h], *(slip for slip in near if slip and slip != of.slip[h])
-    since = float(pairs[k, 5]) if k else 0.0
-    gain = float(of.gain[k, h])
+    gain, since = float(of.gain[k, h]), float(pairs[k, 5]) if k else 0.0
     found = Explanation(kind, value, slips, spread, gain, favoured, len(w), since)
     return float(logs[k, h]), found
 
 
 def odds(causes: Mapping[str, float]) -> list[tuple[str, float]]:
     """Return the probability of each of some causes, the likeliest first, by the logarithms of their posterior odds to none."""
+    every = np.logaddexp.reduce([*causes.values()])
     ranked = sorted(causes.items(), key=lambda each: -each[1])
-    shares = np.exp([gain - ranked[0][1] for _, gain in ranked])
-    return [
-        (name, float(one / shares.sum())) for (name, _), one in zip(ranked, shares, strict=True)
-    ]
+    return [(name, math.exp(gain - every)) for name, gain in ranked]
 
 
 def tell_directions(pairs: Array, floor: float, least_pairs: int) -> bool:

@@ -15,13 +15,11 @@ given.
 
 import math
 from collections.abc import Mapping
-from itertools import pairwise
 
 import numpy as np
 
 from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import Finding, Severity
-from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.measurements.checks.fold import (
     Context,
     Found,
@@ -30,6 +28,7 @@ from replay_kit.measurements.checks.fold import (
     Rows,
     history,
     spaced,
+    steps,
     total,
     windows,
 )
@@ -117,13 +116,10 @@ def _near_means(pings: Rows) -> Rows:
     )
 
 
-def _ways(start: Rows, end: Rows) -> Complex:
-    """Return the velocities over ground from one ping to another each, shape (n,) [m/s]; NaN at one time, or over more than an hour."""
-    seconds, latitude = (end["time"] - start["time"]) * 1e-9, start["latitude"]
-    scale = np.array([metres_per_degree(one) for one in latitude.tolist()]).reshape(-1, 2)
-    degrees = (end["longitude"] - start["longitude"] + 180.0) % 360.0 - 180.0
+def _ways(pings: Rows) -> Complex:
+    """Return the velocities over ground from each ping to the next, shape (n - 1,) [m/s]; NaN at one time, or over more than an hour."""
+    way, seconds = steps(pings)
     known = (seconds > 0.0) & (seconds <= _LONGEST)
-    way = scale[:, 0] * degrees + 1j * scale[:, 1] * (end["latitude"] - latitude)
     return np.where(known, way / np.where(known, seconds, 1.0), np.nan)
 
 
@@ -145,7 +141,7 @@ def moved(memory: Memory, pings: Rows, context: Context) -> Judged:
     # closer positions have too few digits for a velocity
     chain, after = history(memory, _near_means(pings), _COLUMNS, _SHORTEST, 1)
     start, end = chain.take(slice(0, -1)), chain.take(slice(1, None))
-    over_ground = _ways(start, end)
+    over_ground = _ways(chain)
     stated = ~np.isnan(start["moves"])
     platform = np.where(stated, start["moves"], over_ground)
     known = ~np.isnan(over_ground)
@@ -201,19 +197,18 @@ def _dives(memory: Memory, pings: Rows) -> Memory:
             in each cell: their number, east, north [m/s] and depth [m].
         pings: Of one instrument, in order.
     """
-    dives = memory.get("dives", np.zeros(_DIVES, np.int64)).copy()
-    sums = memory.get("sums", np.zeros((_DIVES, _CELLS, 4))).copy()
     absolute = np.isfinite(pings["common_std"]) & (pings["dive"] > 0)
     rows, bins = np.nonzero(repairable(pings) & absolute[:, None])
     depth, dive = pings["depth"][rows, bins], pings["dive"][rows]
+    old = memory.get("dives", np.zeros(_DIVES, np.int64))
+    dives = old.copy()
+    dives[dive % _DIVES] = dive
+    sums = memory.get("sums", np.zeros((_DIVES, _CELLS, 4))) * (dives == old)[:, None, None]
     cell = np.clip(depth / _CELL, 0, _CELLS - 1).astype(np.int64)
     values = np.column_stack([np.ones(len(cell)), pings["velocity"][rows, bins], depth])
-    for number in np.unique(dive).tolist():
-        at = number % _DIVES
-        if dives[at] != number:
-            dives[at], sums[at] = number, 0.0
-        # one bin after the other, so that sums do not depend on where blocks end
-        np.add.at(sums[at], cell[dive == number], values[dive == number])
+    # one bin after the other, so that sums do not depend on where blocks end
+    values *= (dives[dive % _DIVES] == dive)[:, None]
+    np.add.at(sums, (dive % _DIVES, cell), values)
     return {"dives": dives, "sums": sums}
 
 
@@ -255,38 +250,34 @@ def _compared(memory: Memory, near: Rows, mean: Rows, through_water: bool) -> di
     # without a current in the positions these are the way through water
     more = velocity[0] if through_water else 0.0
     profile = _along(memory, absolute, mean)
-    moves = _blocks(absolute, more)
-    own = [np.where(np.isnan(one["moves"]), way, one["moves"]) for one, way in moves]
-    platform = np.mean([way for _, way in moves]) if moves else np.nan
-    beside = profile - (np.concatenate(own).mean() if own else np.nan)
-    blocks = _blocks(relative, more)
+    dive, blocks = _blocks(absolute, more), _blocks(relative, more)
+    platform, own = np.full((2, 1), np.nan)
+    if len(dive):
+        platform, own = dive["way"].mean(), dive["own"].sum() / dive["size"].sum()
     found = {
         "current": _pairs_of(profile, velocity, 1.0, path[:1]),
-        "vehicle": _pairs_of(beside, velocity - platform, 1.0, path[:1]),
-        "blocks": _pairs_of(
-            np.array([block["near"].mean() for block, _ in blocks]),
-            velocity - np.array([way for _, way in blocks]),
-            0.5,
-            np.array([block["time"][0] for block, _ in blocks]),
-        ),
+        "vehicle": _pairs_of(profile - own, velocity - platform, 1.0, path[:1]),
+        "blocks": _pairs_of(blocks["near"], velocity - blocks["way"], 0.5, blocks["time"]),
     }
     return {name: pairs[~np.isnan(pairs).any(axis=1)] for name, pairs in found.items()}
 
 
-def _blocks(near: Rows, more: complex) -> list[tuple[Rows, complex]]:
-    """Return pings in blocks of half an hour from the first one, each with the velocity of the platform, where that is known.
+def _blocks(near: Rows, more: complex) -> Rows:
+    """Return the first pings of blocks of half an hour from the first one on, in which the velocity of the platform is known.
+
+    Columns more are ``way``, this velocity, the mean ``near``, and of ``size`` pings the sum ``own`` of the platform's velocities.
 
     Args:
         near: Pings.
         more: What is added to the velocity between positions [m/s].
     """
     starts = spaced(near["time"].tolist(), [], lambda one, other: other - one > _BLOCK * 1e9)
-    found = []
-    for begin, end in pairwise([*starts.tolist(), len(near)]):
-        block = near.take(slice(begin, end))
-        (way,) = _ways(block.take(slice(0, 1)), block.take(slice(-1, None)))
-        found += [] if np.isnan(way) else [(block, complex(way) + more)]
-    return found
+    size = np.diff(starts, append=len(near))
+    way = _ways(near.take(np.column_stack([starts, starts + size - 1]).ravel()))[::2] + more
+    own = np.where(np.isnan(near["moves"]), np.repeat(way, size), near["moves"])
+    own, mean = (np.add.reduceat(each, starts) for each in (own, near["near"]))
+    blocks = near.take(starts).having(way=way, near=mean / size, own=own, size=size)
+    return blocks.take(~np.isnan(way))
 
 
 def beside_means(memory: Memory, pings: Rows, context: Context) -> Judged:

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
-from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.measurements.checks.fold import Context, Found, Judged, Memory, Rows, history
+from replay_kit.measurements.checks.fold import Context, Found, Judged, Memory, Rows, history, steps
 from replay_kit.measurements.checks.likelihood import LEAST_GAIN
 from replay_kit.measurements.checks.profile import SURFACE
 
@@ -226,12 +225,11 @@ def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, f
     """Return by how much the times are late by the depths' slopes, and the least lag that differs from none [s]: inf without slopes."""
     d, later = _depth_at(t, times, depths), _depth_at(t + 1.0, times, depths)
     known = np.isfinite(d) & np.isfinite(later)
-    if known.sum() < _LEAST:
-        return 0.0, math.inf
     slope, left = (later - d)[known], (p - d)[known]
-    slope, left = slope - slope.mean(), left - left.mean()
-    if (squares := float(slope @ slope)) == 0.0:
+    if known.sum() < _LEAST or not np.ptp(slope):
         return 0.0, math.inf
+    slope, left = slope - slope.mean(), left - left.mean()
+    squares = float(slope @ slope)
     error = math.sqrt((float(left @ left) / left.size + _ERROR**2) / squares)
     return float(slope @ left) / squares, max(_LEAST_LAG, _SIGMAS * error)
 
@@ -239,7 +237,8 @@ def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, f
 def _of_headings(own: Memory, vehicle: Memory, topic: str) -> Finding | None:
     """Return that the instrument's clock is late, if that explains its headings much better than none."""
     t, degrees = _known(own, "heading")
-    heading, course = np.exp(1j * np.radians(degrees)), _course_of(vehicle)
+    # a constant turn is free
+    heading, course = np.exp(-1j * np.radians(degrees)), _course_of(vehicle)
 
     def misfit(lag: float) -> Misfit:
         return _turns(heading, course(t - lag))
@@ -273,12 +272,9 @@ def least_lag(own: Memory, vehicle: Memory) -> float:
 
 def _course_of(vehicle: Memory) -> Callable[[Array], Complex]:
     """Return a function of times that gives the direction of the vehicle's way; 0 where it hardly moves or that is not known."""
-    times, longitude, latitude = vehicle["time"] * 1e-9, vehicle["longitude"], vehicle["latitude"]
+    times, (way, seconds) = vehicle["time"] * 1e-9, steps(vehicle)
     if len(times) < _LEAST:
         return lambda t: np.zeros(len(t), np.complex128)
-    east, north = metres_per_degree(float(latitude[0]))
-    way = north * np.diff(latitude) + 1j * east * ((np.diff(longitude) + 180.0) % 360.0 - 180.0)
-    seconds = np.maximum(np.diff(times), 1e-3)
     moves = (np.abs(way) >= _MOVES * seconds) & (seconds <= 2.0 * _LONGEST)
     # none before the first position, nor after the last
     course = np.pad(np.where(moves, way / np.maximum(np.abs(way), 1e-9), 0.0), 1)
