@@ -192,14 +192,14 @@ def unknowable(state: Checked) -> tuple[str, ...]:
     said, of_means = list[str](), list[dict[str, float]]()
     for name in state.instruments:
         current = state.memory["means", name].get("current", np.empty((0, 6)))
-        if len(current) >= pairs.LEAST_MEANS:
-            odds = causes(current, pairs.CURRENT_FLOOR, KINDS, pairs.LEAST_MEANS, by_fit=True)
+        if len(current) >= pairs.CURRENT.least:
+            odds = causes(current, pairs.CURRENT, KINDS, by_fit=True)
             # what is neither established nor excluded
             of_means.append({one: gain for one, gain in odds.items() if gain > _EXCLUDED})
     if not of_means:
         why = "an offset cancels in profiles relative to the platform"
         if state.pings[1]:
-            why = f"{pairs.LEAST_MEANS} mean currents of dives beside them would tell"
+            why = f"{pairs.CURRENT.least} mean currents of dives beside them would tell"
         said.append(f"an offset, a drift or a scale of the profiles ({why})")
     elif (left := min(of_means, key=len)) and not state.of_directions:
         listed = ", ".join(f"{name} e^{gain:z.0f}" for name, gain in left.items())

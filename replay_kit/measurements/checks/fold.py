@@ -115,8 +115,7 @@ class Rows:
         return []
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Context:
+class Context(NamedTuple):
     """What a check of pings is told beside them.
 
     Attributes:

@@ -130,15 +130,13 @@ def duplicates(memory: Memory, rows: Rows, context: Context | None = None) -> Ju
     """Return that pings or positions come twice, equal, at one time, from one log: a third of the last 30.
 
     Args:
-        memory: ``last`` (2, 4), times [ns] and numbers of the latest rows; ``again`` (30,), whether each of the latest is as the one before.
+        memory: ``last`` (2, 4), times [ns], numbers, logs and topics of the latest rows; ``again`` (30,), whether each of the latest is as the one before.
         rows: Of one instrument, or positions.
         context: Is not asked.
     """
-    place = np.column_stack([rows[name] for name in ("input", "topic", "longitude", "latitude")])[
-        ..., None
-    ]
-    velocity = rows.columns.get("velocity", place)
-    digest = np.hstack([_digests(rows, place), _digests(rows, velocity)])
+    place = np.column_stack([rows["longitude"], rows["latitude"]])[..., None]
+    digest = _digests(rows, rows.columns.get("velocity", place))
+    digest = np.column_stack([digest, rows["input"], rows["topic"]])
     last = windows(memory, "last", digest, 2)
     again = (last[1:, 0] == last[1:, 1]).all(axis=1)
     latest = windows(memory, "again", again.astype(np.float64), _LEAST)

@@ -20,7 +20,6 @@ References:
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -87,6 +86,18 @@ _SIGNS = {
 }
 
 
+class Source(NamedTuple):
+    """What pairs are of.
+
+    Attributes:
+        floor: Twice the variance of a component of a - b that is expected [m^2/s^2].
+        least: Number of pairs before which nothing is said, and that what began during the log must explain.
+    """
+
+    floor: float
+    least: int
+
+
 class Family(NamedTuple):
     """Alternatives a = g b, or a = g b* of a mirror.
 
@@ -139,8 +150,7 @@ def family(kind: str) -> Family:
     return Family(factor, np.log(_OF_CAUSE[CAUSES[kind]] * shares), names)
 
 
-@dataclass(frozen=True, slots=True)
-class Explanation:
+class Explanation(NamedTuple):
     """What explains pairs best, and by how much.
 
     Attributes:
@@ -272,57 +282,50 @@ def _since(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def causes(
-    pairs: Array, floor: float, kinds: Sequence[str], least_pairs: int, by_fit: bool = False
+    pairs: Array, source: Source, kinds: Sequence[str], by_fit: bool = False
 ) -> dict[str, float]:
     """Return the logarithm of the odds of each cause of some kinds, all its alternatives together, to equality; none without pairs.
 
     Args:
         pairs: As of ``alternatives``.
-        floor: Alike.
+        source: Of them.
         kinds: Of alternatives.
-        least_pairs: Number of pairs that what began during the log must explain.
         by_fit: Whether it costs nothing that the size of an offset is not known before, and that in one current, pair after pair, vectors
             are several times as fast: an offset and a scale are then told apart by what they leave alone.
     """
     found = dict[str, float]()
     for kind in kinds if len(pairs) else ():
-        of = alternatives(pairs, floor, kind)
+        of = alternatives(pairs, source.floor, kind)
         logs = of.gain + of.prior + of.cost * by_fit
-        odds = np.logaddexp.reduce(logs[: max(1, len(pairs) - least_pairs + 1)], axis=None)
+        odds = np.logaddexp.reduce(logs[: max(1, len(pairs) - source.least + 1)], axis=None)
         found[CAUSES[kind]] = float(np.logaddexp(found.get(CAUSES[kind], -math.inf), odds))
     return found
 
 
 def explanation(
-    pairs: Array,
-    floor: float,
-    kinds: Sequence[str],
-    least_pairs: int,
-    least_gain: float = LEAST_GAIN,
+    pairs: Array, source: Source, kinds: Sequence[str], least_gain: float = LEAST_GAIN
 ) -> Explanation | None:
     """Return what explains pairs best, when that is much better than equality; else None.
 
     Args:
         pairs: As of ``alternatives``.
-        floor: Alike.
+        source: Of them.
         kinds: Of alternatives.
-        least_pairs: Number of pairs before which nothing is said.
         least_gain: Log-likelihood ratio below which nothing is said.
     """
-    if len(pairs) < least_pairs:
+    if len(pairs) < source.least:
         return None
-    found = [each for kind in kinds if (each := _best(pairs, floor, kind, least_pairs))]
+    found = [each for kind in kinds if (each := _best(pairs, source, kind))]
     _, best = max(found, key=lambda each: each[0], default=(0.0, None))
     return best if best is not None and best.gain >= least_gain else None
 
 
-def _best(
-    pairs: Array, floor: float, kind: str, least_pairs: int
-) -> tuple[float, Explanation] | None:
+def _best(pairs: Array, source: Source, kind: str) -> tuple[float, Explanation] | None:
     """Return the likeliest alternative of a kind with the logarithm of its odds; None where it explains too few pairs, or too little."""
-    of, spread = alternatives(pairs, floor, kind), 0.0
+    floor, spread = source.floor, 0.0
+    of = alternatives(pairs, floor, kind)
     logs = of.gain + of.prior
-    last = logs[: len(pairs) - least_pairs + 1]
+    last = logs[: len(pairs) - source.least + 1]
     k, h = (int(one) for one in np.unravel_index(np.argmax(last), last.shape))
     value, (a, b, w) = complex(of.value[k, h]), (each[k:] for each in _vectors(pairs))
     expected = value * (b.conj() if kind == "mirror" else b)
@@ -353,16 +356,15 @@ def odds(causes: Mapping[str, float]) -> list[tuple[str, float]]:
     return [(name, math.exp(gain - every)) for name, gain in ranked]
 
 
-def tell_directions(pairs: Array, floor: float, least_pairs: int) -> bool:
+def tell_directions(pairs: Array, source: Source) -> bool:
     """Return whether pairs that agree would contradict each other if the first vectors were turned by a right angle.
 
     Args:
         pairs: As of ``alternatives``.
-        floor: Alike.
-        least_pairs: Number of pairs before which nothing would be said.
+        source: Of them.
     """
     a, b, w = _vectors(pairs)
     squares, misfit = w @ (np.abs(a) ** 2 + np.abs(b) ** 2), w @ np.abs(a - b) ** 2
-    ratio = (squares + floor) / (misfit + floor)
+    ratio = (squares + source.floor) / (misfit + source.floor)
     tells = ratio >= _LEAST_RATIO and (w.sum() + 1.0) * math.log(ratio) >= LEAST_GAIN
-    return bool(tells and len(pairs) >= least_pairs)
+    return bool(tells and len(pairs) >= source.least)

@@ -39,6 +39,7 @@ from replay_kit.measurements.checks.likelihood import (
     TURNED,
     Complex,
     Explanation,
+    Source,
     causes,
     explanation,
     odds,
@@ -61,13 +62,18 @@ UNUSED = "profiles are not used"
 OF_SOURCES = frozenset({CONTRADICTION, UNDECIDED, SCALE, OFFSET, DRIFT})
 # What explains what mean currents show, or says more.
 _KNOWN = (OF_SOURCES - {UNDECIDED}) | {COMPASS, MEANS, DEPTHS, CLOCK, SURFACE, UNUSED}
-#: Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of a gross unit.
-LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 2
-# m/s, errors expected of a component: of a dive's mean, of its mean relative to the vehicle, of one block and of a change of motion.
-_CURRENT_STD, _VEHICLE_STD, _MOTION_STD = 0.02, 0.035, 0.1
-CURRENT_FLOOR, _VEHICLE_FLOOR, _MOTION_FLOOR = (
-    2.0 * std**2 for std in (_CURRENT_STD, _VEHICLE_STD, _MOTION_STD)
-)
+# Pairs of mean currents, of dives relative to the vehicle, and of the platform's motion: twice the variance that is expected of a component
+# of a dive's mean, of its mean relative to the vehicle, of one block and of a change of motion, and the least number.
+CURRENT, _OF_DIVES, _MOTION = Source(2.0 * 0.02**2, 3), Source(2.0 * 0.035**2, 2), Source(0.02, 4)
+_SOURCES = {
+    "current": CURRENT,
+    "vehicle": _OF_DIVES,
+    "blocks": _MOTION,
+    "motionpair": _MOTION,
+    "trackpair": _MOTION,
+}
+# Pairs that tell a gross unit.
+_LEAST_UNITS = 2
 # Log-likelihood ratio of a turn relative to the vehicle, the probability that the named cause has among all, and pairs from which on a
 # contradiction is named without a cause, but with the odds of all.
 _TURN_GAIN, _LIKELY, _ENOUGH = 7.0, 0.98, 6
@@ -169,14 +175,14 @@ def moved(memory: Memory, pings: Rows, context: Context) -> Judged:
 def _of_motion(latest: Rows, name: str) -> Finding | None:
     """Return a turn that pairs of motion establish, or a scale of the stated velocity once it is likelier than all else."""
     pairs, topic, time_ns = latest["pair"], latest.topic, int(latest["time"][-1])
-    turned = explanation(pairs, _MOTION_FLOOR, TURNED, _LEAST_MOTIONS)
+    turned = explanation(pairs, _MOTION, TURNED)
     if turned is not None:
         return _turned(turned, _OF_MOTION[name], time_ns, topic)
     if name == "motion":
         return None
-    scale = explanation(pairs, _MOTION_FLOOR, ("scale",), _LEAST_MOTIONS)
+    scale = explanation(pairs, _MOTION, ("scale",))
     # positions may lack the current
-    likely = scale and odds(causes(pairs, _MOTION_FLOOR, KINDS, _LEAST_MOTIONS))[0]
+    likely = scale and odds(causes(pairs, _MOTION, KINDS))[0]
     if not scale or not likely or likely[0] != CAUSES["scale"] or likely[1] < _LIKELY:
         return None
     return finding_of(
@@ -313,11 +319,11 @@ def _cause(pairs: Memory, time_ns: int, topic: str) -> Finding | None:
         topic: Of the profiles.
     """
     current, vehicle = pairs["current"], pairs["vehicle"]
-    turned = explanation(pairs["blocks"], _MOTION_FLOOR, TURNED, _LEAST_MOTIONS)
+    turned = explanation(pairs["blocks"], _MOTION, TURNED)
     if turned is not None:
         return _turned(turned, _OF_MEANS, time_ns, topic)
-    found = causes(current, CURRENT_FLOOR, KINDS, LEAST_MEANS)
-    for cause, gain in causes(vehicle, _VEHICLE_FLOOR, RELATIVE, _LEAST_DIVES).items():
+    found = causes(current, CURRENT, KINDS)
+    for cause, gain in causes(vehicle, _OF_DIVES, RELATIVE).items():
         # a scale is one, whatever it is relative to
         name = cause if cause == CAUSES["scale"] else f"{cause}{_OF_VEHICLE}"
         found[name] = float(np.logaddexp(found.get(name, -math.inf), gain))
@@ -326,7 +332,7 @@ def _cause(pairs: Memory, time_ns: int, topic: str) -> Finding | None:
     rivals = odds(found)
     cause, share = rivals[0]
     if cause.endswith(_OF_VEHICLE):
-        best = explanation(vehicle, _VEHICLE_FLOOR, TURNED, _LEAST_DIVES, _TURN_GAIN)
+        best = explanation(vehicle, _OF_DIVES, TURNED, _TURN_GAIN)
         # what excludes an instrument must be certain
         if best is not None and share >= _LIKELY:
             return _turned(best, _OF_MEANS, time_ns, topic)
@@ -337,7 +343,7 @@ def _cause(pairs: Memory, time_ns: int, topic: str) -> Finding | None:
     if best.kind not in TURNED and not best.is_unit:
         # what excludes a scale or an offset must be what the other leaves, not that its size is not known before
         kinds = ("offset", "drift") if best.kind in ("scale", "unit") else ("scale",)
-        fits = causes(current, CURRENT_FLOOR, kinds, LEAST_MEANS, by_fit=True)
+        fits = causes(current, CURRENT, kinds, by_fit=True)
         rivals = odds({one: max(gain, fits.get(one, gain)) for one, gain in found.items()})
         share = dict(rivals)[cause]
     chances = (f"{one} {100.0 * each:.0f} %" for one, each in rivals if each >= _LEAST_SHARE)
@@ -360,11 +366,11 @@ def _best(current: Array, vehicle: Array, cause: str) -> Explanation | None:
     """Return the best explanation of a cause; two pairs tell a gross unit alone."""
     if cause != CAUSES["scale"]:
         kinds = [kind for kind in KINDS if CAUSES[kind] == cause]
-        return explanation(current, CURRENT_FLOOR, kinds, LEAST_MEANS)
-    best = explanation(current, CURRENT_FLOOR, ("scale",), _LEAST_UNITS)
-    if best is not None and best.pairs < LEAST_MEANS and not best.is_unit:
+        return explanation(current, CURRENT, kinds)
+    best = explanation(current, CURRENT._replace(least=_LEAST_UNITS), ("scale",))
+    if best is not None and best.pairs < CURRENT.least and not best.is_unit:
         best = None
-    relative = explanation(vehicle, _VEHICLE_FLOOR, ("unit",), LEAST_MEANS)
+    relative = explanation(vehicle, _OF_DIVES._replace(least=CURRENT.least), ("unit",))
     known = [each for each in (best, relative) if each]
     return max(known, key=lambda each: each.gain, default=None)
 
@@ -459,7 +465,7 @@ def of_means(memory: Memory, means: Rows) -> Judged:
     pairs, held = history(memory, new, ("time", "pair"), 0.0, _MOST, "reckoned")
     for event in new.event.tolist():
         rows = pairs.until(event, _MOST)
-        explained = explanation(rows["pair"], _VEHICLE_FLOOR, TURNED, LEAST_MEANS)
+        explained = explanation(rows["pair"], _OF_DIVES._replace(least=CURRENT.least), TURNED)
         if explained is not None and explained.slips[0]:
             finding = finding_of(
                 explained,
@@ -476,13 +482,4 @@ def of_means(memory: Memory, means: Rows) -> Judged:
 def show_directions(memories: Mapping[tuple[str, str], Memory], instrument: str) -> bool:
     """Return whether pairs of an instrument would show wrong directions."""
     held = {**memories.get(("means", instrument), {}), **memories.get(("motion", instrument), {})}
-    return any(
-        name in held and tell_directions(held[name], floor, least)
-        for name, floor, least in (
-            ("current", CURRENT_FLOOR, LEAST_MEANS),
-            ("vehicle", _VEHICLE_FLOOR, _LEAST_DIVES),
-            ("blocks", _MOTION_FLOOR, _LEAST_MOTIONS),
-            ("motionpair", _MOTION_FLOOR, _LEAST_MOTIONS),
-            ("trackpair", _MOTION_FLOOR, _LEAST_MOTIONS),
-        )
-    )
+    return any(name in held and tell_directions(held[name], of) for name, of in _SOURCES.items())

@@ -1,8 +1,7 @@
 """Checks of profiles: bins above the surface, speeds that are no current's, noise against its stated error, and one shape in other water."""
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,8 +57,7 @@ _COMPARISONS, _ROUNDING = 30, 1e-10
 _LEAST_RMS, _MOST_RMS, _PERCENTILE = 0.004, 1.5, 99.9
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EnsembleSpeeds:
+class EnsembleSpeeds(NamedTuple):
     """How fast the currents of an ensemble are.
 
     Attributes:

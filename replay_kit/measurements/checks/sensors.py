@@ -100,10 +100,10 @@ def _can_compare(own: Memory, vehicle: Memory) -> bool:
     return min(map(len, both)) >= _LEAST and bool(max(map(np.ptp, both)) >= _DIVES)
 
 
-def _gain(none: Misfit, other: Misfit, floor: float) -> float:
-    """Return the log-likelihood ratio of misfits; the numbers of values may differ."""
+def _gain(none: Misfit, other: Misfit, floor: float, scale: float = 1.0) -> float:
+    """Return the log-likelihood ratio of misfits; the numbers of values may differ, and errors be those of values in another scale."""
     n = min(none[1], other[1], 2.0 * _COUNTED) / 2.0
-    return n * 0.5 * math.log((none[0] + floor) / (other[0] + floor))
+    return n * (0.5 * math.log((none[0] + floor) / (other[0] + floor)) - math.log(scale))
 
 
 def _best_lag(
@@ -167,8 +167,7 @@ def _of_depths(own: Memory, vehicle: Memory, topic: str) -> Finding | None:
     best, late = (0.0, math.inf, 0.0, ""), misfit(lag)
     for scale, cause in _UNITS:
         unit = misfit(0.0, scale)
-        cost = min(none[1], unit[1], 2.0 * _COUNTED) / 2.0 * math.log(max(scale, 1.0))
-        best = max(best, (_gain(none, unit, floor) - cost, unit[0], scale, cause))
+        best = max(best, (_gain(none, unit, floor, max(scale, 1.0)), unit[0], scale, cause))
     gain, left, scale, cause = best
     if abs(lag) >= least and _gain(none, late, floor) > gain:
         return _late(f"{topic}: the depths of the pings", time_ns, lag, none, late, floor)

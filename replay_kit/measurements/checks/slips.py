@@ -82,8 +82,7 @@ class Sounding:
     vehicle_depth: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Fault:
+class Fault(NamedTuple):
     """One way in which a log can be wrong.
 
     Attributes:
