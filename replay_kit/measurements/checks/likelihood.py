@@ -313,40 +313,34 @@ def explanation(
         kinds: Of alternatives.
         least_gain: Log-likelihood ratio below which nothing is said.
     """
-    if len(pairs) < source.least:
-        return None
-    found = [each for kind in kinds if (each := _best(pairs, source, kind))]
+    floor, found = source.floor, list[tuple[float, Explanation]]()
+    for kind in kinds if len(pairs) >= source.least else ():
+        of, spread = alternatives(pairs, floor, kind), 0.0
+        logs = of.gain + of.prior
+        last = logs[: len(pairs) - source.least + 1]
+        k, h = (int(one) for one in np.unravel_index(np.argmax(last), last.shape))
+        value, (a, b, w) = complex(of.value[k, h]), (each[k:] for each in _vectors(pairs))
+        expected = value * (b.conj() if kind == "mirror" else b)
+        if kind in _ADDED:
+            expected = b + value * _basis(kind, pairs)[k, k:]
+            hours = 1.0 if kind == "offset" else pairs[-1, 5] - pairs[0, 5]
+            if abs(value) * hours < _LEAST_OFFSET:
+                continue
+        left, equal = np.abs(a - expected) * _narrowed(np.array(value)), np.abs(a - b)
+        favoured = float(w @ (left < equal) / w.sum())
+        ratio = (w @ equal**2 + floor) / (w @ left**2 + floor)
+        if favoured < _MAJORITY or ratio < _LEAST_RATIO:
+            continue
+        if kind in ("scale", "unit"):
+            shares, size = np.exp(logs[k] - logs[k, h]), np.log(np.abs(of.value[k] / value))
+            spread = math.sqrt(float(shares @ size**2 / shares.sum()))
+        near = (of.slip[one] for one in np.flatnonzero(logs[k] > logs[k, h] - _ALIKE))
+        slips = of.slip[h], *(slip for slip in near if slip and slip != of.slip[h])
+        gain, since = float(of.gain[k, h]), float(pairs[k, 5]) if k else 0.0
+        of_kind = Explanation(kind, value, slips, spread, gain, favoured, len(w), since)
+        found.append((logs[k, h], of_kind))
     _, best = max(found, key=lambda each: each[0], default=(0.0, None))
     return best if best is not None and best.gain >= least_gain else None
-
-
-def _best(pairs: Array, source: Source, kind: str) -> tuple[float, Explanation] | None:
-    """Return the likeliest alternative of a kind with the logarithm of its odds; None where it explains too few pairs, or too little."""
-    floor, spread = source.floor, 0.0
-    of = alternatives(pairs, floor, kind)
-    logs = of.gain + of.prior
-    last = logs[: len(pairs) - source.least + 1]
-    k, h = (int(one) for one in np.unravel_index(np.argmax(last), last.shape))
-    value, (a, b, w) = complex(of.value[k, h]), (each[k:] for each in _vectors(pairs))
-    expected = value * (b.conj() if kind == "mirror" else b)
-    if kind in _ADDED:
-        expected = b + value * _basis(kind, pairs)[k, k:]
-        hours = 1.0 if kind == "offset" else pairs[-1, 5] - pairs[0, 5]
-        if abs(value) * hours < _LEAST_OFFSET:
-            return None
-    left, equal = np.abs(a - expected) * _narrowed(np.array(value)), np.abs(a - b)
-    favoured = float(w @ (left < equal) / w.sum())
-    ratio = (w @ equal**2 + floor) / (w @ left**2 + floor)
-    if favoured < _MAJORITY or ratio < _LEAST_RATIO:
-        return None
-    if kind in ("scale", "unit"):
-        shares, size = np.exp(logs[k] - logs[k, h]), np.log(np.abs(of.value[k] / value))
-        spread = math.sqrt(float(shares @ size**2 / shares.sum()))
-    near = (of.slip[one] for one in np.flatnonzero(logs[k] > logs[k, h] - _ALIKE))
-    slips = of.slip[h], *(slip for slip in near if slip and slip != of.slip[h])
-    gain, since = float(of.gain[k, h]), float(pairs[k, 5]) if k else 0.0
-    found = Explanation(kind, value, slips, spread, gain, favoured, len(w), since)
-    return float(logs[k, h]), found
 
 
 def odds(causes: Mapping[str, float]) -> list[tuple[str, float]]:

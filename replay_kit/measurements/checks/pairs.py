@@ -14,12 +14,12 @@ given.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from replay_kit.core.arrays import Array, Times
-from replay_kit.core.errors import Finding, Severity
 from replay_kit.measurements.checks.fold import (
     Context,
     Found,
@@ -166,32 +166,28 @@ def moved(memory: Memory, pings: Rows, context: Context) -> Judged:
         pairs, held = history(memory, new, ("time", "pair"), 0.0, _MOST, name)
         after |= held
         for event in pairs.due(_JUDGED_EACH):
-            finding = _of_motion(pairs.until(event, _MOST), name)
-            unless = OF_SOURCES if finding and finding.name == SCALE else ()
-            found += [Found(event, finding, unless)] if finding else []
+            found += _of_motion(pairs.until(event, _MOST), name)
     return after, found
 
 
-def _of_motion(latest: Rows, name: str) -> Finding | None:
+def _of_motion(rows: Rows, name: str) -> list[Found]:
     """Return a turn that pairs of motion establish, or a scale of the stated velocity once it is likelier than all else."""
-    pairs, topic, time_ns = latest["pair"], latest.topic, int(latest["time"][-1])
-    turned = explanation(pairs, _MOTION, TURNED)
-    if turned is not None:
-        return _turned(turned, _OF_MOTION[name], time_ns, topic)
-    if name == "motion":
-        return None
-    scale = explanation(pairs, _MOTION, ("scale",))
+    pairs = rows["pair"]
+    if turned := explanation(pairs, _MOTION, TURNED):
+        return _turned(rows, turned, _OF_MOTION[name])
+    scale = explanation(pairs, _MOTION, ("scale",)) if name == "track" else None
     # positions may lack the current
-    likely = scale and odds(causes(pairs, _MOTION, KINDS))[0]
-    if not scale or not likely or likely[0] != CAUSES["scale"] or likely[1] < _LIKELY:
-        return None
+    cause, share = odds(causes(pairs, _MOTION, KINDS))[0]
+    if not scale or cause != CAUSES["scale"] or share < _LIKELY:
+        return []
     return finding_of(
+        rows,
         scale,
         SCALE,
-        f"{topic}: beside that of its positions the platform's stated velocity looks {scale.names}",
+        f"beside that of its positions the platform's stated velocity looks {scale.names}",
         "a wrong unit or scale of the platform's velocity, and of the profiles that it is in",
         "state measurements.velocity_unit, or correct the platform's velocity",
-        time_ns,
+        OF_SOURCES,
     )
 
 
@@ -305,41 +301,38 @@ def beside_means(memory: Memory, pings: Rows, context: Context) -> Judged:
         for kind, new in _compared(after, until, mean, context.through_water).items():
             after[kind] = np.concatenate([after.get(kind, new[:0]), new])[-_MOST:]
         if _KNOWN.isdisjoint(context.known):
-            finding = _cause(after, int(mean["time"][0]), pings.topic)
-            found += [Found(event, finding, _KNOWN)] if finding else []
+            found += _cause(after, replace(mean, topic=pings.topic))
     return {**after, **_dives(after, pings.take(slice(start, None)))}, found
 
 
-def _cause(pairs: Memory, time_ns: int, topic: str) -> Finding | None:
+def _cause(pairs: Memory, mean: Rows) -> list[Found]:
     """Return what a mean current established: of all causes the likeliest, once it is likely enough or there are many pairs.
 
     Args:
         pairs: ``current``, ``vehicle`` and ``blocks``, shapes (up to 128, 6).
-        time_ns: Of the mean current [ns, UTC].
-        topic: Of the profiles.
+        mean: The mean current, with the topic of the profiles.
     """
     current, vehicle = pairs["current"], pairs["vehicle"]
-    turned = explanation(pairs["blocks"], _MOTION, TURNED)
-    if turned is not None:
-        return _turned(turned, _OF_MEANS, time_ns, topic)
+    if turned := explanation(pairs["blocks"], _MOTION, TURNED):
+        return _turned(mean, turned, _OF_MEANS, _KNOWN)
     found = causes(current, CURRENT, KINDS)
     for cause, gain in causes(vehicle, _OF_DIVES, RELATIVE).items():
         # a scale is one, whatever it is relative to
         name = cause if cause == CAUSES["scale"] else f"{cause}{_OF_VEHICLE}"
         found[name] = float(np.logaddexp(found.get(name, -math.inf), gain))
     if not found:
-        return None
+        return []
     rivals = odds(found)
     cause, share = rivals[0]
     if cause.endswith(_OF_VEHICLE):
         best = explanation(vehicle, _OF_DIVES, TURNED, _TURN_GAIN)
         # what excludes an instrument must be certain
         if best is not None and share >= _LIKELY:
-            return _turned(best, _OF_MEANS, time_ns, topic)
+            return _turned(mean, best, _OF_MEANS, _KNOWN)
     else:
         best = _best(current, vehicle, cause)
     if best is None:
-        return None
+        return []
     if best.kind not in TURNED and not best.is_unit:
         # what excludes a scale or an offset must be what the other leaves, not that its size is not known before
         kinds = ("offset", "drift") if best.kind in ("scale", "unit") else ("scale",)
@@ -349,16 +342,17 @@ def _cause(pairs: Memory, time_ns: int, topic: str) -> Finding | None:
     chances = (f"{one} {100.0 * each:.0f} %" for one, each in rivals if each >= _LEAST_SHARE)
     listed = f"odds of the causes: {', '.join(chances)}"
     if share >= _LIKELY:
-        return _of_sources(best, "" if rivals[0][1] >= _SURE else f"; {listed}", time_ns, topic)
+        return _of_sources(mean, best, "" if rivals[0][1] >= _SURE else f"; {listed}")
     if best.pairs < _ENOUGH:
-        return None
+        return []
     return finding_of(
+        mean,
         best,
         UNDECIDED,
-        f"profiles of {topic} and mean currents of dives are not of one current",
+        "profiles and mean currents of dives are not of one current",
         f"not known yet, as the current and the heading hardly change; {listed}",
         _CHECK_BOTH.format("both"),
-        time_ns,
+        _KNOWN,
     )
 
 
@@ -376,53 +370,66 @@ def _best(current: Array, vehicle: Array, cause: str) -> Explanation | None:
 
 
 def finding_of(
+    rows: Rows,
     explained: Explanation,
     name: str,
     evidence: str,
     cause: str,
     advice: str,
-    time_ns: int,
-) -> Finding:
-    """Return the finding that something explains pairs, since it began, or with how strongly.
+    unless: Iterable[str] = (),
+) -> list[Found]:
+    """Return the finding that something explains pairs, since it began, or with the last of some rows, and how strongly.
 
     Args:
+        rows: With which it was established.
         explained: What.
         name: As of ``Finding``.
         evidence: How strongly the pairs say so is added to it.
         cause: As of ``Finding``.
         advice: As of ``Finding``.
-        time_ns: With which it was established [ns, UTC].
+        unless: As of ``Found``.
     """
     agree = f"{100.0 * explained.favoured:.0f} % of {explained.pairs} pairs agree"
-    words = f"{evidence} (likelihood ratio e^{explained.gain:.0f}, {agree})"
-    since_ns = round(explained.since * _HOUR_NS) or time_ns
-    severity: Severity = "unusable" if name == UNIT else "inconsistent"
-    return Finding(name, since_ns, words, cause, advice, severity, name == COMPASS)
-
-
-def _turned(explained: Explanation, what: str, time_ns: int, topic: str) -> Finding:
-    """Return the finding of an instrument that is turned, by pairs of what."""
-    return finding_of(
-        explained,
-        COMPASS,
-        f"{topic}: {what}; relative to the vehicle the profiles look {explained.names}",
-        "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted; "
-        "of a DVL its axes, where forward, left and up are taken for forward, starboard and down (measurements.dvl_axes)",
-        "its profiles are not used, the estimate is rebuilt without them; correct the instrument's settings and replay again",
-        time_ns,
+    return rows.first(
+        rows.event == rows.event[-1],
+        name,
+        lambda _: f"{evidence} (likelihood ratio e^{explained.gain:.0f}, {agree})",
+        cause,
+        advice,
+        "unusable" if name == UNIT else "inconsistent",
+        name == COMPASS,
+        unless,
+        lambda k: round(explained.since * _HOUR_NS) or rows["time"][k],
     )
 
 
-def _of_sources(best: Explanation, rivals: str, time_ns: int, topic: str) -> Finding:
+def _turned(
+    rows: Rows, explained: Explanation, what: str, unless: Iterable[str] = ()
+) -> list[Found]:
+    """Return the finding of an instrument that is turned, by pairs of what."""
+    return finding_of(
+        rows,
+        explained,
+        COMPASS,
+        f"{what}; relative to the vehicle the profiles look {explained.names}",
+        "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted; "
+        "of a DVL its axes, where forward, left and up are taken for forward, starboard and down (measurements.dvl_axes)",
+        "its profiles are not used, the estimate is rebuilt without them; correct the instrument's settings and replay again",
+        unless,
+    )
+
+
+def _of_sources(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
     """Return the finding of profiles and mean currents, or drifts, of which either may be wrong."""
-    size, between = abs(best.value), f"profiles of {topic} and mean currents of dives"
+    size = abs(best.value)
     if best.kind in TURNED:
-        name, evidence = CONTRADICTION, f"{between}: the profiles look {best.names}"
+        name = CONTRADICTION
+        evidence = f"beside mean currents of dives the profiles look {best.names}"
         cause = "the axes or signs of the profiles, or those of the mean currents of dives"
         advice = _CHECK_BOTH.format("their frames")
     elif best.kind in ("scale", "unit"):
         name = UNIT if size >= _GROSS else SCALE
-        evidence = f"{topic}: the profiles are {size:.3g} (x/ {math.exp(best.spread):.2f}) times as fast as the mean currents of dives"
+        evidence = f"the profiles are {size:.3g} (x/ {math.exp(best.spread):.2f}) times as fast as the mean currents of dives"
         cause = "a wrong unit or scale of the profiles, or of the mean currents of dives"
         if units := list(dict.fromkeys(filter(None, best.slips))):
             of = "velocities" if size > 1.0 else "mean currents of dives"
@@ -431,10 +438,10 @@ def _of_sources(best: Explanation, rivals: str, time_ns: int, topic: str) -> Fin
         advice = f"state measurements.velocity_unit{stated}, or check both sources"
     else:
         name, unit = (OFFSET, "m/s") if best.kind == "offset" else (DRIFT, "m/s an hour")
-        evidence = f"{between.replace(' and', ' less')}: {best.value.real:+.3f} east, {best.value.imag:+.3f} north {unit}"
+        evidence = f"profiles less mean currents of dives: {best.value.real:+.3f} east, {best.value.imag:+.3f} north {unit}"
         cause = "the velocity of the platform that is in the profiles, an instrument's offset, or the flight model behind the mean currents of dives"
         advice = _CHECK_BOTH.format("both")
-    return finding_of(best, name, evidence, cause + rivals, advice, time_ns)
+    return finding_of(mean, best, name, evidence, cause + rivals, advice, _KNOWN)
 
 
 def of_means(memory: Memory, means: Rows) -> Judged:
@@ -466,16 +473,15 @@ def of_means(memory: Memory, means: Rows) -> Judged:
     for event in new.event.tolist():
         rows = pairs.until(event, _MOST)
         explained = explanation(rows["pair"], _OF_DIVES._replace(least=CURRENT.least), TURNED)
-        if explained is not None and explained.slips[0]:
-            finding = finding_of(
+        if explained and explained.slips[0]:
+            found += finding_of(
+                rows,
                 explained,
                 RECKONED,
                 f"beside fixes and dead-reckoned positions the mean currents look {explained.names}",
                 "the axes or signs of the mean currents",
                 'check which variable is east; withhold them (--without dac), or compute them (measurements.dead_reckoning = "through_water")',
-                int(rows["time"][-1]),
             )
-            found.append(Found(event, finding))
     return {**held, "velocity": latest[-1], "times": times[-1]}, found
 
 

@@ -58,6 +58,8 @@ _UNITS = (
 Misfit = tuple[float, float]
 _UNKNOWN = math.nan, math.nan
 Complex = NDArray[np.complex128]
+# Columns of an instrument, or of the vehicle.
+Columns = Memory | Rows
 
 
 def of_vehicle(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Rows]:
@@ -80,21 +82,20 @@ def of_sensors(memory: Memory, pings: Rows, context: Context) -> Judged:
     names = "time", "pressure_depth", "heading"
     own, after = history(memory, pings.take(known), names, _SPACING, _MOST_OF_PINGS)
     for event in own.due(_EVERY) if _EXPLAINED.isdisjoint(context.known) else ():
-        latest = own.until(event, _MOST_OF_PINGS).columns
-        vehicle = context.vehicle.until(event, _MOST_OF_VEHICLE).columns
-        judged = _of_depths if _can_compare(latest, vehicle) else _of_headings
-        if (found := judged(latest, vehicle, pings.topic)) is not None:
+        both = own.until(event, _MOST_OF_PINGS), context.vehicle.until(event, _MOST_OF_VEHICLE)
+        found = (_of_depths if _can_compare(*both) else _of_headings)(*both)
+        if found is not None:
             return after, [Found(event, found, _EXPLAINED)]
     return after, []
 
 
-def _known(rows: Memory, name: str) -> tuple[Array, Array]:
+def _known(rows: Columns, name: str) -> tuple[Array, Array]:
     """Return times since 1970 [s] and values of a column, where these are known."""
     known = np.isfinite(rows[name])
     return rows["time"][known] * 1e-9, rows[name][known]
 
 
-def _can_compare(own: Memory, vehicle: Memory) -> bool:
+def _can_compare(own: Columns, vehicle: Columns) -> bool:
     """Return whether a log has both depths, and one of them changes by as much as a dive."""
     both = _known(own, "pressure_depth")[1], _known(vehicle, "depth")[1]
     return min(map(len, both)) >= _LEAST and bool(max(map(np.ptp, both)) >= _DIVES)
@@ -123,14 +124,14 @@ def _best_lag(
     return min(fits, key=lambda lag: (abs(lag), lag), default=math.nan)
 
 
-def _of_depths(own: Memory, vehicle: Memory, topic: str) -> Finding | None:
+def _of_depths(own: Rows, vehicle: Rows) -> Finding | None:
     """Return that one of two depths is stuck, or that the instrument's are in another unit, or late."""
     (t, p), (times, depths) = _known(own, "pressure_depth"), _known(vehicle, "depth")
     time_ns = int(t[-1] * 1e9)
     reckoned = vehicle["dead_reckoned"][np.isfinite(vehicle["depth"])] & (times >= t[0])
     known = reckoned & (times <= t[-1])
     series = ((t, p), (times[known], depths[known]))
-    names = f"the depth of the pings of {topic}", "the depth of the vehicle"
+    names = f"the depth of the pings of {own.topic}", "the depth of the vehicle"
     for name, (at, values), (others_at, others) in zip(names, series, series[::-1], strict=True):
         begin = np.flatnonzero(np.abs(values - values[-1:]) > _STUCK).max(initial=-1) + 1
         if len(values) - begin < _LEAST:
@@ -170,13 +171,13 @@ def _of_depths(own: Memory, vehicle: Memory, topic: str) -> Finding | None:
         best = max(best, (_gain(none, unit, floor, max(scale, 1.0)), unit[0], scale, cause))
     gain, left, scale, cause = best
     if abs(lag) >= least and _gain(none, late, floor) > gain:
-        return _late(f"{topic}: the depths of the pings", time_ns, lag, none, late, floor)
+        return _late(f"{own.topic}: the depths of the pings", time_ns, lag, none, late, floor)
     if gain < LEAST_GAIN or none[0] < _RATIO * left:
         return None
     return Finding(
         DEPTHS,
         time_ns,
-        f"{topic}: the pings are {scale:.3g} times as deep as the vehicle ({none[1]:.0f} pings, likelihood ratio e^{gain:.0f})",
+        f"{own.topic}: the pings are {scale:.3g} times as deep as the vehicle ({none[1]:.0f} pings, likelihood ratio e^{gain:.0f})",
         cause,
         "correct the pressure of the pings, or the depth of the vehicle; profiles are placed by the pings' pressure",
     )
@@ -233,7 +234,7 @@ def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, f
     return float(slope @ left) / squares, max(_LEAST_LAG, _SIGMAS * error)
 
 
-def _of_headings(own: Memory, vehicle: Memory, topic: str) -> Finding | None:
+def _of_headings(own: Rows, vehicle: Rows) -> Finding | None:
     """Return that the instrument's clock is late, if that explains its headings much better than none."""
     t, degrees = _known(own, "heading")
     # a constant turn is free
@@ -246,7 +247,7 @@ def _of_headings(own: Memory, vehicle: Memory, topic: str) -> Finding | None:
     if not none[0] >= _RATIO * _HEADING_ERROR:
         return None
     lag = _best_lag(misfit, 0.5 * t.size, lambda least: least + 0.1 * _HEADING_ERROR)
-    what, time_ns = f"{topic}: the headings of the pings", int(t[-1] * 1e9)
+    what, time_ns = f"{own.topic}: the headings of the pings", int(t[-1] * 1e9)
     return _late(what, time_ns, lag, none, misfit(lag), _HEADING_ERROR)
 
 
@@ -269,7 +270,7 @@ def least_lag(own: Memory, vehicle: Memory) -> float:
     return min(found, default=math.inf)
 
 
-def _course_of(vehicle: Memory) -> Callable[[Array], Complex]:
+def _course_of(vehicle: Columns) -> Callable[[Array], Complex]:
     """Return a function of times that gives the direction of the vehicle's way; 0 where it hardly moves or that is not known."""
     times, (way, seconds) = vehicle["time"] * 1e-9, steps(vehicle)
     if len(times) < _LEAST:
