@@ -175,10 +175,11 @@ def _of_motion(rows: Rows, name: str) -> list[Found]:
     pairs = rows["pair"]
     if turned := explanation(pairs, _MOTION, TURNED):
         return _turned(rows, turned, _OF_MOTION[name])
-    scale = explanation(pairs, _MOTION, ("scale",)) if name == "track" else None
+    if name == "motion" or not (scale := explanation(pairs, _MOTION, ("scale",))):
+        return []
     # positions may lack the current
     cause, share = odds(causes(pairs, _MOTION, KINDS))[0]
-    if not scale or cause != CAUSES["scale"] or share < _LIKELY:
+    if cause != CAUSES["scale"] or share < _LIKELY:
         return []
     return finding_of(
         rows,
