@@ -51,7 +51,8 @@ class Checked:
     Attributes:
         memory: Of each check, by its name and the instrument that it is of, empty for the vehicle.
         instruments: Rows without a ping of each instrument, by its name: a topic, and with other beams it is another one.
-        named: Names of what was found, by instrument, and ``pairs.UNUSED`` of one whose profiles are not used; an empty one for the vehicle.
+        named: Names of what was found, by instrument, and ``pairs.UNUSED`` of one whose profiles are not used; an empty one for
+            the vehicle.
         pings: Pings judged, and those that are not relative to a platform of unknown velocity.
         findings: What was found, in order.
     """

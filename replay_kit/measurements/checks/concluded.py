@@ -49,7 +49,8 @@ def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
         TRACKS,
         0,
         f"{names[one.log]} and {names[other.log]}; of {passages.number} ways from a position of the one to the next "
-        f"of the other {passages.beyond} are longer than a vehicle travels in that time, the last one {one.way(other) / 1e3:.0f} km ({', '.join(placed)})",
+        f"of the other {passages.beyond} are longer than a vehicle travels in that time, the last one "
+        f"{one.way(other) / 1e3:.0f} km ({', '.join(placed)})",
         "two vehicles, or a clock or receiver that was wrong most of the time",
         'name the vehicles (--as NAME=LOG), or replay each alone; consistency.on_failure = "ignore" takes them for one vehicle',
         "unusable",

@@ -95,8 +95,8 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]
     Velocities are written with few digits: what share of the living cells repeats by chance says how long a run means something.
 
     Args:
-        memory: ``last`` (1, m, k), the ping before; ``equal`` (16, m), whether cells of the latest have repeated; ``counts`` (1, 2), repeats
-            of living cells and their number.
+        memory: ``last`` (1, m, k), the ping before; ``equal`` (16, m), whether cells of the latest have repeated; ``counts`` (1, 2),
+            repeats of living cells and their number.
         pings: Of one instrument, not dead, in order.
     """
     raw = pings["raw"]
@@ -130,7 +130,8 @@ def duplicates(memory: Memory, rows: Rows, context: Context | None = None) -> Ju
     """Return that pings or positions come twice, equal, at one time, from one log: a third of the last 30.
 
     Args:
-        memory: ``last`` (2, 4), times [ns], numbers, logs and topics of the latest rows; ``again`` (30,), whether each of the latest is as the one before.
+        memory: ``last`` (2, 4), times [ns], numbers, logs and topics of the latest rows; ``again`` (30,), whether each of
+            the latest is as the one before.
         rows: Of one instrument, or positions.
         context: Is not asked.
     """

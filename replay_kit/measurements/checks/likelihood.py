@@ -15,7 +15,8 @@ is its log-likelihood ratio to equality; an offset or a drift pays, besides, for
 sums since each pair, so that all scales, turns and beginnings are compared at once: a scale is free, on a grid of 2 %, and has a spread.
 
 References:
-    Bernardo and Smith (1994), Bayesian Theory, section 5.4 (conjugate linear regression); Willsky and Jones (1976), IEEE Trans. Automat. Contr. 21 (a likelihood ratio over the time of a change).
+    Bernardo and Smith (1994), Bayesian Theory, section 5.4 (conjugate linear regression); Willsky and Jones (1976), IEEE Trans. Automat.
+    Contr. 21 (a likelihood ratio over the time of a change).
 """
 
 import math

@@ -440,7 +440,7 @@ def _of_sources(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
     else:
         name, unit = (OFFSET, "m/s") if best.kind == "offset" else (DRIFT, "m/s an hour")
         evidence = f"profiles less mean currents of dives: {best.value.real:+.3f} east, {best.value.imag:+.3f} north {unit}"
-        cause = "the velocity of the platform that is in the profiles, an instrument's offset, or the flight model behind the mean currents of dives"
+        cause = "the velocity of the platform that is in the profiles, an instrument's offset, or the flight model of the mean currents"
         advice = _CHECK_BOTH.format("both")
     return finding_of(mean, best, name, evidence, cause + rivals, advice, _KNOWN)
 
@@ -481,7 +481,7 @@ def of_means(memory: Memory, means: Rows) -> Judged:
                 RECKONED,
                 f"beside fixes and dead-reckoned positions the mean currents look {explained.names}",
                 "the axes or signs of the mean currents",
-                'check which variable is east; withhold them (--without dac), or compute them (measurements.dead_reckoning = "through_water")',
+                'check which variable is east; withhold them (--without dac), or compute them (dead_reckoning = "through_water")',
             )
     return {**held, "velocity": latest[-1], "times": times[-1]}, found
 

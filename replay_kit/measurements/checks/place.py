@@ -64,7 +64,7 @@ def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
 
     def evidence(k: int) -> str:
         number, seconds, least, most, *_ = runs[k]
-        return f"{number:.0f} positions over {seconds:.0f} s are equal to the last digit while the vehicle moved between {least:.0f} and {most:.0f} m"
+        return f"{number:.0f} positions over {seconds:.0f} s are equal to the last digit, from {least:.0f} to {most:.0f} m of depth"
 
     advice = "pings at such positions are not used; check the receiver, or give the vehicle's dead-reckoned positions"
     found = positions.first(

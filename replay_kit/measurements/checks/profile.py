@@ -1,7 +1,8 @@
-"""Checks of profiles: bins above the surface, speeds that are no current's, noise against its stated error, and one shape in other water."""
+"""Checks of profiles: bins above the surface, speeds that are no current's, noise beside its stated error, one shape in other water."""
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -211,10 +212,10 @@ def noise(memory: Memory, pings: Rows, context: Context) -> Judged:
         pings: Of one instrument.
         context: Is not asked.
     """
-    pings = pings.take((pings["bins"] >= LEAST_CELLS) & ~(pings["correlation_depth"] > 0.0))
     good = np.isfinite(np.diff(pings["velocity"], 2, axis=1)).all(axis=2)
     size, stated = _scatter(pings, good), mean_of(pings["error_std"][:, 1:-1], good)
     told = np.isfinite(size) & (size > 0.0) & (stated > 0.0)
+    told &= (pings["bins"] >= LEAST_CELLS) & ~(pings["correlation_depth"] > 0.0)
     ratios = windows(memory, "log_ratio", np.log(size[told] / stated[told]), _NOISES)
     middle = np.exp(np.sort(ratios, axis=1)[:, _NOISES // 2])
     found = list[Found]()
@@ -249,8 +250,8 @@ def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
 
     Args:
         memory: ``profile`` (2, m, k), the last two that were compared; ``place`` (1, 3), depth [m], longitude and latitude of the last one;
-            of the latest comparisons ``times`` (30,) [ns] and ``products`` (30, 5), means of the second differences of one times itself and
-            the other, and of the other times the one and itself, and the variance of what differs.
+            of the latest comparisons ``times`` (30,) [ns] and ``products`` (30, 6), second differences of one times itself and the other,
+            and of the other times the one and itself, their mean square of what differs between both, and its variance.
         pings: Of one instrument; stuck cells are left out.
         context: Is not asked.
     """
@@ -267,17 +268,18 @@ def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
     number = known.sum(axis=(1, 2, 3))
     told = number > 0
     second = np.where(known, second, 0.0)[told]
-    of_each = np.einsum("nimk,njmk->nij", second, second).reshape(-1, 4) / number[told, None]
-    differs = np.diff(profile[1:][told], axis=1)
-    pings, new = pings.take(told), np.column_stack([of_each, np.nanvar(differs, axis=(1, 2, 3))])
+    of_each = np.einsum("nimk,njmk->nij", second, second).reshape(-1, 4)
+    white = (of_each @ (1, -1, -1, 1)) / number[told]
+    variance = np.nanvar(np.diff(profile[1:][told], axis=1), axis=(1, 2, 3))
+    pings, new = pings.take(told), np.column_stack([of_each, white, variance])
     products = windows(memory, "products", new, _COMPARISONS)
     times = windows(memory, "times", pings["time"], _COMPARISONS)
-    first, one, _, other, variance = products[:, -_LEAST_ALIKE:].sum(axis=1).T
-    size, white = np.sqrt(first * other), first + other - 2.0 * one
+    first, one, _, other, white, variance = products[:, -_LEAST_ALIKE:].sum(axis=1).T
+    size = np.sqrt(first * other)
 
     def since(k: int) -> int:
         # by the latest comparisons alone: those before were of a living instrument
-        first, one, _, other, _ = products[k].T
+        first, one, _, other, *_ = products[k].T
         unlike = np.flatnonzero(~(one >= 0.5 * np.sqrt(first * other)))
         return int(times[k, min(unlike.max(initial=-1) + 1, _COMPARISONS - 1)])
 
@@ -297,10 +299,12 @@ def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
     return {**after, "times": times[-1]}, found
 
 
-def _in_other_water(one: Any, other: Any) -> bool:
+def _in_other_water(one: Sequence[float], other: Sequence[float]) -> bool:
     """Return whether a place, its depth, longitude and latitude, is 20 m deeper or less deep than another, or 1 km away."""
-    depth, longitude, latitude = (abs(a - b) for a, b in zip(one, other, strict=True))
-    if depth >= _OTHER_DEPTH or max(longitude, latitude) < _CLOSE:
-        return bool(depth >= _OTHER_DEPTH)
+    if abs(other[0] - one[0]) >= _OTHER_DEPTH:
+        return True
+    longitude, latitude = other[1] - one[1], other[2] - one[2]
+    if max(abs(longitude), abs(latitude)) < _CLOSE:
+        return False
     east, north = metres_per_degree(one[2])
     return math.hypot(east * longitude, north * latitude) >= _OTHER_PLACE

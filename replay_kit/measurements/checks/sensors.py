@@ -38,7 +38,7 @@ _LEAST, _EVERY = 12, 8
 _DIVES, _STUCK, _ERROR = 20.0, 1.0, 0.5
 # s; positions farther apart say nothing of what is between them.
 _LONGEST = 1800.0
-# Factor by which a fault reduces the squares, pings that count at most, and by how many standard errors and seconds a lag differs from none.
+# Factor by which a fault reduces the squares, pings that count at most, by how many standard errors and seconds a lag differs from none.
 _RATIO, _COUNTED, _SIGMAS, _LEAST_LAG = 4.0, 32.0, 4.0, 10.0
 # s; lags that are tried, and those of which it is asked whether they would show.
 _LAGS = np.arange(-46_800.0, 46_801.0, _SPACING)
@@ -203,8 +203,8 @@ def _late(
     return Finding(
         CLOCK,
         time_ns,
-        f"{what} are those of the vehicle {apart} {'earlier' if lag > 0.0 else 'later'} ({late[1]:.0f} pings, likelihood ratio e^{gain:.0f}; "
-        "a vehicle that does alike again leaves other lags possible)",
+        f"{what} are those of the vehicle {apart} {'earlier' if lag > 0.0 else 'later'} ({late[1]:.0f} pings, "
+        f"likelihood ratio e^{gain:.0f}; a vehicle that does alike again leaves other lags possible)",
         f"the clock of the instrument is {apart} {'late' if lag < 0.0 else 'ahead'}, or that of the vehicle the other way",
         "correct the clock of one log; --clock chooses among the times that a log states",
     )
