@@ -31,9 +31,8 @@ CHECKS: Mapping[str, Fold] = {
     "noise": profile.noise,
     "beams": instrument.beams,
     "shape": profile.one_shape,
-    "motion": pairs.moved,
     "sensors": sensors.of_sensors,
-    "means": pairs.beside_means,
+    "means": pairs.beside,
 }
 # Of positions, and of mean currents.
 _OF_POSITIONS: Mapping[str, Callable[..., Any]] = {
@@ -112,7 +111,9 @@ def check(
         found.append(("", Found(int(np.searchsorted(block.events[:, 0], order)), finding)))
     instruments, (number, absolute) = _instruments(block, state.instruments), state.pings
     wrong = np.zeros_like(block.ping["reasons"] if block.ping else np.empty((0, 0), np.int32))
-    for name, pings in instruments.items() if len(means) or block.ping else ():
+    for name, pings in instruments.items():
+        if not len(pings) and not len(means):
+            continue
         known = state.named.get(name, frozenset())
         context = Context(ensemble, through_water, vehicle, means, known)
         dead = run("dead", instrument.dead, pings)

@@ -60,16 +60,32 @@ UNITS = {
     "cm/s": 100.0,
     "mm/s": 1000.0,
 }
-# Share of a cause's probability that its usual slips have: of axes, signs and units. Of each kind the share of all other alternatives
-# (mirrors about an odd bearing need two faults at once), and the number of slips that share the former.
-_SLIPS = 0.5
-_SHARES = {"turn": (0.45, 4), "mirror": (0.05, 4), "scale": (0.5, 10)}
 # Logarithms of scales that are tried; a smaller one than the second is a calibration, and no fault; their spread before any pair.
 _SCALES, _LEAST_SCALE, _SCALE_SPREAD = np.linspace(-7.2, 7.2, 721), math.log(1.15), math.log(3.0)
 # The least logarithm of a ``unit``: of scales that no error of a vehicle's own speed makes.
 _LEAST_UNIT = math.log(3.0)
-# degrees; smaller turns are biases of a compass, which the estimator can estimate
-_LEAST_TURN, _STEP = 20, 5
+# Alternatives, degrees or logarithms, and names of those that are usual slips: of axes, signs, and units of either source. Smaller turns are
+# biases of a compass, which the estimator can estimate.
+_GRIDS: Mapping[str, tuple[Array, Mapping[float, str]]] = {
+    "turn": (
+        np.arange(20.0, 341.0, 5.0),
+        {180.0: "turned by +180 degrees clockwise, both signs wrong"},
+    ),
+    "mirror": (
+        np.arange(0.0, 360.0, 5.0),
+        {
+            0.0: "the sign of north is wrong",
+            90.0: "east and north are exchanged",
+            180.0: "the sign of east is wrong",
+        },
+    ),
+    "scale": (
+        _SCALES[np.abs(_SCALES) >= _LEAST_SCALE],
+        {sign * math.log(factor): name for sign in (1, -1) for name, factor in UNITS.items()},
+    ),
+}
+# Share of a cause's probability that all odd alternatives have, and each slip: mirrors about an odd bearing need two faults at once.
+_SHARES = {"turn": (0.45, 0.125), "mirror": (0.05, 0.125), "scale": (0.5, 0.05)}
 # m/s, m/s an hour: of a bias that all pairs share, of an offset, of a drift before any pair; share of the logs with a bias of any size
 _BIAS, _ADDED, _ODD_BIAS = 0.03, {"offset": 0.3, "drift": 0.03}, 0.02
 # m/s; a smaller offset, or a drift that comes to less, is a bias that sound sources have: of a flight model, of a compass
@@ -78,13 +94,6 @@ _LEAST_OFFSET = 0.12
 _MAJORITY, _LEAST_RATIO = 2.0 / 3.0, 4.0
 # Alternatives whose gains differ by less explain the pairs as well.
 _ALIKE = 3.0
-# Names of slips, by kind and degrees.
-_SIGNS = {
-    ("turn", 180): "turned by +180 degrees clockwise, both signs wrong",
-    ("mirror", 0): "the sign of north is wrong",
-    ("mirror", 90): "east and north are exchanged",
-    ("mirror", 180): "the sign of east is wrong",
-}
 
 
 class Source(NamedTuple):
@@ -132,22 +141,17 @@ def family(kind: str) -> Family:
         used = np.flatnonzero(np.log(every.factor.real) > _LEAST_UNIT)
         names = tuple(every.slip[k] for k in used)
         return Family(every.factor[used], every.prior[used], names)
+    (odd_share, share), (grid, slips) = _SHARES[kind], _GRIDS[kind]
+    odd = np.setdiff1d(grid, [*slips])
+    each, likely = np.append(odd, [*slips]), np.ones(len(odd))
     if kind == "scale":
-        # either source may be in a unit; between units any scale is likelier the nearer it is to 1
-        odd = _SCALES[np.abs(_SCALES) >= _LEAST_SCALE]
-        units = np.log([*UNITS.values()])
-        logs, names = np.concatenate([odd, units, -units]), (*[""] * len(odd), *UNITS, *UNITS)
-        factor, size = np.exp(logs) + 0j, np.exp(-0.5 * (logs / _SCALE_SPREAD) ** 2)
+        # between units any scale is likelier the nearer it is to 1
+        factor, likely = np.exp(each + 0j), np.exp(-0.5 * (odd / _SCALE_SPREAD) ** 2)
     else:
-        first = _LEAST_TURN if kind == "turn" else 0
-        degrees = np.arange(first, 361 - max(first, _STEP), _STEP)
-        names = tuple(_SIGNS.get((kind, angle), "") for angle in degrees.tolist())
-        # what was turned clockwise; a mirror's axis is at half of its angle from east to north
-        factor = np.exp(np.radians(degrees) * (1j if kind == "mirror" else -1j))
-        size = np.ones(len(degrees))
-    odd_share, slips = _SHARES[kind]
-    usual = np.array(names) != ""
-    shares = np.where(usual, _SLIPS / slips, odd_share * size / size[~usual].sum())
+        # a mirror's axis is at half of its angle from east to north
+        factor = np.exp(np.radians(each) * (1j if kind == "mirror" else -1j))
+    shares = np.append(odd_share * likely / likely.sum(), np.full(len(slips), share))
+    names = (*[""] * len(odd), *slips.values())
     return Family(factor, np.log(_OF_CAUSE[CAUSES[kind]] * shares), names)
 
 

@@ -135,23 +135,22 @@ def _pairs_of(a: Complex, b: Complex, weight: float, time: Times) -> Array:
     return np.column_stack(columns)
 
 
-def moved(memory: Memory, pings: Rows, context: Context) -> Judged:
+def _moved(memory: Memory, near: Rows, through_water: bool) -> Judged:
     """Return what changes of motion, and the platform's stated velocity beside that of its positions, establish.
 
     Args:
-        memory: The ping from which the next motion is counted, by its columns; ``before`` (2,), relative velocity and minus the platform's
-            at the one before it, NaN without; of ``motion`` and ``track`` the latest 128 ``pair`` (6,) with ``time`` and ``number``.
-        pings: Of one instrument.
-        context: Says whether positions under water are dead-reckoned without a current.
+        memory: As of ``beside``.
+        near: New pings.
+        through_water: Whether positions under water are dead-reckoned without a current.
     """
     # closer positions have too few digits for a velocity
-    chain, after = history(memory, _near_means(pings), _COLUMNS, _SHORTEST, 1)
+    chain, after = history(memory, near, _COLUMNS, _SHORTEST, 1, "chain")
     start, end = chain.take(slice(0, -1)), chain.take(slice(1, None))
     over_ground = _ways(chain)
     stated = ~np.isnan(start["moves"])
     platform = np.where(stated, start["moves"], over_ground)
     known = ~np.isnan(over_ground)
-    absolute = known & ~start["relative"] & (not context.through_water)
+    absolute = known & ~start["relative"] & (not through_water)
     relative = np.where(absolute, start["near"] - platform, np.nan)
     before = memory.get("before", np.full((1, 2), np.nan + 0j))
     motion = np.concatenate([before, np.column_stack([relative, -platform])])
@@ -283,24 +282,28 @@ def _blocks(near: Rows, more: complex) -> Rows:
     return blocks.take(~np.isnan(way))
 
 
-def beside_means(memory: Memory, pings: Rows, context: Context) -> Judged:
-    """Return what mean currents establish beside the profiles of one instrument.
+def beside(memory: Memory, pings: Rows, context: Context) -> Judged:
+    """Return what motion and mean currents establish beside the profiles of one instrument.
 
     Args:
         memory: As of ``_dives``; the latest pings, up to 1024, by their columns; ``current``, ``vehicle`` and ``blocks`` (up to 128, 6),
-            pairs.
+            pairs; ``chain`` and their columns, of the ping (1,) from which the next motion is counted; ``before`` (1, 2), relative velocity
+            and minus the platform's at the one before it, NaN without; ``motion`` and ``track`` with ``pair`` (up to 128, 6), ``time`` and
+            ``number``.
         pings: Of one instrument.
         context: Has the mean currents.
     """
-    near, held = history(memory, _near_means(pings), _COLUMNS, _APART, _PINGS)
-    after, start, found = {**memory, **held}, 0, list[Found]()
+    new, start = _near_means(pings), 0
+    near, held = history(memory, new, _COLUMNS, _APART, _PINGS)
+    of_motion, found = _moved(memory, new, context.through_water)
+    after = {**memory, **held, **of_motion}
     for at, event in enumerate(context.means.event.tolist()):
         mean = context.means.take(slice(at, at + 1))
         end = int(np.searchsorted(pings.event, event))
         after |= _dives(after, pings.take(slice(start, end)))
         until, start = near.until(event, _PINGS), end
-        for kind, new in _compared(after, until, mean, context.through_water).items():
-            after[kind] = np.concatenate([after.get(kind, new[:0]), new])[-_MOST:]
+        for kind, more in _compared(after, until, mean, context.through_water).items():
+            after[kind] = np.concatenate([after.get(kind, more[:0]), more])[-_MOST:]
         if _KNOWN.isdisjoint(context.known):
             found += _cause(after, replace(mean, topic=pings.topic))
     return {**after, **_dives(after, pings.take(slice(start, None)))}, found
@@ -362,12 +365,12 @@ def _best(current: Array, vehicle: Array, cause: str) -> Explanation | None:
     if cause != CAUSES["scale"]:
         kinds = [kind for kind in KINDS if CAUSES[kind] == cause]
         return explanation(current, CURRENT, kinds)
-    best = explanation(current, CURRENT._replace(least=_LEAST_UNITS), ("scale",))
-    if best is not None and best.pairs < CURRENT.least and not best.is_unit:
-        best = None
-    relative = explanation(vehicle, _OF_DIVES._replace(least=CURRENT.least), ("unit",))
-    known = [each for each in (best, relative) if each]
-    return max(known, key=lambda each: each.gain, default=None)
+    found = (
+        explanation(current, CURRENT._replace(least=_LEAST_UNITS), ("scale",)),
+        explanation(vehicle, _OF_DIVES._replace(least=CURRENT.least), ("unit",)),
+    )
+    told = [one for one in found if one and (one.pairs >= CURRENT.least or one.is_unit)]
+    return max(told, key=lambda one: one.gain, default=None)
 
 
 def finding_of(
@@ -440,7 +443,10 @@ def _of_sources(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
     else:
         name, unit = (OFFSET, "m/s") if best.kind == "offset" else (DRIFT, "m/s an hour")
         evidence = f"profiles less mean currents of dives: {best.value.real:+.3f} east, {best.value.imag:+.3f} north {unit}"
-        cause = "the velocity of the platform that is in the profiles, an instrument's offset, or the flight model of the mean currents"
+        cause = (
+            "the velocity of the platform that is in the profiles, an instrument's offset, "
+            "or the flight model behind the mean currents of dives"
+        )
         advice = _CHECK_BOTH.format("both")
     return finding_of(mean, best, name, evidence, cause + rivals, advice, _KNOWN)
 
@@ -488,5 +494,5 @@ def of_means(memory: Memory, means: Rows) -> Judged:
 
 def show_directions(memories: Mapping[tuple[str, str], Memory], instrument: str) -> bool:
     """Return whether pairs of an instrument would show wrong directions."""
-    held = {**memories.get(("means", instrument), {}), **memories.get(("motion", instrument), {})}
+    held = memories.get(("means", instrument), {})
     return any(name in held and tell_directions(held[name], of) for name, of in _SOURCES.items())

@@ -102,19 +102,19 @@ def repairable(pings: Rows) -> Mask:
     return np.asarray(known & ((pings["reasons"] & ~np.int32(REPAIRABLE)) == 0))
 
 
-def _scatter(pings: Rows, among: Holds) -> Array:
-    """Return the standard deviation of bins by their second differences, which leave the current out, shape (n,) [m/s].
+def _scatter(pings: Rows, among: Holds = np.True_) -> tuple[Array, Holds]:
+    """Return the standard deviation of bins by second differences, which leave the current out, shape (n,) [m/s], and which are known.
 
     Of white noise they have six times its variance.
 
     Args:
         pings: Of one instrument.
-        among: shape (n, m - 2); infinity where fewer than three of these differences are known.
+        among: shape (n, m - 2), of which; infinity where fewer than three of them are known.
     """
     size = np.abs(np.diff(pings["velocity"], 2, axis=1))
     known = among & np.isfinite(size).all(axis=2)
     middle = upper_median(np.hstack([size[..., 0], size[..., 1]]), np.hstack([known, known]))
-    return np.where(known.sum(axis=1) >= _LEAST_BINS, middle / _SIZE, np.inf)
+    return np.where(known.sum(axis=1) >= _LEAST_BINS, middle / _SIZE, np.inf), known
 
 
 def above_surface(memory: Memory, pings: Rows, context: Context) -> Judged:
@@ -135,14 +135,13 @@ def above_surface(memory: Memory, pings: Rows, context: Context) -> Judged:
     over = 2 * high.sum(axis=1) > measured.sum(axis=1)
     middle = upper_median(distance, np.isfinite(distance))
     by_geometry = pings["up"].astype(np.bool_) & (top >= 0.0) & (top < middle)
-    echo = _scatter(pings, high[:, 2:] & high[:, :-2])
-    below = _scatter(pings, ~high[:, 2:] & ~high[:, :-2])
+    echo, _ = _scatter(pings, high[:, 2:] & high[:, :-2])
+    below, _ = _scatter(pings, ~high[:, 2:] & ~high[:, :-2])
     stated = mean_of(pings["error_std"], np.isfinite(pings["error_std"]))
     water = echo < _LIKE_WATER * np.minimum(stated, below)
     told = measured.any(axis=1)
     heard, told = told & by_geometry & np.isfinite(echo), told & ~by_geometry
-    each = np.column_stack([told, told & over, heard, heard & water])
-    counts = sums(memory, "counts", each.astype(np.int64))
+    counts = sums(memory, "counts", np.column_stack([told, told & over, heard, heard & water]))
     number, over, heard, watery = counts.T
     wrong = (over >= _LEAST_ABOVE) & (over > _MOST_ABOVE * number)
     wrong |= (watery >= _LEAST_ABOVE) & (watery > _MOST_WATER * heard)
@@ -171,7 +170,7 @@ def speeds(memory: Memory, pings: Rows, context: Context) -> Judged:
     if ensemble is None:
         return memory, []
     squared, error_std = np.square(pings["velocity"]).sum(axis=2), pings["error_std"]
-    good = repairable(pings) & np.isfinite(squared + error_std)
+    good = repairable(pings) & np.isfinite(error_std)
     good &= np.isfinite(pings["common_std"])[:, None]
     measured = upper_median(squared, good)
     typical = mean_of(np.interp(pings["depth"], ensemble.levels, ensemble.mean_square), good)
@@ -212,8 +211,8 @@ def noise(memory: Memory, pings: Rows, context: Context) -> Judged:
         pings: Of one instrument.
         context: Is not asked.
     """
-    good = np.isfinite(np.diff(pings["velocity"], 2, axis=1)).all(axis=2)
-    size, stated = _scatter(pings, good), mean_of(pings["error_std"][:, 1:-1], good)
+    size, known = _scatter(pings)
+    stated = mean_of(pings["error_std"][:, 1:-1], known)
     told = np.isfinite(size) & (size > 0.0) & (stated > 0.0)
     told &= (pings["bins"] >= LEAST_CELLS) & ~(pings["correlation_depth"] > 0.0)
     ratios = windows(memory, "log_ratio", np.log(size[told] / stated[told]), _NOISES)
