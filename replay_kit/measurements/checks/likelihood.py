@@ -64,8 +64,8 @@ UNITS = {
 _SCALES, _LEAST_SCALE, _SCALE_SPREAD = np.linspace(-7.2, 7.2, 721), math.log(1.15), math.log(3.0)
 # The least logarithm of a ``unit``: of scales that no error of a vehicle's own speed makes.
 _LEAST_UNIT = math.log(3.0)
-# Alternatives, degrees or logarithms, and names of those that are usual slips: of axes, signs, and units of either source. Smaller turns are
-# biases of a compass, which the estimator can estimate.
+# Alternatives, degrees or logarithms, and names of those that are usual slips: of axes, signs, and units of either source. Smaller
+# turns are biases of a compass, which the estimator can estimate.
 _GRIDS: Mapping[str, tuple[Array, Mapping[float, str]]] = {
     "turn": (
         np.arange(20.0, 341.0, 5.0),
