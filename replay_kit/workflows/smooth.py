@@ -26,7 +26,7 @@ from replay_kit.estimator import smooth as smoothed
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.reader import reading
-from replay_kit.measurements.checks.tracks import LogTracks
+from replay_kit.measurements.checks.place import LogTracks
 from replay_kit.measurements.observed import begun, blocks, rows
 from replay_kit.measurements.region import for_region
 from replay_kit.results.mcap_writer import ResultWriter

@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 
 from replay_kit.core.errors import Finding
-from replay_kit.core.geodesy import distance
 from replay_kit.core.text import place_text, time_text
 from replay_kit.measurements.checks.pairs import SCALE
-from replay_kit.measurements.checks.tracks import Passages
+from replay_kit.measurements.checks.place import Passages
 
 ENSEMBLE_UNIT = "unit of the ensemble"
 FORECAST = "components or unit of the forecast"
@@ -41,9 +40,7 @@ def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
         passages: Between the two logs, one of them at least out of reach.
         names: Of the logs, in order of their numbers.
     """
-    assert passages.example is not None
-    one, other = sorted(passages.example, key=lambda position: position.source.input)
-    apart = float(distance(one.longitude, one.latitude, other.longitude, other.latitude)) / 1e3
+    one, other = sorted(passages.example, key=lambda place: place.log)
     placed = (
         f"{place_text(each.longitude, each.latitude)} at {time_text(each.time_ns)}"
         for each in (one, other)
@@ -51,8 +48,9 @@ def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
     return Finding(
         TRACKS,
         0,
-        f"{names[one.source.input]} and {names[other.source.input]}; of {passages.number} ways from a position of the one to the next "
-        f"of the other {passages.beyond} are longer than a vehicle travels in that time, the last one {apart:.0f} km ({', '.join(placed)})",
+        f"{names[one.log]} and {names[other.log]}; of {passages.number} ways from a position of the one to the next "
+        f"of the other {passages.beyond} are longer than a vehicle travels in that time, the last one "
+        f"{one.way(other) / 1e3:.0f} km ({', '.join(placed)})",
         "two vehicles, or a clock or receiver that was wrong most of the time",
         'name the vehicles (--as NAME=LOG), or replay each alone; consistency.on_failure = "ignore" takes them for one vehicle',
         "unusable",

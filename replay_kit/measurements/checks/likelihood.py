@@ -15,12 +15,12 @@ is its log-likelihood ratio to equality; an offset or a drift pays, besides, for
 sums since each pair, so that all scales, turns and beginnings are compared at once: a scale is free, on a grid of 2 %, and has a spread.
 
 References:
-    Bernardo and Smith (1994), Bayesian Theory, section 5.4 (conjugate linear regression); Willsky and Jones (1976), IEEE Trans. Automat. Contr. 21 (a likelihood ratio over the time of a change).
+    Bernardo and Smith (1994), Bayesian Theory, section 5.4 (conjugate linear regression); Willsky and Jones (1976), IEEE Trans. Automat.
+    Contr. 21 (a likelihood ratio over the time of a change).
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -60,14 +60,32 @@ UNITS = {
     "cm/s": 100.0,
     "mm/s": 1000.0,
 }
-# Share of a cause's probability that its usual slips have: of axes, signs and units. Mirrors about an odd bearing need two faults at once.
-_SLIPS, _ODD_MIRRORS = 0.5, 0.05
 # Logarithms of scales that are tried; a smaller one than the second is a calibration, and no fault; their spread before any pair.
 _SCALES, _LEAST_SCALE, _SCALE_SPREAD = np.linspace(-7.2, 7.2, 721), math.log(1.15), math.log(3.0)
 # The least logarithm of a ``unit``: of scales that no error of a vehicle's own speed makes.
 _LEAST_UNIT = math.log(3.0)
-# degrees; smaller turns are biases of a compass, which the estimator can estimate
-_LEAST_TURN, _STEP = 20, 5
+# Alternatives, degrees or logarithms, and names of those that are usual slips: of axes, signs, and units of either source. Smaller
+# turns are biases of a compass, which the estimator can estimate.
+_GRIDS: Mapping[str, tuple[Array, Mapping[float, str]]] = {
+    "turn": (
+        np.arange(20.0, 341.0, 5.0),
+        {180.0: "turned by +180 degrees clockwise, both signs wrong"},
+    ),
+    "mirror": (
+        np.arange(0.0, 360.0, 5.0),
+        {
+            0.0: "the sign of north is wrong",
+            90.0: "east and north are exchanged",
+            180.0: "the sign of east is wrong",
+        },
+    ),
+    "scale": (
+        _SCALES[np.abs(_SCALES) >= _LEAST_SCALE],
+        {sign * math.log(factor): name for sign in (1, -1) for name, factor in UNITS.items()},
+    ),
+}
+# Share of a cause's probability that all odd alternatives have, and each slip: mirrors about an odd bearing need two faults at once.
+_SHARES = {"turn": (0.45, 0.125), "mirror": (0.05, 0.125), "scale": (0.5, 0.05)}
 # m/s, m/s an hour: of a bias that all pairs share, of an offset, of a drift before any pair; share of the logs with a bias of any size
 _BIAS, _ADDED, _ODD_BIAS = 0.03, {"offset": 0.3, "drift": 0.03}, 0.02
 # m/s; a smaller offset, or a drift that comes to less, is a bias that sound sources have: of a flight model, of a compass
@@ -76,13 +94,18 @@ _LEAST_OFFSET = 0.12
 _MAJORITY, _LEAST_RATIO = 2.0 / 3.0, 4.0
 # Alternatives whose gains differ by less explain the pairs as well.
 _ALIKE = 3.0
-# Names of slips, by kind and degrees.
-_SIGNS = {
-    ("turn", 180): "turned by +180 degrees clockwise, both signs wrong",
-    ("mirror", 0): "the sign of north is wrong",
-    ("mirror", 90): "east and north are exchanged",
-    ("mirror", 180): "the sign of east is wrong",
-}
+
+
+class Source(NamedTuple):
+    """What pairs are of.
+
+    Attributes:
+        floor: Twice the variance of a component of a - b that is expected [m^2/s^2].
+        least: Number of pairs before which nothing is said, and that what began during the log must explain.
+    """
+
+    floor: float
+    least: int
 
 
 class Family(NamedTuple):
@@ -113,181 +136,149 @@ def _narrowed(factor: Complex) -> Array:
 @cache
 def family(kind: str) -> Family:
     """Return the alternatives of a kind: ``turn``, ``mirror``, ``scale``, or ``unit`` of the scales that are no vehicle's error."""
-    if kind in ("scale", "unit"):
-        # either source may be in a unit; between units any scale is likelier the nearer it is to 1
-        odd = _SCALES[np.abs(_SCALES) >= _LEAST_SCALE]
-        shares = np.exp(-0.5 * (odd / _SCALE_SPREAD) ** 2)
-        units = np.log(np.array([*UNITS.values()]))
-        logs = np.concatenate([odd, units, -units])
-        names = (*[""] * len(odd), *UNITS, *UNITS)
-        of_units = np.full(2 * len(units), 0.5 * _SLIPS / len(units))
-        shares = np.concatenate([(1.0 - _SLIPS) * shares / shares.sum(), of_units])
-        used = np.flatnonzero((kind == "scale") | (logs > _LEAST_UNIT))
-        return Family(
-            np.exp(logs[used]) + 0j,
-            np.log(_OF_CAUSE[CAUSES[kind]] * shares[used]),
-            tuple(names[k] for k in used),
-        )
-    first = _LEAST_TURN if kind == "turn" else 0
-    degrees = np.arange(first, 361 - max(first, _STEP), _STEP)
-    names = tuple(_SIGNS.get((kind, angle), "") for angle in degrees.tolist())
-    slips = np.array([bool(name) for name in names])
-    odd_share = _ODD_MIRRORS if kind == "mirror" else 1.0 - _SLIPS - _ODD_MIRRORS
-    shares = np.where(slips, _SLIPS / len(_SIGNS), odd_share / (~slips).sum())
-    # what was turned clockwise; a mirror's axis is at half of its angle from east to north
-    factor = np.exp(np.radians(degrees) * (1j if kind == "mirror" else -1j))
+    if kind == "unit":
+        every = family("scale")
+        used = np.flatnonzero(np.log(every.factor.real) > _LEAST_UNIT)
+        names = tuple(every.slip[k] for k in used)
+        return Family(every.factor[used], every.prior[used], names)
+    (odd_share, share), (grid, slips) = _SHARES[kind], _GRIDS[kind]
+    odd = np.setdiff1d(grid, [*slips])
+    each, likely = np.append(odd, [*slips]), np.ones(len(odd))
+    if kind == "scale":
+        # between units any scale is likelier the nearer it is to 1
+        factor, likely = np.exp(each + 0j), np.exp(-0.5 * (odd / _SCALE_SPREAD) ** 2)
+    else:
+        # a mirror's axis is at half of its angle from east to north
+        factor = np.exp(np.radians(each) * (1j if kind == "mirror" else -1j))
+    shares = np.append(odd_share * likely / likely.sum(), np.full(len(slips), share))
+    names = (*[""] * len(odd), *slips.values())
     return Family(factor, np.log(_OF_CAUSE[CAUSES[kind]] * shares), names)
 
 
-@dataclass(frozen=True, slots=True)
-class Explanation:
+class Explanation(NamedTuple):
     """What explains pairs best, and by how much.
 
     Attributes:
         kind: Of the alternative.
         value: g, or what is added, east + i north [m/s; m/s an hour of a drift].
-        name: What the first vectors are.
-        slip: The slip of axes, signs or units that it is; empty for any other.
-        alike: Other slips that explain the pairs as well.
+        slips: The slip of axes, signs or units that it is, empty for any other; and others that explain the pairs as well.
         spread: Standard deviation of the logarithm of a scale.
         gain: Log-likelihood ratio to equality.
         favoured: Share of the pairs since it began that favour it.
         pairs: Number of pairs since it began.
-        since: Number of the first of them, of all.
+        since: Hours since 1970 of the first of them; 0 where it explains all.
     """
 
     kind: str
     value: complex
-    name: str
-    slip: str
-    alike: tuple[str, ...]
+    slips: tuple[str, ...]
     spread: float
     gain: float
     favoured: float
     pairs: int
-    since: int
+    since: float
+
+    @property
+    def name(self) -> str:
+        """What the first vectors are."""
+        slip, degrees = self.slips[0], math.degrees(math.atan2(self.value.imag, self.value.real))
+        if self.kind in ("scale", "unit"):
+            of_other = ", of the other source" if abs(self.value) < 1.0 else ""
+            return f"in {slip}{of_other}" if slip else f"{abs(self.value):.3g} times as fast"
+        return slip or {
+            "turn": f"turned by {-degrees:+.0f} degrees clockwise",
+            "mirror": f"mirrored about the bearing {(90.0 - 0.5 * degrees) % 180.0:g} degrees",
+        }.get(self.kind, f"off by {CAUSES[self.kind]}")
 
     @property
     def names(self) -> str:
         """What the first vectors are, and what else explains the pairs as well."""
-        return ", or ".join(dict.fromkeys((self.name, *self.alike)))
-
-    @property
-    def strength(self) -> str:
-        """How strongly the pairs say so."""
-        agree = 100.0 * self.favoured
-        return f"likelihood ratio e^{self.gain:.0f}, {agree:.0f} % of {self.pairs} pairs agree"
+        return ", or ".join(dict.fromkeys((self.name, *self.slips[1:])))
 
     @property
     def is_unit(self) -> bool:
         """Whether it is a unit in which vectors are three times as fast and more: no vehicle's error makes that."""
-        return abs(math.log(abs(self.value))) > _LEAST_UNIT and bool(self.slip)
+        return abs(math.log(abs(self.value))) > _LEAST_UNIT and bool(self.slips[0])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sums:
-    """Pairs, and what all alternatives need of them.
+class Alternatives(NamedTuple):
+    """Alternatives of a kind begun with each of K pairs.
 
     Attributes:
-        a: shape (K,), east + i north [m/s].
-        b: Alike.
-        weight: shape (K,).
-        hours: shape (K,), since the first pair.
-        floor: Twice the variance of a component of a - b that is expected [m^2/s^2].
-        misfit: shape (K,), sum of the squared differences since each pair.
-        precision: Of a bias that all share: the weights, and what is known of it before.
-        equal: The squares that equality leaves, and the square of the bias then.
+        gain: shape (K, h), log-likelihood ratios to equality, of which each beginning within the log is as likely before.
+        value: shape (K, h), g, or what is added.
+        prior: shape (h,), as of ``Family``.
+        slip: As of ``Family``.
+        cost: shape (K, h), by how much less each fits in its gain than by what it leaves.
     """
 
-    a: Complex
-    b: Complex
-    weight: Array
-    hours: Array
-    floor: float
-    misfit: Array
-    precision: float
-    equal: tuple[float, float]
+    gain: Array
+    value: Complex
+    prior: Array
+    slip: tuple[str, ...]
+    cost: Array
 
-    @staticmethod
-    def of(pairs: Array, floor: float) -> "Sums":
-        """Return it of pairs, shape (K, 6): east and north of a and b, weight, hours."""
-        a, b = pairs[:, 0] + 1j * pairs[:, 1], pairs[:, 2] + 1j * pairs[:, 3]
-        weight, misfit = pairs[:, 4], _since(pairs[:, 4] * np.abs(a - b) ** 2)
-        precision = float(weight.sum()) + floor / (2.0 * _BIAS**2)
-        common = abs(complex(weight @ (a - b))) ** 2
-        equal = float(misfit[0]) - common / precision, common / precision**2
-        return Sums(a, b, weight, pairs[:, 5] - pairs[0, 5], floor, misfit, precision, equal)
 
-    def most(self, kind: str) -> float:
-        """Return what no gain of a family exceeds: that of a factor, and of biases before and since it began, all free."""
-        c = self.b.conj() if kind == "mirror" else self.b
-        w, since = self.weight, _centred(self.weight, self.a, c)
-        left = since[0] - np.abs(since[2]) ** 2 / np.maximum(since[1], 1e-30)
-        before = np.zeros(len(w))
-        before[1:] = _centred(w[::-1], (self.a - self.b)[::-1], c[::-1])[0][::-1][:-1]
-        ratio = (self.equal[0] + self.floor) / (np.maximum(left + before, 0.0) + self.floor)
-        return float((w.sum() + 1.0) * np.log(ratio.max()) - math.log(_ODD_BIAS))
+def alternatives(pairs: Array, floor: float, kind: str) -> Alternatives:
+    """Return what is known of all alternatives of a kind.
 
-    def gains(self, kind: str) -> Array:
-        """Return the gain of each alternative of a family begun with each pair, shape (K, h)."""
-        of, w, a = family(kind), self.weight, self.a
-        g, n2 = of.factor, of.narrowed**2
-        c = self.b.conj() if kind == "mirror" else self.b
-        s_aa, s_cc, s_ac, s_a, s_c = (
+    Args:
+        pairs: shape (K, 6): east and north of a and b [m/s], weight, hours.
+        floor: Twice the variance of a component of a - b that is expected [m^2/s^2].
+        kind: Of them.
+    """
+    a, b, w = _vectors(pairs)
+    precision = w.sum() + floor / (2.0 * _BIAS**2)
+    misfit, common, weight = (_since(each) for each in (w * np.abs(a - b) ** 2, w * (a - b), w))
+
+    def density(left: Array, bias: Complex) -> Array:
+        """Return the logarithm of the density of what is left, with a bias that all pairs share."""
+        rare = (1.0 - _ODD_BIAS) * np.exp(-(np.abs(bias) ** 2) / (2.0 * _BIAS**2)) + _ODD_BIAS
+        return np.asarray(np.log(rare) - (weight[0] + 1.0) * np.log(np.maximum(left, 0.0) + floor))
+
+    if kind in _ADDED:
+        x, v = _basis(kind, pairs), 2.0 * _ADDED[kind] ** 2 / floor
+        # the regression on the bias and on x: its normal matrix, and its right side
+        both, squares, moments = x @ w, x**2 @ w + 1.0 / v, x @ (w * (a - b))
+        det = precision * squares - both**2
+        added = (precision * moments - both * common[0]) / det
+        bias = (squares * common[0] - both * moments) / det
+        left = misfit[0] - (bias.conj() * common[0] + added.conj() * moments).real
+        cost, value = np.log(v * det / precision)[:, None], added[:, None]
+        gain = density(left, bias)[:, None] - cost - np.abs(value / _ADDED[kind]) ** 2 / 2.0
+        of = Family(value[0], np.log([_OF_CAUSE[CAUSES[kind]]]), ("",))
+    else:
+        of = family(kind)
+        g, n, value = of.factor, of.narrowed, of.factor
+        c = b.conj() if kind == "mirror" else b
+        aa, cc, ac, s_a, s_c = (
             _since(w * each)[:, None]
             for each in (np.abs(a) ** 2, np.abs(c) ** 2, a * c.conj(), a, c)
         )
-        squares = n2 * (s_aa + np.abs(g) ** 2 * s_cc - 2.0 * (g.conj() * s_ac).real)
-        differences = _since(w * (a - self.b))
-        common = (differences[0] - differences)[:, None] + np.sqrt(n2) * (s_a - g * s_c)
-        before = (self.misfit[0] - self.misfit)[:, None]
-        bias, precision = np.abs(common) ** 2, self.precision
-        gain = self._gain(before + squares - bias / precision, bias / precision**2)
-        return _begun(gain + _since(w)[:, None] * np.log(n2))
+        squares = n**2 * (aa + np.abs(g) ** 2 * cc - 2.0 * (g.conj() * ac).real)
+        squares += (misfit[0] - misfit)[:, None]
+        shared = (common[0] - common)[:, None] + n * (s_a - g * s_c)
+        gain = density(squares - np.abs(shared) ** 2 / precision, shared / precision)
+        gain += 2.0 * weight[:, None] * np.log(n)
+        cost = -2.0 * np.maximum(weight - 1.0, 0.0)[:, None] * np.log(n)
+    gain -= density(misfit[0] - np.abs(common[0]) ** 2 / precision, common[0] / precision)
+    gain[1:] -= math.log(len(gain))
+    return Alternatives(gain, np.broadcast_to(value, gain.shape), of.prior, of.slip, cost)
 
-    def _gain(self, left: Array, bias: Array) -> Array:
-        """Return the gain of what leaves some squares, and some square of the bias that pairs share."""
-        of_equal, bias_of_equal = self.equal
-        ratio = np.log((of_equal + self.floor) / (np.maximum(left, 0.0) + self.floor))
-        rare = np.log(_rare(bias) / _rare(np.array(bias_of_equal)))
-        return np.asarray((self.weight.sum() + 1.0) * ratio + rare)
 
-    def added(self, kind: str) -> tuple[Array, Complex, Array]:
-        """Return the gain of an offset or a drift begun with each pair, its size, and what an unknown size costs: shapes (K,)."""
-        w, d, x, precision = self.weight, self.a - self.b, self.basis(kind), self.precision
-        v = 2.0 * _ADDED[kind] ** 2 / self.floor
-        # the regression on the bias and on x: its normal matrix, and its right side
-        both, squares, total, moments = x @ w, x**2 @ w + 1.0 / v, complex(w @ d), (x * w) @ d
-        det = precision * squares - both**2
-        c = (precision * moments - both * total) / det
-        bias = (squares * total - both * moments) / det
-        left = self.misfit[0] - (bias.conj() * total + c.conj() * moments).real
-        cost: Array = np.log(v * det / precision)
-        gain = self._gain(left, np.abs(bias) ** 2) - cost - np.abs(c / _ADDED[kind]) ** 2 / 2.0
-        return _begun(gain), np.asarray(c, np.complex128), cost
+def _vectors(pairs: Array) -> tuple[Complex, Complex, Array]:
+    """Return a and b of pairs, and their weights, shapes (K,)."""
+    return pairs[:, 0] + 1j * pairs[:, 1], pairs[:, 2] + 1j * pairs[:, 3], pairs[:, 4]
 
-    def cost(self, kind: str) -> Array:
-        """Return by how much less an alternative begun with each pair fits in its gain than by what it leaves, shape (K, h)."""
-        if kind in _ADDED:
-            return self.added(kind)[2][:, None]
-        after_first = np.maximum(_since(self.weight) - 1.0, 0.0)[:, None]
-        return -2.0 * after_first * np.log(family(kind).narrowed)
 
-    def basis(self, kind: str) -> Array:
-        """Return x of what begins with each pair, at each pair: shape (K, K)."""
-        if kind == "offset":
-            return np.triu(np.ones((len(self.hours),) * 2))
-        # a drift began with the pair before the first that it moved
-        step = self.hours[min(1, len(self.hours) - 1)]
-        began = np.concatenate([[-step], self.hours[:-1]])
-        return np.triu(self.hours[None, :] - began[:, None])
-
-    def left(self, kind: str, value: complex, since: int) -> Complex:
-        """Return what an alternative leaves of the pairs since one."""
-        if kind in _ADDED:
-            return (self.a - self.b)[since:] - value * self.basis(kind)[since, since:]
-        c = self.b.conj() if kind == "mirror" else self.b
-        return (self.a - value * c)[since:] * _narrowed(np.array([value]))
+def _basis(kind: str, pairs: Array) -> Array:
+    """Return x of an offset or a drift that begins with each pair, at each pair: shape (K, K)."""
+    hours = pairs[:, 5] - pairs[0, 5]
+    if kind == "offset":
+        return np.triu(np.ones((len(hours),) * 2))
+    # a drift began with the pair before the first that it moved
+    began = np.append(-hours[:2][-1:], hours[:-1])
+    return np.triu(hours[None, :] - began[:, None])
 
 
 def _since(values: NDArray[Any]) -> NDArray[Any]:
@@ -295,161 +286,94 @@ def _since(values: NDArray[Any]) -> NDArray[Any]:
     return np.cumsum(values[::-1], axis=0)[::-1]
 
 
-def _centred(weight: Array, a: Complex, c: Complex) -> tuple[Array, Array, Complex]:
-    """Return the squares of a and of c and their product about their means, of the pairs from each one on."""
-    w, s_a, s_c = _since(weight), _since(weight * a), _since(weight * c)
-    return (
-        _since(weight * np.abs(a) ** 2) - np.abs(s_a) ** 2 / w,
-        _since(weight * np.abs(c) ** 2) - np.abs(s_c) ** 2 / w,
-        _since(weight * a * c.conj()) - s_a * s_c.conj() / w,
-    )
-
-
-def _begun(gain: Array) -> Array:
-    """Return gains, shape (K, ...), of which each beginning within the log is as likely before."""
-    gain[1:] -= math.log(len(gain))
-    return gain
-
-
-def _rare(squared_bias: Array) -> Array:
-    """Return how likely biases are, by their squares [m^2/s^2], over the likeliest."""
-    return (1.0 - _ODD_BIAS) * np.exp(-squared_bias / (2.0 * _BIAS**2)) + _ODD_BIAS
-
-
 def causes(
-    pairs: Array, floor: float, kinds: Sequence[str], least_pairs: int, by_fit: bool = False
+    pairs: Array, source: Source, kinds: Sequence[str], by_fit: bool = False
 ) -> dict[str, float]:
     """Return the logarithm of the odds of each cause of some kinds, all its alternatives together, to equality; none without pairs.
 
     Args:
-        pairs: shape (K, 6), as of ``Sums``.
-        floor: Twice the variance of a component of a - b that is expected [m^2/s^2].
+        pairs: As of ``alternatives``.
+        source: Of them.
         kinds: Of alternatives.
-        least_pairs: Number of pairs that what began during the log must explain.
         by_fit: Whether it costs nothing that the size of an offset is not known before, and that in one current, pair after pair, vectors
             are several times as fast: an offset and a scale are then told apart by what they leave alone.
     """
     found = dict[str, float]()
-    if not len(pairs):
-        return found
-    sums, last = Sums.of(pairs, floor), max(1, len(pairs) - least_pairs + 1)
-    for kind in kinds:
-        logs = (_posterior(sums, kind) + (sums.cost(kind) if by_fit else 0.0))[:last]
-        odds = float(np.logaddexp.reduce(logs, axis=None))
+    for kind in kinds if len(pairs) else ():
+        of = alternatives(pairs, source.floor, kind)
+        logs = of.gain + of.prior + of.cost * by_fit
+        odds = np.logaddexp.reduce(logs[: max(1, len(pairs) - source.least + 1)], axis=None)
         found[CAUSES[kind]] = float(np.logaddexp(found.get(CAUSES[kind], -math.inf), odds))
     return found
 
 
-def _posterior(sums: Sums, kind: str) -> Array:
-    """Return the gain of each alternative of a kind begun with each pair, with the logarithm of its probability before any pair."""
-    if kind in _ADDED:
-        return sums.added(kind)[0][:, None] + math.log(_OF_CAUSE[CAUSES[kind]])
-    return sums.gains(kind) + family(kind).prior
-
-
 def explanation(
-    pairs: Array,
-    floor: float,
-    kinds: Sequence[str],
-    least_pairs: int,
-    least_gain: float = LEAST_GAIN,
+    pairs: Array, source: Source, kinds: Sequence[str], least_gain: float = LEAST_GAIN
 ) -> Explanation | None:
     """Return what explains pairs best, when that is much better than equality; else None.
 
     Args:
-        pairs: As of ``causes``.
-        floor: Alike.
-        kinds: Alike.
-        least_pairs: Number of pairs before which nothing is said.
+        pairs: As of ``alternatives``.
+        source: Of them.
+        kinds: Of alternatives.
         least_gain: Log-likelihood ratio below which nothing is said.
     """
-    if len(pairs) < least_pairs:
-        return None
-    sums = Sums.of(pairs, floor)
-    tried = (kind for kind in kinds if kind in _ADDED or sums.most(kind) >= least_gain)
-    found = [each for kind in tried if (each := _best(sums, kind, least_pairs))]
+    floor, found = source.floor, list[tuple[float, Explanation]]()
+    for kind in kinds if len(pairs) >= source.least else ():
+        of, spread = alternatives(pairs, floor, kind), 0.0
+        logs = of.gain + of.prior
+        last = logs[: len(pairs) - source.least + 1]
+        k, h = (int(one) for one in np.unravel_index(np.argmax(last), last.shape))
+        value, (a, b, w) = complex(of.value[k, h]), (each[k:] for each in _vectors(pairs))
+        expected = value * (b.conj() if kind == "mirror" else b)
+        if kind in _ADDED:
+            expected = b + value * _basis(kind, pairs)[k, k:]
+            hours = 1.0 if kind == "offset" else pairs[-1, 5] - pairs[0, 5]
+            if abs(value) * hours < _LEAST_OFFSET:
+                continue
+        left, equal = np.abs(a - expected) * _narrowed(np.array(value)), np.abs(a - b)
+        favoured = float(w @ (left < equal) / w.sum())
+        ratio = (w @ equal**2 + floor) / (w @ left**2 + floor)
+        if favoured < _MAJORITY or ratio < _LEAST_RATIO:
+            continue
+        if kind in ("scale", "unit"):
+            shares, size = np.exp(logs[k] - logs[k, h]), np.log(np.abs(of.value[k] / value))
+            spread = math.sqrt(float(shares @ size**2 / shares.sum()))
+        near = (of.slip[one] for one in np.flatnonzero(logs[k] > logs[k, h] - _ALIKE))
+        slips = of.slip[h], *(slip for slip in near if slip and slip != of.slip[h])
+        gain, since = float(of.gain[k, h]), float(pairs[k, 5]) if k else 0.0
+        of_kind = Explanation(kind, value, slips, spread, gain, favoured, len(w), since)
+        found.append((logs[k, h], of_kind))
     most, best = max(found, key=lambda each: each[0], default=(0.0, None))
     if best is None or best.gain < least_gain:
         return None
     # slips of the other kind of the same cause: beside a way due east a mirror is a turn
-    alike = dict.fromkeys(
-        name
+    alike = (
+        slip
         for logs, each in found
         if logs > most - _ALIKE and CAUSES[each.kind] == CAUSES[best.kind]
-        for name in (each.slip, *each.alike)
-        if name and name != best.slip
+        for slip in each.slips
+        if slip
     )
-    return replace(best, alike=tuple(alike))
-
-
-def _best(sums: Sums, kind: str, least_pairs: int) -> tuple[float, Explanation] | None:
-    """Return the likeliest alternative of a kind with the logarithm of its odds; None where it explains too few pairs, or too little."""
-    last, logs = len(sums.a) - least_pairs + 1, _posterior(sums, kind)
-    k, h = np.unravel_index(int(np.argmax(logs[:last])), logs[:last].shape)
-    since, column, alike, spread = int(k), int(h), tuple[str, ...](), 0.0
-    if kind in _ADDED:
-        value, slip = complex(sums.added(kind)[1][since]), ""
-        if abs(value) * (1.0 if kind == "offset" else float(sums.hours[-1])) < _LEAST_OFFSET:
-            return None
-        gain = float(logs[since, column]) - math.log(_OF_CAUSE[CAUSES[kind]])
-    else:
-        of = family(kind)
-        value, slip = complex(of.factor[column]), of.slip[column]
-        near = logs[since] > logs[since, column] - _ALIKE
-        alike = tuple(
-            name for name, use in zip(of.slip, near, strict=True) if name and use and name != slip
-        )
-        gain = float(logs[since, column] - of.prior[column])
-        if kind in ("scale", "unit"):
-            shares = np.exp(logs[since] - logs[since, column])
-            size = np.log(np.abs(of.factor)) - math.log(abs(value))
-            spread = math.sqrt(float(shares @ size**2 / shares.sum()))
-    weight, left = sums.weight[since:], np.abs(sums.left(kind, value, since)) ** 2
-    equal = np.abs((sums.a - sums.b)[since:]) ** 2
-    favoured = float(weight @ (left < equal) / weight.sum())
-    ratio = (float(weight @ equal) + sums.floor) / (float(weight @ left) + sums.floor)
-    if favoured < _MAJORITY or ratio < _LEAST_RATIO:
-        return None
-    name = _name(kind, value, slip)
-    return float(logs[since, column]), Explanation(
-        kind, value, name, slip, alike, spread, gain, favoured, len(weight), since
-    )
-
-
-def _name(kind: str, value: complex, slip: str) -> str:
-    """Return what the first vectors are."""
-    degrees = math.degrees(math.atan2(value.imag, value.real))
-    if kind == "turn":
-        return slip or f"turned by {-degrees:+.0f} degrees clockwise"
-    if kind == "mirror":
-        return slip or f"mirrored about the bearing {(90.0 - 0.5 * degrees) % 180.0:g} degrees"
-    if kind not in ("scale", "unit"):
-        return f"off by {CAUSES[kind]}"
-    of_other = ", of the other source" if abs(value) < 1.0 else ""
-    return f"in {slip}{of_other}" if slip else f"{abs(value):.3g} times as fast"
+    return best._replace(slips=tuple(dict.fromkeys((*best.slips, *alike))))
 
 
 def odds(causes: Mapping[str, float]) -> list[tuple[str, float]]:
     """Return the probability of each of some causes, the likeliest first, by the logarithms of their posterior odds to none."""
-    if not causes:
-        return []
+    every = np.logaddexp.reduce([*causes.values()])
     ranked = sorted(causes.items(), key=lambda each: -each[1])
-    shares = np.exp(np.array([gain - ranked[0][1] for _, gain in ranked]))
-    return [
-        (name, float(share / shares.sum())) for (name, _), share in zip(ranked, shares, strict=True)
-    ]
+    return [(name, math.exp(gain - every)) for name, gain in ranked]
 
 
-def tell_directions(pairs: Array, floor: float, least_pairs: int) -> bool:
+def tell_directions(pairs: Array, source: Source) -> bool:
     """Return whether pairs that agree would contradict each other if the first vectors were turned by a right angle.
 
     Args:
-        pairs: As of ``causes``.
-        floor: Alike.
-        least_pairs: Number of pairs before which nothing would be said.
+        pairs: As of ``alternatives``.
+        source: Of them.
     """
-    if len(pairs) < least_pairs:
-        return False
-    squares, weight = float(pairs[:, 4] @ np.sum(pairs[:, :4] ** 2, axis=1)), pairs[:, 4].sum()
-    ratio = (squares + floor) / (float(Sums.of(pairs, floor).misfit[0]) + floor)
-    return bool(ratio >= _LEAST_RATIO and (weight + 1.0) * math.log(ratio) >= LEAST_GAIN)
+    a, b, w = _vectors(pairs)
+    squares, misfit = w @ (np.abs(a) ** 2 + np.abs(b) ** 2), w @ np.abs(a - b) ** 2
+    ratio = (squares + source.floor) / (misfit + source.floor)
+    tells = ratio >= _LEAST_RATIO and (w.sum() + 1.0) * math.log(ratio) >= LEAST_GAIN
+    return bool(tells and len(pairs) >= source.least)

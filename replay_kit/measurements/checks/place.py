@@ -1,19 +1,21 @@
-"""Checks of positions: one spot to the last digit in dives, positions out of reach, and places that no one vehicle can join.
+"""Checks of positions: one spot to the last digit in dives, places that no one vehicle can join, and tracks of logs that none can.
 
-A vehicle's steps are nearly all short: those that anything makes are passed over in one comparison of arrays, and the others are looked at
-one by one.
+The positions of all logs are gone through in the order of their times. Where one is of another log than the one before, the vehicle, if it
+is one, came from there to here: two logs of one vehicle are near each other, two vehicles are not, each time anew.
 """
 
-from collections.abc import Sequence
-from typing import Any
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.errors import Severity
-from replay_kit.core.geodesy import distance
+from replay_kit.core.arrays import Mask
+from replay_kit.core.observation import VehicleState
 from replay_kit.core.text import place_text, time_text
-from replay_kit.measurements.checks.fold import Found, Memory, Rows, first
+from replay_kit.measurements.checks.fold import Found, Judged, Memory, Rows
 from replay_kit.measurements.reach import COLUMNS, Place, places, short_steps
 
 FROZEN = "frozen positions"
@@ -24,94 +26,75 @@ _FROZEN_TIME, _FROZEN_DEPTH, _FROZEN_FIXES = 600.0, 20.0, 4
 # m and m/s: positions farther apart than a vehicle or a ship goes in the time between them, and by no small error; s between the
 # positions of one mission at most; positions before which a place counts as one.
 _FAR, _FASTEST, _LONGEST, _LEAST = 100e3, 10.0, 366 * 86_400.0, 5
-# Degrees of latitude and of longitude at any latitude within which two places are certainly not so far apart.
-_NEAR = 0.5
+# m and s; two logs of one vehicle differ by less: by the error of dead reckoning during a dive, and by the way that it goes while one of
+# their clocks is late
+_ERROR, _CLOCK = 20e3, 3600.0
+# m/s: every vehicle may have been as fast as this, none was faster than a ship; between, this many times as fast as its fixes show
+_LEAST_SPEED, _FASTER = 3.0, 3.0
+# s between two fixes of a log at least, from which its speed is taken
+_LEAST_TIME = 600.0
+# Passages out of reach before which nothing is said: single wrong fixes make none.
+_LEAST_BEYOND = 4
 
 
-def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], NDArray[np.bool_]]:
-    """Return that a receiver repeats its position while the vehicle dives, and at which positions pings are not to be used, shape (n,).
+def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
+    """Return that a receiver repeats its position while the vehicle dives, and at which positions pings are not to be used.
+
+    The latter has shape (n + 1,), that of the last position before the first.
 
     Args:
-        memory: ``run`` (7,): longitude, latitude, number of positions, least and greatest depth [m], whether one that was measured came
-            after others at other depths, and 0; ``time`` (2,) of the first and the last position of the run [ns, UTC].
+        memory: ``run`` (8,) of equal positions: longitude, latitude, time of the first [ns], their number, least and greatest depth [m],
+            whether one that was measured came after others at other depths, and whether pings are not to be used.
         positions: In order.
     """
-    n, bad = len(positions), np.zeros(len(positions), np.bool_)
-    run, times = memory.get("run", np.full(6, np.nan)), memory.get("time", np.zeros(2, np.int64))
-    place = np.column_stack([positions["longitude"], positions["latitude"]])
-    before = np.concatenate([run[None, :2], place[:-1]])
-    starts = np.flatnonzero((place != before).any(axis=1)).tolist()
-    found, named = list[Found](), set[str]()
-    for begin, end in zip([0, *starts], [*starts, n], strict=True):
-        # shorter runs say nothing, but for what is remembered
-        if begin == end or (end - begin < _FROZEN_FIXES and begin > 0 and end < n):
-            continue
-        at = slice(begin, end)
-        if begin in starts:
-            run, times = (
-                np.array([*place[begin], 0.0, np.nan, np.nan, 0.0]),
-                positions["time"][begin] * np.ones(2, np.int64),
-            )
-        depth = positions["depth"][at]
-        with np.errstate(invalid="ignore"):
-            least = np.fmin.accumulate(np.concatenate([run[3:4], depth]))[1:]
-            most = np.fmax.accumulate(np.concatenate([run[4:5], depth]))[1:]
-            moved = most - least > _FROZEN_DEPTH
-        number = run[2] + np.arange(1, end - begin + 1)
-        fix = moved & ~positions["dead_reckoned"][at].astype(np.bool_) & (number > 1)
-        fix = np.logical_or.accumulate(np.concatenate([[run[5] > 0.0], fix]))[1:]
-        long = positions["time"][at] - times[0] >= _FROZEN_TIME * 1e9
-        bad[at] = moved & long & (number >= _FROZEN_FIXES)
-        for name, holds in ((REPEATED, bad[at] & ~fix), (FROZEN, bad[at] & fix)):
-            if (k := first(holds)) is not None and name not in named:
-                named.add(name)
-                span = (positions.time(begin + k) - int(times[0])) * 1e-9
-                evidence = (
-                    f"{number[k]:.0f} positions over {span:.0f} s are equal to the last digit "
-                    f"while the vehicle moved between {least[k]:.0f} and {most[k]:.0f} m"
-                )
-                is_fix = name == FROZEN
-                words = (
-                    evidence,
-                    "a receiver without a fix that repeats its last one"
-                    if is_fix
-                    else "a vehicle that does not reckon its way under water, and logs its last fix until the next one",
-                    "pings at such positions are not used; check the receiver, or give the vehicle's dead-reckoned positions",
-                )
-                severity: Severity = "inconsistent" if is_fix else "warning"
-                found.append(positions.found(begin + k, name, words, severity))
-        run = np.array([*run[:2], number[-1], least[-1], most[-1], float(fix[-1])])
-        times = np.array([times[0], positions["time"][end - 1]])
-    return {"run": run, "time": times}, found, bad
+    run = memory.get("run", np.append(np.full(7, np.nan), 0.0))
+    east, north, began, number, least, most, fix, bad = run.tolist()
+    names = "longitude", "latitude", "time", "depth", "dead_reckoned"
+    runs = [(number, 0.0, least, most, fix, bad)]
+    for *place, time, depth, reckoned in np.column_stack([positions[n] for n in names]).tolist():
+        if place != [east, north]:
+            (east, north), began, number, least, most, fix = place, time, 0, math.inf, -math.inf, 0
+        # a depth that is not known changes neither
+        number, least, most = number + 1, min(least, depth), max(most, depth)
+        moved = most - least > _FROZEN_DEPTH
+        fix = fix or (moved and not reckoned and number > 1)
+        bad = moved and time - began >= _FROZEN_TIME * 1e9 and number >= _FROZEN_FIXES
+        runs.append((number, (time - began) * 1e-9, least, most, fix, bad))
+    *_, fixes, bad_at = np.array(runs, np.float64).T.astype(np.bool_)
+
+    def evidence(k: int) -> str:
+        number, seconds, least, most, *_ = runs[k]
+        return f"{number:.0f} positions over {seconds:.0f} s are equal to the last digit, from {least:.0f} to {most:.0f} m of depth"
+
+    advice = "pings at such positions are not used; check the receiver, or give the vehicle's dead-reckoned positions"
+    found = positions.first(
+        bad_at & ~fixes,
+        REPEATED,
+        evidence,
+        "a vehicle that does not reckon its way under water, and logs its last fix until the next one",
+        advice,
+        "warning",
+    )
+    cause = "a receiver without a fix that repeats its last one"
+    found += positions.first(bad_at & fixes, FROZEN, evidence, cause, advice)
+    run = np.array([east, north, began, number, least, most, fix, bad], np.float64)
+    return {"run": run}, found, bad_at
 
 
-def remembered(some: Sequence[Place]) -> dict[str, NDArray[Any]]:
-    """Return positions as arrays that are remembered; ``places`` gives them back."""
-    columns = list(zip(*some, strict=True)) or [()] * len(COLUMNS)
-    kinds = (np.int64, np.float64, np.float64, np.bool_, np.int64)
-    return {n: np.array(c, kind) for n, c, kind in zip(COLUMNS, columns, kinds, strict=True)}
-
-
-def separate(memory: Memory, positions: Rows) -> tuple[Memory, list[Found]]:
+def separate(memory: Memory, positions: Rows) -> Judged:
     """Return that the positions are of two missions, between which no vehicle goes.
 
     Of positions that the first track does not reach only the latest that belong together are kept.
 
     Args:
-        memory: Last positions of the first track, and of another that it does not reach, as of ``remembered``; ``number`` (2,) of both.
+        memory: ``last`` (1 or 2, 5), last position of the first track, and of another that it does not reach; ``number`` (2,) of both.
         positions: In order.
     """
-    last, number = (
-        places(memory) if memory else [],
-        memory.get("number", np.zeros(2, np.int64)).tolist(),
-    )
-    found, short, all_places = (
-        list[Found](),
-        short_steps(positions.columns).tolist(),
-        places(positions.columns),
-    )
-    for i, (here, quick) in enumerate(zip(all_places, short, strict=True)):
-        if not last or (quick and len(last) == 1) or _goes(last[0], here):
+    last = [Place(*each) for each in memory.get("last", np.empty((0, len(COLUMNS)))).tolist()]
+    number, at, words = memory.get("number", np.zeros(2)).tolist(), -1, ""
+    short = short_steps(positions.columns).tolist()
+    for i, here in enumerate(places(positions.columns)):
+        if not last or (short[i] and len(last) == 1) or _goes(last[0], here):
             last[:1], number[0] = [here], number[0] + 1
             continue
         goes_on = len(last) > 1 and _goes(last[1], here)
@@ -119,28 +102,96 @@ def separate(memory: Memory, positions: Rows) -> tuple[Memory, list[Found]]:
         if number[0] < _LEAST <= number[1]:
             # what came first was wrong fixes
             last, number = [here], [number[1], 0]
-        elif number[1] >= _LEAST and not found:
-            one, other = (_where(each) for each in last)
-            words = (
-                f"one vehicle was not at {one} and at {other}",
-                "a log of another mission, place or year among the logs, or a clock or receiver that was wrong for a time",
-                "all are used; replay-kit info shows where and when each log was recorded, exclude those of other missions",
+        elif number[1] >= _LEAST and at < 0:
+            one, other = (
+                f"{place_text(each.longitude, each.latitude)} at {time_text(int(each.time_ns))} (log {each.log:.0f})"
+                for each in last
             )
-            found.append(positions.found(i, PLACES, words))
-    return {**remembered(last), "number": np.array(number, np.int64)}, found
+            at, words = i, f"one vehicle was not at {one} and at {other}"
+    found = positions.first(
+        np.arange(len(positions)) == at,
+        PLACES,
+        lambda _: words,
+        "a log of another mission, place or year among the logs, or a clock or receiver that was wrong for a time",
+        "all are used; replay-kit info shows where and when each log was recorded, exclude those of other missions",
+    )
+    return {"last": np.array(last, np.float64), "number": np.array(number)}, found
 
 
 def _goes(start: Place, end: Place) -> bool:
     """Return whether any vehicle can have come from one position to another."""
     seconds = abs(start.seconds(end))
-    if seconds > _LONGEST:
-        return False
-    if max(abs(start.latitude - end.latitude), abs(start.longitude - end.longitude)) < _NEAR:
-        return True
-    far = float(distance(start.longitude, start.latitude, end.longitude, end.latitude))
-    return far <= _FAR + _FASTEST * seconds
+    return seconds <= _LONGEST and start.way(end) <= _FAR + _FASTEST * seconds
 
 
-def _where(place: Place) -> str:
-    where = place_text(place.longitude, place.latitude)
-    return f"{where} at {time_text(place.time_ns)} (log {place.log})"
+class Passages(NamedTuple):
+    """How often a position of one log came next after one of another.
+
+    Attributes:
+        number: How often.
+        beyond: How often it was out of reach.
+        example: The two positions of the last one out of reach.
+    """
+
+    number: int = 0
+    beyond: int = 0
+    example: tuple[Place, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LogTracks:
+    """The positions of several logs so far.
+
+    Attributes:
+        last: The last one, whatever its log; None before the first.
+        fixes: Of each log the measured one from which its speed is taken next.
+        speed: The fastest that any log's fixes show [m/s]; 0 before two of one log.
+        passages: From log to log, by the numbers of both, the smaller first.
+    """
+
+    last: Place | None = None
+    fixes: Mapping[int, Place] = field(default_factory=dict)
+    speed: float = 0.0
+    passages: Mapping[tuple[int, int], Passages] = field(default_factory=dict)
+
+    def after(self, vehicle: VehicleState) -> "LogTracks":
+        """Return the tracks after a position; one that a receiver repeats to the last digit says nothing."""
+        log, time_ns, reckoned = vehicle.source.input, vehicle.time_ns, vehicle.dead_reckoned
+        here = Place(time_ns, vehicle.longitude, vehicle.latitude, reckoned, log)
+        fix, last, tracks = self.fixes.get(log), self.last, replace(self, last=here)
+        if fix and (fix.longitude, fix.latitude) == (here.longitude, here.latitude):
+            return self
+        if not reckoned and (not fix or fix.seconds(here) >= _LEAST_TIME):
+            shown = fix.way(here) / fix.seconds(here) if fix else 0.0
+            speed = max(self.speed, shown)
+            tracks = replace(tracks, fixes={**self.fixes, log: here}, speed=speed)
+        if not last or last.log == log:
+            return tracks
+        pair = min(log, last.log), max(log, last.log)
+        number, beyond, example = self.passages.get(pair, Passages())
+        if not tracks._reaches(last, here):
+            beyond, example = beyond + 1, (last, here)
+        passages = {**self.passages, pair: Passages(number + 1, beyond, example)}
+        return replace(tracks, passages=passages)
+
+    def _reaches(self, start: Place, end: Place) -> bool:
+        """Return whether one vehicle can have gone from one position to another."""
+        speed = min(self.speed, _FASTEST)
+        fastest = min(max(_FASTER * speed, _LEAST_SPEED), _FASTEST) if speed else _FASTEST
+        reached = _ERROR + _CLOCK * speed + fastest * abs(start.seconds(end))
+        return start.way(end) <= reached
+
+    @property
+    def two_vehicles(self) -> Passages | None:
+        """Passages between the two logs that no one vehicle can have made; None where one can have made all.
+
+        Most passages of a log, or of all, must be out of reach: a receiver that is wrong for a time makes few.
+        """
+        found = list[Passages]()
+        # -1 for all logs together: each of many short ones may have few passages
+        for log in {-1, *chain(*self.passages)}:
+            of_log = [each for pair, each in self.passages.items() if log in (*pair, -1)]
+            beyond = sum(each.beyond for each in of_log)
+            if beyond >= _LEAST_BEYOND and 2 * beyond > sum(each.number for each in of_log):
+                found += of_log
+        return max(found, key=lambda passages: passages.beyond, default=None)

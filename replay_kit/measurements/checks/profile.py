@@ -1,25 +1,27 @@
-"""Checks of profiles: bins above the surface, speeds that are no current's, noise against its stated error, and one shape in other water."""
+"""Checks of profiles: bins above the surface, speeds that are no current's, noise beside its stated error, one shape in other water."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import IN_MEMORY, Array, one_by_one
-from replay_kit.core.errors import Finding, Severity
+from replay_kit.core.arrays import IN_MEMORY, Array, Mask, one_by_one
+from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.core.observation import Reason
 from replay_kit.measurements.checks.fold import (
     Context,
     Found,
+    Holds,
+    Judged,
     Memory,
     Rows,
-    carried,
-    first,
     mean_of,
+    spaced,
+    sums,
     upper_median,
+    windows,
 )
 from replay_kit.measurements.checks.instrument import BEAM, DEAD, LEAST_CELLS
 
@@ -35,8 +37,9 @@ _LEAST_ABOVE, _MOST_ABOVE, _MOST_WATER, _LIKE_WATER = 5, 0.1, 0.5, 1.5
 # Pings after which speeds are judged, the factor beyond which they contradict the ensemble, and m/s: faster is no model's, slower lacks
 # even the noise of an instrument.
 _LEAST_PINGS, _ODD, MOST_SPEED, _LEAST_SPEED = 30, 8.0, 4.0, 0.01
-# Pings of which the noise is judged, and how many times as large as stated it may be; median size of a normal variable of unit variance.
-_NOISES, _LEAST_NOISE, _MOST_NOISE, _MEDIAN = 40, 0.05, 8.0, 0.6745
+# Pings of which the noise is judged, and how many times as large as stated it may be; second differences of bins from which it is known,
+# and their median size where it is of unit variance.
+_NOISES, _LEAST_NOISE, _MOST_NOISE, _LEAST_BINS, _SIZE = 40, 0.05, 8.0, 3, 0.6745 * math.sqrt(6.0)
 # m; by which the water about an instrument is another; degrees that are certainly less. Profiles in a row that are alike there, how much
 # their second differences are correlated, and from which share of white noise on what differs between two of them is no water's.
 _OTHER_DEPTH, _OTHER_PLACE, _CLOSE, _LEAST_ALIKE, _ALIKE, _WHITE = 20.0, 1000.0, 0.005, 8, 0.7, 0.3
@@ -55,8 +58,7 @@ _COMPARISONS, _ROUNDING = 30, 1e-10
 _LEAST_RMS, _MOST_RMS, _PERCENTILE = 0.004, 1.5, 99.9
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EnsembleSpeeds:
+class EnsembleSpeeds(NamedTuple):
     """How fast the currents of an ensemble are.
 
     Attributes:
@@ -88,117 +90,110 @@ def odd_ensemble_speeds(velocity: Array) -> str:
     if not squared.any():
         # without a wet point, or at rest: another matter
         return ""
-    rms, fastest = (
-        math.sqrt(float(squared.mean())),
-        math.sqrt(float(np.percentile(squared, _PERCENTILE))),
-    )
+    rms, fastest = np.sqrt([squared.mean(), np.percentile(squared, _PERCENTILE)])
     if _LEAST_RMS <= rms <= _MOST_RMS and fastest <= MOST_SPEED:
         return ""
     return f"RMS speed {rms:.3g} m/s, {_PERCENTILE:g} % below {fastest:.3g} m/s"
 
 
-def repairable(pings: Rows) -> NDArray[np.bool_]:
+def repairable(pings: Rows) -> Mask:
     """Return which bins are sound, or bad only in a way that a wrong unit or axis could have made them, shape (n, m)."""
     known = np.isfinite(pings["velocity"]).all(axis=2)
     return np.asarray(known & ((pings["reasons"] & ~np.int32(REPAIRABLE)) == 0))
 
 
-def above_surface(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def _scatter(pings: Rows, among: Holds = np.True_) -> tuple[Array, Holds]:
+    """Return the standard deviation of bins by second differences, which leave the current out, shape (n,) [m/s], and which are known.
+
+    Of white noise they have six times its variance.
+
+    Args:
+        pings: Of one instrument.
+        among: shape (n, m - 2), of which; infinity where fewer than three of them are known.
+    """
+    size = np.abs(np.diff(pings["velocity"], 2, axis=1))
+    known = among & np.isfinite(size).all(axis=2)
+    middle = upper_median(np.hstack([size[..., 0], size[..., 1]]), np.hstack([known, known]))
+    return np.where(known.sum(axis=1) >= _LEAST_BINS, middle / _SIZE, np.inf), known
+
+
+def above_surface(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return that bins are above the surface where no geometry puts them.
 
     An instrument that looks up from less deep than its middle bin is far has bins above the surface, in which it measures echoes. Such a
     ping speaks against its depths only where those bins scatter no more than water does.
 
     Args:
-        memory: ``counts`` (4,): pings, those with most bins above the surface, pings whose bins are there by geometry, and those like water.
+        memory: ``counts`` (1, 4): pings, those with most bins above the surface, pings whose bins are there by geometry, and those like
+            water.
         pings: Of one instrument.
         context: Is not asked.
     """
-    velocity, depth = pings["velocity"], pings["depth"]
-    if not len(pings):
-        return memory, []
+    velocity, distance, top = pings["velocity"], pings["distance"], pings["transducer_depth"]
     measured = np.isfinite(velocity[..., 0]) & ((pings["reasons"] & Reason.AT_SURFACE) == 0)
-    high = measured & (depth < 0.0)
-    told, above = measured.any(axis=1), 2 * high.sum(axis=1) > measured.sum(axis=1)
-    distance, top = pings["distance"], pings["transducer_depth"]
+    high = measured & (pings["depth"] < 0.0)
+    over = 2 * high.sum(axis=1) > measured.sum(axis=1)
     middle = upper_median(distance, np.isfinite(distance))
     by_geometry = pings["up"].astype(np.bool_) & (top >= 0.0) & (top < middle)
-    echoes, water = _water(pings, high)
-    echo = told & by_geometry & echoes
-    each = [told & ~by_geometry, told & ~by_geometry & above, echo, echo & water]
-    counts = np.cumsum(np.column_stack(each), axis=0) + memory.get("counts", np.zeros(4, np.int64))
+    echo, _ = _scatter(pings, high[:, 2:] & high[:, :-2])
+    below, _ = _scatter(pings, ~high[:, 2:] & ~high[:, :-2])
+    stated = mean_of(pings["error_std"], np.isfinite(pings["error_std"]))
+    water = echo < _LIKE_WATER * np.minimum(stated, below)
+    told = measured.any(axis=1)
+    heard, told = told & by_geometry & np.isfinite(echo), told & ~by_geometry
+    counts = sums(memory, "counts", np.column_stack([told, told & over, heard, heard & water]))
     number, over, heard, watery = counts.T
     wrong = (over >= _LEAST_ABOVE) & (over > _MOST_ABOVE * number)
     wrong |= (watery >= _LEAST_ABOVE) & (watery > _MOST_WATER * heard)
-    if (at := first(wrong)) is None:
-        return {"counts": counts[-1]}, []
-    words = (
-        f"most bins of {over[at] + watery[at]} of {number[at] + heard[at]} pings lie above the surface",
+    return {"counts": counts[-1:]}, pings.first(
+        wrong,
+        SURFACE,
+        lambda k: (
+            f"most bins of {over[k] + watery[k]} of {number[k] + heard[k]} pings lie above the surface"
+        ),
         "the sign of depth, or an instrument that looks up and is read as looking down, or the other way round",
         "its profiles are not used; check depth_positive and orientation of the mapping, or the ping's orientation",
+        distrusts=True,
     )
-    return {"counts": counts[-1]}, [pings.found(at, SURFACE, words, distrusts=True)]
 
 
-def _water(pings: Rows, high: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return of which pings bins above the surface tell, and of which they scatter as little as the water below it, shapes (n,)."""
-    if high.shape[1] < 3:
-        return np.zeros(len(high), np.bool_), np.zeros(len(high), np.bool_)
-    second = np.abs(np.diff(pings["velocity"], 2, axis=1))
-    finite, error = np.isfinite(second).all(axis=2), pings["error_std"]
-    scatter = [_MEDIAN * math.sqrt(6.0) * mean_of(error, np.isfinite(error))]
-    for known in (finite & ~high[:, 2:] & ~high[:, :-2], finite & high[:, 2:] & high[:, :-2]):
-        size = upper_median(second.reshape(len(second), -1), np.repeat(known, 2, axis=1))
-        scatter.append(np.where(known.sum(axis=1) >= 3, size, np.inf))
-    stated, below, above = scatter
-    return np.isfinite(above), above < _LIKE_WATER * np.minimum(stated, below)
-
-
-def speeds(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def speeds(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return that the speeds are no current's, or that they contradict the ensemble's; a ping counts by the median of its bins.
 
     Args:
-        memory: ``counts`` (4,): absolute pings, those faster than eight times the ensemble, those slower than an eighth of it, and those
-            of both that no current explains; ``log_ratio`` (1,), sum of the logarithms of how many times as fast they are.
+        memory: ``counts`` (1, 5): absolute pings, those faster than eight times the ensemble, those slower than an eighth of it, those of
+            both that no current explains, and the sum of the logarithms of how many times as fast they are.
         pings: Of one instrument.
         context: Has the ensemble's speeds.
     """
     ensemble = context.ensemble
-    if ensemble is None or not len(pings):
+    if ensemble is None:
         return memory, []
     squared, error_std = np.square(pings["velocity"]).sum(axis=2), pings["error_std"]
-    good = repairable(pings) & np.isfinite(squared + error_std)
+    good = repairable(pings) & np.isfinite(error_std)
     good &= np.isfinite(pings["common_std"])[:, None]
     measured = upper_median(squared, good)
     typical = mean_of(np.interp(pings["depth"], ensemble.levels, ensemble.mean_square), good)
-    error = 2.0 * mean_of(error_std, good) ** 2
     told = good.any(axis=1) & (measured > 0.0) & (typical > 0.0)
-    fast = told & (measured - error > _ODD**2 * typical)
+    fast = told & (measured - 2.0 * mean_of(error_std, good) ** 2 > _ODD**2 * typical)
     slow = told & (measured < typical / _ODD**2)
     impossible = (fast & (measured > MOST_SPEED**2)) | (slow & (measured < _LEAST_SPEED**2))
-    each = np.column_stack([told, fast, slow, impossible])
-    counts = np.cumsum(each, axis=0) + memory.get("counts", np.zeros(4, np.int64))
-    log = np.zeros(len(pings))
-    log[told] = 0.5 * np.log(measured[told] / typical[told])
-    logs = np.cumsum(np.concatenate([memory.get("log_ratio", np.zeros(1)), log]))[1:]
-    contradict = (counts[:, 0] >= _LEAST_PINGS) & (
-        2 * np.maximum(counts[:, 1], counts[:, 2]) > counts[:, 0]
+    log = 0.5 * np.log(np.where(told, measured, 1.0) / np.where(told, typical, 1.0))
+    counts = sums(memory, "counts", np.column_stack([told, fast, slow, impossible, log]))
+    number, faster, slower, odd, logs = counts.T
+    contradict = (number >= _LEAST_PINGS) & (2 * np.maximum(faster, slower) > number)
+    of_unit = contradict & (2 * odd > number)
+
+    def evidence(k: int) -> str:
+        ratio = math.exp(logs[k] / number[k])
+        times = f"{ratio:.3g} times as fast" if ratio > 1.0 else f"{1 / ratio:.3g} times as slow"
+        return f"{number[k]:.0f} pings are {times} as the ensemble's currents"
+
+    found = pings.first(of_unit, UNIT, evidence, *_OF_UNIT, "unusable")
+    found += pings.first(
+        contradict & ~of_unit, ENSEMBLE, evidence, *_OF_ENSEMBLE, "warning", unless=(UNIT,)
     )
-    odd = contradict & (2 * counts[:, 3] > counts[:, 0])
-    found = list[Found]()
-    for at, of_unit in ((first(contradict & ~odd), False), (first(odd), True)):
-        if at is not None:
-            ratio = math.exp(logs[at] / counts[at, 0])
-            fast_by = (
-                f"{ratio:.3g} times as fast" if ratio > 1.0 else f"{1 / ratio:.3g} times as slow"
-            )
-            evidence = f"{counts[at, 0]} pings are {fast_by} as the ensemble's currents"
-            if of_unit:
-                found.append(pings.found(at, UNIT, (evidence, *_OF_UNIT), "unusable"))
-            else:
-                words = (evidence, *_OF_ENSEMBLE)
-                found.append(pings.found(at, ENSEMBLE, words, "warning", unless={UNIT}))
-    return {"counts": counts[-1], "log_ratio": logs[-1:]}, found
+    return {"counts": counts[-1:]}, found
 
 
 def ensemble_contradicts(evidence: str) -> Finding:
@@ -206,146 +201,109 @@ def ensemble_contradicts(evidence: str) -> Finding:
     return Finding(ENSEMBLE, 0, evidence, *_OF_ENSEMBLE, "warning")
 
 
-def noise(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def noise(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return that neighbouring bins scatter far more, or less, than their stated errors, in the median of 40 pings.
 
-    Second differences along a profile leave the current out; of white noise they have six times its variance. Bins whose errors are
-    correlated say nothing. Less scatter than stated harms nothing: it is a warning.
+    Bins whose errors are correlated say nothing. Less scatter than stated harms nothing: it is a warning.
 
     Args:
-        memory: ``log_ratio`` (up to 40,), logarithm of scatter over stated error of the latest pings that tell.
+        memory: ``log_ratio`` (40,), logarithm of scatter over stated error of the latest pings that tell.
         pings: Of one instrument.
         context: Is not asked.
     """
-    second = np.abs(np.diff(pings["velocity"], 2, axis=1))
-    if not second.size:
-        return memory, []
-    good = np.isfinite(second).all(axis=2) & ~(pings["correlation_depth"] > 0.0)[:, None]
-    size = upper_median(second.reshape(len(second), -1), np.repeat(good, 2, axis=1))
-    stated = mean_of(pings["error_std"][:, 1:-1], good)
-    told = (pings["bins"] >= LEAST_CELLS) & good.any(axis=1) & (size > 0.0) & (stated > 0.0)
-    at = np.flatnonzero(told)
-    new = np.log(size[at] / (_MEDIAN * math.sqrt(6.0)) / stated[at])
-    ratios = carried(memory, "log_ratio", new, _NOISES)
-    after: Memory = {"log_ratio": ratios[-_NOISES:]}
-    if len(ratios) < _NOISES:
-        return after, []
-    window = np.sort(np.lib.stride_tricks.sliding_window_view(ratios, _NOISES), axis=1)
-    middle = np.exp(window[:, _NOISES // 2])
-    last = np.arange(len(middle)) + _NOISES - 1 - (len(ratios) - len(new))
-    odd = first(((middle <= _LEAST_NOISE) | (middle >= _MOST_NOISE)) & (last >= 0))
-    if odd is None:
-        return after, []
-    row = int(at[last[odd]])
-    large = middle[odd] > 1.0
-    words = (
-        f"neighbouring bins scatter {middle[odd]:.2g} times as much as their stated errors",
-        "errors in another unit, of single pings where these are means, or of means where these are single pings"
-        if large
-        else "errors in another unit, of single pings where these are means, or profiles of a model, which have no noise",
-        "correct the stated errors (velocity_std), or leave them out and set measurements.velocity_std",
-    )
-    # wrong units and a bad beam, which explain it, are found in fewer pings
-    severity: Severity = "inconsistent" if large else "warning"
-    return after, [pings.found(row, ERRORS, words, severity, unless={UNIT, BEAM})]
+    size, known = _scatter(pings)
+    stated = mean_of(pings["error_std"][:, 1:-1], known)
+    told = np.isfinite(size) & (size > 0.0) & (stated > 0.0)
+    told &= (pings["bins"] >= LEAST_CELLS) & ~(pings["correlation_depth"] > 0.0)
+    ratios = windows(memory, "log_ratio", np.log(size[told] / stated[told]), _NOISES)
+    middle = np.exp(np.sort(ratios, axis=1)[:, _NOISES // 2])
+    found = list[Found]()
+    for large, cause in (
+        (True, "of single pings where these are means, or of means where these are single pings"),
+        (
+            False,
+            "of single pings where these are means, or profiles of a model, which have no noise",
+        ),
+    ):
+        odd = middle >= _MOST_NOISE if large else middle <= _LEAST_NOISE
+        found += pings.take(told).first(
+            odd & np.isfinite(ratios[:, 0]),
+            ERRORS,
+            lambda k: (
+                f"neighbouring bins scatter {middle[k]:.2g} times as much as their stated errors"
+            ),
+            f"errors in another unit, {cause}",
+            "correct the stated errors (velocity_std), or leave them out and set measurements.velocity_std",
+            "inconsistent" if large else "warning",
+            # wrong units and a bad beam, which explain it, are found in fewer pings
+            unless=(UNIT, BEAM),
+        )
+    return {"log_ratio": ratios[-1]}, found
 
 
-def one_shape(memory: Memory, pings: Rows, context: Context) -> tuple[Memory, list[Found]]:
+def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
     """Return that profiles keep one shape while the instrument moves through other water: it repeats itself, with some noise.
 
     Second differences of eight profiles in a row are correlated by .7 and more, each with those before it 20 m or 1 km away, and what
     differs between two of them is white along the profile: smooth water is alike, too, but what differs there is smooth.
 
     Args:
-        memory: ``profile`` (1, m, k), the one with which the next is compared; ``place`` (3,), its depth [m], longitude and latitude;
-            ``products`` (up to 30, 6) of the latest comparisons: time, products of one with the other and of each with itself, mean square
-            of the second differences of what differs and what white noise would give.
+        memory: ``profile`` (2, m, k), the last two that were compared; ``place`` (1, 3), depth [m], longitude and latitude of the last one;
+            of the latest comparisons ``times`` (30,) [ns] and ``products`` (30, 6), second differences of one times itself and the other,
+            and of the other times the one and itself, their mean square of what differs between both, and its variance.
         pings: Of one instrument; stuck cells are left out.
         context: Is not asked.
     """
-    stuck = (pings["reasons"] & Reason.DEAD) != 0
-    raw, found = pings["raw"], list[Found]()
-    before, place = memory.get("profile"), memory.get("place")
-    times = list(memory.get("times", np.empty(0, np.int64)))
-    products = list(memory.get("products", np.empty((0, 5))))
-    places = np.column_stack([pings["depth"][:, 0], pings["longitude"], pings["latitude"]])
-    told = has_texture(pings)
-    for i in _moves(places, told, place).tolist():
-        now = np.where(stuck[i, :, None], np.nan, raw[i])
-        if before is not None and before.shape[1:] == now.shape:
-            products.append(_product(before[0], now))
-            times.append(pings.time(i))
-            products, times = products[-_COMPARISONS:], times[-_COMPARISONS:]
-            if len(products) >= _LEAST_ALIKE and not found:
-                found += _alike(np.array(products), times, pings, i)
-        before, place = now[None], places[i]
-    if before is None or place is None:
-        return memory, found
-    return {
-        "profile": before,
-        "place": place,
-        "times": np.array(times, np.int64),
-        "products": np.array(products).reshape(-1, 5),
-    }, found
-
-
-def has_texture(pings: Rows) -> NDArray[np.bool_]:
-    """Return which pings have cells enough, of which those that are known differ or are five."""
     known = np.isfinite(pings["raw"][..., :2]).all(axis=2).sum(axis=1)
-    return np.asarray((pings["bins"] >= LEAST_CELLS) & (known >= LEAST_CELLS))
+    pings = pings.take((pings["bins"] >= LEAST_CELLS) & (known >= LEAST_CELLS))
+    places = np.column_stack([pings["depth"][:, 0], pings["longitude"], pings["latitude"]])
+    last = memory.get("place", places[:0])
+    chosen = spaced(places.tolist(), last.tolist(), _in_other_water)
+    pings, last = pings.take(chosen), np.concatenate([last, places[chosen]])
+    stuck = (pings["reasons"] & Reason.DEAD) != 0
+    profile = windows(memory, "profile", np.where(stuck[..., None], np.nan, pings["raw"]), 2)
+    second = np.diff(profile[1:], 2, axis=2)
+    known = np.isfinite(second).all(axis=1, keepdims=True)
+    number = known.sum(axis=(1, 2, 3))
+    told = number > 0
+    second = np.where(known, second, 0.0)[told]
+    of_each = np.einsum("nimk,njmk->nij", second, second).reshape(-1, 4)
+    white = (of_each @ (1, -1, -1, 1)) / number[told]
+    variance = np.nanvar(np.diff(profile[1:][told], axis=1), axis=(1, 2, 3))
+    pings, new = pings.take(told), np.column_stack([of_each, white, variance])
+    products = windows(memory, "products", new, _COMPARISONS)
+    times = windows(memory, "times", pings["time"], _COMPARISONS)
+    first, one, _, other, white, variance = products[:, -_LEAST_ALIKE:].sum(axis=1).T
+    size = np.sqrt(first * other)
 
+    def since(k: int) -> int:
+        # by the latest comparisons alone: those before were of a living instrument
+        first, one, _, other, *_ = products[k].T
+        unlike = np.flatnonzero(~(one >= 0.5 * np.sqrt(first * other)))
+        return int(times[k, min(unlike.max(initial=-1) + 1, _COMPARISONS - 1)])
 
-def _moves(places: Array, told: NDArray[np.bool_], last: Array | None) -> NDArray[np.intp]:
-    """Return the rows that are in other water than the one chosen before: the first, and each 20 m deeper or less deep, or 1 km away."""
-    chosen, place = list[int](), None if last is None else tuple(last.tolist())
-    for i, (use, here) in enumerate(zip(told.tolist(), places.tolist(), strict=True)):
-        if not use:
-            continue
-        if place is not None and abs(here[0] - place[0]) < _OTHER_DEPTH:
-            east, north = here[1] - place[1], here[2] - place[2]
-            if abs(east) < _CLOSE and abs(north) < _CLOSE:
-                continue
-            of_east, of_north = metres_per_degree(place[2])
-            if math.hypot(of_east * east, of_north * north) < _OTHER_PLACE:
-                continue
-        chosen.append(i)
-        place = here
-    return np.array(chosen, np.intp)
-
-
-def _product(before: Array, now: Array) -> list[float]:
-    """Return the products of the second differences of two profiles, shape (m, k), and how white it is what differs between them."""
-    one, other = np.diff(before, 2, axis=0), np.diff(now, 2, axis=0)
-    both = np.isfinite(one + other)
-    a, b, second = one[both], other[both], (other - one)[both]
-    difference = now - before
-    known = np.isfinite(difference)
-    left = difference[known] - (difference[known].mean() if known.any() else 0.0)
-    return [
-        float(a @ b),
-        float(a @ a),
-        float(b @ b),
-        float(second @ second) / max(1, second.size),
-        6.0 * float(left @ left) / max(1, left.size),
-    ]
-
-
-def _alike(products: Array, times: Sequence[int], pings: Rows, row: int) -> list[Found]:
-    """Return the finding that the latest comparisons are of one shape, if they are."""
-    one, first_square, second, white, expected = products[-_LEAST_ALIKE:].sum(axis=0).tolist()
-    size = math.sqrt(first_square * second)
-    if size < _ROUNDING or one < _ALIKE * size or white < _WHITE * expected:
-        return []
-    # by the latest comparisons alone: those before were of a living instrument
-    unlike = np.flatnonzero(products[:, 0] < 0.5 * np.sqrt(products[:, 1] * products[:, 2]))
-    begin = min(int(unlike[-1]) + 1 if unlike.size else 0, len(products) - 1)
-    finding = Finding(
+    found = pings.first(
+        (size >= _ROUNDING) & (one >= _ALIKE * size) & (white >= _WHITE * 6.0 * variance),
         DEAD,
-        int(times[begin]),
-        f"{pings.topic}: {_LEAST_ALIKE} profiles in a row, at other depths or places, have one shape "
-        f"(correlation of second differences {one / size:.2f})",
+        lambda k: (
+            f"{_LEAST_ALIKE} profiles in a row, at other depths or places, have one shape "
+            f"(correlation of second differences {one[k] / size[k]:.2f})"
+        ),
         "an instrument that hangs, whose last profile is logged with some noise",
         "its profiles are not used; check the instrument's power and its logger",
         distrusts=True,
+        since=since,
     )
-    return [Found(int(pings.event[row]), finding)]
+    after = {"place": last[-1:], "profile": profile[-1], "products": products[-1]}
+    return {**after, "times": times[-1]}, found
+
+
+def _in_other_water(one: Sequence[float], other: Sequence[float]) -> bool:
+    """Return whether a place, its depth, longitude and latitude, is 20 m deeper or less deep than another, or 1 km away."""
+    if abs(other[0] - one[0]) >= _OTHER_DEPTH:
+        return True
+    longitude, latitude = other[1] - one[1], other[2] - one[2]
+    if max(abs(longitude), abs(latitude)) < _CLOSE:
+        return False
+    east, north = metres_per_degree(one[2])
+    return math.hypot(east * longitude, north * latitude) >= _OTHER_PLACE

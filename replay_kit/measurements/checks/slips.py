@@ -7,7 +7,8 @@ is in a ``Sounding``.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,51 +17,54 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.logs.tables.columns import number
 from replay_kit.logs.tables.frames import SCHEMA, declination_in
-from replay_kit.measurements.checks.likelihood import UNITS, family
+from replay_kit.measurements.checks.likelihood import UNITS
 
 # degrees; a smaller declination is within a compass' error
 _LEAST_DECLINATION = 1.0
 # Factors that stand for any between those of units.
 _OTHERS = (2.0, 10.0)
-_ADVICE = {
-    "east and north are exchanged": "check which component comes first",
-    "the sign of east is wrong": "check whether the first component grows to the west",
-    "the sign of north is wrong": "check whether the second component grows to the south",
-    "turned by +180 degrees clockwise, both signs wrong": "check whether directions are where the current comes from, or velocities are the "
-    "vehicle's through the water",
+# Slips of axes and signs as in ``likelihood``: M, with true = M logged, and what to check.
+_SIGNS = {
+    "turned by +180 degrees clockwise, both signs wrong": (
+        (-1, 0, 0, -1),
+        "check whether directions are where the current comes from, or velocities are the vehicle's through the water",
+    ),
+    "the sign of north is wrong": (
+        (1, 0, 0, -1),
+        "check whether the second component grows to the south",
+    ),
+    "east and north are exchanged": ((0, 1, 1, 0), "check which component comes first"),
+    "the sign of east is wrong": (
+        (-1, 0, 0, 1),
+        "check whether the first component grows to the west",
+    ),
 }
+_DECLINATION = (
+    ("not applied", "check the compass' settings and declination_applied", 1.0),
+    ("applied twice", "check whether the instrument and the logger both apply it", -1.0),
+)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Slip:
+class Slip(NamedTuple):
     """What velocities are instead of the true ones.
 
     Attributes:
         name: In words.
         matrix: M, shape (2, 2), with true = M logged.
-        is_scale: Whether it is a unit, or another scale.
     """
 
     name: str
     matrix: Array
-    is_scale: bool = False
 
 
-@cache
 def slips() -> tuple[Slip, ...]:
     """Return the slips of axes and signs, and of units in which velocities are too fast."""
-    found = []
-    for kind in ("turn", "mirror"):
-        of = family(kind)
-        for factor, name in zip(of.factor, of.slip, strict=True):
-            if name:
-                # a = g b or g b*, for b along either axis
-                columns = np.array([1.0, 1j]) / factor
-                columns = np.conj(columns) if kind == "mirror" else columns
-                found.append(Slip(name, np.array([columns.real, columns.imag])))
     scales = {f"in {name}": factor for name, factor in UNITS.items()}
     scales |= {f"{factor:g} times too fast": factor for factor in _OTHERS}
-    return (*found, *(Slip(name, np.eye(2) / factor, True) for name, factor in scales.items()))
+    return (
+        *(Slip(name, np.reshape(matrix, (2, 2))) for name, (matrix, _) in _SIGNS.items()),
+        *(Slip(name, np.eye(2) / factor) for name, factor in scales.items()),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,8 +82,7 @@ class Sounding:
     vehicle_depth: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Fault:
+class Fault(NamedTuple):
     """One way in which a log can be wrong.
 
     Attributes:
@@ -108,45 +111,25 @@ def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
         soundings: The log's profiles.
     """
     faults = [
-        Fault(each.name, _ADVICE[each.name], partial(_mapped, each.matrix))
-        for each in slips()
-        if not each.is_scale
+        Fault(name, advice, partial(_mapped, np.reshape(matrix, (2, 2))))
+        for name, (matrix, advice) in _SIGNS.items()
     ]
-    stated = [
-        abs(sounding.declination) for sounding in soundings if math.isfinite(sounding.declination)
-    ]
+    stated = [abs(one.declination) for one in soundings if math.isfinite(one.declination)]
     if stated and float(np.median(stated)) >= _LEAST_DECLINATION:
         faults += [
-            Fault(
-                "the declination was not applied",
-                "check the compass' settings and declination_applied",
-                partial(_turned, 1.0),
-            ),
-            Fault(
-                "the declination was applied twice",
-                "check whether the instrument and the logger both apply it",
-                partial(_turned, -1.0),
-            ),
+            Fault(f"the declination was {what}", advice, partial(_turned, turns))
+            for what, advice, turns in _DECLINATION
         ]
     return faults
 
 
 def depth_faults() -> list[Fault]:
     """Return the faults of the depth's sign: of the cells, of the instrument, and of where the instrument looks."""
-    name, advice = (
-        "the sign of depth is wrong",
-        "check whether depths and z grow downwards, and whether the instrument looks up",
-    )
+    advice = "check whether depths and z grow downwards, and whether the instrument looks up"
     return [
-        Fault(name, advice, lambda sounding: _at(sounding, -sounding.observation.depth)),
-        Fault(name, advice, lambda s: _at(s, s.observation.depth + 2.0 * _known(s.vehicle_depth))),
-        Fault(name, advice, lambda s: _at(s, 2.0 * _known(s.vehicle_depth) - s.observation.depth)),
+        Fault("the sign of depth is wrong", advice, partial(_at, sign, times))
+        for sign, times in ((-1.0, 0.0), (1.0, 2.0), (-1.0, 2.0))
     ]
-
-
-def _known(vehicle_depth: float) -> float:
-    """Return how deep the vehicle is, whatever the sign it was logged with; a log that never says is a surface vessel's."""
-    return abs(vehicle_depth) if math.isfinite(vehicle_depth) else 0.0
 
 
 def _mapped(matrix: Array, sounding: Sounding) -> Observation:
@@ -154,18 +137,14 @@ def _mapped(matrix: Array, sounding: Sounding) -> Observation:
 
 
 def _turned(turns: float, sounding: Sounding) -> Observation:
-    declination = sounding.declination if math.isfinite(sounding.declination) else 0.0
-    return replace(
-        sounding.observation,
-        velocity=turned_clockwise(sounding.observation.velocity, turns * declination),
-    )
+    """Return a profile turned clockwise, from magnetic to true axes, by the declination; by none where it is not stated."""
+    angle = math.radians(turns * np.nan_to_num(sounding.declination))
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return _mapped(np.array([[cosine, sine], [-sine, cosine]]), sounding)
 
 
-def turned_clockwise(velocity: Array, degrees: float) -> Array:
-    """Return vectors, shape (n, 2), turned clockwise: from magnetic to true axes by the declination [degrees east]."""
-    cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return np.asarray(velocity @ np.array([[cosine, -sine], [sine, cosine]]))
-
-
-def _at(sounding: Sounding, depth: Array) -> Observation:
+def _at(sign: float, times: float, sounding: Sounding) -> Observation:
+    """Return a profile at other depths; a log that never says how deep the vehicle is, in whatever sign, is a surface vessel's."""
+    vehicle_depth = abs(np.nan_to_num(sounding.vehicle_depth))
+    depth = sign * sounding.observation.depth + times * vehicle_depth
     return replace(sounding.observation, depth=depth)

@@ -12,7 +12,7 @@ from replay_kit.core.observation import LinearMeasurement, Observation
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.baselines import nearest_member
 from replay_kit.logs.glider.dialects import Dialect
-from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, carried
+from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, windows
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.page.section import Section
 
@@ -50,16 +50,15 @@ def repeated_times(memory: Memory, pings: Rows, context: Context) -> tuple[Memor
     """Return that the clock stands still: four pings in a row have one time.
 
     Args:
-        memory: ``time`` (up to 3,) of the last pings [ns, UTC].
+        memory: ``time`` (4,) of the last pings [ns, UTC].
         pings: Of one instrument.
         context: Is not asked.
     """
-    times = carried(memory, "time", pings["time"], 3)
-    alike = (times[3:] == times[2:-1]) & (times[3:] == times[1:-2]) & (times[3:] == times[:-3])
-    words = "4 pings of one time", "a stopped clock", "mend the log"
-    new = np.flatnonzero(alike) + 3 - (len(times) - len(pings))
-    found = [pings.found(int(at), "clock stands still", words) for at in new]
-    return {"time": times[-3:]}, found
+    times = windows(memory, "time", pings["time"], 4)
+    alike = (times == times[:, :1]).all(axis=1)
+    words = "a stopped clock", "mend the log"
+    found = pings.first(alike, "clock stands still", lambda at: "4 pings of one time", *words)
+    return {"time": times[-1]}, found
 
 
 def depths_section(contents: Contents) -> Section:

@@ -13,7 +13,7 @@ from replay_kit.core.observation import Measurement, PathMean, VehicleState, kin
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.check import Checked, check, unknowable
 from replay_kit.measurements.checks.pairs import SCALE
-from replay_kit.measurements.checks.place import FROZEN, REPEATED
+from replay_kit.measurements.checks.place import FROZEN, REPEATED, LogTracks
 from replay_kit.measurements.checks.profile import (
     ENSEMBLE,
     UNIT,
@@ -22,7 +22,6 @@ from replay_kit.measurements.checks.profile import (
     ensemble_speeds,
     odd_ensemble_speeds,
 )
-from replay_kit.measurements.checks.tracks import LogTracks
 from replay_kit.measurements.means import TOO_FAST
 from replay_kit.workflows.replay.stages.counts import ProfileCounts
 from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, assimilate
