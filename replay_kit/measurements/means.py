@@ -18,9 +18,11 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.table import Columns, Integers
+from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements.dives import dive_begins
-from replay_kit.measurements.positions import chosen
+from replay_kit.measurements.pings import COMPUTED, OWN, padded
+from replay_kit.measurements.positions import NEVER, Rows, chosen
+from replay_kit.measurements.step import Step
 
 # m and s; a longer stretch counts as several, because a current is not linear in depth or along the way
 _LONGEST_DEPTH, _LONGEST_S = 10.0, 300.0
@@ -231,28 +233,17 @@ class Ways:
     computed: int = _LONG_AGO
 
 
-#: A mean current: place in the stream, number in its table of a stated one or of the fix of a computed one, its row or why there is none.
-Found = tuple[int, int, dict[str, Any] | str]
-
-
-def means_of(
-    ways: Ways,
-    positions: Columns,
-    depths: tuple[Integers, Array],
-    stated: Sequence[Columns],
-    config: MeasurementConfig,
-) -> tuple[Ways, list[Found], list[Found]]:
-    """Return what is remembered after a block, the mean currents computed in it, and what became of each that is stated.
+def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Rows]:
+    """Return what is remembered after a block, and the columns of its mean currents, with ``due``, place in the stream, and ``rank``.
 
     Args:
         ways: Remembered before.
-        positions: Of the block.
-        depths: Places in the stream and depths [m] of all that state one.
-        stated: Rows of mean currents, each with its place in the stream, in order.
-        config: Which mean currents are computed, their errors and the fastest that is believed.
+        tables: Of mean currents that are stated.
+        step: The block.
     """
-    order, (depth_order, depth) = positions["order"], depths
-    on_path = positions["dead_reckoned"] | positions["submerged"]
+    positions = chosen(step.positions, slice(step.new, None))
+    order, depth_order, depth = positions["order"], step.depths["order"], step.depths["depth"]
+    on_path, config = positions["dead_reckoned"] | positions["submerged"], step.config
     first = _LONG_AGO if ways.path is None else ways.path.start.time
     # the others at the surface, no later than one before, are left out
     fixes = _later(positions["time"], ~on_path, first)
@@ -260,7 +251,7 @@ def means_of(
 
     def path(number: int, upto: int) -> Path | None:
         """Return the path from the last of so many fixes up to a place in the stream."""
-        begin, since, known = 0, -1, ways.path
+        begin, since, known = 0, depth_order[0], ways.path
         if number:
             begin, since = fixes[number - 1] + 1, ends[number - 1]
             known = begun(spot(positions, begin - 1))
@@ -271,29 +262,57 @@ def means_of(
         rows = begin + np.flatnonzero(on_path[begin:last])
         return extended(known, chosen(positions, rows), below)
 
-    computed: list[Found] = []
-    found: list[Found] = []
-    deep = depth_order[dive_begins(depth, config.surface_depth)]
+    made: list[dict[str, Any]] = []
+    stated = [one.rows(slice(k, k + 1)) for one in tables for k in range(len(one))]
+    deep = depth_order[1:][dive_begins(depth[1:], config.surface_depth)]
     dives = {0, *np.searchsorted(ends, deep).tolist()} & {*range(ends.size)}
     stops = [(int(ends[number]), False, number) for number in dives]
-    stops += [(int(row["order"]), True, number) for number, row in enumerate(stated)]
+    stops += [(int(one.order[0]), True, number) for number, one in enumerate(stated)]
     for due, is_stated, number in sorted(stops):
         if is_stated:
+            one = stated[number]
+            row = chosen(one.columns, 0)
             way = path(int(np.searchsorted(ends, due, side="right")), due)
-            ways, mean = _taken(ways, way, stated[number], config)
-            found.append((due, number, mean))
-            continue
-        row, way = fixes[number], path(number, due)
-        if way is None or not dive_begins(way.deepest, config.surface_depth):
-            continue
-        end = spot(positions, row)
-        ways, velocity = replace(ways, done=(way, end)), drift(way, end)
-        own = config.dead_reckoning != "corrected" and not ways.stated and way.reckoned
-        if own and _believed(velocity, config):
+            ways, mean = _taken(ways, way, row, config)
+            step.note(one, mean if isinstance(mean, str) else "")
+            if isinstance(mean, str):
+                continue
+            own = {
+                "input": one.input,
+                "topic": step.topic(one.topic),
+                "ordinal": one.position[0],
+                "order": due,
+                "dive": row["dive"] if row["dive"] >= 0 else step.dived(one.order)["dive"][0],
+            }
+            time, beside = one.time[0], bool(row["inverted"]) and config.use_inverted
+        else:
+            at, found = fixes[number], path(number, due)
+            if found is None or not dive_begins(found.deepest, config.surface_depth):
+                continue
+            end = spot(positions, at)
+            ways, velocity = replace(ways, done=(found, end)), drift(found, end)
+            computes = config.dead_reckoning != "corrected" and not ways.stated and found.reckoned
+            if not computes or not _believed(velocity, config):
+                continue
             ways = replace(ways, done=None, computed=end.time)
-            mean = path_mean(way, end, velocity, _error(way, end, config))
-            computed += [(due, int(row), mean)] if _is_path(mean) else []
-    return replace(ways, path=path(ends.size, np.iinfo(np.int64).max)), computed, found
+            mean = path_mean(found, end, velocity, _error(found, end, config))
+            if not _is_path(mean):
+                continue
+            own = {name: positions[name][at] for name in _SOURCE}
+            time, beside = end.time, False
+        own |= {"time": max(mean["end_time"], time), "source_time": time, "due": due}
+        rank = OWN if is_stated else COMPUTED
+        made.append({**mean, **own, "beside_profiles": beside, "rank": rank})
+    ways = replace(ways, path=path(ends.size, NEVER))
+    names = made[0] if made else ()
+    rows = {name: padded([np.asarray(row[name])[None] for row in made]) for name in names}
+    if made:
+        rows["points"] = np.array([len(row["weight"]) for row in made])
+        rows["weight"] = np.nan_to_num(rows["weight"])
+    return ways, rows
+
+
+_SOURCE = ("input", "topic", "ordinal", "order", "dive")
 
 
 def _taken(
@@ -320,8 +339,7 @@ def _taken(
 
 def _is_path(mean: Columns) -> bool:
     """Return whether a path leads from place to place; between opposite sides of the Earth no way is the shortest."""
-    places = mean["path_longitude"] + mean["path_latitude"] + mean["path_depth"]
-    return bool(np.isfinite(places).all())
+    return bool(np.isfinite(mean["path_longitude"] + mean["path_latitude"]).all())
 
 
 def _believed(velocity: ArrayLike, config: MeasurementConfig) -> bool:
@@ -343,13 +361,15 @@ def _path_of(
         return done
     if not _LONG_AGO < start.time < end.time:
         return None
-    on_the_way = path is not None and _same(path.start, start) and path.last.time <= end.time
-    if path is not None and on_the_way and math.isfinite(path.deepest):
-        # the fix after the dive has not come yet
-        return path, end
+    known = [] if done is None else [done[0].deepest]
+    if path is not None:
+        on_the_way = _same(path.start, start) and path.last.time <= end.time
+        if on_the_way and math.isfinite(path.deepest):
+            # the fix after the dive has not come yet
+            return path, end
+        known.append(path.deepest)
     deepest = float(row["deepest"])
     if math.isnan(deepest):
-        known = [one.deepest for one in (path, done and done[0]) if one is not None]
         deepest = float(np.fmax.reduce([math.nan, *known]))
     return None if math.isnan(deepest) else (replace(begun(start), deepest=deepest), end)
 

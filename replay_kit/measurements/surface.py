@@ -6,7 +6,7 @@ are averaged along bearings: each sector of a station measures one component.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -28,9 +28,8 @@ from replay_kit.core.observation import (
     usable,
 )
 from replay_kit.core.table import Table
-from replay_kit.measurements.dives import Depths
-from replay_kit.measurements.ledger import Ledger
 from replay_kit.measurements.means import Spot, begun, drift, extended, path_mean
+from replay_kit.measurements.step import Found, Step
 
 # m; boxes at least so wide, and over which errors are correlated where the file does not say
 _LEAST_SPACING, _ERROR_LENGTH = 2e3, 10e3
@@ -54,8 +53,6 @@ _NO_VECTOR = "no vector slower than measurements.max_speed within the ensemble's
 #: Where a drifter was, at the depth of the middle of its drogue, and the standard error of each component of its place [m]; NaN where it
 #: is not stated.
 DrifterFix = tuple[Spot, float]
-#: Place in the stream, and the measurement that its message completes.
-Found = list[tuple[int, LinearMeasurement]]
 
 
 def _tide_of(config: MeasurementConfig) -> float:
@@ -104,18 +101,18 @@ def _inside(config: MeasurementConfig, longitude: Any, latitude: Any) -> Any:
     return along & (latitude >= south) & (latitude <= north)
 
 
-def _messages(table: Table, depths: Depths) -> Iterator[tuple[int, int, Source, int]]:
+def _messages(table: Table, step: Step) -> Iterator[tuple[int, int, Source, int]]:
     """Yield place in the stream, row, message and dive of each row of a table."""
-    columns = table.order, table.position, table.time, depths.at(table.order)[2]
+    columns = table.order, table.position, table.time, step.dived(table.order)["dive"]
     for k, (order, *message, dive) in enumerate(np.column_stack(columns).tolist()):
         yield order, k, Source(table.input, table.topic, *message), dive
 
 
-def of_radar(table: Table, depths: Depths, config: MeasurementConfig, ledger: Ledger) -> Found:
+def of_radar(table: Table, step: Step) -> Found:
     """Return the measurements of the radars' vectors of each time."""
-    found, reasons = Found(), np.full(len(table), "", object)
+    found, reasons, config = Found(), np.full(len(table), "", object), step.config
     spacing = config.surface_spacing or _SPACING
-    for order, k, source, dive in _messages(table, depths):
+    for order, k, source, dive in _messages(table, step):
         stated = Vectors(*(table[name][k] for name in Vectors._fields))
         good = np.abs(stated.value).max(axis=1) <= config.max_speed
         good &= config.quality.use_suspect | ~stated.suspect
@@ -126,15 +123,15 @@ def of_radar(table: Table, depths: Depths, config: MeasurementConfig, ledger: Le
             found += [(order, one) for one in made]
         else:
             reasons[k] = _NO_VECTOR
-    ledger.add(table.order, table.topic, reasons)
+    step.note(table, reasons)
     return found
 
 
-def of_sensor(table: Table, depths: Depths, ledger: Ledger) -> Found:
+def of_sensor(table: Table, step: Step) -> Found:
     """Return what sensors of other packages measured, at the time of their messages."""
     found = Found()
-    ledger.add(table.order, table.topic)
-    for order, k, source, dive in _messages(table, depths):
+    step.note(table)
+    for order, k, source, dive in _messages(table, step):
         stated = _with_places(table["measurement"][k])
         kind = stated.label.kind or "sensors"
         label = replace(stated.label, dive=dive, source=source, kind=kind)
@@ -161,16 +158,10 @@ def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
     )
 
 
-def of_drifters(
-    known: Mapping[str, DrifterFix],
-    tables: Sequence[Table],
-    depths: Depths,
-    config: MeasurementConfig,
-    ledger: Ledger,
-) -> tuple[dict[str, DrifterFix], Found]:
-    """Return the fixes from which drifters' displacements are counted, by name, and the mean currents since them."""
-    fixes, found = dict(known), Found()
-    rows = [(row, table) for table in tables for row in _messages(table, depths)]
+def of_drifters(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step) -> Found:
+    """Return the mean currents since the fixes from which drifters' displacements are counted, by name, and bring these up to date."""
+    found, config = Found(), step.config
+    rows = [(row, table) for table in tables for row in _messages(table, step)]
     for (order, k, source, dive), table in sorted(rows, key=lambda one: one[0][0]):
         spot = Spot(source.time_ns, *(table[name][k].item() for name in Spot._fields[1:]))
         now, name, made = (spot, float(table["error"][k])), table["name"][k], Found()
@@ -184,9 +175,9 @@ def of_drifters(
             reason, made = _TOO_FAST, Found()
         elif made or seconds > _LONGEST:
             fixes[name] = now
-        ledger.add(np.array([order]), table.topic, reason)
+        step.note(table.rows(slice(k, k + 1)), reason)
         found += made
-    return fixes, found
+    return found
 
 
 def _displacement(
