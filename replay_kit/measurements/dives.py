@@ -84,7 +84,7 @@ def depths_of(
 
     Args:
         before: The last row before.
-        sources: Orders, depths [m], and whether the vehicle states them, of each source.
+        sources: Orders, depths [m], and whether the vehicle states them, of each source; else they count before it states the first.
         surface_depth: [m].
     """
     parts = [before]
@@ -98,7 +98,10 @@ def depths_of(
             }
         )
     rows = in_order(*parts)
-    rows = chosen(rows, np.isfinite(rows["depth"]) | (np.arange(rows["depth"].size) == 0))
+    known = np.isfinite(rows["stated"])
+    counts = known | (np.isfinite(rows["depth"]) & ~np.logical_or.accumulate(known))
+    counts[0] = True
+    rows = chosen(rows, counts)
     was, begun = before["submerged"][0], before["dive"][0]
     under = submerged(rows["depth"][1:], surface_depth, was)
     return rows | {

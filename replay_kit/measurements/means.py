@@ -8,7 +8,6 @@ merged at their common middle when they become many: the weights sum to the whol
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,8 +53,7 @@ def spot(positions: Columns, row: int) -> Spot:
     return Spot(*(positions[name][row].item() for name in Spot._fields))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Path:
+class Path(NamedTuple):
     """Where the vehicle was since a fix.
 
     Attributes:
@@ -68,7 +66,7 @@ class Path:
 
     start: Spot
     last: Spot
-    stretches: Array = field(default_factory=lambda: np.empty((0, 5)))
+    stretches: Array = np.empty((0, 5))
     deepest: float = math.nan
     reckoned: int = 0
 
@@ -216,8 +214,7 @@ def _closed(path: Path, end: Spot) -> Array:
     return np.column_stack(np.broadcast_arrays(*columns))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Ways:
+class Ways(NamedTuple):
     """What is remembered of the way since the last fixes.
 
     Attributes:
@@ -241,9 +238,9 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
         tables: Of mean currents that are stated.
         step: The block.
     """
-    positions = chosen(step.positions, slice(step.new, None))
+    positions, config = chosen(step.positions, slice(step.new, None)), step.config
     order, depth_order, depth = positions["order"], step.depths["order"], step.depths["depth"]
-    on_path, config = positions["dead_reckoned"] | positions["submerged"], step.config
+    on_path = positions["dead_reckoned"] | positions["submerged"]
     first = _LONG_AGO if ways.path is None else ways.path.start.time
     # the others at the surface, no later than one before, are left out
     fixes = _later(positions["time"], ~on_path, first)
@@ -251,65 +248,60 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
 
     def path(number: int, upto: int) -> Path | None:
         """Return the path from the last of so many fixes up to a place in the stream."""
-        begin, since, known = 0, depth_order[0], ways.path
+        since, known = depth_order[0], ways.path
         if number:
-            begin, since = fixes[number - 1] + 1, ends[number - 1]
-            known = begun(spot(positions, begin - 1))
+            since, known = ends[number - 1], begun(spot(positions, fixes[number - 1]))
         if known is None:
             return None
-        last = np.searchsorted(order, upto, side="right")
-        below = depth[slice(*np.searchsorted(depth_order, [since, upto], side="right"))]
-        rows = begin + np.flatnonzero(on_path[begin:last])
-        return extended(known, chosen(positions, rows), below)
+        rows = chosen(positions, on_path & (order > since) & (order <= upto))
+        return extended(known, rows, depth[(depth_order > since) & (depth_order <= upto)])
 
-    made: list[dict[str, Any]] = []
-    stated = [one.rows(slice(k, k + 1)) for one in tables for k in range(len(one))]
+    made, messages = list[dict[str, Any]](), step.messages(tables)
     deep = depth_order[1:][dive_begins(depth[1:], config.surface_depth)]
     dives = {0, *np.searchsorted(ends, deep).tolist()} & {*range(ends.size)}
-    stops = [(int(ends[number]), False, number) for number in dives]
-    stops += [(int(one.order[0]), True, number) for number, one in enumerate(stated)]
-    for due, is_stated, number in sorted(stops):
-        if is_stated:
-            one = stated[number]
+    stops = [(int(ends[number]), COMPUTED, number) for number in dives]
+    stops += [(int(one.order[0]), OWN, number) for number, (one, _) in enumerate(messages)]
+    for due, rank, number in sorted(stops):
+        if rank == OWN:
+            one, source = messages[number]
             row = chosen(one.columns, 0)
             way = path(int(np.searchsorted(ends, due, side="right")), due)
-            ways, mean = _taken(ways, way, row, config)
-            step.note(one, mean if isinstance(mean, str) else "")
-            if isinstance(mean, str):
-                continue
-            own = {
-                "input": one.input,
-                "topic": step.topic(one.topic),
-                "ordinal": one.position[0],
-                "order": due,
-                "dive": row["dive"] if row["dive"] >= 0 else step.dived(one.order)["dive"][0],
-            }
-            time, beside = one.time[0], bool(row["inverted"]) and config.use_inverted
+            ways, found, why = _taken(ways, way, row, config)
+            velocity, std, time = row["velocity"], float(row["error_std"]), source.time_ns
+            dive = int(row["dive"] if row["dive"] >= 0 else step.dived(one.order)["dive"][0])
+            own = [source.input, step.topic(source.topic), source.position, due, dive]
+            beside = bool(row["inverted"]) and config.use_inverted
         else:
-            at, found = fixes[number], path(number, due)
-            if found is None or not dive_begins(found.deepest, config.surface_depth):
+            way, end = path(number, due), spot(positions, fixes[number])
+            if way is None or not dive_begins(way.deepest, config.surface_depth):
                 continue
-            end = spot(positions, at)
-            ways, velocity = replace(ways, done=(found, end)), drift(found, end)
-            computes = config.dead_reckoning != "corrected" and not ways.stated and found.reckoned
-            if not computes or not _believed(velocity, config):
+            found, std, time = (way, end), math.nan, end.time
+            velocity = np.array(drift(way, end))
+            ways, own = ways._replace(done=found), [positions[of][fixes[number]] for of in _SOURCE]
+            if config.dead_reckoning == "corrected" or ways.stated or not way.reckoned:
                 continue
-            ways = replace(ways, done=None, computed=end.time)
-            mean = path_mean(found, end, velocity, _error(found, end, config))
-            if not _is_path(mean):
-                continue
-            own = {name: positions[name][at] for name in _SOURCE}
-            time, beside = end.time, False
-        own |= {"time": max(mean["end_time"], time), "source_time": time, "due": due}
-        rank = OWN if is_stated else COMPUTED
-        made.append({**mean, **own, "beside_profiles": beside, "rank": rank})
-    ways = replace(ways, path=path(ends.size, NEVER))
+            why, beside = "" if np.abs(velocity).max() <= config.max_speed else TOO_FAST, False
+            ways = ways if why else ways._replace(done=None, computed=time)
+        if not why:
+            way, end = found
+            seconds = (end.time - way.start.time) * 1e-9
+            of_fixes = math.hypot(config.dac_std, math.sqrt(2.0) * config.fix_std / seconds)
+            mean = path_mean(way, end, velocity, of_fixes if math.isnan(std) else std)
+            # between opposite sides of the Earth no way is the shortest
+            why = "" if np.isfinite(mean["path_longitude"]).all() else _NO_PATH
+        why = step.left_out("dac", own[-1]) or why
+        if rank == OWN:
+            step.note(one, why)
+        if not why:
+            mean |= dict(zip(_SOURCE, own, strict=True)) | {"source_time": time, "due": due}
+            mean |= {"time": max(mean["end_time"], time), "beside_profiles": beside, "rank": rank}
+            made.append(mean)
     names = made[0] if made else ()
     rows = {name: padded([np.asarray(row[name])[None] for row in made]) for name in names}
     if made:
         rows["points"] = np.array([len(row["weight"]) for row in made])
         rows["weight"] = np.nan_to_num(rows["weight"])
-    return ways, rows
+    return ways._replace(path=path(ends.size, NEVER)), rows
 
 
 _SOURCE = ("input", "topic", "ordinal", "order", "dive")
@@ -317,39 +309,19 @@ _SOURCE = ("input", "topic", "ordinal", "order", "dive")
 
 def _taken(
     ways: Ways, path: Path | None, row: Columns, config: MeasurementConfig
-) -> tuple[Ways, dict[str, Any] | str]:
-    """Return what is remembered after a stated mean current, and it with its path, or in words why it is not used."""
-    velocity, std = row["velocity"], float(row["error_std"])
-    if not _believed(velocity, config):
-        return ways, TOO_FAST
-    ways = replace(ways, stated=True)
+) -> tuple[Ways, Any, str]:
+    """Return what is remembered after a stated mean current, its path and the fix that ends it, and in words why it is not used."""
+    if np.abs(row["velocity"]).max() > config.max_speed:
+        return ways, None, TOO_FAST
+    ways = ways._replace(stated=True)
     if _LONG_AGO < row["end_time"] <= ways.computed + _SAME_FIX:
-        return ways, _COMPUTED
+        return ways, None, _COMPUTED
     found = _path_of(ways.done, path, row)
     if found is None:
-        return ways, _NO_DEPTH
-    std = std if math.isfinite(std) else _error(*found, config)
-    mean = path_mean(*found, velocity, std)
-    if not _is_path(mean):
-        return ways, _NO_PATH
+        return ways, None, _NO_DEPTH
     if ways.done is not None and ways.done[1].time <= found[1].time:
-        ways = replace(ways, done=None)
-    return ways, mean
-
-
-def _is_path(mean: Columns) -> bool:
-    """Return whether a path leads from place to place; between opposite sides of the Earth no way is the shortest."""
-    return bool(np.isfinite(mean["path_longitude"] + mean["path_latitude"]).all())
-
-
-def _believed(velocity: ArrayLike, config: MeasurementConfig) -> bool:
-    return bool(np.abs(velocity).max() <= config.max_speed)
-
-
-def _error(path: Path, end: Spot, config: MeasurementConfig) -> float:
-    """Return the error of a component [m/s]: its own, and that of the two fixes over the time between them."""
-    seconds = (end.time - path.start.time) * 1e-9
-    return math.hypot(config.dac_std, math.sqrt(2.0) * config.fix_std / seconds)
+        ways = ways._replace(done=None)
+    return ways, found, ""
 
 
 def _path_of(
@@ -361,17 +333,15 @@ def _path_of(
         return done
     if not _LONG_AGO < start.time < end.time:
         return None
-    known = [] if done is None else [done[0].deepest]
-    if path is not None:
-        on_the_way = _same(path.start, start) and path.last.time <= end.time
-        if on_the_way and math.isfinite(path.deepest):
-            # the fix after the dive has not come yet
-            return path, end
-        known.append(path.deepest)
+    known = [one.deepest for one in (path, done and done[0]) if one is not None]
+    on_the_way = path is not None and _same(path.start, start) and path.last.time <= end.time
+    if path is not None and on_the_way and math.isfinite(path.deepest):
+        # the fix after the dive has not come yet
+        return path, end
     deepest = float(row["deepest"])
     if math.isnan(deepest):
-        deepest = float(np.fmax.reduce([math.nan, *known]))
-    return None if math.isnan(deepest) else (replace(begun(start), deepest=deepest), end)
+        deepest = float(np.fmax.reduce([deepest, *known]))
+    return None if math.isnan(deepest) else (Path(start, start, deepest=deepest), end)
 
 
 def _same(fix: Spot, stated: Spot) -> bool:

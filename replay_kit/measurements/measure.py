@@ -6,24 +6,22 @@ message at a time gives them, so that nothing depends on how the stream is cut i
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.block import LINEAR, PING, POSITION, Block
+from replay_kit.core.block import Block
 from replay_kit.core.table import Columns, Integers, Table
-from replay_kit.measurements import pings, surface
+from replay_kit.measurements import pings
 from replay_kit.measurements.dives import depth_of, depths_of, no_depths
 from replay_kit.measurements.dvl import attitudes_of, motions_of
 from replay_kit.measurements.earth import no_triples, to_earth
 from replay_kit.measurements.means import Ways, means_of
 from replay_kit.measurements.navigation import Depth, Frames, Sender, located, of_sender
 from replay_kit.measurements.positions import (
-    NEVER,
     as_of,
     beside,
     chosen,
@@ -32,14 +30,15 @@ from replay_kit.measurements.positions import (
     recent,
 )
 from replay_kit.measurements.reach import THROWN, Reach, within_reach
-from replay_kit.measurements.step import Found, Step, left_out_reason
+from replay_kit.measurements.step import Found, Step
+from replay_kit.measurements.surface import DrifterFix, of_others
 
 _NONE = np.empty(0, np.int64)
+_NO_NAMES: Mapping[str, Any] = {}
 _LAST = slice(-1, None)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Memory:
+class Memory(NamedTuple):
     """What is carried from block to block.
 
     Attributes:
@@ -60,16 +59,16 @@ class Memory:
 
     topics: tuple[str, ...] = ()
     sender: Sender = (None, None)
-    depths: Columns = field(default_factory=no_depths)
-    frames: Frames = field(default_factory=Frames)
-    positions: Columns = field(default_factory=no_rows)
-    reach: Reach = field(default_factory=Reach)
-    attitudes: Columns = field(default_factory=no_triples)
-    motions: Columns = field(default_factory=no_triples)
+    depths: Columns = no_depths()
+    frames: Frames = Frames()
+    positions: Columns = no_rows()
+    reach: Reach = Reach()
+    attitudes: Columns = no_triples()
+    motions: Columns = no_triples()
     waiting: tuple[Table, ...] = ()
-    ways: Ways = field(default_factory=Ways)
+    ways: Ways = Ways()
     line: Any = None
-    drifters: Mapping[str, surface.DrifterFix] = field(default_factory=dict)
+    drifters: Mapping[str, DrifterFix] = _NO_NAMES
 
 
 def measure(
@@ -106,7 +105,7 @@ def measure(
     motions, water = motions_of(memory.motions, of["dvl"], attitudes, step)
     arrivals = [to_earth(one, attitudes, motions, config) for one in (*of["ping"], *water)]
     positions = joined(memory.positions, reached)
-    sources = _depths(memory, positions, stated, of["depth"], arrivals, step)
+    sources = _depths(positions, stated, of["depth"], arrivals, step)
     depths = depths_of(memory.depths, sources, config.surface_depth)
     step = replace(step, depths=depths)
     dived = step.dived(reached["order"])
@@ -121,11 +120,7 @@ def measure(
     ways, means = means_of(memory.ways, of["mean"], step)
     line, linear = _of_ctd(memory.line, of, step)
     drifters = dict(memory.drifters)
-    linear += surface.of_drifters(drifters, of["drifter"], step)
-    for one in of["radar"]:
-        linear += surface.of_radar(one, step)
-    for one in of["sensor"]:
-        linear += surface.of_sensor(one, step)
+    linear += of_others(drifters, of["radar"] + of["drifter"] + of["sensor"], step)
     linear.sort(key=lambda pair: pair[0])
     after = Memory(
         tuple(step.topics),
@@ -165,7 +160,7 @@ def measure(
         tests,
         tuple(findings),
     )
-    return after, without(block, config.without) if config.without else block
+    return after, block
 
 
 def _of_ctd(line: Any, of: Mapping[str, Sequence[Table]], step: Step) -> tuple[Any, Found]:
@@ -175,19 +170,12 @@ def _of_ctd(line: Any, of: Mapping[str, Sequence[Table]], step: Step) -> tuple[A
     # loads scipy, which most logs need not
     from replay_kit.measurements.ctd.lines import SectionLine, of_ctd
 
-    own = [
-        one.order
-        for one in of["position"]
-        if "system" not in one.fixed and not one.fixed.get("beside")
-    ]
-    # of positions at the surface that messages of their own state
-    orders = step.positions["order"][step.new :][~step.positions["submerged"][step.new :]]
-    surfacings = orders[np.isin(orders, np.concatenate([_NONE, *own]))]
+    new = chosen(step.positions, slice(step.new, None))
+    surfacings = new["order"][~new["submerged"]]
     return of_ctd(line or SectionLine(), of["ctd"], surfacings, step)
 
 
 def _depths(
-    memory: Memory,
     positions: Columns,
     stated: Sequence[Depth],
     tables: Sequence[Table],
@@ -205,32 +193,8 @@ def _depths(
         depth = below(one, one[by]) if by == "pressure" else one[by]
         step.note(one, np.where(np.isfinite(depth), "", f"{by} is not a number"))
         rows.append((one.order, depth, True))
-    known_since = [order[np.isfinite(depth)].min(initial=NEVER) for order, depth, _ in rows]
-    first = -1 if np.isfinite(memory.depths["stated"][0]) else min(known_since, default=NEVER)
     for one in arrivals:
-        counts = (one.order < first) & (one["why"] == "") & np.isnan(one["place"][:, 0])
+        counts = (one["why"] == "") & np.isnan(one["place"][:, 0])
         counts &= one["absolute"] | step.config.use_relative
         rows.append((one.order[counts], below(one, one["pressure"])[counts], False))
     return rows
-
-
-def without(block: Block, rules: Sequence[str]) -> Block:
-    """Return a block without the measurements that rules leave out, whose messages are noted as not used."""
-    outcomes, reasons = block.outcomes.copy(), list(block.reasons)
-    kept = np.ones(len(block.events), np.bool_)
-    for k, (due, kind, row) in enumerate(block.events.tolist()):
-        if kind == POSITION:
-            continue
-        if kind == LINEAR:
-            one = block.linear[row]
-            of, dive, topic = one.label.kind, one.dive, block.topics.index(one.source.topic)
-        else:
-            of, columns = ("profiles", block.ping) if kind == PING else ("dac", block.mean)
-            dive, topic = int(columns["dive"][row]), int(columns["topic"][row])
-        if applied := rules_for(rules, of, dive):
-            kept[k], reason = False, left_out_reason(applied)
-            if reason not in reasons:
-                reasons.append(reason)
-            used = np.flatnonzero((outcomes == (due, topic, -1)).all(axis=1))
-            outcomes[used[:1], 2] = reasons.index(reason)
-    return replace(block, events=block.events[kept], outcomes=outcomes, reasons=tuple(reasons))

@@ -1,8 +1,7 @@
 """Tables of positions, poses, depths and attitudes to rows of positions: whose count, which are dead-reckoned, where local frames lie."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +30,7 @@ _NO_NUMBER, _NO_FIX, _OUTSIDE = (
     "position outside the range of longitude and latitude",
 )
 _NONE = np.empty(0, np.int64)
+_NOTHING: Mapping[Any, Any] = {}
 # ns; a MAVLink position is measured while the last three-dimensional fix is no older than this
 _FIX_AGE = 5_000_000_000
 #: By kind of message and MAVLink system, places in the stream and what was stated there.
@@ -41,8 +41,7 @@ Sender = tuple[str | None, str | None]
 Depth = tuple[Integers, Array]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Frames:
+class Frames(NamedTuple):
     """What is remembered of positions' frames.
 
     Attributes:
@@ -52,9 +51,9 @@ class Frames:
         origins: By topic of poses, longitude, latitude [degrees] of a place and its east and north [m] in the topic's local frame.
     """
 
-    stated: Mapping[tuple[str, str], Any] = field(default_factory=dict)
-    place: Columns = field(default_factory=no_rows)
-    origins: Mapping[str, Array] = field(default_factory=dict)
+    stated: Mapping[tuple[str, str], Any] = _NOTHING
+    place: Columns = no_rows()
+    origins: Mapping[str, Array] = _NOTHING
 
 
 def of_sender(sender: Sender, tables: Sequence[Table], step: Step) -> tuple[Sender, list[Table]]:

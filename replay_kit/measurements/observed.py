@@ -1,9 +1,8 @@
 """Messages to blocks, and the rows of blocks as observations: what a script loops over."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,11 +23,11 @@ from replay_kit.logs.tables.frames import Open, lost
 from replay_kit.logs.tables.schemas import tables_of
 from replay_kit.measurements.measure import Memory, measure
 
+_NO_FRAMES: Open = {}
 _LAST = np.iinfo(np.int64).max
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Stream:
+class Stream(NamedTuple):
     """What is carried from block to block.
 
     Attributes:
@@ -37,8 +36,8 @@ class Stream:
         order: Number of messages so far.
     """
 
-    memory: Memory = field(default_factory=Memory)
-    pending: Open = field(default_factory=dict)
+    memory: Memory = Memory()
+    pending: Open = _NO_FRAMES
     order: int = 0
 
 

@@ -157,6 +157,9 @@ def profiled(ping: Table, step: Step) -> Profiles | None:
     why[~np.isfinite(depth) & stated] = _NO_DEPTH_OF_PRESSURE
     why[~np.isfinite(longitude)] = f"{NO_POSITION} {config.position_max_age:g} s"
     why[moving & ~columns["absolute"] & (not config.use_relative)] = RELATIVE
+    if config.without:
+        left_out = [step.left_out("profiles", dive) for dive in columns["dive"].tolist()]
+        why = np.where(why == "", left_out, why)
     step.note(ping, why, due)
     columns |= {
         "longitude": longitude,
@@ -238,13 +241,13 @@ def stacked(parts: Sequence[Profiles]) -> tuple[Rows, tuple[BinTest, ...]]:
     }
     at = np.lexsort([columns[name] for name in ("order", "time", "rank", "due")])
     found = []
-    for name, reason in {test.name: test.reason for _, tests in parts for test in tests}.items():
-        each = []
-        for one, tests in parts:
-            flags = np.full(one["flags"].shape, np.int8(Flag.NOT_EVALUATED))
-            blank = BinTest(name, reason, flags, np.full(len(flags), None))
-            each.append(next((test for test in tests if test.name == name), blank))
-        rows = padded([test.flags for test in each], Flag.NOT_EVALUATED)[at]
-        words = np.concatenate([test.why_not for test in each])[at]
-        found.append(BinTest(name, reason, rows, words))
+    for one in {test.name: test for _, tests in parts for test in tests}.values():
+        flags, words = [], []
+        for rows, tests in parts:
+            own = [test for test in tests if test.name == one.name]
+            blank = np.full(rows["flags"].shape, np.int8(Flag.NOT_EVALUATED))
+            flags.append(own[0].flags if own else blank)
+            words.append(own[0].why_not if own else np.full(len(blank), None))
+        bins = padded(flags, Flag.NOT_EVALUATED)[at]
+        found.append(BinTest(one.name, one.reason, bins, np.concatenate(words)[at]))
     return chosen(columns, at), tuple(found)

@@ -79,8 +79,8 @@ def recent(positions: Columns) -> Rows:
     return chosen(positions, time > time[-1:].max(initial=LONG_AGO) - 2 * WINDOW)
 
 
-_BESIDE = {"time": 0, "longitude": np.nan, "latitude": np.nan}
-#: Time [ns, UTC], longitude and latitude [degrees] of a position beside each ping, shapes (n,); NaN for none.
+_BESIDE = {"time": LONG_AGO, "longitude": np.nan, "latitude": np.nan}
+#: Time [ns, UTC], longitude and latitude [degrees] of a position beside each ping, shapes (n,); long ago and NaN for none.
 Beside = list[NDArray[Any]]
 
 
@@ -106,27 +106,24 @@ def placed(
     later = np.searchsorted(positions["time"], time, side="right")
     before = beside(positions, np.minimum(later, upto) - 1)
     after = beside(positions, np.where(later < upto, later, -1))
-    has_before, has_after = np.isfinite(before[1]), np.isfinite(after[1])
-    both, begin, end = has_before & has_after, before[0], after[0]
-    since = np.where(has_before, time - begin, NEVER)
-    until = np.where(has_after, end - time, NEVER)
+    since, until = time - before[0], np.abs(after[0] - time)
+    span, both = after[0] - before[0], np.isfinite(before[1] + after[1])
     is_near = np.minimum(since, until) <= config.position_max_age * 1e9
-    gap_s = np.where(both, end - begin, 0) * 1e-9
-    in_gap = ~is_near & in_dive & both & (gap_s <= config.position_max_gap)
+    in_gap = ~is_near & in_dive & both & (span <= config.position_max_gap * 1e9)
     known, earlier = is_near | in_gap, since <= until
     longitude, latitude = (
         np.where(known, np.where(earlier, before[k], after[k]), np.nan) for k in (1, 2)
     )
-    at = np.flatnonzero(both & (begin < time) & known)
+    share, std = np.zeros(time.size), np.zeros(time.size)
+    at = np.flatnonzero(both & (since > 0) & known)
     if at.size:
-        share = (time - begin)[at] / (end - begin)[at]
+        share[at] = since[at] / span[at]
         start = before[1][at], before[2][at]
         east, north = offset(*start, after[1][at], after[2][at])
-        found = moved(*start, share * east, share * north)
+        found = moved(*start, share[at] * east, share[at] * north)
         longitude[at] = start[0] + np.mod(found[0] - start[0] + 180.0, 360.0) - 180.0
         latitude[at] = found[1]
-    since_s = np.where(in_gap, time - begin, 0) * 1e-9
-    std = _SPEED_STD * since_s * (1.0 - since_s / np.where(in_gap, gap_s, 1.0))
+    std[in_gap] = _SPEED_STD * (since * 1e-9 * (1.0 - share))[in_gap]
     return longitude, latitude, std
 
 

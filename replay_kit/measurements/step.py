@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.observation import LinearMeasurement
+from replay_kit.core.observation import LinearMeasurement, Source
 from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements.dives import no_depths
 from replay_kit.measurements.positions import Rows, as_of, chosen, no_rows
@@ -59,6 +60,15 @@ class Step:
         """Return the vehicle's depth and dive after messages at places in the stream, columns as of ``dives.depths_of``."""
         return chosen(self.depths, as_of(order, self.depths["order"]))
 
+    def messages(self, tables: Sequence[Table]) -> list[tuple[Table, Source]]:
+        """Return the rows of tables one by one, in order, with their messages."""
+        rows = [one.rows(slice(k, k + 1)) for one in tables for k in range(len(one))]
+        rows.sort(key=lambda one: int(one.order[0]))
+        return [
+            (one, Source(one.input, one.topic, int(one.position[0]), int(one.time[0])))
+            for one in rows
+        ]
+
     def topic(self, name: str) -> int:
         """Return the number of a topic, which is new or known."""
         return self.topics.setdefault(name, len(self.topics))
@@ -71,8 +81,7 @@ class Step:
             topic: Number of its topic, one for all or for each.
             why: Why it is not used, one for all or for each; empty for those that are.
         """
-        words = np.broadcast_to(np.asarray(why, object), due.shape)
-        codes = np.full(due.shape, -1)
+        words, codes = np.full(len(due), why, object), np.full(len(due), -1)
         for reason in {*words} - {""}:
             codes[words == reason] = self.reasons.setdefault(reason, len(self.reasons))
         self.noted.append(np.column_stack(np.broadcast_arrays(due, topic, codes)))
@@ -80,17 +89,23 @@ class Step:
     def note(self, table: Table, why: Any = "", due: Integers | None = None) -> None:
         """Note the messages of a table, each where it comes unless ``due`` says another place; the pings of several as often."""
         times = table.columns.get("messages", 1)
+        words = np.repeat(np.full(len(table), why, object), times)
         due = np.repeat(table.order if due is None else due, times)
-        words = np.broadcast_to(np.asarray(why, object), table.order.shape)
-        self.add(due, self.topic(table.topic), np.repeat(words, times))
+        self.add(due, self.topic(table.topic), words)
 
     def kept(self, table: Table, why: Any) -> Table:
         """Note the messages of a table that are not used, and return the others."""
-        good = np.broadcast_to(np.asarray(why, object) == "", table.order.shape)
+        why = np.full(len(table), why, object)
+        good = why == ""
         if good.all():
             return table
-        self.note(table.rows(~good), np.broadcast_to(why, good.shape)[~good])
+        self.note(table.rows(~good), why[~good])
         return table.rows(good)
+
+    def left_out(self, kind: str, dive: int) -> str:
+        """Return why the settings leave out a measurement of a kind and dive; empty where they do not."""
+        rules = rules_for(self.config.without, kind, dive)
+        return left_out_reason(rules) if rules else ""
 
     def outcomes(self) -> Integers:
         """Return the outcomes in order, as in ``Block``."""

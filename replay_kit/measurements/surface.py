@@ -6,7 +6,7 @@ are averaged along bearings: each sector of a station measures one component.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -24,11 +24,11 @@ from replay_kit.core.observation import (
     LinearMeasurement,
     PathMean,
     Reason,
-    Source,
     usable,
 )
 from replay_kit.core.table import Table
 from replay_kit.measurements.means import Spot, begun, drift, extended, path_mean
+from replay_kit.measurements.positions import chosen
 from replay_kit.measurements.step import Found, Step
 
 # m; boxes at least so wide, and over which errors are correlated where the file does not say
@@ -53,10 +53,7 @@ _NO_VECTOR = "no vector slower than measurements.max_speed within the ensemble's
 #: Where a drifter was, at the depth of the middle of its drogue, and the standard error of each component of its place [m]; NaN where it
 #: is not stated.
 DrifterFix = tuple[Spot, float]
-
-
-def _tide_of(config: MeasurementConfig) -> float:
-    return _USUAL_TIDE if config.surface_tide_std is None else config.surface_tide_std
+Linear = list[LinearMeasurement]
 
 
 class Vectors(NamedTuple):
@@ -92,6 +89,24 @@ class Vectors(NamedTuple):
         return Vectors._make((*rows, *self[6:]))
 
 
+def of_others(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step) -> Found:
+    """Return what radars, drifters and sensors of other packages measured.
+
+    Args:
+        fixes: By name, the fix from which each drifter's displacement is counted; brought up to date.
+        tables: Of them.
+        step: The block.
+    """
+    found, of = Found(), {"radar": _of_radar, "drifter": _of_drifter, "sensor": _of_sensor}
+    for one, source in step.messages(tables):
+        label = Label(int(step.dived(one.order)["dive"][0]), source)
+        made, reason = of[one.kind](chosen(one.columns, 0), label, step.config, fixes)
+        reason = step.left_out(made[0].label.kind, label.dive) if made else reason
+        step.note(one, reason)
+        found += [(int(one.order[0]), each) for each in made if not reason]
+    return found
+
+
 def _inside(config: MeasurementConfig, longitude: Any, latitude: Any) -> Any:
     """Return whether places [degrees] are in the box of the settings, west, south, east, north; everywhere without one."""
     if config.surface_box is None:
@@ -101,42 +116,61 @@ def _inside(config: MeasurementConfig, longitude: Any, latitude: Any) -> Any:
     return along & (latitude >= south) & (latitude <= north)
 
 
-def _messages(table: Table, step: Step) -> Iterator[tuple[int, int, Source, int]]:
-    """Yield place in the stream, row, message and dive of each row of a table."""
-    columns = table.order, table.position, table.time, step.dived(table.order)["dive"]
-    for k, (order, *message, dive) in enumerate(np.column_stack(columns).tolist()):
-        yield order, k, Source(table.input, table.topic, *message), dive
+def _tide_of(config: MeasurementConfig) -> float:
+    return _USUAL_TIDE if config.surface_tide_std is None else config.surface_tide_std
 
 
-def of_radar(table: Table, step: Step) -> Found:
-    """Return the measurements of the radars' vectors of each time."""
-    found, reasons, config = Found(), np.full(len(table), "", object), step.config
-    spacing = config.surface_spacing or _SPACING
-    for order, k, source, dive in _messages(table, step):
-        stated = Vectors(*(table[name][k] for name in Vectors._fields))
-        good = np.abs(stated.value).max(axis=1) <= config.max_speed
-        good &= config.quality.use_suspect | ~stated.suspect
-        good &= _inside(config, stated.longitude, stated.latitude)
-        if good.any():
-            label = Label(dive, source, kind=stated.kind)
-            made = superobservations(stated.part(good), label, spacing, _tide_of(config))
-            found += [(order, one) for one in made]
-        else:
-            reasons[k] = _NO_VECTOR
-    step.note(table, reasons)
-    return found
+def _of_radar(
+    row: Mapping[str, Any], label: Label, config: MeasurementConfig, _: Any
+) -> tuple[Linear, str]:
+    """Return the measurements of the radars' vectors of a time, or why there are none."""
+    stated = Vectors(*(row[name] for name in Vectors._fields))
+    good = np.abs(stated.value).max(axis=1) <= config.max_speed
+    good &= config.quality.use_suspect | ~stated.suspect
+    good &= _inside(config, stated.longitude, stated.latitude)
+    if not good.any():
+        return [], _NO_VECTOR
+    label, spacing = replace(label, kind=stated.kind), config.surface_spacing or _SPACING
+    return superobservations(stated.part(good), label, spacing, _tide_of(config)), ""
 
 
-def of_sensor(table: Table, step: Step) -> Found:
-    """Return what sensors of other packages measured, at the time of their messages."""
-    found = Found()
-    step.note(table)
-    for order, k, source, dive in _messages(table, step):
-        stated = _with_places(table["measurement"][k])
-        kind = stated.label.kind or "sensors"
-        label = replace(stated.label, dive=dive, source=source, kind=kind)
-        found.append((order, replace(stated, time_ns=source.time_ns, label=label)))
-    return found
+def _of_sensor(row: Mapping[str, Any], label: Label, _: Any, __: Any) -> tuple[Linear, str]:
+    """Return what a sensor of another package measured, at the time of its message."""
+    stated = _with_places(row["measurement"])
+    own = replace(stated.label, dive=label.dive, source=label.source)
+    own = replace(own, kind=own.kind or "sensors")
+    return [replace(stated, time_ns=label.source.time_ns, label=own)], ""
+
+
+def _of_drifter(
+    row: Mapping[str, Any], label: Label, config: MeasurementConfig, fixes: dict[str, DrifterFix]
+) -> tuple[Linear, str]:
+    """Return the mean current since a drifter's fix of some hours before, if there is one, or why its fix is not used."""
+    after = Spot(label.source.time_ns, *(row[name].item() for name in Spot._fields[1:]))
+    if not _inside(config, after.longitude, after.latitude):
+        return [], _OUTSIDE
+    now = after, float(row["error"])
+    before, error = fixes.setdefault(row["name"], now)
+    seconds = (after.time - before.time) * 1e-9
+    if seconds > _LONGEST:
+        fixes[row["name"]] = now
+    if not _SHORTEST <= seconds <= _LONGEST:
+        return [], ""
+    # a drifter goes with the water: no way through it
+    still = before._replace(time=after.time, depth=after.depth)._asdict()
+    rows = {name: np.array([value]) for name, value in still.items()}
+    path = extended(begun(before), rows, np.empty(0))
+    velocity = drift(path, after)
+    if max(map(abs, velocity)) > config.max_speed:
+        return [], _TOO_FAST
+    stated = (config.fix_std if math.isnan(each) else each for each in (error, now[1]))
+    tide = _tide_of(config) * min(1.0, _PERIOD / (math.pi * seconds))
+    std = math.hypot(math.hypot(*stated) / seconds, _SLIP, tide)
+    time, longitude, latitude, depth, weight, *_ = path_mean(path, after, velocity, std).values()
+    points = time, longitude, latitude, depth, weight
+    mean = PathMean(after.time, *points, velocity, std, "drift", label.dive, label.source)
+    fixes[row["name"]] = now
+    return [replace(mean.linear, label=replace(label, kind="drifters"))], ""
 
 
 def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
@@ -156,59 +190,6 @@ def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
         flags=np.where(unknown, Flag.MISSING, flags).astype(np.int8),
         reasons=(stated.reasons | reasons).astype(np.int32),
     )
-
-
-def of_drifters(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step) -> Found:
-    """Return the mean currents since the fixes from which drifters' displacements are counted, by name, and bring these up to date."""
-    found, config = Found(), step.config
-    rows = [(row, table) for table in tables for row in _messages(table, step)]
-    for (order, k, source, dive), table in sorted(rows, key=lambda one: one[0][0]):
-        spot = Spot(source.time_ns, *(table[name][k].item() for name in Spot._fields[1:]))
-        now, name, made = (spot, float(table["error"][k])), table["name"][k], Found()
-        reason = "" if _inside(config, spot.longitude, spot.latitude) else _OUTSIDE
-        before = now if reason else fixes.setdefault(name, now)
-        seconds = (spot.time - before[0].time) * 1e-9
-        if _SHORTEST <= seconds <= _LONGEST:
-            label = Label(dive, source, kind="drifters")
-            made = [(order, _displacement(before, now, config, label))]
-        if any(np.abs(one.value).max() > config.max_speed for _, one in made):
-            reason, made = _TOO_FAST, Found()
-        elif made or seconds > _LONGEST:
-            fixes[name] = now
-        step.note(table.rows(slice(k, k + 1)), reason)
-        found += made
-    return found
-
-
-def _displacement(
-    first: DrifterFix, last: DrifterFix, config: MeasurementConfig, label: Label
-) -> LinearMeasurement:
-    """Return the mean current between two fixes of one drifter."""
-    (before, _), (after, _) = first, last
-    seconds = (after.time - before.time) * 1e-9
-    # a drifter goes with the water: no way through it
-    still = before._replace(time=after.time, depth=after.depth)._asdict()
-    rows = {name: np.array([value]) for name, value in still.items()}
-    stated = (config.fix_std if math.isnan(error) else error for _, error in (first, last))
-    tide = _tide_of(config) * min(1.0, _PERIOD / (math.pi * seconds))
-    error = math.hypot(math.hypot(*stated) / seconds, _SLIP, tide)
-    path = extended(begun(before), rows, np.empty(0))
-    velocity = drift(begun(before), after)
-    time, longitude, latitude, depth, weight, *_ = path_mean(path, after, velocity, error).values()
-    mean = PathMean(
-        after.time,
-        time,
-        longitude,
-        latitude,
-        depth,
-        weight,
-        velocity,
-        error,
-        "drift",
-        label.dive,
-        label.source,
-    )
-    return replace(mean.linear, label=label)
 
 
 def superobservations(

@@ -91,7 +91,7 @@ def of_ctd(
     Args:
         line: What was before.
         tables: Of the samples.
-        surfacings: Places in the stream of positions at the surface that messages of their own state.
+        surfacings: Places in the stream of positions at the surface.
         step: The block.
     """
     found, samples = Found(), in_order(line.samples, *(_samples(one, step) for one in tables))
@@ -188,9 +188,11 @@ def _closed(line: SectionLine, due: int, step: Step, found: Found) -> SectionLin
         source = replace(dives[0].source, time_ns=int(time))
         doubt = LAG if 4 * sum(dive.lags for dive in dives) > len(profiles) else ""
         label = Label(int(step.dived(at)["dive"]), source, kind="shear", doubt=doubt)
+        reason = step.left_out("shear", label.dive)
         whole = section_of(line.earlier + profiles)
         whole = section if whole is None or whole.is_mixed else whole
-        found.append((due, _measured(whole, profiles[0], label, step)))
+        if not reason:
+            found.append((due, _measured(whole, profiles[0], label, step)))
     for dive in dives:
         step.add(np.full(dive.messages, due), step.topic(dive.source.topic), reason)
     return SectionLine(earlier=profiles)
