@@ -65,11 +65,12 @@ def _dives(under: Mask, before: bool) -> Integers:
 
 def no_depths() -> Rows:
     """Return the depths before the first is stated: one row, as ``depths_of`` returns them."""
+    none, nothing = np.array([-1]), np.array([np.nan])
     return {
-        "order": np.array([-1]),
-        "depth": np.array([np.nan]),
-        "stated": np.array([np.nan]),
-        "submerged": np.array([False]),
+        "order": none,
+        "measured": nothing,
+        "depth": nothing,
+        "submerged": none > 0,
         "dive": np.array([0]),
     }
 
@@ -79,35 +80,30 @@ def depths_of(
 ) -> Rows:
     """Return the vehicle's depths of a block of messages, in order, with the dives that they make, after the last one before.
 
-    The columns are ``order``, place in the stream of the message; ``depth`` [m]; ``stated``, the same where the vehicle states it, and NaN
-    for the pressure of a ping, of a log that states no other depth so far; ``submerged``; and ``dive``, number of dives begun.
+    The columns are ``order``, place in the stream of the message; ``measured`` [m]; ``depth``, the same where the vehicle states it, and
+    NaN for the pressure of a ping, of a log that states no other depth so far; ``submerged``; and ``dive``, number of dives begun.
 
     Args:
         before: The last row before.
         sources: Orders, depths [m], and whether the vehicle states them, of each source; else they count before it states the first.
         surface_depth: [m].
     """
-    parts = [before]
-    for order, depth, is_stated in sources:
-        parts.append(
-            {
-                **{name: np.zeros(order.size, column.dtype) for name, column in before.items()},
-                "order": order,
-                "depth": depth,
-                "stated": np.where(is_stated, depth, np.nan),
-            }
-        )
-    rows = in_order(*parts)
-    known = np.isfinite(rows["stated"])
-    counts = known | (np.isfinite(rows["depth"]) & ~np.logical_or.accumulate(known))
+    parts = [
+        {
+            **{name: np.zeros(order.size, column.dtype) for name, column in before.items()},
+            **{"order": order, "measured": depth, "depth": np.where(is_stated, depth, np.nan)},
+        }
+        for order, depth, is_stated in sources
+    ]
+    rows = in_order(before, *parts)
+    known = np.isfinite(rows["depth"])
+    counts = known | (np.isfinite(rows["measured"]) & ~np.logical_or.accumulate(known))
     counts[0] = True
     rows = chosen(rows, counts)
     was, begun = before["submerged"][0], before["dive"][0]
-    under = submerged(rows["depth"][1:], surface_depth, was)
-    return rows | {
-        "submerged": np.append(was, under),
-        "dive": np.append(begun, begun + _dives(under, was)),
-    }
+    under = submerged(rows["measured"][1:], surface_depth, was)
+    rows["submerged"][1:], rows["dive"][1:] = under, begun + _dives(under, was)
+    return rows
 
 
 def legs_of(

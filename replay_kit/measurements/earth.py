@@ -173,9 +173,8 @@ def _even_cells(columns: Rows, fixed: Mapping[str, Any]) -> tuple[Cells | None, 
         return None, ""
     first, steps = distance[:, 0], np.arange(distance.shape[1])
     found = np.full(len(first), size)
-    exact = (size > 0.0) & (distance == first[:, None] + size * steps).all(axis=1)
     if steps.size > 1:
-        found = np.where(exact, size, (distance[:, -1] - first) / steps[-1])
+        found = (distance[:, -1] - first) / steps[-1]
     apart = np.abs(distance - first[:, None] - found[:, None] * steps)
     even = (found > 0.0) & (apart <= _UNEVEN * found[:, None]).all(axis=1)
     why = np.full(len(first), "", object)

@@ -55,10 +55,7 @@ def solve_beams(beams: Array, vectors: Array) -> Array:
             continue
         cells, weights = sets == each, np.zeros((b, 4))
         weights[present, :3] = np.linalg.pinv(vectors[present]).T
-        if present.all() and b == 4:
-            weights[:, 3] = error_weights(vectors)
-        else:
-            weights[:, 3] = np.nan
+        weights[:, 3] = error_weights(vectors) if present.all() and b == 4 else np.nan
         found = beams[cells]
         result[cells] = sum(found[:, k, None] * weights[k] for k in np.flatnonzero(present))
     return result
@@ -223,4 +220,4 @@ def attitude_of(quaternion: Array, ned: Mask) -> Array:
 def tilt(pitch_deg: Array, roll_deg: Array) -> Array:
     """Return the angles between instruments' axes and the vertical [degrees], whichever way they look; NaN where not known."""
     cosine = np.cos(np.deg2rad(pitch_deg)) * np.cos(np.deg2rad(roll_deg))
-    return np.asarray(np.degrees(np.arccos(np.abs(cosine)))) if cosine.size else cosine
+    return np.asarray(np.degrees(np.arccos(np.abs(cosine))))

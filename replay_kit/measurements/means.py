@@ -239,7 +239,7 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
         step: The block.
     """
     positions, config = chosen(step.positions, slice(step.new, None)), step.config
-    order, depth_order, depth = positions["order"], step.depths["order"], step.depths["depth"]
+    order, depth_order, depth = positions["order"], step.depths["order"], step.depths["measured"]
     on_path = positions["dead_reckoned"] | positions["submerged"]
     first = _LONG_AGO if ways.path is None else ways.path.start.time
     # the others at the surface, no later than one before, are left out
@@ -311,37 +311,29 @@ def _taken(
     ways: Ways, path: Path | None, row: Columns, config: MeasurementConfig
 ) -> tuple[Ways, Any, str]:
     """Return what is remembered after a stated mean current, its path and the fix that ends it, and in words why it is not used."""
+    start, end = (Spot(int(row[f"{name}_time"]), *row[name].tolist()) for name in ("start", "end"))
     if np.abs(row["velocity"]).max() > config.max_speed:
         return ways, None, TOO_FAST
-    ways = ways._replace(stated=True)
-    if _LONG_AGO < row["end_time"] <= ways.computed + _SAME_FIX:
+    ways, done = ways._replace(stated=True), ways.done
+    if _LONG_AGO < end.time <= ways.computed + _SAME_FIX:
         return ways, None, _COMPUTED
-    found = _path_of(ways.done, path, row)
-    if found is None:
+    if done is not None and _same(done[0].start, start) and _same(done[1], end):
+        found = done
+    elif not _LONG_AGO < start.time < end.time:
         return ways, None, _NO_DEPTH
-    if ways.done is not None and ways.done[1].time <= found[1].time:
+    else:
+        known = [one.deepest for one in (path, done and done[0]) if one is not None]
+        stated = float(row["deepest"])
+        deepest = float(np.fmax.reduce([stated, *known])) if math.isnan(stated) else stated
+        found = Path(start, start, deepest=deepest), end
+        if path is not None and _same(path.start, start) and path.last.time <= end.time:
+            # the fix after the dive has not come yet
+            found = (path, end) if math.isfinite(path.deepest) else found
+    if math.isnan(found[0].deepest):
+        return ways, None, _NO_DEPTH
+    if done is not None and done[1].time <= found[1].time:
         ways = ways._replace(done=None)
     return ways, found, ""
-
-
-def _path_of(
-    done: tuple[Path, Spot] | None, path: Path | None, row: Columns
-) -> tuple[Path, Spot] | None:
-    """Return the path that a stated mean current belongs to, and the fix that ends it; None when neither is known."""
-    start, end = (Spot(int(row[f"{name}_time"]), *row[name].tolist()) for name in ("start", "end"))
-    if done is not None and _same(done[0].start, start) and _same(done[1], end):
-        return done
-    if not _LONG_AGO < start.time < end.time:
-        return None
-    known = [one.deepest for one in (path, done and done[0]) if one is not None]
-    on_the_way = path is not None and _same(path.start, start) and path.last.time <= end.time
-    if path is not None and on_the_way and math.isfinite(path.deepest):
-        # the fix after the dive has not come yet
-        return path, end
-    deepest = float(row["deepest"])
-    if math.isnan(deepest):
-        deepest = float(np.fmax.reduce([deepest, *known]))
-    return None if math.isnan(deepest) else (Path(start, start, deepest=deepest), end)
 
 
 def _same(fix: Spot, stated: Spot) -> bool:

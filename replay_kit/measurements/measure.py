@@ -6,7 +6,6 @@ message at a time gives them, so that nothing depends on how the stream is cut i
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,7 +87,7 @@ def measure(
         last: Whether the log ends with the block, and nothing waits any longer.
     """
     tables = sorted((one for one in tables if len(one)), key=lambda one: int(one.order[0]))
-    step = Step(config, clock, last, {name: k for k, name in enumerate(memory.topics)})
+    step = Step(config, clock, last, {name: k for k, name in enumerate(memory.topics)}, {}, [])
     for one in tables:
         step.topic(one.topic)
     sender, tables = of_sender(memory.sender, tables, step)
@@ -98,25 +97,24 @@ def measure(
     for one in of["unused"]:
         step.note(one, one["reason"])
     frames, positions, stated = located(memory.frames, of, step)
-    reach, reached, thrown, findings = within_reach(memory.reach, positions, last)
-    for rows, why in ((reached, ""), (thrown, THROWN)):
-        step.add(rows["order"][rows["own"]], rows["topic"][rows["own"]], why)
+    reach, rows, counts, findings = within_reach(memory.reach, positions, last)
+    own, reached = rows["own"], chosen(rows, counts)
+    step.add(rows["order"][own], rows["topic"][own], np.where(counts, "", THROWN)[own])
     attitudes = attitudes_of(memory.attitudes, tables, step)
     motions, water = motions_of(memory.motions, of["dvl"], attitudes, step)
     arrivals = [to_earth(one, attitudes, motions, config) for one in (*of["ping"], *water)]
     positions = joined(memory.positions, reached)
     sources = _depths(positions, stated, of["depth"], arrivals, step)
     depths = depths_of(memory.depths, sources, config.surface_depth)
-    step = replace(step, depths=depths)
+    step = step._replace(depths=depths, new=len(memory.positions["order"]))
     dived = step.dived(reached["order"])
-    own = {"depth": dived["stated"], "submerged": dived["submerged"], "dive": dived["dive"]}
-    new = {**reached, **own}
+    new = reached | {name: dived[name] for name in ("depth", "submerged", "dive")}
     positions = joined(memory.positions, new)
-    step = replace(step, positions=positions, new=len(memory.positions["order"]))
+    step = step._replace(positions=positions)
     came = [pings.arrived(one, step) for one in arrivals]
     waiting, decided = pings.decided(memory.waiting, came, step)
-    found = [pings.profiled(one, step) for one in decided]
-    profiles, tests = pings.stacked([one for one in found if one is not None])
+    found = [made for one in decided for made in pings.profiled(one, step)]
+    profiles, tests = pings.stacked(found)
     ways, means = means_of(memory.ways, of["mean"], step)
     line, linear = _of_ctd(memory.line, of, step)
     drifters = dict(memory.drifters)
@@ -181,9 +179,9 @@ def _depths(
     tables: Sequence[Table],
     arrivals: Sequence[Table],
     step: Step,
-) -> list[tuple[Integers, Array, bool]]:
+) -> list[Depth]:
     """Return what states depths, as of ``depths_of``; a log whose only depth is the pressure of its pings still has dives."""
-    rows = [(*one, True) for one in stated]
+    rows = list(stated)
 
     def below(one: Table, pressure: Array) -> Array:
         return depth_of(pressure, beside(positions, as_of(one.order, positions["order"]))[2])

@@ -37,8 +37,8 @@ _FIX_AGE = 5_000_000_000
 Stated = Mapping[tuple[str, str], tuple[Integers, NDArray[Any]]]
 #: Numbers of the MAVLink system and component whose position and depth count.
 Sender = tuple[str | None, str | None]
-#: Places in the stream, depths [m].
-Depth = tuple[Integers, Array]
+#: Places in the stream, depths [m], and that the vehicle states them.
+Depth = tuple[Integers, Array, bool]
 
 
 class Frames(NamedTuple):
@@ -112,13 +112,13 @@ def located(
         origin = _origins(one, run, frames.origins.get(one.topic), known, stated, step)
         rows, lacks = _posed(one, origin, step)
         made.append(rows)
-        depths.append((one.order[lacks], one["depth"][lacks]))
+        depths.append((one.order[lacks], one["depth"][lacks], True))
         if (~lacks & (run == fixes.size))[-1:].any():
             origins[one.topic] = origin[-1]
     positions = in_order(*made)
     last = {key: values[-1] for key, (_, values) in stated.items()}
     after = Frames(last, chosen(known, slice(-1, None)), origins)
-    return after, positions, [(positions["order"], positions["depth"]), *depths]
+    return after, positions, [(positions["order"], positions["depth"], True), *depths]
 
 
 def _stated(known: Mapping[tuple[str, str], Any], tables: Sequence[Table], step: Step) -> Stated:
@@ -163,18 +163,11 @@ def _direct(table: Table, stated: Stated, step: Step) -> Rows:
 
 def _rows(table: Table, step: Step, *columns: Any) -> Rows:
     """Return positions, those of no dive so far; ``columns`` are longitude, latitude, depth, dead_reckoned and own, of all or of each."""
-    topic, names = (
-        step.topic(table.topic),
-        ("longitude", "latitude", "depth", "dead_reckoned", "own"),
-    )
-    values = {
-        **dict(zip(names, columns, strict=True)),
-        **{"time": table.time, "order": table.order, "ordinal": table.position},
-        **{"submerged": False, "dive": 0, "input": table.input, "topic": topic},
-    }
+    message = table.input, step.topic(table.topic), table.position
+    values = table.time, table.order, *message, *columns, False, 0
     return {
-        name: np.broadcast_to(np.asarray(values[name], kind), len(table))
-        for name, kind in ROW.items()
+        name: np.broadcast_to(np.asarray(value, kind), len(table))
+        for (name, kind), value in zip(ROW.items(), values, strict=True)
     }
 
 

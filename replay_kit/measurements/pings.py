@@ -62,7 +62,7 @@ def arrived(ping: Table, step: Step) -> Table:
     columns = {
         **ping.columns,
         "dive": np.where(stated >= 0, stated, np.where(elsewhere, 0, dived["dive"])),
-        "vehicle_depth": np.where(elsewhere, ping["place"][:, 2], dived["stated"]),
+        "vehicle_depth": np.where(elsewhere, ping["place"][:, 2], dived["depth"]),
         "in_dive": in_dive,
         "until": ping.time + WINDOW * waits,
         "expires": ping.time + (1e9 * np.minimum(longest, _FOREVER)).astype(np.int64),
@@ -126,8 +126,8 @@ def _due(ping: Table, step: Step) -> tuple[Integers, Integers]:
     return due, np.where(own, OWN, np.where(expired, EXPIRED, RELEASED))
 
 
-def profiled(ping: Table, step: Step) -> Profiles | None:
-    """Return the profiles of pings, as ``decided`` returns them; None where none has a place."""
+def profiled(ping: Table, step: Step) -> list[Profiles]:
+    """Return the profiles of pings, as ``decided`` returns them; nothing where none has a place."""
     columns, due, positions, config = dict(ping.columns), ping["due"], step.positions, step.config
     moving, expired = columns["until"] > ping.time, columns["rank"] == EXPIRED
     if moving.any():
@@ -168,7 +168,7 @@ def profiled(ping: Table, step: Step) -> Profiles | None:
         "transducer_depth": depth + np.where(np.isfinite(below), below, 0.0),
     }
     ping = replace(ping, columns=columns).rows(why == "")
-    return _profile(ping, step) if len(ping) else None
+    return [_profile(ping, step)] if len(ping) else []
 
 
 def _profile(ping: Table, step: Step) -> Profiles:

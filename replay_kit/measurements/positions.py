@@ -19,9 +19,10 @@ Rows = dict[str, NDArray[Any]]
 #: Columns of positions: submerged and dive are the vehicle's, by its depths; own says whether
 #: the use of its message is told with it.
 ROW: Mapping[str, type] = {
-    **dict.fromkeys(("time", "order", "dive", "input", "topic", "ordinal"), np.int64),
+    **dict.fromkeys(("time", "order", "input", "topic", "ordinal"), np.int64),
     **dict.fromkeys(("longitude", "latitude", "depth"), np.float64),
-    **dict.fromkeys(("dead_reckoned", "submerged", "own"), np.bool_),
+    **dict.fromkeys(("dead_reckoned", "own", "submerged"), np.bool_),
+    "dive": np.int64,
 }
 # m/s; by which a glider's velocity on one leg departs from its mean over the dive: the place at a share s of a dive of T seconds, taken on
 # the straight way between its ends, is off by this times T s (1 - s)

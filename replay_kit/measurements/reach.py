@@ -121,10 +121,10 @@ class Reach(NamedTuple):
 
 def within_reach(
     before: Reach, positions: Columns, ends: bool
-) -> tuple[Reach, Columns, Columns, list[tuple[int, Finding]]]:
-    """Return what is remembered, the positions that count, those that were thrown, and what was found with its place in the stream.
+) -> tuple[Reach, Columns, Mask, list[tuple[int, Finding]]]:
+    """Return what is remembered, positions, which of them count and were not thrown, and what was found with its place in the stream.
 
-    ``order`` of both is the place in the stream of the message with which that is known.
+    ``order`` is the place in the stream of the message with which that is known.
 
     Args:
         before: Remembered.
@@ -181,9 +181,9 @@ def within_reach(
         held.clear()
     waits = np.isin(np.arange(len(every)), held)
     rows["order"] = order
-    at = np.flatnonzero(~waits & use)
+    at = np.flatnonzero(~waits)
     at = at[np.argsort(order[at], kind="stable")]
-    return state._replace(held=chosen(rows, waits)), chosen(rows, at), chosen(rows, ~use), found
+    return state._replace(held=chosen(rows, waits)), chosen(rows, at), use[at], found
 
 
 def _displaced(first: Place, far: float, thrown: int) -> Finding:

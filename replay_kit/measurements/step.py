@@ -1,8 +1,7 @@
 """What a block of messages is measured by: its positions, depths, clock and settings; and whether each message was used, or why not."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,8 +29,7 @@ def left_out_rules(reason: str) -> Sequence[str]:
     return reason.removeprefix(_LEFT_OUT).removesuffix(_BY).split(", ")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Step:
+class Step(NamedTuple):
     """A block of messages.
 
     Attributes:
@@ -50,11 +48,11 @@ class Step:
     clock: tuple[Integers, Integers]
     last: bool
     topics: dict[str, int]
-    reasons: dict[str, int] = field(default_factory=dict)
-    noted: list[Integers] = field(default_factory=list)
-    positions: Columns = field(default_factory=no_rows)
+    reasons: dict[str, int]
+    noted: list[Integers]
+    positions: Columns = no_rows()
     new: int = 0
-    depths: Columns = field(default_factory=no_depths)
+    depths: Columns = no_depths()
 
     def dived(self, order: Integers) -> Rows:
         """Return the vehicle's depth and dive after messages at places in the stream, columns as of ``dives.depths_of``."""

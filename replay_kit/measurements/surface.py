@@ -175,14 +175,12 @@ def _of_drifter(
 
 def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
     """Return a measurement with those values flagged that have no place, or one above the surface."""
-    points = stated.longitude + stated.latitude + stated.depth
-    unknown, above, weights = ~np.isfinite(points), stated.depth < 0.0, stated.weights
-    if weights is not None:
+    points = {name: getattr(stated, name) for name in Spot._fields[1:]}
+    unknown, above = ~np.isfinite(sum(points.values())), stated.depth < 0.0
+    if stated.weights is not None:
         # a point without a place is no point of the sums that do not use it, either
-        stated = replace(
-            stated, **{name: np.nan_to_num(getattr(stated, name)) for name in Spot._fields[1:]}
-        )
-        unknown, above = ((weights != 0.0) @ each for each in (unknown, above))
+        stated = replace(stated, **{name: np.nan_to_num(each) for name, each in points.items()})
+        unknown, above = ((stated.weights != 0.0) @ each for each in (unknown, above))
     flags = np.where(above & usable(stated.flags), Flag.FAIL, stated.flags)
     reasons = Reason.ABOVE_SURFACE * above + Reason.MISSING * unknown
     return replace(

@@ -120,13 +120,15 @@ def fault_of_units(layers: Array, profiles: Sequence[Profile]) -> str:
     if speeds and np.median(speeds) < _SLOWEST:
         return "the vehicle moves vertically by less than 3 cm/s: the pressure looks like bar"
     for each in profiles:
-        water = np.array([each.temperature, each.salinity])
-        temperature, salinity = water = water[:, np.isfinite(water).all(axis=0)]
+        _, temperature, salinity = each.water
         if salinity.size < 5:
             continue
         if np.ptp(temperature) > _LEAST_RANGE and np.std(salinity) > 0.0:
             slope = np.polyfit(temperature, salinity, 1)[0]
-            if _FOLLOWS[0] < slope < _FOLLOWS[1] and np.corrcoef(water)[0, 1] > _CORRELATED:
+            if (
+                _FOLLOWS[0] < slope < _FOLLOWS[1]
+                and np.corrcoef(temperature, salinity)[0, 1] > _CORRELATED
+            ):
                 return "salinity that follows temperature: it looks like conductivity in mS/cm"
         if not _LEAST_SALINITY < np.median(salinity) < _MOST_SALINITY:
             return f"salinity outside {_LEAST_SALINITY:g} to {_MOST_SALINITY:g}: wrong unit, or no salinity"
@@ -163,8 +165,8 @@ def is_fouled(profiles: Sequence[Profile]) -> bool:
     at = (1.0 - _DEEP) * np.median([each.depth.max() for each in profiles])
     found = []
     for each in profiles:
-        water = np.array([each.temperature, each.salinity])
-        deep = water[:, (each.depth > at) & np.isfinite(water).all(axis=0)]
+        water = each.water
+        deep = water[1:, water[0] > at]
         found += [np.median(deep, axis=1)] if deep.size else []
     if not found:
         return False

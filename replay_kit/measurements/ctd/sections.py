@@ -44,6 +44,12 @@ class Profile:
     temperature: Array
     salinity: Array
 
+    @property
+    def water(self) -> Array:
+        """Depth, temperature and salinity of the samples that have them, shape (3, k)."""
+        values = np.array([self.depth, self.temperature, self.salinity])
+        return values[:, np.isfinite(values).all(axis=0)]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
