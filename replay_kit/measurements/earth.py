@@ -19,7 +19,6 @@ from replay_kit.core.table import Columns, Table
 from replay_kit.measurements import frames
 from replay_kit.measurements.positions import Rows, as_of
 
-_CONVENTIONS = ("teledyne", "nortek")
 # m/s; of a bottom-track ping that states none: makers state 3 to 30 mm/s for a single one
 _BOTTOM_STD = 0.03
 # ns; of a DVL's velocity, as a vehicle may turn and stop in more, and of an attitude
@@ -153,9 +152,9 @@ def _rotation(
     heading = columns["heading"] + declination
     unknown = ~np.isfinite(columns["heading"] + pitch + roll) & (why == "")
     why[unknown] = f"velocity in {frame} coordinates, and heading, pitch or roll is not known"
-    if frame != "ship" and convention not in _CONVENTIONS:
+    if frame != "ship" and convention not in ("teledyne", "nortek"):
         why[why == ""] = (
-            f"ping: expected attitude_convention to be one of {', '.join(_CONVENTIONS)}, got {convention}; state it in the message"
+            f"ping: expected attitude_convention to be one of teledyne, nortek, got {convention}; state it in the message"
         )
     if frame != "ship" and convention == "nortek":
         return frames.nortek_rotation(heading, pitch, roll, not up), why

@@ -58,17 +58,15 @@ class Frames(NamedTuple):
 
 def of_sender(sender: Sender, tables: Sequence[Table], step: Step) -> tuple[Sender, list[Table]]:
     """Return the MAVLink sender that counts, the first that states a position of those asked for, and tables without others' rows."""
-    candidates = [
-        (int(one.order[0]), own)
+    candidates = (
+        (one.order[0], own)
         for one in tables
         if (own := one.fixed.get("sender"))
         and one.kind in ("position", "pose")
         and not _other(own, sender)
-    ]
+    )
     # rows before the first position are taken as those of the sender
-    since, first = min(candidates, default=(NEVER, sender))
-    if None not in sender:
-        since, first = -1, sender
+    since, first = next(candidates, (NEVER, sender)) if None in sender else (-1, sender)
     kept = []
     for one in tables:
         own = one.fixed.get("sender", first)

@@ -85,13 +85,12 @@ def decided(
     for parts in groups.values():
         one = parts[0] if len(parts) == 1 else _together(parts)
         due, rank = _due(one, step)
-        ready = (due < NEVER) | step.last
-        if not ready.any():
+        waits = (due == NEVER) & (not step.last)
+        if waits.all():
             left.append(one)
             continue
-        if not ready.all():
-            left.append(one.rows(~ready))
-        found.append(replace(one, columns={**one.columns, "due": due, "rank": rank}).rows(ready))
+        left.append(one.rows(waits))
+        found.append(replace(one, columns={**one.columns, "due": due, "rank": rank}).rows(~waits))
     return tuple(left), found
 
 

@@ -8,7 +8,7 @@ are averaged along bearings: each sector of a station measures one component.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import (
     BOTH_COMPONENTS,
     Flag,
-    Kind,
     Label,
     LinearMeasurement,
     PathMean,
@@ -56,37 +55,13 @@ DrifterFix = tuple[Spot, float]
 Linear = list[LinearMeasurement]
 
 
-class Vectors(NamedTuple):
-    """What radars measured at one time.
+#: What radars measured at one time: a row of a table of radars.
+Vectors = Mapping[str, Any]
 
-    Attributes:
-        longitude: shape (n,) [degrees].
-        latitude: shape (n,) [degrees].
-        value: shape (n, c) [m/s]: eastward and northward, or along ``direction``.
-        error_std: shape (n,) [m/s], of each component.
-        direction: shape (n,), of a positive radial, clockwise from true north [degrees]; None for total vectors.
-        suspect: shape (n,), which their quality flags call suspect.
-        depth: That the radars see [m].
-        averaged: Over which time [s].
-        error_length: Over which errors are correlated [m]; 0 where that is not stated.
-        kind: As in ``Label``.
-    """
 
-    longitude: Array
-    latitude: Array
-    value: Array
-    error_std: Array
-    direction: Array | None
-    suspect: Mask
-    depth: float
-    averaged: float
-    error_length: float
-    kind: Kind = "radar"
-
-    def part(self, at: Mask) -> "Vectors":
-        """Return some of the vectors."""
-        rows = (None if values is None else values[at] for values in self[:6])
-        return Vectors._make((*rows, *self[6:]))
+def _part(vectors: Vectors, at: Mask) -> Vectors:
+    """Return some of the vectors."""
+    return {name: values[at] if np.ndim(values) else values for name, values in vectors.items()}
 
 
 def of_others(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step) -> Found:
@@ -120,18 +95,15 @@ def _tide_of(config: MeasurementConfig) -> float:
     return _USUAL_TIDE if config.surface_tide_std is None else config.surface_tide_std
 
 
-def _of_radar(
-    row: Mapping[str, Any], label: Label, config: MeasurementConfig, _: Any
-) -> tuple[Linear, str]:
+def _of_radar(row: Vectors, label: Label, config: MeasurementConfig, _: Any) -> tuple[Linear, str]:
     """Return the measurements of the radars' vectors of a time, or why there are none."""
-    stated = Vectors(*(row[name] for name in Vectors._fields))
-    good = np.abs(stated.value).max(axis=1) <= config.max_speed
-    good &= config.quality.use_suspect | ~stated.suspect
-    good &= _inside(config, stated.longitude, stated.latitude)
+    good = np.abs(row["value"]).max(axis=1) <= config.max_speed
+    good &= config.quality.use_suspect | ~row["suspect"]
+    good &= _inside(config, row["longitude"], row["latitude"])
     if not good.any():
         return [], _NO_VECTOR
-    label, spacing = replace(label, kind=stated.kind), config.surface_spacing or _SPACING
-    return superobservations(stated.part(good), label, spacing, _tide_of(config)), ""
+    label, spacing = replace(label, kind=row["kind"]), config.surface_spacing or _SPACING
+    return superobservations(_part(row, good), label, spacing, _tide_of(config)), ""
 
 
 def _of_sensor(row: Mapping[str, Any], label: Label, _: Any, __: Any) -> tuple[Linear, str]:
@@ -201,17 +173,17 @@ def superobservations(
         spacing: Width of the boxes [m].
         tide_std: Speed of tides and inertial motion that the forecast does not hold, of each component [m/s].
     """
-    common = tide_std * np.sqrt(max(1.0, _TIDE / currents.averaged))
+    common = tide_std * np.sqrt(max(1.0, _TIDE / currents["averaged"]))
     wide = _width(currents, spacing, _MOST_BOXES)
-    if currents.direction is None:
+    if currents["direction"] is None:
         narrow = _width(currents, 0.0, _MOST_VECTORS)
         label = replace(label, vectors=_averaged(currents, label, narrow, 0.0))
         return [_averaged(currents, label, wide, common)]
-    sector = np.round(currents.direction / _SECTOR) % (360.0 / _SECTOR)
+    sector = np.round(currents["direction"] / _SECTOR) % (360.0 / _SECTOR)
     numbers = np.unique(sector)
     # sectors see two components of one tide, however many they are
     common *= np.sqrt(max(1.0, 0.5 * numbers.size))
-    return [_averaged(currents.part(sector == each), label, wide, common) for each in numbers]
+    return [_averaged(_part(currents, sector == each), label, wide, common) for each in numbers]
 
 
 def _averaged(currents: Vectors, label: Label, spacing: float, common: float) -> LinearMeasurement:
@@ -229,26 +201,26 @@ def _averaged(currents: Vectors, label: Label, spacing: float, common: float) ->
     def apart(x: Array, y: Array) -> Array:
         return np.hypot(x[:, None] - x, y[:, None] - y)
 
-    length, components = currents.error_length or _ERROR_LENGTH, BOTH_COMPONENTS
+    length, components = currents["error_length"] or _ERROR_LENGTH, BOTH_COMPONENTS
     std = np.empty(size.size)
     for box, count in enumerate(size):
         at = number == box
-        own = currents.error_std[at]
+        own = currents["error_std"][at]
         std[box] = np.sqrt(own @ np.exp(-apart(x[at], y[at]) / length) @ own) / count
     std = np.maximum(std, _LEAST_ERROR)
-    if currents.direction is not None:
-        angle = np.deg2rad(currents.direction)
+    if currents["direction"] is not None:
+        angle = np.deg2rad(currents["direction"])
         along = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
         components = np.array([[np.sin(along), np.cos(along)]])
         std = np.hypot(std, _CURRENT * np.sqrt(mean(np.sin(angle - along) ** 2)))
     return LinearMeasurement(
         label.source.time_ns,
         None,
-        mean(unwrap_longitude(currents.longitude, currents.longitude[0]), quarter),
-        mean(currents.latitude, quarter),
-        np.full(weights.shape[1], currents.depth),
+        mean(unwrap_longitude(currents["longitude"], currents["longitude"][0]), quarter),
+        mean(currents["latitude"], quarter),
+        np.full(weights.shape[1], currents["depth"]),
         weights,
-        np.column_stack([mean(each) for each in currents.value.T]),
+        np.column_stack([mean(each) for each in currents["value"].T]),
         std,
         np.full(size.size, Flag.GOOD, np.int8),
         np.zeros(size.size, np.int32),
@@ -260,8 +232,8 @@ def _averaged(currents: Vectors, label: Label, spacing: float, common: float) ->
 
 
 def _local(currents: Vectors) -> tuple[Array, Array]:
-    middle = Projection(float(currents.longitude[0]), float(currents.latitude[0]))
-    return to_local(middle, currents.longitude, currents.latitude)
+    middle = Projection(float(currents["longitude"][0]), float(currents["latitude"][0]))
+    return to_local(middle, currents["longitude"], currents["latitude"])
 
 
 def _width(currents: Vectors, spacing: float, most: int) -> float:

@@ -20,8 +20,8 @@ _LEAST_PROFILES, _LEAST_LEVELS = 4, 3
 _LEAST_N2 = 1e-6
 # An end-to-end distance below this share of the way is no line.
 _STRAIGHT = 0.9
-# Levels over which the mean stratification is smoothed.
-_SMOOTHED = 5
+# Levels over which the mean stratification is smoothed, and their spacing [m].
+_SMOOTHED, _SPACING = 5, 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +88,7 @@ class Section:
         return float(gsw.f(self.latitude))
 
 
-def section_of(profiles: Sequence[Profile], spacing: float = 10.0) -> Section | None:
+def section_of(profiles: Sequence[Profile]) -> Section | None:
     """Return profiles as a section: on common levels, without extrapolation, and with the slant of a glider's way taken out.
 
     Anomalies of samples beside their profile's mean place are moved to it by the slope of their level along the line, in two passes. None
@@ -96,7 +96,6 @@ def section_of(profiles: Sequence[Profile], spacing: float = 10.0) -> Section | 
 
     Args:
         profiles: In the order of the way.
-        spacing: Between levels [m].
     """
     if len(profiles) < _LEAST_PROFILES:
         return None
@@ -110,7 +109,7 @@ def section_of(profiles: Sequence[Profile], spacing: float = 10.0) -> Section | 
     if not length >= _STRAIGHT * way > 0.0:
         return None
     unit = net / length
-    levels, values = _on_levels(profiles, [unit @ each for each in local], spacing)
+    levels, values = _on_levels(profiles, [unit @ each for each in local])
     kept = np.isfinite(values[:, 1]).mean(axis=1) >= _REACHED if levels.size else []
     if levels.size < _LEAST_LEVELS or sum(kept) < _LEAST_PROFILES:
         return None
@@ -171,19 +170,16 @@ def at_levels(levels: Array, depth: Array, *values: Array) -> Array:
     )
 
 
-def _on_levels(
-    profiles: Sequence[Profile], along: Sequence[Array], spacing: float
-) -> tuple[Array, Array]:
+def _on_levels(profiles: Sequence[Profile], along: Sequence[Array]) -> tuple[Array, Array]:
     """Return levels, and on them of each profile the offset along the line, specific volume, absolute salinity, conservative temperature.
 
     Args:
         profiles: At least one.
         along: Places of each one's samples along the line [m].
-        spacing: Between levels [m].
     """
     depths = np.concatenate([one.depth for one in profiles])
-    first = np.ceil(np.nanmin(depths) / spacing) * spacing
-    levels = np.arange(first, np.nanmax(depths) + 1e-9, spacing)
+    first = np.ceil(np.nanmin(depths) / _SPACING) * _SPACING
+    levels = np.arange(first, np.nanmax(depths) + 1e-9, _SPACING)
     found = np.full((len(profiles), 4, levels.size), np.nan)
     for one, way, rows in zip(profiles, along, found, strict=True):
         pressure = gsw.p_from_z(-one.depth, one.latitude)
