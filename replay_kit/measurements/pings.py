@@ -173,15 +173,13 @@ def profiled(ping: Table, step: Step) -> list[Profiles]:
 def _profile(ping: Table, step: Step) -> Profiles:
     """Return the profiles of pings that have a place."""
     columns, fixed, n = dict(ping.columns), ping.fixed, len(ping)
-    up, absolute, config = fixed["orientation"] == "up", columns["absolute"], step.config
+    up, config = fixed["orientation"] == "up", step.config
     down = -columns["distance"] if up else columns["distance"]
     depth = columns["transducer_depth"][:, None] + down
     columns["depth"] = np.where(np.isfinite(depth), depth, np.nan)
     error = columns["error_std"]
     columns["error_std"] = np.where(np.isfinite(error), error, config.velocity_std)
     tests, flags, reasons = tested(columns, fixed, config)
-    added = columns["added"]
-    added = np.where((absolute & np.isfinite(added).all(axis=1))[:, None], added, _NOTHING_ADDED)
     own = fixed["correlation_depth"]
     stated = np.isfinite(columns["pressure"])
     of_all = {
@@ -202,13 +200,12 @@ def _profile(ping: Table, step: Step) -> Profiles:
         "velocity": columns["velocity"][..., :2],
         "flags": flags,
         "reasons": reasons,
-        "common_std": np.where(absolute, added[:, 2], np.inf),
-        "platform": added[:, :2],
+        "common_std": np.where(columns["absolute"], np.nan_to_num(columns["added"][:, 2]), np.inf),
+        "platform": columns["added"][:, :2],
         "pressure_depth": np.where(stated, columns["transducer_depth"], np.nan),
     }, tests
 
 
-_NOTHING_ADDED = (np.nan, np.nan, 0.0)
 _KEPT = (
     *("due", "rank", "dive", "longitude", "latitude", "position_std", "depth", "error_std"),
     *("transducer_depth", "distance", "vehicle_depth", "heading", "messages", "raw"),

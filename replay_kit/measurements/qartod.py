@@ -8,7 +8,6 @@ their numbers to the operator; Teledyne's commands WC, WE and its percent good; 
 """
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -242,7 +241,10 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
     """
     finite = np.asarray(np.isfinite(velocity).all(axis=-1))
     n_finite = np.count_nonzero(finite, axis=-1)
-    at = _windows(velocity.shape[-2], window)
+    # bins about each; of a shorter profile all
+    m = velocity.shape[-2]
+    width = min(window, m)
+    at = np.clip(np.arange(m) - window // 2, 0, m - width)[:, None] + np.arange(width)
     count = np.count_nonzero(finite[..., at], axis=-1)
     # components first, so that a window's bins are neighbours in memory
     of_each, known = np.ascontiguousarray(velocity.swapaxes(-1, -2)), finite[..., None, :]
@@ -255,14 +257,6 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
     scale = np.maximum(_MAD * np.maximum(spread, usual), floor[..., None, :])
     ratio = (apart / scale).max(axis=-2)
     return np.where(finite & (count >= _FEWEST) & (n_finite >= _FEWEST)[..., None], ratio, np.nan)
-
-
-@lru_cache(maxsize=64)
-def _windows(m: int, window: int) -> Indices:
-    """Return the bins about each of m, shape (m, window) or, of a shorter profile, (m, m)."""
-    width = min(window, m)
-    first = np.clip(np.arange(m) - window // 2, 0, m - width)
-    return np.asarray(first[:, None] + np.arange(width))
 
 
 def _median(values: Array, count: Indices) -> Array:

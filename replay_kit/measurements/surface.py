@@ -85,7 +85,7 @@ def of_others(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step)
 def _inside(config: MeasurementConfig, longitude: Any, latitude: Any) -> Any:
     """Return whether places [degrees] are in the box of the settings, west, south, east, north; everywhere without one."""
     if config.surface_box is None:
-        return np.isfinite(latitude) | True
+        return True
     west, south, east, north = config.surface_box
     along = (longitude - west) % 360.0 <= (east - west) % 360.0
     return along & (latitude >= south) & (latitude <= north)

@@ -137,14 +137,12 @@ def _curvature(
 
     In units of the mean square of the signal's shear [m2/s2].
     """
-    along, time = section.along[part], section.time[part] - section.time[part].max()
-    total, squares = np.zeros(fitted.modes.shape[1]), 0.0
-    for length, lasting, amplitude in zip(
-        fitted.lengths, fitted.lasting, fitted.signal, strict=True
-    ):
-        seen = near(along[:, None] - along, time[:, None] - time, length, lasting)
-        both = weights @ ((along - at) / length**2 * near(along - at, time, length, lasting))
-        total += amplitude * (weights @ seen @ weights - 2.0 * both + 1.0 / length**2)
-        squares += amplitude.sum() / length**2
+    away, later = section.along[part] - at, section.time[part] - section.time[part].max()
+    seen = []
+    for length, lasting in zip(fitted.lengths, fitted.lasting, strict=True):
+        pairs = near(away[:, None] - away, later[:, None] - later, length, lasting)
+        both = weights @ (away / length**2 * near(away, later, length, lasting))
+        seen.append(weights @ pairs @ weights - 2.0 * both + 1.0 / length**2)
     # modes are orthonormal over the levels: of a level it is the mean
-    return np.asarray(total / squares * section.coriolis**2 * section.levels.size)
+    mean_square = fitted.signal.sum(axis=1) @ fitted.lengths**-2.0 / section.levels.size
+    return np.asarray(seen @ fitted.signal * section.coriolis**2 / mean_square)
