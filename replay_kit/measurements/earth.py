@@ -79,8 +79,7 @@ def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: Measurem
     rotation, why = _rotation(columns, fixed, config)
     cells, uneven = _even_cells(columns, fixed)
     fault = _fault_of(vectors, raw.shape[2], along_beams) if along_beams or cells else ""
-    for words in (fault, uneven):
-        why = np.where(why == "", words, why)
+    why = np.where(why == "", fault or uneven, why)
     columns |= {"absolute": np.full(len(ping), not relative), "why": why}
     if fault:
         return replace(ping, columns=columns)
@@ -144,21 +143,21 @@ def _rotation(
     if applied or (applied is None and frame == "earth"):
         declination = np.zeros(stated.size)
     why = np.where(np.isfinite(declination), "", NO_DECLINATION).astype(object)
-    pitch, roll, up = columns["pitch"], columns["roll"], fixed["orientation"] == "up"
+    heading, pitch, roll = (columns[name] for name in ("heading", "pitch", "roll"))
+    level, up = np.zeros(stated.size), fixed["orientation"] == "up"
     if frame == "earth" or (frame == "ship" and fixed["tilt_applied"]):
-        pitch, roll, up = np.zeros(stated.size), np.zeros(stated.size), False
-    if frame == "earth":
-        return frames.teledyne_rotation(declination, pitch, roll, up, columns["gimbal"]), why
-    heading = columns["heading"] + declination
-    unknown = ~np.isfinite(columns["heading"] + pitch + roll) & (why == "")
+        heading, pitch, roll, up = level if frame == "earth" else heading, level, level, False
+    unknown = ~np.isfinite(heading + pitch + roll) & (why == "")
     why[unknown] = f"velocity in {frame} coordinates, and heading, pitch or roll is not known"
-    if frame != "ship" and convention not in ("teledyne", "nortek"):
+    own_axes = frame in ("beam", "instrument")
+    if own_axes and convention not in ("teledyne", "nortek"):
         why[why == ""] = (
             f"ping: expected attitude_convention to be one of teledyne, nortek, got {convention}; state it in the message"
         )
-    if frame != "ship" and convention == "nortek":
-        return frames.nortek_rotation(heading, pitch, roll, not up), why
-    return frames.teledyne_rotation(heading, pitch, roll, up, columns["gimbal"]), why
+    if own_axes and convention == "nortek":
+        return frames.nortek_rotation(heading + declination, pitch, roll, not up), why
+    angles = heading + declination, pitch, roll
+    return frames.teledyne_rotation(*angles, up, columns["gimbal"]), why
 
 
 def _even_cells(columns: Rows, fixed: Mapping[str, Any]) -> tuple[Cells | None, Words | str]:

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.block import Block
 from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements import pings
@@ -104,8 +103,8 @@ def measure(
     motions, water = motions_of(memory.motions, of["dvl"], attitudes, step)
     arrivals = [to_earth(one, attitudes, motions, config) for one in (*of["ping"], *water)]
     positions = joined(memory.positions, reached)
-    sources = _depths(positions, stated, of["depth"], arrivals, step)
-    depths = depths_of(memory.depths, sources, config.surface_depth)
+    stated += _depths((*of["depth"], *arrivals), positions, step)
+    depths = depths_of(memory.depths, stated, config.surface_depth)
     step = step._replace(depths=depths, new=len(memory.positions["order"]))
     dived = step.dived(reached["order"])
     new = reached | {name: dived[name] for name in ("depth", "submerged", "dive")}
@@ -173,26 +172,18 @@ def _of_ctd(line: Any, of: Mapping[str, Sequence[Table]], step: Step) -> tuple[A
     return of_ctd(line or SectionLine(), of["ctd"], surfacings, step)
 
 
-def _depths(
-    positions: Columns,
-    stated: Sequence[Depth],
-    tables: Sequence[Table],
-    arrivals: Sequence[Table],
-    step: Step,
-) -> list[Depth]:
-    """Return what states depths, as of ``depths_of``; a log whose only depth is the pressure of its pings still has dives."""
-    rows = list(stated)
-
-    def below(one: Table, pressure: Array) -> Array:
-        return depth_of(pressure, beside(positions, as_of(one.order, positions["order"]))[2])
-
+def _depths(tables: Sequence[Table], positions: Columns, step: Step) -> list[Depth]:
+    """Return the depths that tables state, or pings whose own pressure may be all that a log says; notes the messages of the former."""
+    rows = list[Depth]()
     for one in tables:
-        by = one.fixed["by"]
-        depth = below(one, one[by]) if by == "pressure" else one[by]
-        step.note(one, np.where(np.isfinite(depth), "", f"{by} is not a number"))
-        rows.append((one.order, depth, True))
-    for one in arrivals:
-        counts = (one["why"] == "") & np.isnan(one["place"][:, 0])
-        counts &= one["absolute"] | step.config.use_relative
-        rows.append((one.order[counts], below(one, one["pressure"])[counts], False))
+        by, is_stated = one.fixed.get("by", "pressure"), one.kind == "depth"
+        depth = one[by]
+        if by == "pressure":
+            depth = depth_of(depth, beside(positions, as_of(one.order, positions["order"]))[2])
+        if is_stated:
+            step.note(one, np.where(np.isfinite(depth), "", f"{by} is not a number"))
+        else:
+            counts = (one["why"] == "") & (one["absolute"] | step.config.use_relative)
+            depth = np.where(counts & np.isnan(one["place"][:, 0]), depth, np.nan)
+        rows.append((one.order, depth, is_stated))
     return rows
