@@ -15,10 +15,6 @@ from replay_kit.measurements.positions import Rows, in_order
 from replay_kit.measurements.step import Step
 
 _KEPT = "attitude: kept for pings without their own"
-_NO_ATTITUDE = "DVL: no attitude within 1 s"
-_NO_DECLINATION = "DVL heading: true or magnetic north unknown; set measurements.magnetic_declination (0 for true north)"
-_NO_LAYER = "DVL water track does not state its layer depth; set measurements.water_track_distance"
-_NO_BOTTOM = "DVL water track without a bottom track gives no current"
 
 
 def attitudes_of(before: Columns, tables: Sequence[Table], step: Step) -> Rows:
@@ -44,7 +40,7 @@ def motions_of(
         attitudes: Of the vehicle.
         step: The block.
     """
-    parts, water, distance = [before], list[Table](), step.config.water_track_distance
+    parts, water = [before], list[Table]()
     for one in tables:
         values, why = velocity_of(one, attitudes, step.config)
         one = step.kept(replace(one, columns={**one.columns, "values": values}), why)
@@ -52,11 +48,16 @@ def motions_of(
         ground, rest = one.rows(bottom), one.rows(~bottom)
         step.note(ground)
         parts.append({"time": ground.time, "order": ground.order, "values": ground["values"]})
-        water.append(step.kept(rest, "" if distance is not None else _NO_LAYER))
+        if step.config.water_track_distance is not None:
+            water.append(rest)
+        else:
+            words = "DVL water track does not state its layer depth; set measurements.water_track_distance"
+            step.note(rest, words)
     motions, found = in_order(*parts), list[Table]()
     for one in water:
         known = np.isfinite(last_triple(motions, one, BOTTOM_AGE, BOTTOM_AGE)[:, 0])
-        found += _pings(step.kept(one, np.where(known, "", _NO_BOTTOM)), step)
+        why = np.where(known, "", "DVL water track without a bottom track gives no current")
+        found += _pings(step.kept(one, why), step)
     return motions, found
 
 
@@ -64,9 +65,12 @@ def velocity_of(table: Table, attitudes: Columns, config: MeasurementConfig) -> 
     """Return true east, true north and error of velocities, shape (n, 3) [m/s], and in words why they are not known."""
     heading, pitch, roll = last_triple(attitudes, table, ATTITUDE_AGE).T
     declination, axes = config.magnetic_declination, config.dvl_axes
-    why = np.where(np.isfinite(heading), "", _NO_ATTITUDE).astype(object)
+    why = np.where(np.isfinite(heading), "", "DVL: no attitude within 1 s").astype(object)
     if declination is None:
-        declination, why[why == ""] = np.nan, _NO_DECLINATION
+        declination = np.nan
+        why[why == ""] = (
+            "DVL heading: true or magnetic north unknown; set measurements.magnetic_declination (0 for true north)"
+        )
     left_up = table["axes"] == 2 if axes is None else np.array(axes == "forward-left-up")
     body = table["velocity"] * np.where(left_up[..., None], (1.0, -1.0, -1.0), 1.0)
     # Nortek's angles are those of an attitude: nose up, starboard down

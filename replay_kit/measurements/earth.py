@@ -29,11 +29,6 @@ _NONE = np.empty(0, np.int64)
 # of pings, distances of first cells and sizes of cells [m]
 Cells = tuple[Array, Array]
 Words = NDArray[np.object_]
-NO_DECLINATION = "heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination"
-_NO_VECTORS = (
-    "velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam"
-)
-_NO_UNIT_VECTORS = "beam_unit_vectors: expected vectors of length 1"
 _NO_ERROR = "the ping has no error velocity"
 _UNLIKE = "malformed: a field is missing or of the wrong kind (IndexError)"
 
@@ -142,7 +137,11 @@ def _rotation(
     declination = np.where(np.isfinite(stated), stated, np.nan if usual is None else usual)
     if applied or (applied is None and frame == "earth"):
         declination = np.zeros(stated.size)
-    why = np.where(np.isfinite(declination), "", NO_DECLINATION).astype(object)
+    why = np.where(
+        np.isfinite(declination),
+        "",
+        "heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination",
+    ).astype(object)
     heading, pitch, roll = (columns[name] for name in ("heading", "pitch", "roll"))
     level, up = np.zeros(stated.size), fixed["orientation"] == "up"
     if frame == "earth" or (frame == "ship" and fixed["tilt_applied"]):
@@ -187,7 +186,9 @@ def _even_cells(columns: Rows, fixed: Mapping[str, Any]) -> tuple[Cells | None, 
 def _fault_of(vectors: Array | None, components: int, along_beams: bool) -> str:
     """Return what is wrong with the beams' unit vectors; empty where nothing is."""
     if vectors is None or vectors.size == 0 or not np.isfinite(vectors).all():
-        return _NO_VECTORS
+        return (
+            "velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam"
+        )
     if not (np.abs(np.linalg.norm(vectors, axis=1) - 1.0) < _UNIT).all():
-        return _NO_UNIT_VECTORS
+        return "beam_unit_vectors: expected vectors of length 1"
     return _UNLIKE if along_beams and components != len(vectors) else ""

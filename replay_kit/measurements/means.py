@@ -34,9 +34,8 @@ _V_PIECES = 128
 _SAME_FIX = 60 * 10**9
 _LONG_AGO = -(2**63)
 TOO_FAST = "depth-averaged current: faster than measurements.max_speed"
-_COMPUTED = "depth-averaged current: already computed from dead reckoning"
-_NO_DEPTH = "depth-averaged current: no path, and no fixes with a depth"
 _NO_PATH = "depth-averaged current: no path from its first fix to its last"
+_NO_DEPTH = "depth-averaged current: no path, and no fixes with a depth"
 
 
 class Spot(NamedTuple):
@@ -316,7 +315,7 @@ def _taken(
         return ways, None, TOO_FAST
     ways, done = ways._replace(stated=True), ways.done
     if _LONG_AGO < end.time <= ways.computed + _SAME_FIX:
-        return ways, None, _COMPUTED
+        return ways, None, "depth-averaged current: already computed from dead reckoning"
     if done is not None and _same(done[0].start, start) and _same(done[1], end):
         found = done
     elif not _LONG_AGO < start.time < end.time:

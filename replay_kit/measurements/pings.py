@@ -29,7 +29,6 @@ from replay_kit.measurements.step import Step
 RELATIVE = "velocity relative to the platform, whose motion is unknown"
 NO_POSITION = "no position within"
 _NO_DEPTH = "ping: instrument depth is not a number, and no earlier message gives the vehicle depth"
-_NO_DEPTH_OF_PRESSURE = "ping: the stated pressure [dbar] corresponds to no depth"
 # s; a position may be as old as the configuration likes, and ages stay int64
 _FOREVER = 4e9
 # within a message: pings that wait no longer, then those that its position releases, then its own ping
@@ -153,7 +152,7 @@ def profiled(ping: Table, step: Step) -> list[Profiles]:
     depth = np.where(stated, depth_of(pressure, latitude), vehicle)
     why = np.full(len(ping), "", object)
     why[~np.isfinite(depth)] = _NO_DEPTH
-    why[~np.isfinite(depth) & stated] = _NO_DEPTH_OF_PRESSURE
+    why[~np.isfinite(depth) & stated] = "ping: the stated pressure [dbar] corresponds to no depth"
     why[~np.isfinite(longitude)] = f"{NO_POSITION} {config.position_max_age:g} s"
     why[moving & ~columns["absolute"] & (not config.use_relative)] = RELATIVE
     if config.without:

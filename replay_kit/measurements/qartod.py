@@ -31,7 +31,6 @@ _MAD = 1.4826
 # bins; fewer have no median that one of them could not move
 _FEWEST = 4
 _NO_SNR = "the ping has neither snr nor noise_floor with amplitude"
-OFF = "switched off"
 Profiles = Mapping[str, NDArray[Any]]
 #: Suspect and fail: numbers, or arrays that broadcast to the values; None for none.
 Limits = tuple[Any, ...]
@@ -56,7 +55,7 @@ def tested(
         why, limits = np.full(len(depth), why, object), limits or quality.limits(name)
         flags = np.where((why == "")[:, None], graded(values, limits, least), _NOT_EVALUATED)
         if all(limit is None for limit in limits):
-            why[:] = OFF
+            why[:] = "switched off"
         return BinTest(name, reason, np.broadcast_to(flags, depth.shape), why)
 
     found = [test(*each) for each in _tests(profiles, fixed, config)]

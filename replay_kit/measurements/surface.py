@@ -47,8 +47,6 @@ _SLIP, _PERIOD = 0.01, 12.42 * 3600.0
 # m, and m/s
 _SPACING, _USUAL_TIDE = 10e3, 0.08
 _OUTSIDE = "drifter outside the ensemble's box"
-_TOO_FAST = "drifter faster than measurements.max_speed"
-_NO_VECTOR = "no vector slower than measurements.max_speed within the ensemble's box"
 #: Where a drifter was, at the depth of the middle of its drogue, and the standard error of each component of its place [m]; NaN where it
 #: is not stated.
 DrifterFix = tuple[Spot, float]
@@ -101,7 +99,7 @@ def _of_radar(row: Vectors, label: Label, config: MeasurementConfig, _: Any) -> 
     good &= config.quality.use_suspect | ~row["suspect"]
     good &= _inside(config, row["longitude"], row["latitude"])
     if not good.any():
-        return [], _NO_VECTOR
+        return [], "no vector slower than measurements.max_speed within the ensemble's box"
     label, spacing = replace(label, kind=row["kind"]), config.surface_spacing or _SPACING
     return superobservations(_part(row, good), label, spacing, _tide_of(config)), ""
 
@@ -134,7 +132,7 @@ def _of_drifter(
     path = extended(begun(before), rows, np.empty(0))
     velocity = drift(path, after)
     if max(map(abs, velocity)) > config.max_speed:
-        return [], _TOO_FAST
+        return [], "drifter faster than measurements.max_speed"
     stated = (config.fix_std if math.isnan(each) else each for each in (error, now[1]))
     tide = _tide_of(config) * min(1.0, _PERIOD / (math.pi * seconds))
     std = math.hypot(math.hypot(*stated) / seconds, _SLIP, tide)

@@ -37,10 +37,6 @@ _LEAST_PROFILES = 4
 # Levels at which the shear is stated.
 _STATED = 12
 
-_NEAR_EQUATOR = f"within {EQUATOR:g} degrees of the equator there is no geostrophic balance"
-_NO_LINE = "profiles along no straight line of 0.3 Rossby radii"
-_NO_LEG = "no leg of 40 m with temperature and salinity"
-_MIXED = "mixed water: without stratification there are no internal waves to fit, and no shear"
 _FOULED = "deep salinity drifts along the line: it looks like a fouled cell"
 # ns; a vehicle that has sent no sample for so long has surfaced, whether or not its log says so
 _LONGEST_NS = 3 * 3600 * 10**9
@@ -148,9 +144,11 @@ def _after_dive(
     profiles = profiles_of(samples, layers, end, step.config.surface_depth)
     cleaned = [without_spikes(each) for each in profiles]
     sound = tuple(each for each, _ in cleaned if np.isfinite(each.salinity).sum() > 2)
-    reason = fault_of_units(layers, profiles) or ("" if sound else _NO_LEG)
+    reason = fault_of_units(layers, profiles)
+    if not reason and not sound:
+        reason = "no leg of 40 m with temperature and salinity"
     if not reason and abs(np.mean(sound[0].latitude)) < EQUATOR:
-        reason = _NEAR_EQUATOR
+        reason = f"within {EQUATOR:g} degrees of the equator there is no geostrophic balance"
     if reason:
         step.add(np.full(n, due), step.topic(source.topic), reason)
         return line
@@ -177,9 +175,11 @@ def _closed(line: SectionLine, due: int, step: Step, found: Found) -> SectionLin
     profiles, dives, reason = line.profiles, line.dives, ""
     section = section_of(profiles)
     if section is not None and section.is_mixed:
-        reason = _MIXED
+        reason = (
+            "mixed water: without stratification there are no internal waves to fit, and no shear"
+        )
     elif section is None or _radii(section) < LEAST:
-        reason = _NO_LINE
+        reason = "profiles along no straight line of 0.3 Rossby radii"
     elif is_fouled(profiles):
         reason = _FOULED
     else:

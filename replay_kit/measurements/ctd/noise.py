@@ -5,8 +5,8 @@ time, K of the signal in place and time. No single fit is trusted: covariances a
 waves of all modes have one level over Garrett and Munk's, from which a mode differs by as much as all of them show.
 """
 
-from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -31,6 +31,8 @@ _LEVELS, _SPREAD, _COUNTS, _MODE_COUNTS = 2.0 ** np.arange(-2, 5), 1.0, (2.2, 5.
 # Median speed of all modes [m/s], and the spread of its logarithm.
 _SPEED, _SPEED_SPREAD = 0.05, 1.3
 _MODES, _WAVE_MODES = 10, 30
+# Depth of the water, which is not known [m].
+_BOTTOM = 4000.0
 # Share of the largest variance of waves below which a mode has none but by rounding.
 _NO_WAVES = 1e-9
 
@@ -40,8 +42,7 @@ def near(away: Array, later: Array, length: float, lasting: float) -> Array:
     return np.exp(-0.5 * (away / length) ** 2 - 0.5 * (later / lasting) ** 2)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Statistics:
+class Statistics(NamedTuple):
     """Covariances of the geopotential on a line.
 
     Attributes:
@@ -163,7 +164,7 @@ def _variances(misfit: Array, known: Array, to_flow: Array, usual: Array, free: 
     return np.tensordot(softmax(logs), np.array(found), 1)
 
 
-def rossby_radius(levels: Array, n2: Array, coriolis: float, bottom: float) -> float:
+def rossby_radius(levels: Array, n2: Array, coriolis: float) -> float:
     """Return the first baroclinic Rossby radius [m], by the approximation of Wentzel, Kramers and Brillouin.
 
     The stratification is constant above the levels and falls off below them over 1300 m.
@@ -172,12 +173,11 @@ def rossby_radius(levels: Array, n2: Array, coriolis: float, bottom: float) -> f
         levels: shape (Z,) [m].
         n2: shape (Z,) [1/s2].
         coriolis: [1/s].
-        bottom: Depth of the water [m].
 
     Source: Chelton et al. (1998), equation 2.2.
     """
     n, scale = np.sqrt(n2), 1300.0
-    below = scale * (1.0 - np.exp(min(levels[-1] - bottom, 0.0) / scale))
+    below = scale * (1.0 - np.exp(min(levels[-1] - _BOTTOM, 0.0) / scale))
     total = n[0] * levels[0] + np.trapezoid(n, levels) + n[-1] * below
     return float(total / (np.pi * abs(coriolis)))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import gsw
 import numpy as np
@@ -51,8 +52,7 @@ class Profile:
         return values[:, np.isfinite(values).all(axis=0)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Section:
+class Section(NamedTuple):
     """Anomalies of specific volume along a straight line.
 
     Attributes:

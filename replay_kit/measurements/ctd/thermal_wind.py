@@ -5,7 +5,7 @@ tides, curvature and change of the signal within the line, what is not geostroph
 error.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,6 @@ from replay_kit.measurements.ctd.sections import GRAVITY, RHO0, Section
 
 #: Degrees from the equator, within which there is no geostrophic balance to use.
 EQUATOR = 5.0
-# Depth of the water, which is not known [m].
-_BOTTOM = 4000.0
 # Least share of the shear that is not geostrophic, and the error that always stays [m/s].
 _AGEOSTROPHIC, _FLOOR = 0.05, 0.003
 # Drift of a conductivity cell over a window, as salinity; and haline contraction of sea water.
@@ -32,8 +30,7 @@ _SALINITY_DRIFT, _HALINE_CONTRACTION = 0.002, 7.6e-4
 _REGIONAL, _LINE = 0.25, 2.5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GeostrophicShear:
+class GeostrophicShear(NamedTuple):
     """The current across a line relative to its mean over the levels, at one place and time.
 
     Attributes:
@@ -58,7 +55,7 @@ class GeostrophicShear:
 
 def radius_of(section: Section) -> float:
     """Return the first baroclinic Rossby radius of a line's region [m]."""
-    return rossby_radius(section.levels, section.n2, section.coriolis, _BOTTOM)
+    return rossby_radius(section.levels, section.n2, section.coriolis)
 
 
 def geopotential_matrix(levels: Array) -> Array:
