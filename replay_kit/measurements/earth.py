@@ -71,8 +71,8 @@ def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: Measurem
     raw = columns["raw"] = columns["velocity"]
     vectors, relative = fixed["vectors"], fixed["reference"] == "platform"
     along_beams, gain = fixed["frame"] == "beam", 1.0
-    rotation, why = _rotation(columns, fixed, config)
-    cells, uneven = _even_cells(columns, fixed)
+    rotation, why = _rotation({**fixed, **columns}, config)
+    cells, uneven = _even_cells({**fixed, **columns})
     fault = _fault_of(vectors, raw.shape[2], along_beams) if along_beams or cells else ""
     why = np.where(why == "", fault or uneven, why)
     columns |= {"absolute": np.full(len(ping), not relative), "why": why}
@@ -123,17 +123,13 @@ def _believed(motion: Array, config: MeasurementConfig) -> Array:
     return np.where((good & (motion[:, 2] <= config.max_speed))[:, None], motion, np.nan)
 
 
-def _rotation(
-    columns: Rows, fixed: Mapping[str, Any], config: MeasurementConfig
-) -> tuple[Array, Words]:
+def _rotation(ping: Mapping[str, Any], config: MeasurementConfig) -> tuple[Array, Words]:
     """Return what turns velocities to true east, north, up, shape (n, 3, 3), and in words why that is not known.
 
     Velocities in earth coordinates are true ones unless the ping says that they are not; a heading is magnetic unless it says so.
     """
-    frame, convention, applied = (
-        fixed[name] for name in ("frame", "convention", "declination_applied")
-    )
-    stated, usual = columns["declination"], config.magnetic_declination
+    frame, convention, applied = ping["frame"], ping["convention"], ping["declination_applied"]
+    stated, usual = ping["declination"], config.magnetic_declination
     declination = np.where(np.isfinite(stated), stated, np.nan if usual is None else usual)
     if applied or (applied is None and frame == "earth"):
         declination = np.zeros(stated.size)
@@ -142,9 +138,9 @@ def _rotation(
         "",
         "heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination",
     ).astype(object)
-    heading, pitch, roll = (columns[name] for name in ("heading", "pitch", "roll"))
-    level, up = np.zeros(stated.size), fixed["orientation"] == "up"
-    if frame == "earth" or (frame == "ship" and fixed["tilt_applied"]):
+    heading, pitch, roll = (ping[name] for name in ("heading", "pitch", "roll"))
+    level, up = np.zeros(stated.size), ping["orientation"] == "up"
+    if frame == "earth" or (frame == "ship" and ping["tilt_applied"]):
         heading, pitch, roll, up = level if frame == "earth" else heading, level, level, False
     unknown = ~np.isfinite(heading + pitch + roll) & (why == "")
     why[unknown] = f"velocity in {frame} coordinates, and heading, pitch or roll is not known"
@@ -156,17 +152,17 @@ def _rotation(
     if own_axes and convention == "nortek":
         return frames.nortek_rotation(heading + declination, pitch, roll, not up), why
     angles = heading + declination, pitch, roll
-    return frames.teledyne_rotation(*angles, up, columns["gimbal"]), why
+    return frames.teledyne_rotation(*angles, up, ping["gimbal"]), why
 
 
-def _even_cells(columns: Rows, fixed: Mapping[str, Any]) -> tuple[Cells | None, Words | str]:
+def _even_cells(ping: Mapping[str, Any]) -> tuple[Cells | None, Words | str]:
     """Return distances of first cells and sizes, shapes (n,) [m], where bins are to be mapped, and in words where they cannot be.
 
     Bins are mapped of beams, or of axes with the error velocity beside them, that the instrument did not map.
     """
-    frame, distance, size = fixed["frame"], columns["distance"], fixed["cell_size"]
-    maps = frame == "beam" or (frame == "instrument" and columns["raw"].shape[2] == 4)
-    if fixed["bin_mapped"] or fixed["vectors"] is None or not maps:
+    frame, distance, size = ping["frame"], ping["distance"], ping["cell_size"]
+    maps = frame == "beam" or (frame == "instrument" and ping["raw"].shape[2] == 4)
+    if ping["bin_mapped"] or ping["vectors"] is None or not maps:
         return None, ""
     first, steps = distance[:, 0], np.arange(distance.shape[1])
     found = np.full(len(first), size)

@@ -20,6 +20,7 @@ from replay_kit.measurements.earth import no_triples, to_earth
 from replay_kit.measurements.means import Ways, means_of
 from replay_kit.measurements.navigation import Depth, Frames, Sender, located, of_sender
 from replay_kit.measurements.positions import (
+    Rows,
     as_of,
     beside,
     chosen,
@@ -133,20 +134,8 @@ def measure(
         line,
         drifters,
     )
-    due: tuple[tuple[Integers, Any], ...] = (
-        (new["order"], pings.POSITION),
-        *((rows.pop("due", _NONE), rows.pop("rank", _NONE)) for rows in (profiles, means)),
-        (np.array([order for order, _ in linear], np.int64), pings.OWN),
-    )
-    events = np.concatenate(
-        [
-            np.column_stack(np.broadcast_arrays(order, rank, kind, np.arange(len(order))))
-            for kind, (order, rank) in enumerate(due)
-        ]
-    )
-    events = events[np.lexsort((events[:, 3], events[:, 1], events[:, 0]))][:, [0, 2, 3]]
     block = Block(
-        events,
+        _events(new, profiles, means, linear),
         new,
         profiles,
         means,
@@ -158,6 +147,22 @@ def measure(
         tuple(findings),
     )
     return after, block
+
+
+def _events(positions: Rows, profiles: Rows, means: Rows, linear: Found) -> Integers:
+    """Return the events in order, as in ``Block``; takes from the columns what says when each is due."""
+    due: tuple[tuple[Integers, Any], ...] = (
+        (positions["order"], pings.POSITION),
+        *((rows.pop("due", _NONE), rows.pop("rank", _NONE)) for rows in (profiles, means)),
+        (np.array([order for order, _ in linear], np.int64), pings.OWN),
+    )
+    events = np.concatenate(
+        [
+            np.column_stack(np.broadcast_arrays(order, rank, kind, np.arange(len(order))))
+            for kind, (order, rank) in enumerate(due)
+        ]
+    )
+    return events[np.lexsort((events[:, 3], events[:, 1], events[:, 0]))][:, [0, 2, 3]]
 
 
 def _of_ctd(line: Any, of: Mapping[str, Sequence[Table]], step: Step) -> tuple[Any, Found]:

@@ -178,7 +178,7 @@ def _profile(ping: Table, step: Step) -> Profiles:
     columns["depth"] = np.where(np.isfinite(depth), depth, np.nan)
     error = columns["error_std"]
     columns["error_std"] = np.where(np.isfinite(error), error, config.velocity_std)
-    tests, flags, reasons = tested(columns, fixed, config)
+    tests, flags, reasons = tested({**fixed, **columns}, config)
     own = fixed["correlation_depth"]
     stated = np.isfinite(columns["pressure"])
     of_all = {

@@ -31,20 +31,20 @@ _MAD = 1.4826
 # bins; fewer have no median that one of them could not move
 _FEWEST = 4
 _NO_SNR = "the ping has neither snr nor noise_floor with amplitude"
-Profiles = Mapping[str, NDArray[Any]]
+#: Columns of pings of one layout, and what is fixed of their instrument.
+Profiles = Mapping[str, Any]
 #: Suspect and fail: numbers, or arrays that broadcast to the values; None for none.
 Limits = tuple[Any, ...]
 
 
 @np.errstate(all="ignore")
 def tested(
-    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
+    profiles: Profiles, config: MeasurementConfig
 ) -> tuple[list[BinTest], Flags, NDArray[np.int32]]:
     """Return the results of each test, and the flags and reasons of bins after all of them, shapes (n, m).
 
     Args:
-        profiles: Columns of pings of one layout, as ``earth.to_earth`` returns them, with depth, transducer_depth, vehicle_depth and dive.
-        fixed: What is the instrument's.
+        profiles: As ``earth.to_earth`` returns them, with depth, transducer_depth, vehicle_depth and dive.
         config: The limits.
     """
     quality, depth = config.quality, profiles["depth"]
@@ -58,7 +58,7 @@ def tested(
             why[:] = "switched off"
         return BinTest(name, reason, np.broadcast_to(flags, depth.shape), why)
 
-    found = [test(*each) for each in _tests(profiles, fixed, config)]
+    found = [test(*each) for each in _tests(profiles, config)]
     # each bin against those around it that no other test failed
     failed = np.any([test.flags == _FAIL for test in found], axis=0) | ~np.isfinite(depth)
     velocity = np.where(failed[..., None], np.nan, profiles["velocity"][..., :2])
@@ -69,25 +69,23 @@ def tested(
     return found, *_rolled_up(found, profiles, quality.use_suspect)
 
 
-def _tests(
-    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
-) -> Sequence[tuple[Any, ...]]:
+def _tests(profiles: Profiles, config: MeasurementConfig) -> Sequence[tuple[Any, ...]]:
     """Return the tests that judge each bin by itself: name, reason, numbers, why there are none, whether limits are the least.
 
     Last come the limits of those that are not in the settings by name.
     """
     quality, dive = config.quality, profiles["dive"]
     speed = profiles["velocity"][..., :2]
-    reach, cosine = _reach(profiles, fixed, config)
+    reach, cosine = _reach(profiles, config)
     bottom, transducer = profiles["bottom_range"], profiles["transducer_depth"]
-    correlation = "nortek_correlation" if fixed["convention"] == "nortek" else "correlation"
+    correlation = "nortek_correlation" if profiles["convention"] == "nortek" else "correlation"
     angle = tilt(profiles["pitch"], profiles["roll"])
     # how an instrument is mounted in a glider, level in the glide or not, no ping says
     tilted = np.where(dive > 0, "not evaluated for a gliding vehicle", "")
     tilted = np.where(np.isfinite(angle), tilted, "the ping has no pitch and roll")
     # at the surface a vehicle rolls in the waves with its bubbles; its depth may be an older one than the ping's own
     depth = np.fmax(profiles["vehicle_depth"], transducer)[:, None]
-    derived = "derived from many pings" if fixed["derived"] else ""
+    derived = "derived from many pings" if profiles["derived"] else ""
     at_surface = [
         config.surface_depth if quality.at_surface == flag else None for flag in ("suspect", "fail")
     ]
@@ -111,8 +109,8 @@ def _tests(
         ),
         (correlation, Reason.LOW_CORRELATION, *_beams(profiles, "correlation"), True),
         ("amplitude", Reason.LOW_AMPLITUDE, *_beams(profiles, "amplitude"), True),
-        ("snr", Reason.LOW_SNR, *_snr(profiles, fixed), True),
-        ("percent_good", Reason.LOW_PERCENT_GOOD, *_percent_good(profiles, fixed), True),
+        ("snr", Reason.LOW_SNR, *_snr(profiles), True),
+        ("percent_good", Reason.LOW_PERCENT_GOOD, *_percent_good(profiles), True),
         (
             "error_velocity",
             Reason.ERROR_VELOCITY,
@@ -132,7 +130,7 @@ def _tests(
             "sidelobe",
             Reason.SIDELOBE,
             reach,
-            "" if fixed["orientation"] == "up" else "the instrument looks down",
+            "" if profiles["orientation"] == "up" else "the instrument looks down",
             False,
             (None, (transducer * cosine)[:, None] if quality.sidelobe else None),
         ),
@@ -155,10 +153,10 @@ def _beams(profiles: Profiles, name: str) -> tuple[Array, Words]:
     return found, profiles[f"no_{name}"]
 
 
-def _snr(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, Words]:
+def _snr(profiles: Profiles) -> tuple[Array, Words]:
     """Return the stated ratio of signal to noise, else the echo over the noise's [dB]."""
     values, why = _beams(profiles, "snr")
-    amplitude, floor, lacks = profiles.get("amplitude"), fixed["noise_floor"], why != ""
+    amplitude, floor, lacks = profiles.get("amplitude"), profiles["noise_floor"], why != ""
     instead: Any = _NO_SNR
     if amplitude is not None and floor.size in (1, amplitude.shape[2]):
         values = np.where(lacks[:, None], worst_needed(amplitude - floor), values)
@@ -166,7 +164,7 @@ def _snr(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, Words]:
     return values, np.where(lacks, instead, why)
 
 
-def _percent_good(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, Words]:
+def _percent_good(profiles: Profiles) -> tuple[Array, Words]:
     """Return the percentage of solutions in each cell: one number a cell, one a beam, or the sum of Teledyne's first and last.
 
     Teledyne's four, of velocities that the instrument turned, are three-beam solutions, rejected ones, cells with too few beams,
@@ -174,21 +172,19 @@ def _percent_good(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, 
     """
     values = profiles.get("percent_good")
     # of the makers whose instruments turn velocities only Teledyne writes four numbers
-    turned = fixed["frame"] != "beam" and fixed["convention"] != "nortek"
+    turned = profiles["frame"] != "beam" and profiles["convention"] != "nortek"
     if values is not None and turned and values.shape[2] == 4:
         return values[..., 0] + values[..., 3], profiles["no_percent_good"]
     return _beams(profiles, "percent_good")
 
 
-def _reach(
-    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
-) -> tuple[Array, float]:
+def _reach(profiles: Profiles, config: MeasurementConfig) -> tuple[Array, float]:
     """Return how far bins reach from the transducer, shape (n, m) [m], and the share of a boundary's distance that is not spoiled.
 
     A beam's side lobe meets the boundary straight ahead before the beam itself does, so that the last part of the range,
     1 - cos(beam angle) of it, is spoiled: of the widest beam, or of the configured angle where the ping does not say.
     """
-    distance, size, vectors = profiles["distance"], fixed["cell_size"], fixed["vectors"]
+    distance, size, vectors = profiles["distance"], profiles["cell_size"], profiles["vectors"]
     if not np.isfinite(size) and distance.shape[1] > 1:
         steps = np.diff(distance, axis=1)
         size = _median(np.abs(steps), np.isfinite(steps).sum(axis=1))[:, None]
