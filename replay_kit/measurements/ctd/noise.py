@@ -9,6 +9,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaln, logsumexp, softmax
 
@@ -74,7 +75,7 @@ def garrett_munk(levels: Array, n2: Array, to_geopotential: Array) -> Array:
     5.2e-3 1/s.
     """
     n = np.sqrt(n2)
-    stretched = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * np.diff(levels))])
+    stretched = cumulative_trapezoid(n, levels, initial=0.0)
     # the ends of the levels are neither surface nor bottom: half a level's spacing beyond them
     edge = 0.5 * (levels[1] - levels[0]) * n[[0, -1]]
     xi = (stretched + edge[0]) / (stretched[-1] + edge.sum())

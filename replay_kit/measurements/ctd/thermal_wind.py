@@ -8,6 +8,7 @@ error.
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from replay_kit.core.arrays import Array, Indices
 from replay_kit.measurements.ctd.noise import (
@@ -63,17 +64,14 @@ def geopotential_matrix(levels: Array) -> Array:
 
     Row z integrates from level z down to the last one by the trapezoidal rule; the mean over the levels is that of the same rule.
     """
-    half = 0.5 * RHO0 * GRAVITY * np.diff(levels)
-    integral = np.triu(np.append(half, 0.0) + np.append(0.0, half))
-    np.fill_diagonal(integral, np.append(half, 0.0))
+    above = RHO0 * GRAVITY * cumulative_trapezoid(np.eye(levels.size), levels, initial=0.0).T
+    integral = above[-1] - above
     return np.asarray(integral - depth_weights(levels) @ integral)
 
 
 def depth_weights(levels: Array) -> Array:
     """Return the weights of the mean over levels by the trapezoidal rule, shape (Z,), which sum to 1."""
-    spaces = np.diff(levels)
-    weights = np.append(spaces, 0.0) + np.append(0.0, spaces)
-    return np.asarray(weights / weights.sum())
+    return np.asarray(np.trapezoid(np.eye(levels.size), levels) / np.ptp(levels))
 
 
 def slope_weights(along: Array, covariance: Array) -> Array:
