@@ -160,7 +160,7 @@ def within_reach(
             if held:
                 far = max(last.way(every[k]) for k in held)
                 found.append((int(order[i]), _displaced(every[held[0]], far, len(held))))
-            settle(False)
+                settle(False)
             state = state.on(here)
         elif state.number < _LEAST:
             # nothing tells yet which of them was wrong
