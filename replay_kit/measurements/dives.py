@@ -5,14 +5,14 @@ where it comes back by a stated length, so that noise and waves smaller than tha
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import gsw
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Mask
-from replay_kit.core.table import Integers
+from replay_kit.core.table import Columns, Integers
+from replay_kit.measurements.positions import Rows, chosen, in_order
 
 # degrees; gravity there is the mean of the equator's and the pole's, so that a depth is off by 0.27 % at most
 _LATITUDE_ASSUMED = 45.0
@@ -63,78 +63,47 @@ def _dives(under: Mask, before: bool) -> Integers:
     return np.cumsum(under & np.diff(under, prepend=before))
 
 
-@dataclass(frozen=True, slots=True)
-class Diving:
-    """The vehicle's depth and dive at the end of a block.
+def no_depths() -> Rows:
+    """Return the depths before the first is stated: one row, as ``depths_of`` returns them."""
+    none, nothing = np.array([-1]), np.array([np.nan])
+    return {
+        "order": none,
+        "measured": nothing,
+        "depth": nothing,
+        "submerged": none > 0,
+        "dive": np.array([0]),
+    }
 
-    Attributes:
-        depth: Last stated [m]; NaN before the first.
-        submerged: Whether it is in a dive.
-        dive: Number of dives begun.
+
+def depths_of(
+    before: Columns, sources: list[tuple[Integers, Array, bool]], surface_depth: float
+) -> Rows:
+    """Return the vehicle's depths of a block of messages, in order, with the dives that they make, after the last one before.
+
+    The columns are ``order``, place in the stream of the message; ``measured`` [m]; ``depth``, the same where the vehicle states it, and
+    NaN for the pressure of a ping, of a log that states no other depth so far; ``submerged``; and ``dive``, number of dives begun.
+
+    Args:
+        before: The last row before.
+        sources: Orders, depths [m], and whether the vehicle states them, of each source; else they count before it states the first.
+        surface_depth: [m].
     """
-
-    depth: float = np.nan
-    submerged: bool = False
-    dive: int = 0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Depths:
-    """The vehicle's depths of a block of messages, in order, with the dives that they make.
-
-    Attributes:
-        before: At the end of the block before.
-        order: shape (n,), place in the stream of the messages that state them.
-        depth: shape (n,) [m].
-        stated: shape (n,), whether by the vehicle; else by the pressure of a ping, of a log that states no other depth so far.
-        submerged: shape (n,), whether the vehicle is in a dive.
-        dive: shape (n,), number of dives begun.
-    """
-
-    before: Diving
-    order: Integers
-    depth: Array
-    stated: Mask
-    submerged: Mask
-    dive: Integers
-
-    @classmethod
-    def of(
-        cls, before: Diving, rows: list[tuple[Integers, Array, bool]], surface_depth: float
-    ) -> "Depths":
-        """Return the depths of a block.
-
-        Args:
-            before: At the end of the block before.
-            rows: Orders, depths [m], and whether the vehicle states them, of each source.
-            surface_depth: [m].
-        """
-        none = np.empty(0, np.int64), np.empty(0), False
-        order, depth, stated = (
-            np.concatenate([np.broadcast_to(one[k], one[0].shape) for one in (none, *rows)])
-            for k in range(3)
-        )
-        known = np.isfinite(depth)
-        at = np.flatnonzero(known)[np.argsort(order[known], kind="stable")]
-        under = submerged(depth[at], surface_depth, before.submerged)
-        dive = before.dive + _dives(under, before.submerged)
-        return cls(before, order[at], depth[at], stated[at], under, dive)
-
-    def at(self, order: Integers) -> tuple[Array, Mask, Integers]:
-        """Return depth, whether in a dive, and number of the dive after messages at places in the stream, shapes (n,)."""
-        before, at = self.before, np.searchsorted(self.order, order, side="right")
-        depth = np.where(self.stated, self.depth, before.depth)
-        return (
-            np.append(before.depth, depth)[at],
-            np.append(before.submerged, self.submerged)[at],
-            np.append(before.dive, self.dive)[at],
-        )
-
-    @property
-    def end(self) -> Diving:
-        """At the end of the block."""
-        depth, under, dive = self.at(np.array([np.iinfo(np.int64).max]))
-        return Diving(float(depth[0]), bool(under[0]), int(dive[0]))
+    parts = [
+        {
+            **{name: np.zeros(order.size, column.dtype) for name, column in before.items()},
+            **{"order": order, "measured": depth, "depth": np.where(is_stated, depth, np.nan)},
+        }
+        for order, depth, is_stated in sources
+    ]
+    rows = in_order(before, *parts)
+    known = np.isfinite(rows["depth"])
+    counts = known | (np.isfinite(rows["measured"]) & ~np.logical_or.accumulate(known))
+    counts[0] = True
+    rows = chosen(rows, counts)
+    was, begun = before["submerged"][0], before["dive"][0]
+    under = submerged(rows["measured"][1:], surface_depth, was)
+    rows["submerged"][1:], rows["dive"][1:] = under, begun + _dives(under, was)
+    return rows
 
 
 def legs_of(

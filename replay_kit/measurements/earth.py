@@ -5,6 +5,8 @@ by the declination where the heading is magnetic; then the platform's velocity o
 ping has it, else what the ping states, else a DVL's. That velocity's error is one for all bins, so it does not enter the bins' own.
 """
 
+from collections.abc import Mapping
+from dataclasses import replace
 from reprlib import repr as shorten
 from typing import Any
 
@@ -12,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array, Mask
+from replay_kit.core.arrays import Array
 from replay_kit.core.table import Columns, Table
 from replay_kit.measurements import frames
 from replay_kit.measurements.positions import Rows, as_of
 
-_CONVENTIONS = ("teledyne", "nortek")
 # m/s; of a bottom-track ping that states none: makers state 3 to 30 mm/s for a single one
 _BOTTOM_STD = 0.03
 # ns; of a DVL's velocity, as a vehicle may turn and stop in more, and of an attitude
@@ -28,11 +29,7 @@ _NONE = np.empty(0, np.int64)
 # of pings, distances of first cells and sizes of cells [m]
 Cells = tuple[Array, Array]
 Words = NDArray[np.object_]
-NO_DECLINATION = "heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination"
-_NO_VECTORS = (
-    "velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam"
-)
-_NO_UNIT_VECTORS = "beam_unit_vectors: expected vectors of length 1"
+_NO_ERROR = "the ping has no error velocity"
 _UNLIKE = "malformed: a field is missing or of the wrong kind (IndexError)"
 
 
@@ -50,14 +47,14 @@ def last_triple(rows: Columns, at: Table, before: int, after: int = 0) -> Array:
 
 
 @np.errstate(all="ignore")
-def to_earth(
-    ping: Table, attitudes: Columns, motions: Columns, config: MeasurementConfig
-) -> tuple[Rows, Words]:
-    """Return the columns of pings after all rotations, and in words why a ping cannot be turned, shape (n,), empty for the others.
+def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: MeasurementConfig) -> Table:
+    """Return pings after all rotations, with ``why``, in words why a ping cannot be turned, shape (n,), empty for the others.
 
-    ``velocity`` becomes (n, m, 3), true east, north and up, ``error_velocity`` and ``error_std`` those of the solution; ``raw`` is what the
-    velocity was. ``added`` (n, 3) is the platform's velocity, east, north and error, that was added; NaN where none was. ``absolute`` says
-    whether a velocity is over the ground. Numbers that no instrument gives become NaN, which is a missing bin.
+    ``velocity`` becomes (n, m, 3), true east, north and up, ``error_std`` that of the solution; ``raw`` is what the velocity was.
+    ``error_size`` (n, m) is the size of the error velocity, ``no_error_velocity`` says in words why a ping has none, and
+    ``error_velocity`` (n,) is its mean over cells of solved beams. ``added`` (n, 3) is the platform's velocity, east, north and error, that
+    was added; NaN where none was. ``absolute`` says whether a velocity is over the ground. Numbers that no instrument gives become NaN,
+    which is a missing bin. What is said of a ping that cannot be turned has no meaning.
 
     Args:
         ping: The pings, of one layout.
@@ -65,150 +62,116 @@ def to_earth(
         motions: Of the vehicle, for pings that state none.
         config: The declination of a ping whose heading is magnetic and that states none; the fastest motion that is believed.
     """
-    columns, fixed = dict(ping.columns), ping.fixed
-    columns["gimbal"] = _with_attitude(columns, ping, attitudes)
-    raw = columns["raw"] = columns["velocity"]
-    frame, vectors, relative = fixed["frame"], fixed["vectors"], fixed["reference"] == "platform"
-    along_beams = frame == "beam"
-    # one beam of four may be missing, but no axis
-    axes = 2 if frame in ("ship", "earth") else 3
-    seen = np.isfinite(columns["bottom"])
-    bottom = seen.sum(axis=1) >= 3 if along_beams else seen[:, :axes].all(axis=1)
-    motion = np.column_stack([columns["platform"], columns["platform_std"]])
-    motion = _believed(motion, config.max_speed)
-    if relative:
-        silent = ~bottom & np.isnan(motion[:, 0]) & np.isnan(columns["place"][:, 0])
-        others = last_triple(motions, ping, BOTTOM_AGE, BOTTOM_AGE)
-        motion = _believed(np.where(silent[:, None], others, motion), config.max_speed)
-    moves = relative & (bottom | np.isfinite(motion[:, 0]))
-    declination = _declination(columns["declination"], fixed, config)
-    stays = ~moves & (frame == "earth") & (declination == 0.0)
-    absolute = columns["absolute"] = moves | (not relative)
-    added = np.where(absolute[:, None], motion, np.nan)
-    rotation, why = _rotation(columns, fixed, declination)
-    cells, uneven = _even_cells(columns, fixed)
-    fault = _fault_of(vectors, raw.shape[2], along_beams) if along_beams or cells else ""
-    for words in (fault, uneven):
-        why = np.where(why == "", words, why)
-    why[stays] = ""
-    ok, turns = (why == "") & ~stays, (not fault) and not stays.all()
-    velocity, error, gain = raw[..., :3], None, 1.0
-    if turns and along_beams:
-        gain = frames.noise_gain(vectors)
-    if turns:
-        velocity = np.where(ok[:, None, None], raw, np.nan)
-        velocity, error = _solved(velocity, rotation, vectors, cells, along_beams)
-    if turns and relative:
-        ground = columns["bottom"][:, None, :]
-        if along_beams:
-            ground = frames.solve_beams(ground[..., : len(vectors)], vectors)
-        std = columns["bottom_std"]
-        std = np.where((std > 0.0) & (std <= config.max_speed), std, _BOTTOM_STD)
-        ground = np.column_stack([-frames.turned(ground, rotation)[:, 0, :2], std])
-        added = np.where((bottom & moves)[:, None], ground, added)
-        whole = velocity[..., :2] + added[:, None, :2]
-        velocity[..., :2] = np.where((moves & ok)[:, None, None], whole, velocity[..., :2])
-    columns["added"] = added
-    columns["error_std"] = np.where(ok[:, None], columns["error_std"] * gain, columns["error_std"])
-    columns["velocity"] = np.where(stays[:, None, None], raw[..., :3], velocity)
-    return _with_error(columns, error, stays), why
-
-
-def _with_error(columns: Rows, error: Array | None, stays: Mask) -> Rows:
-    """Return columns with the size of the error velocity, shape (n, m) [m/s], and in words why a ping has none.
-
-    It is what the solution leaves, else what the ping states, else the fourth component of a velocity that was not turned.
-    """
-    raw, said = columns["raw"], columns["no_error_velocity"] == ""
-    stated = columns.get("error_velocity", np.full((*raw.shape[:2], 1), np.nan))
-    stated = np.where(said[:, None, None], stated, np.nan)
-    solved = np.full(len(raw), error is not None) & ~stays
-    stated = stated if error is None else np.where(solved[:, None, None], error, stated)
-    size, known = np.abs(stated[..., 0]), np.isfinite(stated).any(axis=(1, 2))
-    if raw.shape[2] == 4:
-        fourth = ~known & stays & np.isfinite(raw).any(axis=(1, 2))
-        size, known = np.where(fourth[:, None], np.abs(raw[..., 3]), size), known | fourth
-    none = np.where(known, "", "the ping has no error velocity").astype(object)
-    return columns | {
-        "error_velocities": stated,
-        "error_size": size,
-        "no_error_velocity": none,
-    }
-
-
-def _with_attitude(columns: Rows, ping: Table, attitudes: Columns) -> Mask:
-    """Take the vehicle's attitude for pings that state none; return whether the pitch of each is that of a gimbal."""
+    columns, fixed, here = dict(ping.columns), ping.fixed, np.isfinite(ping["place"][:, 0])
     angles = last_triple(attitudes, ping, ATTITUDE_AGE)
-    known = np.isfinite(angles[:, 0]) & ~np.isfinite(columns["heading"])
-    known &= np.isnan(columns["place"][:, 0])
+    known = np.isfinite(angles[:, 0]) & ~np.isfinite(columns["heading"]) & ~here
     for k, name in enumerate(("heading", "pitch", "roll")):
         columns[name] = np.where(known, angles[:, k], columns[name])
-    return np.asarray(known | ping.fixed["gimbal"])
+    columns["gimbal"] = known | fixed["gimbal"]
+    raw = columns["raw"] = columns["velocity"]
+    vectors, relative = fixed["vectors"], fixed["reference"] == "platform"
+    along_beams, gain = fixed["frame"] == "beam", 1.0
+    rotation, why = _rotation({**fixed, **columns}, config)
+    cells, uneven = _even_cells({**fixed, **columns})
+    fault = _fault_of(vectors, raw.shape[2], along_beams) if along_beams or cells else ""
+    why = np.where(why == "", fault or uneven, why)
+    columns |= {"absolute": np.full(len(ping), not relative), "why": why}
+    if fault:
+        return replace(ping, columns=columns)
+    # what the ping states, or the fourth component; the solution of beams leaves its own
+    velocity = raw
+    size = raw[..., 3] if raw.shape[2] == 4 else np.full(raw.shape[:2], np.nan)
+    if "error_velocity" in columns:
+        said = (columns["no_error_velocity"] == "")[:, None]
+        size = np.where(said, columns["error_velocity"][..., 0], size)
+    if along_beams or cells:
+        beams = raw if along_beams else frames.beams_of(raw, vectors)
+        if cells:
+            beams = frames.map_bins(beams, frames.vertical_stretch(vectors, rotation), *cells)
+        velocity = frames.solve_beams(beams, vectors)
+        size = velocity[..., 3]
+    velocity, ground = frames.turned(velocity, rotation), columns["bottom"][:, None, :]
+    if along_beams:
+        gain = frames.noise_gain(vectors)
+        ground = frames.solve_beams(ground[..., : len(vectors)], vectors)
+    added = _believed(np.column_stack([columns["platform"], columns["platform_std"]]), config)
+    if relative:
+        others = _believed(last_triple(motions, ping, BOTTOM_AGE, BOTTOM_AGE), config)
+        added = np.where((np.isnan(added[:, 0]) & ~here)[:, None], others, added)
+        ground, std = -frames.turned(ground, rotation)[:, 0, :2], columns["bottom_std"]
+        std = np.where((std > 0.0) & (std <= config.max_speed), std, _BOTTOM_STD)
+        seen = np.isfinite(ground).all(axis=1, keepdims=True)
+        added = np.where(seen, np.column_stack([ground, std]), added)
+        moves = columns["absolute"] = np.isfinite(added[:, 0])
+        velocity[moves, :, :2] += added[moves, None, :2]
+    known = np.isfinite(size)
+    mean = np.where(known, size, 0.0).sum(axis=1) / known.sum(axis=1)
+    columns |= {
+        "velocity": velocity,
+        "error_std": columns["error_std"] * gain,
+        "added": added,
+        "error_size": np.abs(size),
+        "no_error_velocity": np.where(known.any(axis=1), "", _NO_ERROR).astype(object),
+        "error_velocity": mean if along_beams else np.full(mean.size, np.nan),
+    }
+    return replace(ping, columns=columns)
 
 
-def _believed(motion: Array, max_speed: float) -> Array:
+def _believed(motion: Array, config: MeasurementConfig) -> Array:
     """Return velocities with errors, shape (n, 3) [m/s]; NaN without one, or with an error above the fastest motion."""
-    good = (
-        np.isfinite(motion[:, :2]).all(axis=1) & (motion[:, 2] > 0.0) & (motion[:, 2] <= max_speed)
-    )
-    return np.where(good[:, None], motion, np.nan)
+    good = np.isfinite(motion).all(axis=1) & (motion[:, 2] > 0.0)
+    return np.where((good & (motion[:, 2] <= config.max_speed))[:, None], motion, np.nan)
 
 
-def _declination(stated: Array, fixed: Any, config: MeasurementConfig) -> Array:
-    """Return the angles still to be added to headings, shape (n,) [degrees]; NaN where they are not known.
+def _rotation(ping: Mapping[str, Any], config: MeasurementConfig) -> tuple[Array, Words]:
+    """Return what turns velocities to true east, north, up, shape (n, 3, 3), and in words why that is not known.
 
     Velocities in earth coordinates are true ones unless the ping says that they are not; a heading is magnetic unless it says so.
     """
-    applied = fixed["declination_applied"]
-    if applied or (applied is None and fixed["frame"] == "earth"):
-        return np.zeros(stated.size)
-    usual = config.magnetic_declination
-    return np.where(np.isfinite(stated), stated, np.nan if usual is None else usual)
-
-
-def _rotation(columns: Rows, fixed: Any, declination: Array) -> tuple[Array, Words]:
-    """Return what turns velocities to true east, north, up, shape (n, 3, 3), and in words why that is not known."""
-    frame, n = fixed["frame"], declination.size
-    why = np.where(np.isfinite(declination), "", NO_DECLINATION).astype(object)
-    level = np.zeros(n)
-    everyone = np.ones(n, np.bool_)
-    if frame == "earth":
-        return frames.teledyne_rotation(declination, level, level, False, everyone), why
-    is_level = frame == "ship" and fixed["tilt_applied"]
-    pitch, roll = (level, level) if is_level else (columns["pitch"], columns["roll"])
-    unknown = ~np.isfinite(columns["heading"] + pitch + roll)
-    why[unknown & (why == "")] = (
-        f"velocity in {frame} coordinates, and heading, pitch or roll is not known"
-    )
-    heading, convention = columns["heading"] + declination, fixed["convention"]
-    if frame != "ship" and convention not in _CONVENTIONS:
+    frame, convention, applied = ping["frame"], ping["convention"], ping["declination_applied"]
+    stated, usual = ping["declination"], config.magnetic_declination
+    declination = np.where(np.isfinite(stated), stated, np.nan if usual is None else usual)
+    if applied or (applied is None and frame == "earth"):
+        declination = np.zeros(stated.size)
+    why = np.where(
+        np.isfinite(declination),
+        "",
+        "heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination",
+    ).astype(object)
+    heading, pitch, roll = (ping[name] for name in ("heading", "pitch", "roll"))
+    level, up = np.zeros(stated.size), ping["orientation"] == "up"
+    if frame == "earth" or (frame == "ship" and ping["tilt_applied"]):
+        heading, pitch, roll, up = level if frame == "earth" else heading, level, level, False
+    unknown = ~np.isfinite(heading + pitch + roll) & (why == "")
+    why[unknown] = f"velocity in {frame} coordinates, and heading, pitch or roll is not known"
+    own_axes = frame in ("beam", "instrument")
+    if own_axes and convention not in ("teledyne", "nortek"):
         why[why == ""] = (
-            f"ping: expected attitude_convention to be one of {', '.join(_CONVENTIONS)}, got {convention}; state it in the message"
+            f"ping: expected attitude_convention to be one of teledyne, nortek, got {convention}; state it in the message"
         )
-    if frame != "ship" and convention == "nortek":
-        return frames.nortek_rotation(heading, pitch, roll, fixed["orientation"] == "down"), why
-    up = fixed["orientation"] == "up" and not is_level
-    return frames.teledyne_rotation(heading, pitch, roll, up, columns["gimbal"]), why
+    if own_axes and convention == "nortek":
+        return frames.nortek_rotation(heading + declination, pitch, roll, not up), why
+    angles = heading + declination, pitch, roll
+    return frames.teledyne_rotation(*angles, up, ping["gimbal"]), why
 
 
-def _even_cells(columns: Rows, fixed: Any) -> tuple[Cells | None, Words | str]:
+def _even_cells(ping: Mapping[str, Any]) -> tuple[Cells | None, Words | str]:
     """Return distances of first cells and sizes, shapes (n,) [m], where bins are to be mapped, and in words where they cannot be.
 
     Bins are mapped of beams, or of axes with the error velocity beside them, that the instrument did not map.
     """
-    frame, distance = fixed["frame"], columns["distance"]
-    maps = frame == "beam" or (frame == "instrument" and columns["raw"].shape[2] == 4)
-    if fixed["bin_mapped"] or fixed["vectors"] is None or not maps:
+    frame, distance, size = ping["frame"], ping["distance"], ping["cell_size"]
+    maps = frame == "beam" or (frame == "instrument" and ping["raw"].shape[2] == 4)
+    if ping["bin_mapped"] or ping["vectors"] is None or not maps:
         return None, ""
-    m, size = distance.shape[1], fixed["cell_size"]
-    first, steps = distance[:, 0], np.arange(m)
-    plain = (size > 0.0) & (distance == first[:, None] + size * steps).all(axis=1)
-    found = (distance[:, -1] - first) / (m - 1) if m > 1 else np.full(len(distance), size)
-    found = np.where(plain, size, found)
+    first, steps = distance[:, 0], np.arange(distance.shape[1])
+    found = np.full(len(first), size)
+    if steps.size > 1:
+        found = (distance[:, -1] - first) / steps[-1]
     apart = np.abs(distance - first[:, None] - found[:, None] * steps)
-    bad = ~plain & ~((found > 0.0) & (apart <= _UNEVEN * found[:, None]).all(axis=1))
-    why = np.full(len(distance), "", object)
-    for k in np.flatnonzero(bad):
+    even = (found > 0.0) & (apart <= _UNEVEN * found[:, None]).all(axis=1)
+    why = np.full(len(first), "", object)
+    for k in np.flatnonzero(~even):
         why[k] = (
             "ping: bins can be mapped to equal depths only where cell_distances are finite, growing and evenly spaced [m], "
             f"got {shorten(distance[k].tolist())}; map them before, and state bin_mapped"
@@ -219,42 +182,9 @@ def _even_cells(columns: Rows, fixed: Any) -> tuple[Cells | None, Words | str]:
 def _fault_of(vectors: Array | None, components: int, along_beams: bool) -> str:
     """Return what is wrong with the beams' unit vectors; empty where nothing is."""
     if vectors is None or vectors.size == 0 or not np.isfinite(vectors).all():
-        return _NO_VECTORS
+        return (
+            "velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam"
+        )
     if not (np.abs(np.linalg.norm(vectors, axis=1) - 1.0) < _UNIT).all():
-        return _NO_UNIT_VECTORS
+        return "beam_unit_vectors: expected vectors of length 1"
     return _UNLIKE if along_beams and components != len(vectors) else ""
-
-
-def _solved(
-    velocity: Array,
-    rotation: Array,
-    vectors: Array,
-    cells: Cells | None,
-    along_beams: bool,
-) -> tuple[Array, Array | None]:
-    """Return velocities along true east, north, up, shape (n, m, 3), and the error velocity, (n, m, 1), if there is one.
-
-    A solution from three beams has no error velocity: NaN.
-    """
-    if along_beams or cells:
-        beams = velocity if along_beams else frames.beams_of(velocity, vectors)
-        if cells:
-            beams = frames.map_bins(beams, frames.vertical_stretch(vectors, rotation), *cells)
-        velocity = frames.solve_beams(beams, vectors)
-    error = velocity[..., 3:] if velocity.shape[2] == 4 else None
-    return frames.turned(velocity, rotation), error
-
-
-def horizontal(velocity: Array, angles: Array, declination: float, left_up: Mask) -> Array:
-    """Return the velocities of a DVL along true east and north, shape (n, 2) [m/s].
-
-    Args:
-        velocity: shape (n, 3) [m/s], along the vehicle's axes.
-        angles: shape (n, 3) [degrees], heading, pitch and roll of the vehicle.
-        declination: To be added to its heading [degrees east].
-        left_up: shape (n,), whether the axes are forward, left, up; else forward, starboard, down.
-    """
-    signs = np.where(left_up[:, None], (1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
-    # Nortek's angles are those of an attitude: nose up, starboard down
-    turn = frames.nortek_rotation(angles[:, 0] + declination, angles[:, 1], angles[:, 2], True)
-    return frames.turned((velocity * signs)[:, None], turn)[:, 0, :2]

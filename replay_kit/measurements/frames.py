@@ -17,21 +17,18 @@ from replay_kit.core.arrays import Array, Mask
 def turned(velocity: Array, rotation: Array) -> Array:
     """Return velocities along east, north, up, shape (n, m, 3) [m/s].
 
-    A turn about the vertical alone needs no vertical velocity, which may be missing.
+    A component that does not count for another may be missing: a turn about the vertical alone needs no vertical velocity.
 
     Args:
         velocity: shape (n, m, at least 3) [m/s], along the axes of the rotation.
         rotation: shape (n, 3, 3), from these axes to east, north, up.
     """
-    x, y, z = (velocity[..., k] for k in range(3))
-    r = rotation[:, None]
-    level = (rotation[:, 2] == (0.0, 0.0, 1.0)).all(axis=1)[:, None]
-    flat = [r[..., k, 0] * x + r[..., k, 1] * y for k in range(3)]
-    east, north, up = (flat[k] + r[..., k, 2] * z for k in range(3))
-    return np.stack(
-        [np.where(level, flat[0], east), np.where(level, flat[1], north), np.where(level, z, up)],
-        axis=-1,
+    counts = rotation[:, None] != 0.0
+    parts = (
+        np.where(counts[..., k], rotation[:, None, :, k] * velocity[..., k, None], 0.0)
+        for k in range(3)
     )
+    return np.asarray(sum(parts))
 
 
 def solve_beams(beams: Array, vectors: Array) -> Array:
@@ -58,10 +55,7 @@ def solve_beams(beams: Array, vectors: Array) -> Array:
             continue
         cells, weights = sets == each, np.zeros((b, 4))
         weights[present, :3] = np.linalg.pinv(vectors[present]).T
-        if present.all() and b == 4:
-            weights[:, 3] = error_weights(vectors)
-        else:
-            weights[:, 3] = np.nan
+        weights[:, 3] = error_weights(vectors) if present.all() and b == 4 else np.nan
         found = beams[cells]
         result[cells] = sum(found[:, k, None] * weights[k] for k in np.flatnonzero(present))
     return result
@@ -118,15 +112,20 @@ def teledyne_rotation(
     """
     heading, pitch, roll = np.deg2rad([heading_deg, pitch_deg, roll_deg])
     pitch = np.where(gimbal, pitch, np.arctan(np.tan(pitch) * np.cos(roll)))
-    roll = roll + np.pi if up else roll
+    return _turn(heading, pitch, roll + np.pi if up else roll)
+
+
+def _turn(heading: Array, pitch: Array, roll: Array) -> Array:
+    """Return the matrices, shape (n, 3, 3), from axes x starboard, y forward, z up to east, north, up, by angles [rad]."""
     (ch, sh), (cp, sp), (cr, sr) = (
         (np.cos(angle), np.sin(angle)) for angle in (heading, pitch, roll)
     )
-    return _matrices(
+    rows = (
         (ch * cr + sh * sp * sr, sh * cp, ch * sr - sh * sp * cr),
         (-sh * cr + ch * sp * sr, ch * cp, -sh * sr - ch * sp * cr),
         (-cp * sr, sp, cp * cr),
     )
+    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def nortek_rotation(heading_deg: Array, pitch_deg: Array, roll_deg: Array, down: bool) -> Array:
@@ -141,18 +140,9 @@ def nortek_rotation(heading_deg: Array, pitch_deg: Array, roll_deg: Array, down:
     References:
         Nortek, Integrators Guide, coordinate transformations: H P R with heading - 90 degrees.
     """
-    angles = np.deg2rad([90.0 - heading_deg, pitch_deg, roll_deg])
-    (ch, sh), (cp, sp), (cr, sr) = ((np.cos(angle), np.sin(angle)) for angle in angles)
-    matrix = _matrices(
-        (ch * cp, -ch * sp * sr - sh * cr, sh * sr - ch * cr * sp),
-        (sh * cp, ch * cr - sh * sp * sr, -sh * cr * sp - ch * sr),
-        (sp, sr * cp, cp * cr),
-    )
-    return matrix * np.array([1.0, -1.0, -1.0]) if down else matrix
-
-
-def _matrices(*rows: tuple[Array, Array, Array]) -> Array:
-    return np.moveaxis(np.array(rows), -1, 0)
+    # x is forward, y to port
+    matrix = _turn(*np.deg2rad([heading_deg, pitch_deg, roll_deg]))[..., [1, 0, 2]]
+    return matrix * ((1.0, 1.0, -1.0) if down else (1.0, -1.0, 1.0))
 
 
 def vertical_stretch(vectors: Array, rotation: Array) -> Array:
@@ -230,4 +220,4 @@ def attitude_of(quaternion: Array, ned: Mask) -> Array:
 def tilt(pitch_deg: Array, roll_deg: Array) -> Array:
     """Return the angles between instruments' axes and the vertical [degrees], whichever way they look; NaN where not known."""
     cosine = np.cos(np.deg2rad(pitch_deg)) * np.cos(np.deg2rad(roll_deg))
-    return np.asarray(np.degrees(np.arccos(np.abs(cosine)))) if cosine.size else cosine
+    return np.asarray(np.degrees(np.arccos(np.abs(cosine))))

@@ -8,7 +8,6 @@ merged at their common middle when they become many: the weights sum to the whol
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,9 +17,11 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.table import Columns, Integers
+from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements.dives import dive_begins
-from replay_kit.measurements.positions import chosen
+from replay_kit.measurements.pings import COMPUTED, OWN, padded
+from replay_kit.measurements.positions import NEVER, Rows, chosen
+from replay_kit.measurements.step import Step
 
 # m and s; a longer stretch counts as several, because a current is not linear in depth or along the way
 _LONGEST_DEPTH, _LONGEST_S = 10.0, 300.0
@@ -33,9 +34,8 @@ _V_PIECES = 128
 _SAME_FIX = 60 * 10**9
 _LONG_AGO = -(2**63)
 TOO_FAST = "depth-averaged current: faster than measurements.max_speed"
-_COMPUTED = "depth-averaged current: already computed from dead reckoning"
-_NO_DEPTH = "depth-averaged current: no path, and no fixes with a depth"
 _NO_PATH = "depth-averaged current: no path from its first fix to its last"
+_NO_DEPTH = "depth-averaged current: no path, and no fixes with a depth"
 
 
 class Spot(NamedTuple):
@@ -52,8 +52,7 @@ def spot(positions: Columns, row: int) -> Spot:
     return Spot(*(positions[name][row].item() for name in Spot._fields))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Path:
+class Path(NamedTuple):
     """Where the vehicle was since a fix.
 
     Attributes:
@@ -66,7 +65,7 @@ class Path:
 
     start: Spot
     last: Spot
-    stretches: Array = field(default_factory=lambda: np.empty((0, 5)))
+    stretches: Array = np.empty((0, 5))
     deepest: float = math.nan
     reckoned: int = 0
 
@@ -214,8 +213,7 @@ def _closed(path: Path, end: Spot) -> Array:
     return np.column_stack(np.broadcast_arrays(*columns))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Ways:
+class Ways(NamedTuple):
     """What is remembered of the way since the last fixes.
 
     Attributes:
@@ -231,27 +229,16 @@ class Ways:
     computed: int = _LONG_AGO
 
 
-#: A mean current: place in the stream, number in its table of a stated one or of the fix of a computed one, its row or why there is none.
-Found = tuple[int, int, dict[str, Any] | str]
-
-
-def means_of(
-    ways: Ways,
-    positions: Columns,
-    depths: tuple[Integers, Array],
-    stated: Sequence[Columns],
-    config: MeasurementConfig,
-) -> tuple[Ways, list[Found], list[Found]]:
-    """Return what is remembered after a block, the mean currents computed in it, and what became of each that is stated.
+def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Rows]:
+    """Return what is remembered after a block, and the columns of its mean currents, with ``due``, place in the stream, and ``rank``.
 
     Args:
         ways: Remembered before.
-        positions: Of the block.
-        depths: Places in the stream and depths [m] of all that state one.
-        stated: Rows of mean currents, each with its place in the stream, in order.
-        config: Which mean currents are computed, their errors and the fastest that is believed.
+        tables: Of mean currents that are stated.
+        step: The block.
     """
-    order, (depth_order, depth) = positions["order"], depths
+    positions, config = chosen(step.positions, slice(step.new, None)), step.config
+    order, depth_order, depth = positions["order"], step.depths["order"], step.depths["measured"]
     on_path = positions["dead_reckoned"] | positions["submerged"]
     first = _LONG_AGO if ways.path is None else ways.path.start.time
     # the others at the surface, no later than one before, are left out
@@ -260,98 +247,92 @@ def means_of(
 
     def path(number: int, upto: int) -> Path | None:
         """Return the path from the last of so many fixes up to a place in the stream."""
-        begin, since, known = 0, -1, ways.path
+        since, known = depth_order[0], ways.path
         if number:
-            begin, since = fixes[number - 1] + 1, ends[number - 1]
-            known = begun(spot(positions, begin - 1))
+            since, known = ends[number - 1], begun(spot(positions, fixes[number - 1]))
         if known is None:
             return None
-        last = np.searchsorted(order, upto, side="right")
-        below = depth[slice(*np.searchsorted(depth_order, [since, upto], side="right"))]
-        rows = begin + np.flatnonzero(on_path[begin:last])
-        return extended(known, chosen(positions, rows), below)
+        rows = chosen(positions, on_path & (order > since) & (order <= upto))
+        return extended(known, rows, depth[(depth_order > since) & (depth_order <= upto)])
 
-    computed: list[Found] = []
-    found: list[Found] = []
-    deep = depth_order[dive_begins(depth, config.surface_depth)]
+    made, messages = list[dict[str, Any]](), step.messages(tables)
+    deep = depth_order[1:][dive_begins(depth[1:], config.surface_depth)]
     dives = {0, *np.searchsorted(ends, deep).tolist()} & {*range(ends.size)}
-    stops = [(int(ends[number]), False, number) for number in dives]
-    stops += [(int(row["order"]), True, number) for number, row in enumerate(stated)]
-    for due, is_stated, number in sorted(stops):
-        if is_stated:
+    stops = [(int(ends[number]), COMPUTED, number) for number in dives]
+    stops += [(int(one.order[0]), OWN, number) for number, (one, _) in enumerate(messages)]
+    for due, rank, number in sorted(stops):
+        if rank == OWN:
+            one, source = messages[number]
+            row = chosen(one.columns, 0)
             way = path(int(np.searchsorted(ends, due, side="right")), due)
-            ways, mean = _taken(ways, way, stated[number], config)
-            found.append((due, number, mean))
-            continue
-        row, way = fixes[number], path(number, due)
-        if way is None or not dive_begins(way.deepest, config.surface_depth):
-            continue
-        end = spot(positions, row)
-        ways, velocity = replace(ways, done=(way, end)), drift(way, end)
-        own = config.dead_reckoning != "corrected" and not ways.stated and way.reckoned
-        if own and _believed(velocity, config):
-            ways = replace(ways, done=None, computed=end.time)
-            mean = path_mean(way, end, velocity, _error(way, end, config))
-            computed += [(due, int(row), mean)] if _is_path(mean) else []
-    return replace(ways, path=path(ends.size, np.iinfo(np.int64).max)), computed, found
+            ways, found, why = _taken(ways, way, row, config)
+            velocity, std, time = row["velocity"], float(row["error_std"]), source.time_ns
+            dive = int(row["dive"] if row["dive"] >= 0 else step.dived(one.order)["dive"][0])
+            own = [source.input, step.topic(source.topic), source.position, due, dive]
+            beside = bool(row["inverted"]) and config.use_inverted
+        else:
+            way, end = path(number, due), spot(positions, fixes[number])
+            if way is None or not dive_begins(way.deepest, config.surface_depth):
+                continue
+            found, std, time = (way, end), math.nan, end.time
+            velocity = np.array(drift(way, end))
+            ways, own = ways._replace(done=found), [positions[of][fixes[number]] for of in _SOURCE]
+            if config.dead_reckoning == "corrected" or ways.stated or not way.reckoned:
+                continue
+            why, beside = "" if np.abs(velocity).max() <= config.max_speed else TOO_FAST, False
+            ways = ways if why else ways._replace(done=None, computed=time)
+        if not why:
+            way, end = found
+            seconds = (end.time - way.start.time) * 1e-9
+            of_fixes = math.hypot(config.dac_std, math.sqrt(2.0) * config.fix_std / seconds)
+            mean = path_mean(way, end, velocity, of_fixes if math.isnan(std) else std)
+            # between opposite sides of the Earth no way is the shortest
+            why = "" if np.isfinite(mean["path_longitude"]).all() else _NO_PATH
+        why = step.left_out("dac", own[-1]) or why
+        if rank == OWN:
+            step.note(one, why)
+        if not why:
+            mean |= dict(zip(_SOURCE, own, strict=True)) | {"source_time": time, "due": due}
+            mean |= {"time": max(mean["end_time"], time), "beside_profiles": beside, "rank": rank}
+            made.append(mean)
+    names = made[0] if made else ()
+    rows = {name: padded([np.asarray(row[name])[None] for row in made]) for name in names}
+    if made:
+        rows["points"] = np.array([len(row["weight"]) for row in made])
+        rows["weight"] = np.nan_to_num(rows["weight"])
+    return ways._replace(path=path(ends.size, NEVER)), rows
+
+
+_SOURCE = ("input", "topic", "ordinal", "order", "dive")
 
 
 def _taken(
     ways: Ways, path: Path | None, row: Columns, config: MeasurementConfig
-) -> tuple[Ways, dict[str, Any] | str]:
-    """Return what is remembered after a stated mean current, and it with its path, or in words why it is not used."""
-    velocity, std = row["velocity"], float(row["error_std"])
-    if not _believed(velocity, config):
-        return ways, TOO_FAST
-    ways = replace(ways, stated=True)
-    if _LONG_AGO < row["end_time"] <= ways.computed + _SAME_FIX:
-        return ways, _COMPUTED
-    found = _path_of(ways.done, path, row)
-    if found is None:
-        return ways, _NO_DEPTH
-    std = std if math.isfinite(std) else _error(*found, config)
-    mean = path_mean(*found, velocity, std)
-    if not _is_path(mean):
-        return ways, _NO_PATH
-    if ways.done is not None and ways.done[1].time <= found[1].time:
-        ways = replace(ways, done=None)
-    return ways, mean
-
-
-def _is_path(mean: Columns) -> bool:
-    """Return whether a path leads from place to place; between opposite sides of the Earth no way is the shortest."""
-    places = mean["path_longitude"] + mean["path_latitude"] + mean["path_depth"]
-    return bool(np.isfinite(places).all())
-
-
-def _believed(velocity: ArrayLike, config: MeasurementConfig) -> bool:
-    return bool(np.abs(velocity).max() <= config.max_speed)
-
-
-def _error(path: Path, end: Spot, config: MeasurementConfig) -> float:
-    """Return the error of a component [m/s]: its own, and that of the two fixes over the time between them."""
-    seconds = (end.time - path.start.time) * 1e-9
-    return math.hypot(config.dac_std, math.sqrt(2.0) * config.fix_std / seconds)
-
-
-def _path_of(
-    done: tuple[Path, Spot] | None, path: Path | None, row: Columns
-) -> tuple[Path, Spot] | None:
-    """Return the path that a stated mean current belongs to, and the fix that ends it; None when neither is known."""
+) -> tuple[Ways, Any, str]:
+    """Return what is remembered after a stated mean current, its path and the fix that ends it, and in words why it is not used."""
     start, end = (Spot(int(row[f"{name}_time"]), *row[name].tolist()) for name in ("start", "end"))
+    if np.abs(row["velocity"]).max() > config.max_speed:
+        return ways, None, TOO_FAST
+    ways, done = ways._replace(stated=True), ways.done
+    if _LONG_AGO < end.time <= ways.computed + _SAME_FIX:
+        return ways, None, "depth-averaged current: already computed from dead reckoning"
     if done is not None and _same(done[0].start, start) and _same(done[1], end):
-        return done
-    if not _LONG_AGO < start.time < end.time:
-        return None
-    on_the_way = path is not None and _same(path.start, start) and path.last.time <= end.time
-    if path is not None and on_the_way and math.isfinite(path.deepest):
-        # the fix after the dive has not come yet
-        return path, end
-    deepest = float(row["deepest"])
-    if math.isnan(deepest):
+        found = done
+    elif not _LONG_AGO < start.time < end.time:
+        return ways, None, _NO_DEPTH
+    else:
         known = [one.deepest for one in (path, done and done[0]) if one is not None]
-        deepest = float(np.fmax.reduce([math.nan, *known]))
-    return None if math.isnan(deepest) else (replace(begun(start), deepest=deepest), end)
+        stated = float(row["deepest"])
+        deepest = float(np.fmax.reduce([stated, *known])) if math.isnan(stated) else stated
+        found = Path(start, start, deepest=deepest), end
+        if path is not None and _same(path.start, start) and path.last.time <= end.time:
+            # the fix after the dive has not come yet
+            found = (path, end) if math.isfinite(path.deepest) else found
+    if math.isnan(found[0].deepest):
+        return ways, None, _NO_DEPTH
+    if done is not None and done[1].time <= found[1].time:
+        ways = ways._replace(done=None)
+    return ways, found, ""
 
 
 def _same(fix: Spot, stated: Spot) -> bool:

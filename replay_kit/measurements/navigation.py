@@ -1,28 +1,26 @@
 """Tables of positions, poses, depths and attitudes to rows of positions: whose count, which are dead-reckoned, where local frames lie."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.geodesy import moved
 from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements.dives import depth_of
-from replay_kit.measurements.ledger import Ledger
 from replay_kit.measurements.positions import (
     LONG_AGO,
+    NEVER,
     ROW,
-    Places,
     Rows,
     as_of,
     chosen,
     in_order,
     no_rows,
 )
+from replay_kit.measurements.step import Step
 
 NO_ORIGIN = "local position without an origin: state it with --origin LON,LAT"
 NAVIGATED = "local position beside the system's position on the Earth, which is used"
@@ -31,46 +29,55 @@ _NO_NUMBER, _NO_FIX, _OUTSIDE = (
     "position is 0, 0 (no fix)",
     "position outside the range of longitude and latitude",
 )
-_NONE, _NEVER = np.empty(0, np.int64), np.iinfo(np.int64).max
+_NONE = np.empty(0, np.int64)
+_NOTHING: Mapping[Any, Any] = {}
 # ns; a MAVLink position is measured while the last three-dimensional fix is no older than this
 _FIX_AGE = 5_000_000_000
-#: By MAVLink system, places in the stream and what was stated there.
-Stated = Mapping[str, tuple[Integers, NDArray[Any]]]
+#: By kind of message and MAVLink system, places in the stream and what was stated there.
+Stated = Mapping[tuple[str, str], tuple[Integers, NDArray[Any]]]
 #: Numbers of the MAVLink system and component whose position and depth count.
 Sender = tuple[str | None, str | None]
-#: Places in the stream, depths [m].
-Depth = tuple[Integers, Array]
-#: Longitude, latitude [degrees] of a place, and its east and north [m] in a local frame.
-Origin = tuple[float, float, float, float]
+#: Places in the stream, depths [m], and that the vehicle states them.
+Depth = tuple[Integers, Array, bool]
 
 
-def of_sender(
-    sender: Sender, tables: Sequence[Table], ledger: Ledger
-) -> tuple[Sender, list[Table]]:
-    """Return the MAVLink sender that counts, the first that states a position of those asked for, and the tables without others' rows."""
-    senders = [one.fixed.get("sender") for one in tables]
-    if not any(senders):
-        return sender, list(tables)
-    candidates = [
-        (int(one.order[0]), own)
-        for one, own in zip(tables, senders, strict=True)
-        if own and one.kind in ("position", "pose") and not _other(own, sender)
-    ]
+class Frames(NamedTuple):
+    """What is remembered of positions' frames.
+
+    Attributes:
+        stated: By kind of message and MAVLink system: of gps, the time of the last three-dimensional fix [ns, UTC], long ago where it had
+            none; of origin, longitude and latitude of its local frame's origin [degrees]; of position, that it has stated one on the Earth.
+        place: The last position that was stated on the Earth, of at most one row.
+        origins: By topic of poses, longitude, latitude [degrees] of a place and its east and north [m] in the topic's local frame.
+    """
+
+    stated: Mapping[tuple[str, str], Any] = _NOTHING
+    place: Columns = no_rows()
+    origins: Mapping[str, Array] = _NOTHING
+
+
+def of_sender(sender: Sender, tables: Sequence[Table], step: Step) -> tuple[Sender, list[Table]]:
+    """Return the MAVLink sender that counts, the first that states a position of those asked for, and tables without others' rows."""
+    candidates = (
+        (one.order[0], own)
+        for one in tables
+        if (own := one.fixed.get("sender"))
+        and one.kind in ("position", "pose")
+        and not _other(own, sender)
+    )
     # rows before the first position are taken as those of the sender
-    since, first = min(candidates, default=(_NEVER, sender))
-    since, first = (since, first) if None in sender else (-1, sender)
+    since, first = next(candidates, (NEVER, sender)) if None in sender else (-1, sender)
     kept = []
-    for one, own in zip(tables, senders, strict=True):
-        if reason := own and (_other(own, sender) or _other(own, first)):
-            refused = one.order > (-1 if _other(own, sender) else since)
-            ledger.add(one.order[refused], one.topic, reason)
-            one = one.rows(~refused)
+    for one in tables:
+        own = one.fixed.get("sender", first)
+        asked = _other(own, sender)
+        one = step.kept(one, np.where(one.order > since, asked or _other(own, first), asked))
         if len(one):
             kept.append(one)
     return first, kept
 
 
-def _other(own: tuple[str, str], used: Sender) -> str:
+def _other(own: Sender, used: Sender) -> str:
     """Return why messages of a sender do not count; empty where they do."""
     for what, number, counted in zip(("system", "component"), own, used, strict=True):
         if counted not in (None, number):
@@ -79,81 +86,62 @@ def _other(own: tuple[str, str], used: Sender) -> str:
 
 
 def located(
-    places: Places, tables: Mapping[str, Sequence[Table]], config: MeasurementConfig, ledger: Ledger
-) -> tuple[Places, Rows, list[Depth]]:
+    frames: Frames, of: Mapping[str, list[Table]], step: Step
+) -> tuple[Frames, Rows, list[Depth]]:
     """Return the positions of a block in order, and note its messages.
 
-    Of the places returned, the last position and the fixes are those before. ``depth`` of a position is its own. Last come the depths that
-    positions, and poses without a place, state.
+    ``depth`` of a position is its own. Last come the depths that positions, and poses without a place, state.
 
     Args:
-        places: Remembered before.
-        tables: By kind, those of positions, poses, origins and states of a GPS.
-        config: The origin of local frames.
-        ledger: Of the block.
+        frames: Remembered before.
+        of: Tables by kind, those of positions, poses, origins and states of a GPS.
+        step: The block.
     """
-    stated = tables.get("position", ())
-    for one in tables.get("gps", ()):
-        ledger.add(one.order, one.topic, one["no_fix"])
-    for one in tables.get("origin", ()):
-        ledger.add(one.order, one.topic)
-    gps = _by_system(
-        places.gps,
-        tables.get("gps", ()),
-        lambda one: np.where(one["no_fix"] == "", one.time, LONG_AGO),
-    )
-    gps = {system: (at, np.maximum.accumulate(times)) for system, (at, times) in gps.items()}
-    local = _by_system(
-        places.local,
-        tables.get("origin", ()),
-        lambda one: np.column_stack([one["longitude"], one["latitude"]]),
-    )
-    direct = in_order(no_rows(), *(_direct(one, gps, ledger) for one in stated))
-    navigated = dict.fromkeys(places.navigated, -1)
-    for one in stated:
-        if system := one.fixed.get("system"):
-            navigated[system] = min(navigated.get(system, _NEVER), int(one.order[0]))
+    stated = _stated(frames.stated, [*of["gps"], *of["origin"], *of["position"]], step)
+    direct = in_order(no_rows(), *(_direct(one, stated, step) for one in of["position"]))
+    known = in_order(frames.place, direct)
     fixes = direct["order"][~direct["dead_reckoned"]]
-    origins = {} if fixes.size else dict(places.origins)
+    origins = {} if fixes.size else dict(frames.origins)
     made, depths = [direct], list[Depth]()
-    for run, table in _runs(tables.get("pose", ()), navigated, fixes, ledger):
-        origin, first = places.origins.get(table.topic) if run == 0 else None, -1
-        if origin is None:
-            origin, first = _origin(table, in_order(places.last, *made), local, config)
-        lacks = table.order < first
-        words = NO_ORIGIN if table.fixed["system"] else ""
-        ledger.add(table.order[lacks], table.topic, words)
-        depths.append((table.order[lacks], table["depth"][lacks]))
-        if origin is not None:
-            made.append(_posed(table.rows(~lacks), origin, ledger))
-            origins |= {table.topic: origin} if run == fixes.size else {}
+    for one in of["pose"]:
+        since = stated.get(("position", one.fixed["system"]), (np.array([NEVER]),))[0]
+        one = step.kept(one, np.where(one.order > since.min(), NAVIGATED, ""))
+        run = np.searchsorted(fixes, one.order)
+        origin = _origins(one, run, frames.origins.get(one.topic), known, stated, step)
+        rows, lacks = _posed(one, origin, step)
+        made.append(rows)
+        depths.append((one.order[lacks], one["depth"][lacks], True))
+        if (~lacks & (run == fixes.size))[-1:].any():
+            origins[one.topic] = origin[-1]
     positions = in_order(*made)
-    after = replace(
-        places,
-        gps={system: int(times[-1]) for system, (_, times) in gps.items()},
-        navigated=frozenset(navigated),
-        local={system: tuple(place[-1].tolist()) for system, (_, place) in local.items()},
-        origins=origins,
-    )
-    return after, positions, [(positions["order"], positions["depth"]), *depths]
+    last = {key: values[-1] for key, (_, values) in stated.items()}
+    after = Frames(last, chosen(known, slice(-1, None)), origins)
+    return after, positions, [(positions["order"], positions["depth"], True), *depths]
 
 
-def _by_system(
-    known: Mapping[str, Any], tables: Sequence[Table], value: Callable[[Table], NDArray[Any]]
-) -> Stated:
-    """Return what tables state, after what was known of each system before."""
-    parts = {system: [(np.array([-1]), np.array([value]))] for system, value in known.items()}
+def _stated(known: Mapping[tuple[str, str], Any], tables: Sequence[Table], step: Step) -> Stated:
+    """Return what MAVLink systems state, after what was known of each before; notes the messages that state nothing else."""
+    parts = {key: [(np.array([-1]), np.array([value]))] for key, value in known.items()}
     for one in tables:
-        parts.setdefault(one.fixed["system"], []).append((one.order, value(one)))
+        values = one.time
+        if one.kind == "gps":
+            step.note(one, one["no_fix"])
+            values = np.where(one["no_fix"] == "", one.time, LONG_AGO)
+        elif one.kind == "origin":
+            step.note(one)
+            values = np.column_stack([one["longitude"], one["latitude"]])
+        if system := one.fixed.get("system"):
+            parts.setdefault((one.kind, system), []).append((one.order, values))
     found = {}
-    for system, each in parts.items():
+    for key, each in parts.items():
         order, values = (np.concatenate(column) for column in zip(*each, strict=True))
         at = np.argsort(order, kind="stable")
-        found[system] = order[at], values[at]
+        values = values[at] if key[0] == "origin" else np.maximum.accumulate(values[at])
+        found[key] = order[at], values
     return found
 
 
-def _direct(table: Table, gps: Stated, ledger: Ledger) -> Rows:
+def _direct(table: Table, stated: Stated, step: Step) -> Rows:
     """Return the rows of a table of positions.
 
     A filter's are computed where its system has a GPS whose last fix is more than five seconds old, or had none; a system without a GPS so
@@ -161,91 +149,69 @@ def _direct(table: Table, gps: Stated, ledger: Ledger) -> Rows:
     """
     reckoned, system = table["dead_reckoned"].astype(bool), table.fixed.get("system")
     if system is not None:
-        orders, times = gps.get(system, (_NONE, _NONE))
+        orders, times = stated.get(("gps", system), (_NONE, _NONE))
         last = np.append(times, table.time.max())[as_of(table.order, orders)]
         reckoned = table.time - last > _FIX_AGE
     depth = table.columns.get("depth")
     if depth is None:
         depth = depth_of(table["pressure"], table["latitude"])
-    return _rows(
-        table,
-        ledger,
-        longitude=table["longitude"],
-        latitude=table["latitude"],
-        depth=depth,
-        dead_reckoned=reckoned,
-        own=not table.fixed.get("beside"),
-    )
+    places = table["longitude"], table["latitude"], depth
+    return _rows(table, step, *places, reckoned, not table.fixed.get("beside"))
 
 
-def _rows(table: Table, ledger: Ledger, **columns: Any) -> Rows:
-    """Return positions, those of no dive so far; of ``columns`` each is one number for all, or one each."""
-    columns |= {
-        "time": table.time,
-        "order": table.order,
-        "submerged": False,
-        "dive": 0,
-        "input": table.input,
-        "topic": ledger.topic(table.topic),
-        "ordinal": table.position,
-    }
+def _rows(table: Table, step: Step, *columns: Any) -> Rows:
+    """Return positions, those of no dive so far; ``columns`` are longitude, latitude, depth, dead_reckoned and own, of all or of each."""
+    message = table.input, step.topic(table.topic), table.position
+    values = table.time, table.order, *message, *columns, False, 0
     return {
-        name: np.broadcast_to(np.asarray(columns[name], kind), len(table))
-        for name, kind in ROW.items()
+        name: np.broadcast_to(np.asarray(value, kind), len(table))
+        for (name, kind), value in zip(ROW.items(), values, strict=True)
     }
 
 
-def _runs(
-    tables: Sequence[Table], navigated: Mapping[str, int], fixes: Integers, ledger: Ledger
-) -> list[tuple[int, Table]]:
-    """Return the poses of each topic between two measured fixes, and the number of the fix after them, in the order of their first ones."""
-    runs = []
-    for table in tables:
-        beside = table.order > navigated.get(table.fixed["system"], _NEVER)
-        ledger.add(table.order[beside], table.topic, NAVIGATED)
-        rest = table.rows(~beside)
-        of = np.searchsorted(fixes, rest.order)
-        runs += [(int(run), rest.rows(of == run)) for run in np.unique(of)]
-    return sorted(runs, key=lambda one: int(one[1].order[0]))
+def _origins(
+    table: Table, run: Integers, begun: Array | None, known: Columns, stated: Stated, step: Step
+) -> Array:
+    """Return the origin for each of a topic's poses, as in ``Frames``, shape (n, 4); NaN before there is one.
 
+    It is the last position on the Earth before the first pose after a measured fix; of a MAVLink system the origin that it states.
 
-def _origin(
-    table: Table, rows: Columns, stated: Stated, config: MeasurementConfig
-) -> tuple[Origin | None, int]:
-    """Return the origin for a topic's poses, and the place in the stream of the first that has it.
-
-    It is the position known when the first of them came, or of a MAVLink system the origin that it states.
+    Args:
+        table: The poses.
+        run: Number of the measured fix of the block before which each of them is.
+        begun: Origin of those before the first fix; None without.
+        known: Positions on the Earth.
+        stated: By MAVLink systems.
+        step: The block.
     """
-    system = table.fixed["system"]
-    known = rows["order"], np.column_stack([rows["longitude"], rows["latitude"]])
-    orders, places = stated.get(system, (_NONE, _NONE)) if system else known
-    at = as_of(table.order, orders)
-    if config.origin is not None and (system or at[0] < 0):
-        return (*config.origin, 0.0, 0.0), int(table.order[0])
-    if at[-1] < 0:
-        return None, _NEVER
-    k = int(np.argmax(at >= 0))
-    start = (0.0, 0.0) if system else (float(table["east"][k]), float(table["north"][k]))
-    longitude, latitude = places[at[k]].tolist()
-    return (longitude, latitude, *start), int(table.order[k])
+    n, configured = len(table), step.config.origin
+    if system := table.fixed["system"]:
+        if configured is not None:
+            return np.tile([*configured, 0.0, 0.0], (n, 1))
+        orders, places = stated.get(("origin", system), (_NONE, np.empty((0, 2))))
+        rows = np.vstack([places, [np.nan, np.nan]])[as_of(table.order, orders)]
+        return np.column_stack([rows, np.zeros((n, 2))])
+    at = as_of(table.order, known["order"])
+    if begun is None and configured is not None and (at < 0)[:1].any():
+        begun = np.array([*configured, 0.0, 0.0])
+    # the first pose of each run that has a position before it
+    has = np.flatnonzero(at >= 0)
+    first = np.append(has, n)[np.searchsorted(run[has], run)]
+    place = (np.append(known[name], np.nan)[at] for name in ("longitude", "latitude"))
+    origins = np.vstack([np.column_stack([*place, table["east"], table["north"]]), [np.nan] * 4])
+    found = origins[np.where(first <= np.arange(n), first, n)]
+    return found if begun is None else np.where((run == 0)[:, None], begun, found)
 
 
-def _posed(table: Table, origin: Origin, ledger: Ledger) -> Rows:
-    """Return the positions of poses that have an origin, and note their messages."""
-    x, y = np.full(len(table), origin[0]), np.full(len(table), origin[1])
-    longitude, latitude = moved(x, y, table["east"] - origin[2], table["north"] - origin[3])
-    reasons = np.full(len(table), "", object)
-    reasons[(np.abs(latitude) > 90.0) | (longitude < -180.0) | (longitude > 360.0)] = _OUTSIDE
-    reasons[(longitude == 0.0) & (latitude == 0.0)] = _NO_FIX
-    reasons[~np.isfinite(longitude + latitude)] = _NO_NUMBER
-    ledger.add(table.order, table.topic, reasons)
-    rows = _rows(
-        table,
-        ledger,
-        longitude=longitude,
-        latitude=latitude,
-        depth=table["depth"],
-        dead_reckoned=True,
-        own=False,
-    )
-    return chosen(rows, reasons == "")
+def _posed(table: Table, origin: Array, step: Step) -> tuple[Rows, Mask]:
+    """Return the positions of poses, and which poses have no origin; notes their messages."""
+    x, y, east, north = origin.T
+    longitude, latitude = moved(x, y, table["east"] - east, table["north"] - north)
+    lacks, why = np.isnan(x), np.full(len(table), "", object)
+    why[(np.abs(latitude) > 90.0) | (longitude < -180.0) | (longitude > 360.0)] = _OUTSIDE
+    why[(longitude == 0.0) & (latitude == 0.0)] = _NO_FIX
+    why[~np.isfinite(longitude + latitude)] = _NO_NUMBER
+    why[lacks] = NO_ORIGIN if table.fixed["system"] else ""
+    step.note(table, why)
+    rows = _rows(table, step, longitude, latitude, table["depth"], True, False)
+    return chosen(rows, (why == "") & ~lacks), lacks

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,11 +26,11 @@ from replay_kit.logs.tables.frames import Open, lost
 from replay_kit.logs.tables.schemas import tables_of
 from replay_kit.measurements.measure import Memory, measure
 
+_NO_FRAMES: Open = {}
 _LAST = np.iinfo(np.int64).max
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Stream:
+class Stream(NamedTuple):
     """What is carried from block to block.
 
     Attributes:
@@ -40,8 +39,8 @@ class Stream:
         order: Number of messages so far.
     """
 
-    memory: Memory = field(default_factory=Memory)
-    pending: Open = field(default_factory=dict)
+    memory: Memory = Memory()
+    pending: Open = _NO_FRAMES
     order: int = 0
 
 
@@ -87,58 +86,60 @@ def rows(block: Block) -> Iterator[VehicleState | Measurement]:
         elif kind == PING:
             yield observation(block, row)
         else:
-            yield path_mean(block, row) if kind == MEAN else vehicle_state(block, row)
+            mean = kind == MEAN
+            yield (
+                path_mean(block, row) if mean else _value(VehicleState, block.position, row, block)
+            )
 
 
-def _row(columns: Columns, row: int, topics: Sequence[str], time: str = "time") -> dict[str, Any]:
-    """Return the values of a row by name, numbers as Python's, and its source."""
+def _value(made: Any, columns: Columns, row: int, block: Block, **changes: Any) -> Any:
+    """Return a row of a block as a value whose fields are the columns of their names, numbers as Python's, but for some."""
     one = {name: of[row].item() if of.ndim == 1 else of[row] for name, of in columns.items()}
-    return one | {"source": Source(one["input"], topics[one["topic"]], one["ordinal"], one[time])}
-
-
-def vehicle_state(block: Block, row: int) -> VehicleState:
-    """Return a position of a block."""
-    one = _row(block.position, row, block.topics)
-    names = ("longitude", "latitude", "depth", "dead_reckoned", "source")
-    return VehicleState(one["time"], **{name: one[name] for name in names})
+    time = one.get("source_time", one["time"])
+    source = Source(one["input"], block.topics[one["topic"]], one["ordinal"], time)
+    one |= {"time_ns": one["time"], "source": source, **changes}
+    return made(**{name: one[name] for name in made.__slots__ if name in one})
 
 
 def observation(block: Block, row: int) -> Observation:
     """Return a profile of a block."""
-    one, bins = _row(block.ping, row, block.topics), int(block.ping["bins"][row])
-    names = ("longitude", "latitude", "dive", "source", "common_std", "correlation_depth")
-    own = {name: one[name] for name in (*names, "position_std")}
-    own |= {name: one[name][:bins] for name in _OF_BINS}
-    platform = tuple(one["platform"].tolist())
-    return Observation(
-        one["time"],
-        reference="platform" if np.isinf(one["common_std"]) else "earth",
+    columns = block.ping
+    bins, platform = columns["bins"][row], tuple(columns["platform"][row].tolist())
+    found: Observation = _value(
+        Observation,
+        columns,
+        row,
+        block,
+        **{name: columns[name][row, :bins] for name in _OF_BINS},
+        reference="platform" if np.isinf(columns["common_std"][row]) else "earth",
         platform_velocity=None if np.isnan(platform).any() else platform,
-        **own,
     )
+    return found
 
 
 _OF_BINS = ("depth", "velocity", "error_std", "flags", "reasons")
+_OF_POINTS = ("longitude", "latitude", "depth")
 
 
 def path_mean(block: Block, row: int) -> PathMean:
     """Return a mean current of a block."""
-    one = _row(block.mean, row, block.topics, "source_time")
-    points, reckoned = one["points"], tuple(one["reckoned"].tolist())
-    start, end = (Fix(one[f"{name}_time"], *one[name].tolist()) for name in ("start", "end"))
-    names = ("error_std", "dive", "source", "beside_profiles", "deepest")
-    own = {name: one[name] for name in names}
-    own |= {name: one[f"path_{name}"][:points] for name in ("longitude", "latitude", "depth")}
-    return PathMean(
-        one["time"],
-        path_time_ns=one["path_time"][:points],
-        weight=one["weight"][:points],
-        velocity=tuple(one["velocity"].tolist()),
+    columns = block.mean
+    one = {name: of[row].tolist() for name, of in columns.items()}
+    points, reckoned = slice(one["points"]), tuple(one["reckoned"])
+    found: PathMean = _value(
+        PathMean,
+        columns,
+        row,
+        block,
+        **{name: columns[f"path_{name}"][row, points] for name in _OF_POINTS},
+        path_time_ns=columns["path_time"][row, points],
+        weight=columns["weight"][row, points],
+        velocity=tuple(one["velocity"]),
         kind="dac",
-        fixes=(start, end),
+        fixes=tuple(Fix(one[f"{name}_time"], *one[name]) for name in ("start", "end")),
         reckoned=None if np.isnan(reckoned[0]) else reckoned,
-        **own,
     )
+    return found
 
 
 def observations(

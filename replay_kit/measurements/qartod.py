@@ -7,15 +7,14 @@ Sources: U.S. IOOS, "Manual for Real-Time Quality Control of In-Situ Current Obs
 their numbers to the operator; Teledyne's commands WC, WE and its percent good; the toolbox of IMOS (side lobe, error velocity, tilt).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache, partial
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array, Indices, Mask
+from replay_kit.core.arrays import Array, Indices
 from replay_kit.core.block import BinTest
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.measurements.earth import Words
@@ -32,126 +31,140 @@ _MAD = 1.4826
 # bins; fewer have no median that one of them could not move
 _FEWEST = 4
 _NO_SNR = "the ping has neither snr nor noise_floor with amplitude"
-OFF = "switched off"
-Profiles = Mapping[str, NDArray[Any]]
+#: Columns of pings of one layout, and what is fixed of their instrument.
+Profiles = Mapping[str, Any]
+#: Suspect and fail: numbers, or arrays that broadcast to the values; None for none.
+Limits = tuple[Any, ...]
 
 
 @np.errstate(all="ignore")
 def tested(
-    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
+    profiles: Profiles, config: MeasurementConfig
 ) -> tuple[list[BinTest], Flags, NDArray[np.int32]]:
     """Return the results of each test, and the flags and reasons of bins after all of them, shapes (n, m).
 
     Args:
-        profiles: Columns of pings of one layout, as ``earth.to_earth`` returns them, with depth, transducer_depth, vehicle_depth and dive.
-        fixed: What is the instrument's.
+        profiles: As ``earth.to_earth`` returns them, with depth, transducer_depth, vehicle_depth and dive.
         config: The limits.
     """
-    quality = config.quality
-    found = list(_tests(profiles, fixed, config))
+    quality, depth = config.quality, profiles["depth"]
+
+    def test(
+        name: str, reason: Reason, values: Array, why: Any, least: bool, limits: Limits = ()
+    ) -> BinTest:
+        why, limits = np.full(len(depth), why, object), limits or quality.limits(name)
+        flags = np.where((why == "")[:, None], graded(values, limits, least), _NOT_EVALUATED)
+        if all(limit is None for limit in limits):
+            why[:] = "switched off"
+        return BinTest(name, reason, np.broadcast_to(flags, depth.shape), why)
+
+    found = [test(*each) for each in _tests(profiles, config)]
     # each bin against those around it that no other test failed
-    failed = np.any([test.flags == _FAIL for test in found], axis=0)
-    failed |= ~np.isfinite(profiles["depth"])
+    failed = np.any([test.flags == _FAIL for test in found], axis=0) | ~np.isfinite(depth)
     velocity = np.where(failed[..., None], np.nan, profiles["velocity"][..., :2])
     floor = np.maximum(profiles["error_std"], quality.outlier_floor)
     ratio = outlyingness(velocity, floor, quality.outlier_window)
-    few = _words(len(ratio), ~np.isfinite(ratio).any(axis=1), "too few bins")
-    limits = quality.limits("outlier")
-    found.append(_test(ratio.shape, "outlier", Reason.OUTLIER, ratio, few, limits, False))
+    few = np.where(np.isfinite(ratio).any(axis=1), "", "too few bins")
+    found.append(test("outlier", Reason.OUTLIER, ratio, few, False))
     return found, *_rolled_up(found, profiles, quality.use_suspect)
 
 
-Limit = float | Array | None
+def _tests(profiles: Profiles, config: MeasurementConfig) -> Sequence[tuple[Any, ...]]:
+    """Return the tests that judge each bin by itself: name, reason, numbers, why there are none, whether limits are the least.
 
-
-def _test(
-    shape: tuple[int, ...],
-    name: str,
-    reason: Reason,
-    values: Array,
-    why: Words,
-    limits: tuple[Limit, Limit],
-    least: bool,
-) -> BinTest:
-    """Return the result of a test of numbers that broadcast to bins; ``why`` says in words why pings have none."""
-    flags = np.where((why == "")[:, None], graded(values, limits, least), _NOT_EVALUATED)
-    if all(limit is None for limit in limits):
-        why = _words(len(why), True, OFF)
-    return BinTest(name, reason, np.broadcast_to(flags, shape), why)
-
-
-def _tests(
-    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
-) -> Iterator[BinTest]:
-    """Yield the tests that judge each bin by itself."""
-    quality, shape, velocity = config.quality, profiles["depth"].shape, profiles["velocity"]
-    test, words, said = partial(_test, shape), partial(_words, shape[0]), quality.limits
-    yield test("above_surface", Reason.ABOVE_SURFACE, profiles["depth"], words(), (None, 0.0), True)
-    fastest = np.abs(velocity[..., :2]).max(axis=2)
-    yield test("max_speed", Reason.GROSS_RANGE, fastest, words(), (None, config.max_speed), False)
-    reach, cosine = _reach(profiles, fixed, config)
-    bottom = profiles["bottom_range"]
-    why, most = words(~np.isfinite(bottom), "no bottom track"), (bottom * cosine)[:, None]
-    yield test("bottom", Reason.BELOW_BOTTOM, reach, why, (None, most), False)
-    correlation = "nortek_correlation" if fixed["convention"] == "nortek" else "correlation"
-    for name, reason, (values, why) in (
-        (correlation, Reason.LOW_CORRELATION, _beams(profiles, "correlation")),
-        ("amplitude", Reason.LOW_AMPLITUDE, _beams(profiles, "amplitude")),
-        ("snr", Reason.LOW_SNR, _snr(profiles, fixed)),
-        ("percent_good", Reason.LOW_PERCENT_GOOD, _percent_good(profiles, fixed)),
-    ):
-        yield test(name, reason, values, why, said(name), True)
+    Last come the limits of those that are not in the settings by name.
+    """
+    quality, dive = config.quality, profiles["dive"]
+    speed = profiles["velocity"][..., :2]
+    reach, cosine = _reach(profiles, config)
+    bottom, transducer = profiles["bottom_range"], profiles["transducer_depth"]
+    correlation = "nortek_correlation" if profiles["convention"] == "nortek" else "correlation"
     angle = tilt(profiles["pitch"], profiles["roll"])
     # how an instrument is mounted in a glider, level in the glide or not, no ping says
-    tilted = words(profiles["dive"] > 0, "not evaluated for a gliding vehicle")
-    tilted[~np.isfinite(angle)] = "the ping has no pitch and roll"
-    relative = words(~profiles["absolute"], "velocity is relative to the platform")
-    speed, error = np.hypot(velocity[..., 0], velocity[..., 1]), profiles["error_size"]
-    for name, reason, values, why in (
-        ("error_velocity", Reason.ERROR_VELOCITY, error, profiles["no_error_velocity"]),
-        ("speed", Reason.HIGH_SPEED, speed, relative),
-        ("tilt", Reason.TILT, angle[:, None], tilted),
-    ):
-        yield test(name, reason, values, why, said(name), False)
-    why = words(fixed["orientation"] != "up", "the instrument looks down")
-    spoiled = (profiles["transducer_depth"] * cosine)[:, None] if quality.sidelobe else None
-    yield test("sidelobe", Reason.SIDELOBE, reach, why, (None, spoiled), False)
+    tilted = np.where(dive > 0, "not evaluated for a gliding vehicle", "")
+    tilted = np.where(np.isfinite(angle), tilted, "the ping has no pitch and roll")
     # at the surface a vehicle rolls in the waves with its bubbles; its depth may be an older one than the ping's own
-    depth = np.fmax(profiles["vehicle_depth"], profiles["transducer_depth"])[:, None]
-    why = words(fixed["derived"], "derived from many pings")
-    why[profiles["dive"] == 0] = "no dive yet"
-    suspect, fail = (
+    depth = np.fmax(profiles["vehicle_depth"], transducer)[:, None]
+    derived = "derived from many pings" if profiles["derived"] else ""
+    at_surface = [
         config.surface_depth if quality.at_surface == flag else None for flag in ("suspect", "fail")
+    ]
+    return (
+        ("above_surface", Reason.ABOVE_SURFACE, profiles["depth"], "", True, (None, 0.0)),
+        (
+            "max_speed",
+            Reason.GROSS_RANGE,
+            np.abs(speed).max(axis=2),
+            "",
+            False,
+            (None, config.max_speed),
+        ),
+        (
+            "bottom",
+            Reason.BELOW_BOTTOM,
+            reach,
+            np.where(np.isfinite(bottom), "", "no bottom track"),
+            False,
+            (None, (bottom * cosine)[:, None]),
+        ),
+        (correlation, Reason.LOW_CORRELATION, *_beams(profiles, "correlation"), True),
+        ("amplitude", Reason.LOW_AMPLITUDE, *_beams(profiles, "amplitude"), True),
+        ("snr", Reason.LOW_SNR, *_snr(profiles), True),
+        ("percent_good", Reason.LOW_PERCENT_GOOD, *_percent_good(profiles), True),
+        (
+            "error_velocity",
+            Reason.ERROR_VELOCITY,
+            profiles["error_size"],
+            profiles["no_error_velocity"],
+            False,
+        ),
+        (
+            "speed",
+            Reason.HIGH_SPEED,
+            np.hypot(speed[..., 0], speed[..., 1]),
+            np.where(profiles["absolute"], "", "velocity is relative to the platform"),
+            False,
+        ),
+        ("tilt", Reason.TILT, angle[:, None], tilted, False),
+        (
+            "sidelobe",
+            Reason.SIDELOBE,
+            reach,
+            "" if profiles["orientation"] == "up" else "the instrument looks down",
+            False,
+            (None, (transducer * cosine)[:, None] if quality.sidelobe else None),
+        ),
+        (
+            "at_surface",
+            Reason.AT_SURFACE,
+            depth,
+            np.where(dive == 0, "no dive yet", derived),
+            True,
+            tuple(at_surface),
+        ),
     )
-    yield test("at_surface", Reason.AT_SURFACE, depth, why, (suspect, fail), True)
-
-
-def _words(n: int, at: Any = False, words: str = "") -> Words:
-    """Return words for some of n pings, and none for the others."""
-    return np.where(np.broadcast_to(at, n), words, "").astype(object)
 
 
 def _beams(profiles: Profiles, name: str) -> tuple[Array, Words]:
     """Return the number on which each cell's solution hangs, of a field with one a beam, shape (n, m), and why pings have none."""
-    if name not in profiles:
-        return np.full(profiles["depth"].shape, np.nan), profiles[f"no_{name}"]
-    return worst_needed(profiles[name]), profiles[f"no_{name}"]
+    found = np.full(profiles["depth"].shape, np.nan)
+    if name in profiles:
+        found = worst_needed(profiles[name])
+    return found, profiles[f"no_{name}"]
 
 
-def _snr(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, Words]:
+def _snr(profiles: Profiles) -> tuple[Array, Words]:
     """Return the stated ratio of signal to noise, else the echo over the noise's [dB]."""
     values, why = _beams(profiles, "snr")
-    amplitude, floor, lacks = profiles.get("amplitude"), fixed["noise_floor"], why != ""
-    instead, words = values, _NO_SNR
-    if amplitude is not None and np.isfinite(floor).any():
-        words = "noise_floor is neither one number nor one a beam"
-        if floor.size in (1, amplitude.shape[2]):
-            instead, words = worst_needed(amplitude - floor), ""
-    said = np.where(profiles["no_amplitude"] == "", words, _NO_SNR)
-    return np.where(lacks[:, None], instead, values), np.where(lacks, said, why)
+    amplitude, floor, lacks = profiles.get("amplitude"), profiles["noise_floor"], why != ""
+    instead: Any = _NO_SNR
+    if amplitude is not None and floor.size in (1, amplitude.shape[2]):
+        values = np.where(lacks[:, None], worst_needed(amplitude - floor), values)
+        instead = np.where(np.isfinite(values).any(axis=1), "", _NO_SNR)
+    return values, np.where(lacks, instead, why)
 
 
-def _percent_good(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, Words]:
+def _percent_good(profiles: Profiles) -> tuple[Array, Words]:
     """Return the percentage of solutions in each cell: one number a cell, one a beam, or the sum of Teledyne's first and last.
 
     Teledyne's four, of velocities that the instrument turned, are three-beam solutions, rejected ones, cells with too few beams,
@@ -159,37 +172,33 @@ def _percent_good(profiles: Profiles, fixed: Mapping[str, Any]) -> tuple[Array, 
     """
     values = profiles.get("percent_good")
     # of the makers whose instruments turn velocities only Teledyne writes four numbers
-    turned = fixed["frame"] != "beam" and fixed["convention"] != "nortek"
+    turned = profiles["frame"] != "beam" and profiles["convention"] != "nortek"
     if values is not None and turned and values.shape[2] == 4:
         return values[..., 0] + values[..., 3], profiles["no_percent_good"]
     return _beams(profiles, "percent_good")
 
 
-def _reach(
-    profiles: Profiles, fixed: Mapping[str, Any], config: MeasurementConfig
-) -> tuple[Array, float]:
+def _reach(profiles: Profiles, config: MeasurementConfig) -> tuple[Array, float]:
     """Return how far bins reach from the transducer, shape (n, m) [m], and the share of a boundary's distance that is not spoiled.
 
     A beam's side lobe meets the boundary straight ahead before the beam itself does, so that the last part of the range,
     1 - cos(beam angle) of it, is spoiled: of the widest beam, or of the configured angle where the ping does not say.
     """
-    distance, size = profiles["distance"], np.full(len(profiles["distance"]), fixed["cell_size"])
-    if not np.isfinite(fixed["cell_size"]) and distance.shape[1] > 1:
-        steps = np.abs(np.diff(distance, axis=1))
-        known = np.isfinite(steps).any(axis=1)
-        size[known] = np.nanmedian(steps[known], axis=1)
-    vectors = fixed["vectors"]
+    distance, size, vectors = profiles["distance"], profiles["cell_size"], profiles["vectors"]
+    if not np.isfinite(size) and distance.shape[1] > 1:
+        steps = np.diff(distance, axis=1)
+        size = _median(np.abs(steps), np.isfinite(steps).sum(axis=1))[:, None]
     lowest = 0.0 if vectors is None or not vectors.size else float(np.abs(vectors[:, 2]).min())
     cosine = lowest if 0.0 < lowest <= 1.0 else float(np.cos(np.deg2rad(config.quality.beam_angle)))
-    return distance + np.where(np.isfinite(size), 0.5 * size, 0.0)[:, None], cosine
+    return distance + 0.5 * np.nan_to_num(size), cosine
 
 
-def graded(values: Array, limits: tuple[Limit, Limit], least: bool) -> Flags:
+def graded(values: Array, limits: Limits, least: bool) -> Flags:
     """Return the flags of values against limits; not evaluated where a value is NaN, or without any limit.
 
     Args:
         values: Of any shape.
-        limits: Suspect and fail; numbers, or arrays that broadcast to the values.
+        limits: Suspect and fail.
         least: Whether the limits are the least that is good, else the most.
     """
     known = np.isfinite(values) & any(limit is not None for limit in limits)
@@ -225,9 +234,12 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
         floor: shape (..., m) [m/s], the least deviation that counts, so that the noise of a smooth profile is no outlier.
         window: Bins in a window, odd; of a shorter profile all.
     """
-    finite: Mask = np.asarray(np.isfinite(velocity).all(axis=-1))
+    finite = np.asarray(np.isfinite(velocity).all(axis=-1))
     n_finite = np.count_nonzero(finite, axis=-1)
-    at = _windows(velocity.shape[-2], window)
+    # bins about each; of a shorter profile all
+    m = velocity.shape[-2]
+    width = min(window, m)
+    at = np.clip(np.arange(m) - window // 2, 0, m - width)[:, None] + np.arange(width)
     count = np.count_nonzero(finite[..., at], axis=-1)
     # components first, so that a window's bins are neighbours in memory
     of_each, known = np.ascontiguousarray(velocity.swapaxes(-1, -2)), finite[..., None, :]
@@ -240,14 +252,6 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
     scale = np.maximum(_MAD * np.maximum(spread, usual), floor[..., None, :])
     ratio = (apart / scale).max(axis=-2)
     return np.where(finite & (count >= _FEWEST) & (n_finite >= _FEWEST)[..., None], ratio, np.nan)
-
-
-@lru_cache(maxsize=64)
-def _windows(m: int, window: int) -> Indices:
-    """Return the bins about each of m, shape (m, window) or, of a shorter profile, (m, m)."""
-    width = min(window, m)
-    first = np.clip(np.arange(m) - window // 2, 0, m - width)
-    return np.asarray(first[:, None] + np.arange(width))
 
 
 def _median(values: Array, count: Indices) -> Array:
@@ -265,12 +269,13 @@ def _rolled_up(
     A bin without a number is missing, whatever the tests say. Suspect bins fail where they are not to be used.
     """
     present = np.isfinite(profiles["velocity"][..., :2]).all(axis=2)
-    reasons = np.where(np.isfinite(profiles["depth"]), np.int32(0), np.int32(Reason.MALFORMED))
-    reasons |= np.where(present, np.int32(0), np.int32(Reason.MISSING))
-    missing, each = reasons != 0, np.stack([test.flags for test in tests])
-    bad, marks = each >= _SUSPECT, np.array([test.reason for test in tests], np.int32)
-    flags = np.where(bad, each, _GOOD).max(axis=0)
-    reasons |= np.bitwise_or.reduce(np.where(bad, marks[:, None, None], np.int32(0)), axis=0)
+    malformed = ~np.isfinite(profiles["depth"])
+    reasons = np.int32(Reason.MALFORMED) * malformed + np.int32(Reason.MISSING) * ~present
+    missing, flags = reasons != 0, np.full(reasons.shape, _GOOD)
+    for test in tests:
+        bad = test.flags >= _SUSPECT
+        flags = np.where(bad, np.maximum(flags, test.flags), flags)
+        reasons |= np.int32(test.reason) * bad
     if not use_suspect:
         flags[flags == _SUSPECT] = _FAIL
     flags[missing] = _MISSING

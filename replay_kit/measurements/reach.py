@@ -7,14 +7,13 @@ right, and else by the fix before it.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Mask
-from replay_kit.core.errors import Finding, Severity
+from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.core.table import Columns
 from replay_kit.measurements.positions import chosen, joined, no_rows
@@ -68,8 +67,7 @@ def short_steps(rows: Mapping[str, NDArray[Any]]) -> Mask:
     return np.asarray(short & (step["dead_reckoned"] == 0) & (step["input"] == 0))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reach:
+class Reach(NamedTuple):
     """What is remembered of positions.
 
     Attributes:
@@ -85,7 +83,7 @@ class Reach:
     fix: Place | None = None
     speeds: tuple[float, ...] = ()
     gaps: tuple[float, ...] = ()
-    held: Columns = field(default_factory=no_rows)
+    held: Columns = no_rows()
     number: int = 0
 
     @property
@@ -111,22 +109,22 @@ class Reach:
             return Reach(here, own, number=1)
         seconds = last.seconds(here)
         if seconds > _LONGEST:
-            return replace(self, last=here, fix=own, number=number)
+            return self._replace(last=here, fix=own, number=number)
         if seconds >= 60.0:
             speeds = (*speeds, last.way(here) / seconds)[-_REMEMBERED:]
         if last.reckoned and not here.reckoned:
             gaps = (*gaps, max(last.way(here) - self.fastest * seconds, 0.0))[-_REMEMBERED:]
-        return replace(
-            self, last=here, fix=own or self.fix, speeds=speeds, gaps=gaps, number=number
+        return self._replace(
+            last=here, fix=own or self.fix, speeds=speeds, gaps=gaps, number=number
         )
 
 
 def within_reach(
     before: Reach, positions: Columns, ends: bool
-) -> tuple[Reach, Columns, Columns, list[tuple[int, Finding]]]:
-    """Return what is remembered, the positions that count, those that were thrown, and what was found with its place in the stream.
+) -> tuple[Reach, Columns, Mask, list[tuple[int, Finding]]]:
+    """Return what is remembered, positions, which of them count and were not thrown, and what was found with its place in the stream.
 
-    ``order`` of both is the place in the stream of the message with which that is known.
+    ``order`` is the place in the stream of the message with which that is known.
 
     Args:
         before: Remembered.
@@ -136,8 +134,14 @@ def within_reach(
     rows = joined(before.held, positions)
     every, order, quick = places(rows), rows["order"].copy(), short_steps(rows)
     state, found, use = before, list[tuple[int, Finding]](), np.ones(len(every), np.bool_)
-    held, i = list(range(len(before.held["order"]))), len(before.held["order"])
-    turns = np.append(np.flatnonzero(~quick), len(every))
+    i = len(before.held["order"])
+    held, turns = list(range(i)), np.append(np.flatnonzero(~quick), len(every))
+
+    def settle(used: bool) -> None:
+        """Decide on what waits, now."""
+        order[held], use[held] = order[i], used
+        held.clear()
+
     while i < len(every):
         last, here = state.last, every[i]
         if last is not None and quick[i] and not held and last is every[i - 1]:
@@ -145,51 +149,51 @@ def within_reach(
             i = int(turns[np.searchsorted(turns, i)])
             here = every[i - 1]
             fix = state.fix if here.reckoned else here
-            state = replace(state, last=here, fix=fix, number=state.number + 1)
+            state = state._replace(last=here, fix=fix, number=state.number + 1)
             continue
         if last is None or last.log != here.log or last.seconds(here) > _LONGEST:
-            order[held], held, state = order[i], [], state.on(here)
+            settle(True)
+            state = state.on(here)
         elif last.seconds(here) <= 0.0:
             pass
         elif state.reaches(last, here):
             if held:
                 far = max(last.way(every[k]) for k in held)
                 found.append((int(order[i]), _displaced(every[held[0]], far, len(held))))
-                use[held], order[held], held = False, order[i], []
+                settle(False)
             state = state.on(here)
         elif state.number < _LEAST:
             # nothing tells yet which of them was wrong
             state = Reach(here, None if here.reckoned else here, number=state.number + 1)
         else:
-            held.append(i)
-            before_it = every[held[-2]] if len(held) > 1 else here
+            before_it = every[held[-1]] if held else here
             if before_it.way(here) > _ERROR + _FASTEST * abs(before_it.seconds(here)):
-                use[held[:-1]], order[held[:-1]], held = False, order[i], held[-1:]
-            elif len(held) == _LEAST:
-                order[held], far = order[i], last.way(every[held[0]])
+                settle(False)
+            held.append(i)
+            if len(held) == _LEAST:
+                far = last.way(every[held[0]])
                 if far >= _MOVED:
                     found.append((int(order[i]), _displaced(every[held[0]], far, 0)))
-                state, held = Reach(here, None, state.speeds, state.gaps, number=_LEAST), []
+                settle(True)
+                state = Reach(here, None, state.speeds, state.gaps, number=_LEAST)
         i += 1
-    if ends and held:
-        use[held], held = False, []
-    done = ~np.isin(np.arange(len(every)), held)
+    if ends:
+        use[held] = False
+        held.clear()
+    waits = np.isin(np.arange(len(every)), held)
     rows["order"] = order
-    at = np.flatnonzero(done & use)
+    at = np.flatnonzero(~waits)
     at = at[np.argsort(order[at], kind="stable")]
-    after = replace(state, held=chosen(rows, ~done))
-    return after, chosen(rows, at), chosen(rows, done & ~use), found
+    return state._replace(held=chosen(rows, waits)), chosen(rows, at), use[at], found
 
 
 def _displaced(first: Place, far: float, thrown: int) -> Finding:
     """Return what is found where some positions were thrown, or, with none thrown, the track goes on far away [m]."""
-    cause, evidence, advice = (
-        "a receiver that errs, a wrong datum, or positions of another vehicle",
-        f"the track goes on {far / 1e3:.3g} km away, farther than the vehicle reaches, and does not come back",
-        "check the receiver, and give a log with the right positions",
-    )
-    severity: Severity = "inconsistent"
-    if thrown:
-        evidence = f"{thrown} in a row are up to {far / 1e3:.3g} km out of the vehicle's reach, and the track comes back"
-        advice, severity = "they are not used; check the receiver", "warning"
-    return Finding(DISPLACED, first.time_ns, evidence, cause, advice, severity)
+    cause = "a receiver that errs, a wrong datum, or positions of another vehicle"
+    evidence = f"the track goes on {far / 1e3:.3g} km away, farther than the vehicle reaches, and does not come back"
+    advice = "check the receiver, and give a log with the right positions"
+    if not thrown:
+        return Finding(DISPLACED, first.time_ns, evidence, cause, advice, "inconsistent")
+    evidence = f"{thrown} in a row are up to {far / 1e3:.3g} km out of the vehicle's reach, and the track comes back"
+    advice = "they are not used; check the receiver"
+    return Finding(DISPLACED, first.time_ns, evidence, cause, advice, "warning")

@@ -25,14 +25,9 @@ def for_region(config: RunConfig, ensemble: Ensemble) -> RunConfig:
         "surface_spacing": max(
             (2.0 * float(np.median(step)) for step in steps if step.size), default=None
         ),
-        "surface_box": (
-            float(longitude.min()),
-            float(grid.latitude.min()),
-            float(longitude.max()),
-            float(grid.latitude.max()),
+        "surface_box": tuple(
+            float(end(each)) for end in (np.min, np.max) for each in (longitude, grid.latitude)
         ),
     }
-    stated = {name: value for name in found if (value := getattr(measurements, name)) is not None}
-    return config.model_copy(
-        update={"measurements": measurements.model_copy(update={**found, **stated})}
-    )
+    lacks = {name: value for name, value in found.items() if getattr(measurements, name) is None}
+    return config.model_copy(update={"measurements": measurements.model_copy(update=lacks)})

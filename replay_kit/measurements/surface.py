@@ -6,9 +6,9 @@ are averaged along bearings: each sector of a station measures one component.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,18 +19,16 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import (
     BOTH_COMPONENTS,
     Flag,
-    Kind,
     Label,
     LinearMeasurement,
     PathMean,
     Reason,
-    Source,
     usable,
 )
 from replay_kit.core.table import Table
-from replay_kit.measurements.dives import Depths
-from replay_kit.measurements.ledger import Ledger
 from replay_kit.measurements.means import Spot, begun, drift, extended, path_mean
+from replay_kit.measurements.positions import chosen
+from replay_kit.measurements.step import Found, Step
 
 # m; boxes at least so wide, and over which errors are correlated where the file does not say
 _LEAST_SPACING, _ERROR_LENGTH = 2e3, 10e3
@@ -49,109 +47,110 @@ _SLIP, _PERIOD = 0.01, 12.42 * 3600.0
 # m, and m/s
 _SPACING, _USUAL_TIDE = 10e3, 0.08
 _OUTSIDE = "drifter outside the ensemble's box"
-_TOO_FAST = "drifter faster than measurements.max_speed"
-_NO_VECTOR = "no vector slower than measurements.max_speed within the ensemble's box"
 #: Where a drifter was, at the depth of the middle of its drogue, and the standard error of each component of its place [m]; NaN where it
 #: is not stated.
 DrifterFix = tuple[Spot, float]
-#: Place in the stream, and the measurement that its message completes.
-Found = list[tuple[int, LinearMeasurement]]
+Linear = list[LinearMeasurement]
+
+
+#: What radars measured at one time: a row of a table of radars.
+Vectors = Mapping[str, Any]
+
+
+def _part(vectors: Vectors, at: Mask) -> Vectors:
+    """Return some of the vectors."""
+    return {name: values[at] if np.ndim(values) else values for name, values in vectors.items()}
+
+
+def of_others(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step) -> Found:
+    """Return what radars, drifters and sensors of other packages measured.
+
+    Args:
+        fixes: By name, the fix from which each drifter's displacement is counted; brought up to date.
+        tables: Of them.
+        step: The block.
+    """
+    found, of = Found(), {"radar": _of_radar, "drifter": _of_drifter, "sensor": _of_sensor}
+    for one, source in step.messages(tables):
+        label = Label(int(step.dived(one.order)["dive"][0]), source)
+        made, reason = of[one.kind](chosen(one.columns, 0), label, step.config, fixes)
+        reason = step.left_out(made[0].label.kind, label.dive) if made else reason
+        step.note(one, reason)
+        found += [(int(one.order[0]), each) for each in made if not reason]
+    return found
+
+
+def _inside(config: MeasurementConfig, longitude: Any, latitude: Any) -> Any:
+    """Return whether places [degrees] are in the box of the settings, west, south, east, north; everywhere without one."""
+    if config.surface_box is None:
+        return True
+    west, south, east, north = config.surface_box
+    along = (longitude - west) % 360.0 <= (east - west) % 360.0
+    return along & (latitude >= south) & (latitude <= north)
 
 
 def _tide_of(config: MeasurementConfig) -> float:
     return _USUAL_TIDE if config.surface_tide_std is None else config.surface_tide_std
 
 
-class Vectors(NamedTuple):
-    """What radars measured at one time.
-
-    Attributes:
-        longitude: shape (n,) [degrees].
-        latitude: shape (n,) [degrees].
-        value: shape (n, c) [m/s]: eastward and northward, or along ``direction``.
-        error_std: shape (n,) [m/s], of each component.
-        direction: shape (n,), of a positive radial, clockwise from true north [degrees]; None for total vectors.
-        suspect: shape (n,), which their quality flags call suspect.
-        depth: That the radars see [m].
-        averaged: Over which time [s].
-        error_length: Over which errors are correlated [m]; 0 where that is not stated.
-        kind: As in ``Label``.
-    """
-
-    longitude: Array
-    latitude: Array
-    value: Array
-    error_std: Array
-    direction: Array | None
-    suspect: Mask
-    depth: float
-    averaged: float
-    error_length: float
-    kind: Kind = "radar"
-
-    def part(self, at: Mask) -> "Vectors":
-        """Return some of the vectors."""
-        rows = (None if values is None else values[at] for values in self[:6])
-        return Vectors._make((*rows, *self[6:]))
+def _of_radar(row: Vectors, label: Label, config: MeasurementConfig, _: Any) -> tuple[Linear, str]:
+    """Return the measurements of the radars' vectors of a time, or why there are none."""
+    good = np.abs(row["value"]).max(axis=1) <= config.max_speed
+    good &= config.quality.use_suspect | ~row["suspect"]
+    good &= _inside(config, row["longitude"], row["latitude"])
+    if not good.any():
+        return [], "no vector slower than measurements.max_speed within the ensemble's box"
+    label, spacing = replace(label, kind=row["kind"]), config.surface_spacing or _SPACING
+    return superobservations(_part(row, good), label, spacing, _tide_of(config)), ""
 
 
-def _inside(config: MeasurementConfig, longitude: Any, latitude: Any) -> Any:
-    """Return whether places [degrees] are in the box of the settings, west, south, east, north; everywhere without one."""
-    if config.surface_box is None:
-        return np.isfinite(latitude) | True
-    west, south, east, north = config.surface_box
-    along = (longitude - west) % 360.0 <= (east - west) % 360.0
-    return along & (latitude >= south) & (latitude <= north)
+def _of_sensor(row: Mapping[str, Any], label: Label, _: Any, __: Any) -> tuple[Linear, str]:
+    """Return what a sensor of another package measured, at the time of its message."""
+    stated = _with_places(row["measurement"])
+    own = replace(stated.label, dive=label.dive, source=label.source)
+    own = replace(own, kind=own.kind or "sensors")
+    return [replace(stated, time_ns=label.source.time_ns, label=own)], ""
 
 
-def _messages(table: Table, depths: Depths) -> Iterator[tuple[int, int, Source, int]]:
-    """Yield place in the stream, row, message and dive of each row of a table."""
-    columns = table.order, table.position, table.time, depths.at(table.order)[2]
-    for k, (order, *message, dive) in enumerate(np.column_stack(columns).tolist()):
-        yield order, k, Source(table.input, table.topic, *message), dive
-
-
-def of_radar(table: Table, depths: Depths, config: MeasurementConfig, ledger: Ledger) -> Found:
-    """Return the measurements of the radars' vectors of each time."""
-    found, reasons = Found(), np.full(len(table), "", object)
-    spacing = config.surface_spacing or _SPACING
-    for order, k, source, dive in _messages(table, depths):
-        stated = Vectors(*(table[name][k] for name in Vectors._fields))
-        good = np.abs(stated.value).max(axis=1) <= config.max_speed
-        good &= config.quality.use_suspect | ~stated.suspect
-        good &= _inside(config, stated.longitude, stated.latitude)
-        if good.any():
-            label = Label(dive, source, kind=stated.kind)
-            made = superobservations(stated.part(good), label, spacing, _tide_of(config))
-            found += [(order, one) for one in made]
-        else:
-            reasons[k] = _NO_VECTOR
-    ledger.add(table.order, table.topic, reasons)
-    return found
-
-
-def of_sensor(table: Table, depths: Depths, ledger: Ledger) -> Found:
-    """Return what sensors of other packages measured, at the time of their messages."""
-    found = Found()
-    ledger.add(table.order, table.topic)
-    for order, k, source, dive in _messages(table, depths):
-        stated = _with_places(table["measurement"][k])
-        kind = stated.label.kind or "sensors"
-        label = replace(stated.label, dive=dive, source=source, kind=kind)
-        found.append((order, replace(stated, time_ns=source.time_ns, label=label)))
-    return found
+def _of_drifter(
+    row: Mapping[str, Any], label: Label, config: MeasurementConfig, fixes: dict[str, DrifterFix]
+) -> tuple[Linear, str]:
+    """Return the mean current since a drifter's fix of some hours before, if there is one, or why its fix is not used."""
+    after = Spot(label.source.time_ns, *(row[name].item() for name in Spot._fields[1:]))
+    if not _inside(config, after.longitude, after.latitude):
+        return [], _OUTSIDE
+    now = after, float(row["error"])
+    before, error = fixes.setdefault(row["name"], now)
+    seconds = (after.time - before.time) * 1e-9
+    if seconds > _LONGEST:
+        fixes[row["name"]] = now
+    if not _SHORTEST <= seconds <= _LONGEST:
+        return [], ""
+    # a drifter goes with the water: no way through it
+    still = before._replace(time=after.time, depth=after.depth)._asdict()
+    rows = {name: np.array([value]) for name, value in still.items()}
+    path = extended(begun(before), rows, np.empty(0))
+    velocity = drift(path, after)
+    if max(map(abs, velocity)) > config.max_speed:
+        return [], "drifter faster than measurements.max_speed"
+    stated = (config.fix_std if math.isnan(each) else each for each in (error, now[1]))
+    tide = _tide_of(config) * min(1.0, _PERIOD / (math.pi * seconds))
+    std = math.hypot(math.hypot(*stated) / seconds, _SLIP, tide)
+    time, longitude, latitude, depth, weight, *_ = path_mean(path, after, velocity, std).values()
+    points = time, longitude, latitude, depth, weight
+    mean = PathMean(after.time, *points, velocity, std, "drift", label.dive, label.source)
+    fixes[row["name"]] = now
+    return [replace(mean.linear, label=replace(label, kind="drifters"))], ""
 
 
 def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
     """Return a measurement with those values flagged that have no place, or one above the surface."""
-    points = stated.longitude + stated.latitude + stated.depth
-    unknown, above, weights = ~np.isfinite(points), stated.depth < 0.0, stated.weights
-    if weights is not None:
+    points = {name: getattr(stated, name) for name in Spot._fields[1:]}
+    unknown, above = ~np.isfinite(sum(points.values())), stated.depth < 0.0
+    if stated.weights is not None:
         # a point without a place is no point of the sums that do not use it, either
-        stated = replace(
-            stated, **{name: np.nan_to_num(getattr(stated, name)) for name in Spot._fields[1:]}
-        )
-        unknown, above = ((weights != 0.0) @ each for each in (unknown, above))
+        stated = replace(stated, **{name: np.nan_to_num(each) for name, each in points.items()})
+        unknown, above = ((stated.weights != 0.0) @ each for each in (unknown, above))
     flags = np.where(above & usable(stated.flags), Flag.FAIL, stated.flags)
     reasons = Reason.ABOVE_SURFACE * above + Reason.MISSING * unknown
     return replace(
@@ -159,65 +158,6 @@ def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
         flags=np.where(unknown, Flag.MISSING, flags).astype(np.int8),
         reasons=(stated.reasons | reasons).astype(np.int32),
     )
-
-
-def of_drifters(
-    known: Mapping[str, DrifterFix],
-    tables: Sequence[Table],
-    depths: Depths,
-    config: MeasurementConfig,
-    ledger: Ledger,
-) -> tuple[dict[str, DrifterFix], Found]:
-    """Return the fixes from which drifters' displacements are counted, by name, and the mean currents since them."""
-    fixes, found = dict(known), Found()
-    rows = [(row, table) for table in tables for row in _messages(table, depths)]
-    for (order, k, source, dive), table in sorted(rows, key=lambda one: one[0][0]):
-        spot = Spot(source.time_ns, *(table[name][k].item() for name in Spot._fields[1:]))
-        now, name, made = (spot, float(table["error"][k])), table["name"][k], Found()
-        reason = "" if _inside(config, spot.longitude, spot.latitude) else _OUTSIDE
-        before = now if reason else fixes.setdefault(name, now)
-        seconds = (spot.time - before[0].time) * 1e-9
-        if _SHORTEST <= seconds <= _LONGEST:
-            label = Label(dive, source, kind="drifters")
-            made = [(order, _displacement(before, now, config, label))]
-        if any(np.abs(one.value).max() > config.max_speed for _, one in made):
-            reason, made = _TOO_FAST, Found()
-        elif made or seconds > _LONGEST:
-            fixes[name] = now
-        ledger.add(np.array([order]), table.topic, reason)
-        found += made
-    return fixes, found
-
-
-def _displacement(
-    first: DrifterFix, last: DrifterFix, config: MeasurementConfig, label: Label
-) -> LinearMeasurement:
-    """Return the mean current between two fixes of one drifter."""
-    (before, _), (after, _) = first, last
-    seconds = (after.time - before.time) * 1e-9
-    # a drifter goes with the water: no way through it
-    still = before._replace(time=after.time, depth=after.depth)._asdict()
-    rows = {name: np.array([value]) for name, value in still.items()}
-    stated = (config.fix_std if math.isnan(error) else error for _, error in (first, last))
-    tide = _tide_of(config) * min(1.0, _PERIOD / (math.pi * seconds))
-    error = math.hypot(math.hypot(*stated) / seconds, _SLIP, tide)
-    path = extended(begun(before), rows, np.empty(0))
-    velocity = drift(begun(before), after)
-    time, longitude, latitude, depth, weight, *_ = path_mean(path, after, velocity, error).values()
-    mean = PathMean(
-        after.time,
-        time,
-        longitude,
-        latitude,
-        depth,
-        weight,
-        velocity,
-        error,
-        "drift",
-        label.dive,
-        label.source,
-    )
-    return replace(mean.linear, label=label)
 
 
 def superobservations(
@@ -231,17 +171,17 @@ def superobservations(
         spacing: Width of the boxes [m].
         tide_std: Speed of tides and inertial motion that the forecast does not hold, of each component [m/s].
     """
-    common = tide_std * np.sqrt(max(1.0, _TIDE / currents.averaged))
+    common = tide_std * np.sqrt(max(1.0, _TIDE / currents["averaged"]))
     wide = _width(currents, spacing, _MOST_BOXES)
-    if currents.direction is None:
+    if currents["direction"] is None:
         narrow = _width(currents, 0.0, _MOST_VECTORS)
         label = replace(label, vectors=_averaged(currents, label, narrow, 0.0))
         return [_averaged(currents, label, wide, common)]
-    sector = np.round(currents.direction / _SECTOR) % (360.0 / _SECTOR)
+    sector = np.round(currents["direction"] / _SECTOR) % (360.0 / _SECTOR)
     numbers = np.unique(sector)
     # sectors see two components of one tide, however many they are
     common *= np.sqrt(max(1.0, 0.5 * numbers.size))
-    return [_averaged(currents.part(sector == each), label, wide, common) for each in numbers]
+    return [_averaged(_part(currents, sector == each), label, wide, common) for each in numbers]
 
 
 def _averaged(currents: Vectors, label: Label, spacing: float, common: float) -> LinearMeasurement:
@@ -259,26 +199,26 @@ def _averaged(currents: Vectors, label: Label, spacing: float, common: float) ->
     def apart(x: Array, y: Array) -> Array:
         return np.hypot(x[:, None] - x, y[:, None] - y)
 
-    length, components = currents.error_length or _ERROR_LENGTH, BOTH_COMPONENTS
+    length, components = currents["error_length"] or _ERROR_LENGTH, BOTH_COMPONENTS
     std = np.empty(size.size)
     for box, count in enumerate(size):
         at = number == box
-        own = currents.error_std[at]
+        own = currents["error_std"][at]
         std[box] = np.sqrt(own @ np.exp(-apart(x[at], y[at]) / length) @ own) / count
     std = np.maximum(std, _LEAST_ERROR)
-    if currents.direction is not None:
-        angle = np.deg2rad(currents.direction)
+    if currents["direction"] is not None:
+        angle = np.deg2rad(currents["direction"])
         along = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
         components = np.array([[np.sin(along), np.cos(along)]])
         std = np.hypot(std, _CURRENT * np.sqrt(mean(np.sin(angle - along) ** 2)))
     return LinearMeasurement(
         label.source.time_ns,
         None,
-        mean(unwrap_longitude(currents.longitude, currents.longitude[0]), quarter),
-        mean(currents.latitude, quarter),
-        np.full(weights.shape[1], currents.depth),
+        mean(unwrap_longitude(currents["longitude"], currents["longitude"][0]), quarter),
+        mean(currents["latitude"], quarter),
+        np.full(weights.shape[1], currents["depth"]),
         weights,
-        np.column_stack([mean(each) for each in currents.value.T]),
+        np.column_stack([mean(each) for each in currents["value"].T]),
         std,
         np.full(size.size, Flag.GOOD, np.int8),
         np.zeros(size.size, np.int32),
@@ -290,8 +230,8 @@ def _averaged(currents: Vectors, label: Label, spacing: float, common: float) ->
 
 
 def _local(currents: Vectors) -> tuple[Array, Array]:
-    middle = Projection(float(currents.longitude[0]), float(currents.latitude[0]))
-    return to_local(middle, currents.longitude, currents.latitude)
+    middle = Projection(float(currents["longitude"][0]), float(currents["latitude"][0]))
+    return to_local(middle, currents["longitude"], currents["latitude"])
 
 
 def _width(currents: Vectors, spacing: float, most: int) -> float:

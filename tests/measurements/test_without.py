@@ -4,7 +4,7 @@ import pytest
 
 from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.measurements.ledger import left_out_reason, left_out_rules
+from replay_kit.measurements.step import left_out_reason, left_out_rules
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ def turned(
 ) -> SimpleNamespace:
     """Return the columns of a ping as ``earth.to_earth`` gives them; ValueError says why it is not used, or cannot be turned."""
     table = table_of(Message(0, "/adcp", "replay_kit.AdcpPing", payload, 0, 0), config)
-    columns, why = to_earth(table, attitudes, no_triples(), config)
-    if why[0]:
-        raise ValueError(why[0])
+    columns = to_earth(table, attitudes, no_triples(), config).columns
+    if columns["why"][0]:
+        raise ValueError(columns["why"][0])
     return SimpleNamespace(**{name: np.asarray(column)[0] for name, column in columns.items()})

@@ -1,0 +1,1 @@
+"""Whether the measurements of a log contradict each other."""

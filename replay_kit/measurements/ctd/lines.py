@@ -6,39 +6,30 @@ others'.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.errors import MeasurementError
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Flag, Label, LinearMeasurement, Source
 from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements.ctd.casts import (
     LAG,
-    Cast,
     fault_of_units,
     has_lag,
     is_fouled,
+    layers_of,
+    profiles_of,
     without_spikes,
 )
 from replay_kit.measurements.ctd.sections import Profile, Section, section_of
-from replay_kit.measurements.ctd.thermal_wind import (
-    EQUATOR,
-    GeostrophicShear,
-    fitted_line,
-    radius_of,
-    window_shear,
-)
-from replay_kit.measurements.dives import Depths, depth_of
-from replay_kit.measurements.ledger import Ledger, left_out_reason
-from replay_kit.measurements.means import Spot, spot
-from replay_kit.measurements.pings import Way
-from replay_kit.measurements.positions import as_of, beside, chosen, joined
+from replay_kit.measurements.ctd.thermal_wind import EQUATOR, radius_of, shear_of
+from replay_kit.measurements.dives import depth_of
+from replay_kit.measurements.means import spot
+from replay_kit.measurements.positions import LONG_AGO, NEVER, as_of, beside, chosen, in_order
+from replay_kit.measurements.step import Found, Step, left_out_reason
 
 #: Rossby radii: a line as long is complete, and one shorter tells less than an ensemble knows.
 COMPLETE, LEAST = 1.0, 0.3
@@ -46,10 +37,6 @@ _LEAST_PROFILES = 4
 # Levels at which the shear is stated.
 _STATED = 12
 
-_NEAR_EQUATOR = f"within {EQUATOR:g} degrees of the equator there is no geostrophic balance"
-_NO_LINE = "profiles along no straight line of 0.3 Rossby radii"
-_NO_LEG = "no leg of 40 m with temperature and salinity"
-_MIXED = "mixed water: without stratification there are no internal waves to fit, and no shear"
 _FOULED = "deep salinity drifts along the line: it looks like a fouled cell"
 # ns; a vehicle that has sent no sample for so long has surfaced, whether or not its log says so
 _LONGEST_NS = 3 * 3600 * 10**9
@@ -58,39 +45,164 @@ _AT_SURFACE, _NO_POSITION = "sample at the surface", "sample before the first po
 # m/s; of currents where nothing else is known
 _SPEED = 0.2
 _CTD = ("temperature", "salinity", "conductivity", "pressure")
-_NEVER = np.iinfo(np.int64).max
-_NONE = dict.fromkeys(("order", "time"), np.empty(0, np.int64))
+_NO_SAMPLES: Columns = {
+    **dict.fromkeys(("input", "topic", "position", "time", "order", "fix"), np.empty(0, np.int64)),
+    "values": np.empty((0, 7)),
+}
 
 
-@dataclass(frozen=True, slots=True)
-class SectionLine:
+class Dive(NamedTuple):
+    """A dive of a line: its first message, number of messages, profiles, and whether its legs differ as a lagging cell makes them."""
+
+    source: Source
+    messages: int
+    profiles: tuple[Profile, ...]
+    lags: bool
+
+
+class SectionLine(NamedTuple):
     """What is remembered of a CTD.
 
     Attributes:
-        cast: The samples since the last surfacing.
-        profiles: Of the line so far, that are in no window.
-        earlier: Of the window before, if the line goes on from it.
-        undecided: Number of messages of ``profiles``.
-        source: Of the first of their messages; None without.
-        lagging: Number of dives of ``profiles`` whose legs differ as a lagging cell makes them.
+        samples: Since the last surfacing: as of ``casts.layers_of``, with their messages and places in the stream; empty without.
+        dives: Of the line so far, that are in no window.
+        earlier: Profiles of the window before, if the line goes on from it.
     """
 
-    cast: Cast = field(default_factory=Cast)
-    profiles: tuple[Profile, ...] = ()
+    samples: Columns = _NO_SAMPLES
+    dives: tuple[Dive, ...] = ()
     earlier: tuple[Profile, ...] = ()
-    undecided: int = 0
-    source: Source | None = None
-    lagging: int = 0
+
+    @property
+    def profiles(self) -> tuple[Profile, ...]:
+        """Of the line so far."""
+        return sum((dive.profiles for dive in self.dives), ())
 
 
-def measurement(shear: GeostrophicShear, section: Section, label: Label) -> LinearMeasurement:
-    """Return the shear as values at some of its levels, relative to an unknown current, of the component across the line.
+def of_ctd(
+    line: SectionLine, tables: Sequence[Table], surfacings: Integers, step: Step
+) -> tuple[SectionLine, Found]:
+    """Return what is remembered after a block, and the shears that it completes.
 
     Args:
-        shear: The shear.
-        section: Of which it is.
-        label: For statistics; its source has the time at which the shear was known.
+        line: What was before.
+        tables: Of the samples.
+        surfacings: Places in the stream of positions at the surface.
+        step: The block.
     """
+    found, samples = Found(), in_order(line.samples, *(_samples(one, step) for one in tables))
+    time, order = samples["time"], np.append(samples["order"], NEVER)
+    before = np.searchsorted(surfacings, order[:-1])
+    late = np.diff(time, prepend=time[:1]) > _LONGEST_NS
+    starts = np.flatnonzero((np.diff(before, prepend=-1) > 0) | late)
+    for part in np.split(np.arange(time.size), starts)[1:]:
+        own, due = chosen(samples, part), order[part[-1] + 1]
+        surfaced = np.append(surfacings, NEVER)[before[part[0]]]
+        if min(due, surfaced) == NEVER and not step.last:
+            line = line._replace(samples=own)
+            break
+        fix = as_of(surfaced, step.positions["order"]) if surfaced < due else -1
+        line = _after_dive(line, own, int(min(due, surfaced)), int(fix), step, found)
+    else:
+        line = line._replace(samples=_NO_SAMPLES)
+    return (_closed(line, NEVER, step, found) if step.last and line.dives else line), found
+
+
+def _samples(table: Table, step: Step) -> Columns:
+    """Return the samples of a table that count, as of ``SectionLine``, and note the others."""
+    before = as_of(table.order, step.positions["order"])
+    time, *places = beside(step.positions, before)
+    depth = table["depth"]
+    depth = np.where(np.isfinite(depth), depth, depth_of(table["pressure"], places[1]))
+    known = np.isfinite(table["salinity"]) | np.isfinite(table["conductivity"])
+    why = np.full(len(table), "", object)
+    why[before < 0] = _NO_POSITION
+    why[depth < step.config.surface_depth] = _AT_SURFACE
+    why[~(known & np.isfinite(depth + table["temperature"]))] = _INCOMPLETE
+    if "shear" in step.config.without:
+        why[:] = left_out_reason(("shear",))
+    columns = {
+        "input": np.full(len(table), table.input),
+        "topic": np.full(len(table), table.topic, object),
+        "position": table.position,
+        "time": table.time,
+        "order": table.order,
+        "fix": np.where(np.append(step.positions["dead_reckoned"], True)[before], LONG_AGO, time),
+        "values": np.column_stack([*places, depth, *(table[name] for name in _CTD)]),
+    }
+    return step.kept(replace(table, columns=columns), why).columns
+
+
+def _after_dive(
+    line: SectionLine, samples: Columns, due: int, fix: int, step: Step, found: Found
+) -> SectionLine:
+    """Return the line after a dive that ends at a place in the stream, with the fix of a number after it: it becomes longer, or ends."""
+    source = Source(*(samples[name].item(0) for name in list(samples)[:4]))
+    layers, n, end = layers_of(samples), len(samples["time"]), None
+    if fix >= 0 and not step.positions["dead_reckoned"][fix]:
+        end = spot(step.positions, fix)
+    profiles = profiles_of(samples, layers, end, step.config.surface_depth)
+    cleaned = [without_spikes(each) for each in profiles]
+    sound = tuple(each for each, _ in cleaned if np.isfinite(each.salinity).sum() > 2)
+    reason = fault_of_units(layers, profiles)
+    if not reason and not sound:
+        reason = "no leg of 40 m with temperature and salinity"
+    if not reason and abs(np.mean(sound[0].latitude)) < EQUATOR:
+        reason = f"within {EQUATOR:g} degrees of the equator there is no geostrophic balance"
+    if reason:
+        step.add(np.full(n, due), step.topic(source.topic), reason)
+        return line
+    dive = Dive(source, n, sound, has_lag(sound, [share for _, share in cleaned]))
+    longer = line._replace(dives=(*line.dives, dive))
+    section = section_of(longer.profiles)
+    if section is None and len(longer.profiles) >= _LEAST_PROFILES:
+        # it turned here, or came into other water
+        if line.dives:
+            _closed(line, due, step, found)
+        return SectionLine(dives=(dive,))
+    if section is not None and _radii(section) >= COMPLETE:
+        return _closed(longer, due, step, found)
+    return longer
+
+
+def _radii(section: Section) -> float:
+    """Return the length of a line in Rossby radii."""
+    return float(np.ptp(section.along)) / radius_of(section)
+
+
+def _closed(line: SectionLine, due: int, step: Step, found: Found) -> SectionLine:
+    """End a line as it is: its shear is measured, or the reason noted why not."""
+    profiles, dives, reason = line.profiles, line.dives, ""
+    section = section_of(profiles)
+    if section is not None and section.is_mixed:
+        reason = (
+            "mixed water: without stratification there are no internal waves to fit, and no shear"
+        )
+    elif section is None or _radii(section) < LEAST:
+        reason = "profiles along no straight line of 0.3 Rossby radii"
+    elif is_fouled(profiles):
+        reason = _FOULED
+    else:
+        at, positions = np.array(due), step.positions
+        time = positions["time"][as_of(at, positions["order"])]
+        source = replace(dives[0].source, time_ns=int(time))
+        doubt = LAG if 4 * sum(dive.lags for dive in dives) > len(profiles) else ""
+        label = Label(int(step.dived(at)["dive"]), source, kind="shear", doubt=doubt)
+        reason = step.left_out("shear", label.dive)
+        whole = section_of(line.earlier + profiles)
+        whole = section if whole is None or whole.is_mixed else whole
+        if not reason:
+            found.append((due, _measured(whole, profiles[0], label, step)))
+    for dive in dives:
+        step.add(np.full(dive.messages, due), step.topic(dive.source.topic), reason)
+    return SectionLine(earlier=profiles)
+
+
+def _measured(section: Section, first: Profile, label: Label, step: Step) -> LinearMeasurement:
+    """Return the shear of a line from a profile on, of the component across it, relative to an unknown current, at some levels."""
+    begun_s = (int(first.time_ns.mean()) - section.time_ns) * 1e-9
+    part = np.flatnonzero(section.time >= begun_s - 1.0)
+    shear = shear_of(section, step.config.regional_speed or _SPEED, part)
     at = np.unique(np.linspace(0, shear.levels.size - 1, _STATED).round().astype(np.int64))
     along = shear.along * np.array([np.cos(section.direction), np.sin(section.direction)])
     east, north = to_geographic(Projection(section.longitude, section.latitude), *along)
@@ -111,169 +223,3 @@ def measurement(shear: GeostrophicShear, section: Section, label: Label) -> Line
         components=np.array([[np.cos(shear.direction), np.sin(shear.direction)]]),
         correlation=shear.covariance[np.ix_(at, at)] / np.outer(std, std),
     )
-
-
-def _section(profiles: tuple[Profile, ...]) -> Section | None:
-    """Return profiles as a section; None where they make none."""
-    try:
-        return section_of(profiles)
-    except MeasurementError:
-        return None
-
-
-class Sampled:
-    """One way through the samples of a block."""
-
-    def __init__(
-        self,
-        line: SectionLine | None,
-        way: Way,
-        depths: Depths,
-        config: MeasurementConfig,
-        ledger: Ledger,
-    ) -> None:
-        """Begin with what is remembered; ``line`` and ``found`` hold what is at the end."""
-        self.line = line or SectionLine()
-        self.way, self.depths, self.config, self.ledger = way, depths, config, ledger
-        self.speed = config.regional_speed or _SPEED
-        self.found: list[tuple[int, LinearMeasurement]] = []
-
-    def take(self, tables: Sequence[Table], surfacings: Integers) -> None:
-        """Take samples in.
-
-        Args:
-            tables: Of the samples.
-            surfacings: Places in the stream of positions at the surface that messages of their own state.
-        """
-        samples = joined(*map(self._samples, tables)) if tables else _NONE
-        samples = chosen(samples, np.argsort(samples["order"], kind="stable"))
-        time, cuts = samples["time"], np.searchsorted(surfacings, samples["order"])
-        late = np.diff(time, prepend=time[:1]) > _LONGEST_NS
-        starts, upto = np.flatnonzero((np.diff(cuts, prepend=-1) > 0) | late), 0
-        for part in np.split(np.arange(cuts.size), starts)[1:]:
-            self._surfaced(surfacings[upto : cuts[part[0]]])
-            self._sampled(chosen(samples, part))
-            upto = cuts[part[0]]
-        self._surfaced(surfacings[upto:])
-        if self.way.last:
-            self._after_dive(_NEVER, None)
-            self._close(_NEVER)
-
-    def _samples(self, table: Table) -> dict[str, NDArray[Any]]:
-        """Return the samples of a table that count, and note the others.
-
-        The columns are the place in the stream, the time, the position before, the message, and what ``Cast.after`` takes of each.
-        """
-        before = as_of(table.order, self.way.positions["order"])
-        places = beside(self.way.positions, before)
-        depth = table["depth"]
-        depth = np.where(np.isfinite(depth), depth, depth_of(table["pressure"], places[2]))
-        known = np.isfinite(table["salinity"]) | np.isfinite(table["conductivity"])
-        why = np.full(len(table), "", object)
-        why[before < 0] = _NO_POSITION
-        why[depth < self.config.surface_depth] = _AT_SURFACE
-        why[~(known & np.isfinite(depth + table["temperature"]))] = _INCOMPLETE
-        if "shear" in self.config.without:
-            why[:] = left_out_reason(("shear",))
-        good = why == ""
-        self.ledger.add(table.order[~good], table.topic, why[~good])
-        columns = {
-            "input": np.full(len(table), table.input),
-            "topic": np.full(len(table), table.topic, object),
-            "position": table.position,
-            "time": table.time,
-            "order": table.order,
-            "before": before,
-            "values": np.column_stack([*places[1:], depth, *(table[name] for name in _CTD)]),
-        }
-        return chosen(columns, good)
-
-    def _fix(self, at: int) -> Spot | None:
-        """Return one of the positions; None where it is dead-reckoned."""
-        positions = self.way.positions
-        return None if positions["dead_reckoned"][at] else spot(positions, at)
-
-    def _sampled(self, samples: Columns) -> None:
-        """Take in samples between which nothing ends the dive."""
-        time, fix = samples["time"], self._fix(samples["before"][0])
-        if time[0] > self.line.cast.last_ns + _LONGEST_NS:
-            self._after_dive(int(samples["order"][0]), None)
-        source = Source(*(samples[name].item(0) for name in list(samples)[:4]))
-        cast = self.line.cast.after(source, fix, time, samples["values"])
-        self.line = replace(self.line, cast=cast)
-
-    def _surfaced(self, surfacings: Integers) -> None:
-        """End the dive at the first of some positions at the surface."""
-        for order in surfacings[:1]:
-            self._after_dive(int(order), self._fix(int(as_of(order, self.way.positions["order"]))))
-
-    def _after_dive(self, due: int, fix: Spot | None) -> None:
-        """End a dive, if there is one, at a place in the stream and the fix after it: the line becomes longer, or ends."""
-        cast, line = self.line.cast, replace(self.line, cast=Cast())
-        if cast.source is None:
-            return
-        self.line = line
-        profiles = cast.profiles(fix, self.config.surface_depth)
-        cleaned = [without_spikes(each) for each in profiles]
-        sound = tuple(each for each, _ in cleaned if np.isfinite(each.salinity).sum() > 2)
-        reason = fault_of_units(cast, profiles) or ("" if sound else _NO_LEG)
-        if not reason and abs(float(np.mean(sound[0].latitude))) < EQUATOR:
-            reason = _NEAR_EQUATOR
-        if reason:
-            self._note(cast.source, cast.samples, due, reason)
-            return
-        lags = has_lag(sound, [share for _, share in cleaned])
-        self.line = SectionLine(
-            Cast(),
-            line.profiles + sound,
-            line.earlier,
-            line.undecided + cast.samples,
-            line.source or cast.source,
-            line.lagging + lags,
-        )
-        section = _section(self.line.profiles)
-        if section is None and len(self.line.profiles) >= _LEAST_PROFILES:
-            # it turned here, or came into other water
-            self.line = line
-            self._close(due)
-            self.line = SectionLine(Cast(), sound, (), cast.samples, cast.source, int(lags))
-        elif section is not None and self._radii(section) >= COMPLETE:
-            self._close(due)
-
-    def _radii(self, section: Section) -> float:
-        """Return the length of a line in Rossby radii."""
-        return float(np.ptp(section.along)) / radius_of(section)
-
-    def _close(self, due: int) -> None:
-        """End the line as it is: its shear is measured, or the reason noted why not."""
-        line = self.line
-        self.line = SectionLine(line.cast, (), line.profiles)
-        if line.source is None:
-            return
-        section, reason = _section(line.profiles), ""
-        if section is not None and section.is_mixed:
-            reason = _MIXED
-        elif section is None or self._radii(section) < LEAST:
-            reason = _NO_LINE
-        elif is_fouled(line.profiles):
-            reason = _FOULED
-        else:
-            at, positions = np.array(due), self.way.positions
-            time = positions["time"][as_of(at, positions["order"])]
-            source = replace(line.source, time_ns=int(time))
-            doubt = LAG if 4 * line.lagging > len(line.profiles) else ""
-            label = Label(int(self.depths.at(at)[2]), source, kind="shear", doubt=doubt)
-            self.found.append((due, self._measured(line, section, label)))
-        self._note(line.source, line.undecided, due, reason)
-
-    def _measured(self, line: SectionLine, section: Section, label: Label) -> LinearMeasurement:
-        """Return the shear of a line, with the statistics of it and of the window before."""
-        whole = _section(line.earlier + line.profiles)
-        if whole is None or whole.is_mixed:
-            whole = section
-        begun_s = (int(line.profiles[0].time_ns.mean()) - whole.time_ns) * 1e-9
-        part = np.flatnonzero(whole.time >= begun_s - 1.0)
-        return measurement(window_shear(fitted_line(whole, self.speed), part), whole, label)
-
-    def _note(self, source: Source, messages: int, due: int, reason: str) -> None:
-        self.ledger.add(np.full(messages, due), source.topic, reason)

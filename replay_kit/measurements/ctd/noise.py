@@ -5,10 +5,11 @@ time, K of the signal in place and time. No single fit is trusted: covariances a
 waves of all modes have one level over Garrett and Munk's, from which a mode differs by as much as all of them show.
 """
 
-from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaln, logsumexp, softmax
 
@@ -31,6 +32,8 @@ _LEVELS, _SPREAD, _COUNTS, _MODE_COUNTS = 2.0 ** np.arange(-2, 5), 1.0, (2.2, 5.
 # Median speed of all modes [m/s], and the spread of its logarithm.
 _SPEED, _SPEED_SPREAD = 0.05, 1.3
 _MODES, _WAVE_MODES = 10, 30
+# Depth of the water, which is not known [m].
+_BOTTOM = 4000.0
 # Share of the largest variance of waves below which a mode has none but by rounding.
 _NO_WAVES = 1e-9
 
@@ -40,21 +43,23 @@ def near(away: Array, later: Array, length: float, lasting: float) -> Array:
     return np.exp(-0.5 * (away / length) ** 2 - 0.5 * (later / lasting) ** 2)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Statistics:
+class Statistics(NamedTuple):
     """Covariances of the geopotential on a line.
 
     Attributes:
         modes: shape (Z, k), orthonormal vertical modes.
         noise: shape (k, n, n) [m4/s4], of each mode between profiles, averaged over the posterior.
-        signal: Of the signal as of ``near``, by its length: length [m], time [s], and its variance in each mode's geopotential times its
-            posterior probability, shape (k,) [m4/s4].
+        lengths: shape (l,) [m], of the signal as of ``near``.
+        lasting: shape (l,) [s], its times.
+        signal: shape (l, k) [m4/s4], its variance in each mode's geopotential times the posterior probability of the length.
         outside: [m4/s4], variance of the geopotential outside the modes, of a profile and level.
     """
 
     modes: Array
     noise: Array
-    signal: tuple[tuple[float, float, Array], ...]
+    lengths: Array
+    lasting: Array
+    signal: Array
     outside: float
 
 
@@ -70,7 +75,7 @@ def garrett_munk(levels: Array, n2: Array, to_geopotential: Array) -> Array:
     5.2e-3 1/s.
     """
     n = np.sqrt(n2)
-    stretched = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * np.diff(levels))])
+    stretched = cumulative_trapezoid(n, levels, initial=0.0)
     # the ends of the levels are neither surface nor bottom: half a level's spacing beyond them
     edge = 0.5 * (levels[1] - levels[0]) * n[[0, -1]]
     xi = (stretched + edge[0]) / (stretched[-1] + edge.sum())
@@ -97,19 +102,24 @@ def fit(
         speed: Rms speed of the region's currents over the levels [m/s].
     """
     along, time, f = section.along, section.time, abs(section.coriolis)
-    free, z = along.size - 2, geopotential.shape[1]
-    modes = _vertical_modes(geopotential, along, waves)
+    free, z, trend = along.size - 2, geopotential.shape[1], trend_of(along)
+    centred = geopotential - geopotential.mean(axis=0)
+    # modes of residuals alone span too few directions on a short line, and all others would look free of noise: the slope is left in,
+    # and internal waves are blended in
+    residual = geopotential - trend @ np.linalg.lstsq(trend, geopotential)[0]
+    scatter = float((residual**2).sum()) / free
+    counts = _MODE_COUNTS * min(1.0, scatter / float(np.trace(waves))) / free
+    modes = np.linalg.eigh(centred.T @ centred + counts * waves)[1][:, : -_MODES - 1 : -1]
     usual = np.einsum("zk,zy,yk->k", modes, waves, modes)
     # of few levels a mode is constant over them, which no geopotential without its depth mean has
     modes, usual = (each[..., usual > _NO_WAVES * usual.max()] for each in (modes, usual))
-    centred = geopotential - geopotential.mean(axis=0)
     values = centred @ modes
     noises, lengths = _noises(time, f), _LENGTHS * radius
     lasting = np.clip(_TURNOVER * lengths / speed, _SHORTEST, _LONGEST)
     away, later = along[:, None] - along, time[:, None] - time
     signals = [near(away, later, *scales) for scales in zip(lengths, lasting, strict=True)]
     misfits = [
-        _misfit(noise + ratio * signal, _trend(along), values)
+        _misfit(noise + ratio * signal, trend, values)
         for noise, signal, ratio in product(noises, signals, _RATIOS)
     ]
     # modes are orthonormal over the levels: their squares sum up over these
@@ -119,13 +129,13 @@ def fit(
     misfit, log_det = (np.array(part).reshape(grid) for part in zip(*misfits, strict=True))
     known = _WEIGHTS[:, None, None] - 0.5 * log_det
     variances = _variances(misfit, known, to_flow, usual, free)
-    amplitudes = np.einsum("alrk,r->lk", variances, _RATIOS)
-    outside = float(((centred - values @ modes.T) ** 2).sum() / max(free, 1) / z)
     return Statistics(
         modes,
-        np.einsum("ak,aij->kij", variances.sum(axis=(1, 2)), noises),
-        tuple(zip(lengths.tolist(), lasting.tolist(), amplitudes, strict=True)),
-        outside,
+        np.einsum("alrk,aij->kij", variances, noises),
+        lengths,
+        lasting,
+        np.einsum("alrk,r->lk", variances, _RATIOS),
+        float(((centred - values @ modes.T) ** 2).sum() / max(free, 1) / z),
     )
 
 
@@ -155,7 +165,7 @@ def _variances(misfit: Array, known: Array, to_flow: Array, usual: Array, free: 
     return np.tensordot(softmax(logs), np.array(found), 1)
 
 
-def rossby_radius(levels: Array, n2: Array, coriolis: float, bottom: float) -> float:
+def rossby_radius(levels: Array, n2: Array, coriolis: float) -> float:
     """Return the first baroclinic Rossby radius [m], by the approximation of Wentzel, Kramers and Brillouin.
 
     The stratification is constant above the levels and falls off below them over 1300 m.
@@ -164,34 +174,16 @@ def rossby_radius(levels: Array, n2: Array, coriolis: float, bottom: float) -> f
         levels: shape (Z,) [m].
         n2: shape (Z,) [1/s2].
         coriolis: [1/s].
-        bottom: Depth of the water [m].
 
     Source: Chelton et al. (1998), equation 2.2.
     """
     n, scale = np.sqrt(n2), 1300.0
-    below = max(bottom - levels[-1], 0.0)
-    total = (
-        n[0] * levels[0] + np.trapezoid(n, levels) + n[-1] * scale * (1.0 - np.exp(-below / scale))
-    )
+    below = scale * (1.0 - np.exp(min(levels[-1] - _BOTTOM, 0.0) / scale))
+    total = n[0] * levels[0] + np.trapezoid(n, levels) + n[-1] * below
     return float(total / (np.pi * abs(coriolis)))
 
 
-def _vertical_modes(geopotential: Array, along: Array, waves: Array) -> Array:
-    """Return the first modes of the geopotential with its slope left in, blended with internal waves, shape (Z, k).
-
-    Modes of residuals alone span too few directions on a short line: all others would look free of noise.
-    """
-    free, trend = along.size - 2, _trend(along)
-    centred = geopotential - geopotential.mean(axis=0)
-    residual = geopotential - trend @ np.linalg.lstsq(trend, geopotential)[0]
-    scatter = float((residual**2).sum()) / free
-    scaled = waves * min(1.0, scatter / float(np.trace(waves)))
-    counts = _MODE_COUNTS / free
-    blended = (centred.T @ centred + counts * scaled) / (free + counts)
-    return np.linalg.eigh(blended)[1][:, : -_MODES - 1 : -1]
-
-
-def _trend(along: Array) -> Array:
+def trend_of(along: Array) -> Array:
     """Return what a straight line along the way is made of, shape (n, 2)."""
     return np.stack([np.ones(along.size), along - along.mean()], axis=1)
 

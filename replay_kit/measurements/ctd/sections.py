@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import gsw
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from replay_kit.core.arrays import Array, Times
-from replay_kit.core.errors import MeasurementError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 
@@ -21,8 +21,8 @@ _LEAST_PROFILES, _LEAST_LEVELS = 4, 3
 _LEAST_N2 = 1e-6
 # An end-to-end distance below this share of the way is no line.
 _STRAIGHT = 0.9
-# Levels over which the mean stratification is smoothed.
-_SMOOTHED = 5
+# Levels over which the mean stratification is smoothed, and their spacing [m].
+_SMOOTHED, _SPACING = 5, 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,9 +45,14 @@ class Profile:
     temperature: Array
     salinity: Array
 
+    @property
+    def water(self) -> Array:
+        """Depth, temperature and salinity of the samples that have them, shape (3, k)."""
+        values = np.array([self.depth, self.temperature, self.salinity])
+        return values[:, np.isfinite(values).all(axis=0)]
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Section:
+
+class Section(NamedTuple):
     """Anomalies of specific volume along a straight line.
 
     Attributes:
@@ -83,52 +88,50 @@ class Section:
         return float(gsw.f(self.latitude))
 
 
-def section_of(profiles: Sequence[Profile], spacing: float = 10.0) -> Section:
+def section_of(profiles: Sequence[Profile]) -> Section | None:
     """Return profiles as a section: on common levels, without extrapolation, and with the slant of a glider's way taken out.
 
-    Anomalies of samples beside their profile's mean place are moved to it by the slope of their level along the line, in two passes.
+    Anomalies of samples beside their profile's mean place are moved to it by the slope of their level along the line, in two passes. None
+    where there are too few profiles, they do not lie along a line, or they share too few levels.
 
     Args:
         profiles: In the order of the way.
-        spacing: Between levels [m].
-
-    Raises:
-        MeasurementError: There are too few profiles, they do not lie along a line, or they share too few levels.
     """
-    _require(len(profiles), _LEAST_PROFILES, "profiles")
+    if len(profiles) < _LEAST_PROFILES:
+        return None
     means = np.array([[one.longitude.mean(), one.latitude.mean()] for one in profiles])
     longitude, latitude = means.mean(axis=0).tolist()
     projection = Projection(longitude, latitude)
     local = [np.array(to_local(projection, one.longitude, one.latitude)) for one in profiles]
     places = np.array([each.mean(axis=1) for each in local])
-    unit = _direction_of(places)
-    levels, values = _on_levels(profiles, [unit @ each for each in local], spacing)
-    _require(
-        levels.size,
-        _LEAST_LEVELS,
-        "levels that most profiles reach, with temperature and salinity",
-    )
-    kept = np.isfinite(values[:, 1]).mean(axis=1) >= _REACHED
-    _require(int(kept.sum()), _LEAST_PROFILES, "profiles that reach most levels")
+    way, net = np.hypot(*np.diff(places, axis=0).T).sum(), places[-1] - places[0]
+    length = np.hypot(*net)
+    if not length >= _STRAIGHT * way > 0.0:
+        return None
+    unit = net / length
+    levels, values = _on_levels(profiles, [unit @ each for each in local])
+    kept = np.isfinite(values[:, 1]).mean(axis=1) >= _REACHED if levels.size else []
+    if levels.size < _LEAST_LEVELS or sum(kept) < _LEAST_PROFILES:
+        return None
     offset, volume, absolute, conservative = values[kept].swapaxes(0, 1)
     time_ns = np.array([int(one.time_ns.mean()) for one in profiles])[kept]
     middle_ns, along = int(time_ns.mean()), (places @ unit)[kept]
+    pressure = gsw.p_from_z(-levels, latitude)
+    n2, middle = gsw.Nsquared(
+        np.nanmean(absolute, axis=0), np.nanmean(conservative, axis=0), pressure, latitude
+    )
+    smooth = uniform_filter1d(np.interp(pressure, middle, n2), _SMOOTHED, mode="nearest")
     return Section(
         levels,
         along - along.mean(),
         (time_ns - middle_ns) * 1e-9,
         level_anomalies(volume, offset, along),
-        _stratification(absolute, conservative, levels, latitude),
+        np.maximum(smooth, _LEAST_N2),
         latitude,
         longitude,
         middle_ns,
         float(np.arctan2(unit[1], unit[0])),
     )
-
-
-def _require(number: int, least: int, what: str) -> None:
-    if number < least:
-        raise MeasurementError(f"section: expected at least {least} {what}, got {number}")
 
 
 def level_anomalies(volume: Array, offset: Array, along: Array) -> Array:
@@ -142,41 +145,21 @@ def level_anomalies(volume: Array, offset: Array, along: Array) -> Array:
         along: shape (n,) [m].
     """
     anomaly, offset = volume - np.nanmean(volume, axis=0), np.nan_to_num(offset)
-    slope = np.zeros(anomaly.shape[1])
+    centred, moved = along[:, None] - along.mean(), anomaly
     for _ in range(2):
-        slope, mean = _lines(anomaly - offset * slope, along)
-    moved, fitted = anomaly - offset * slope, mean + (along - along.mean())[:, None] * slope
+        # the least-squares line of each level
+        span = np.where(np.isfinite(moved), centred, np.nan)
+        middle, mean = np.nanmean(span, axis=0), np.nanmean(moved, axis=0)
+        apart = span - middle
+        slope = np.nansum(apart * moved, axis=0) / np.nansum(apart**2, axis=0)
+        fitted = mean + (centred - middle) * slope
+        moved = anomaly - offset * slope
     residual = moved - fitted
-    for i, row in enumerate(residual):
-        known, missing = (np.flatnonzero(np.isnan(row) == is_missing) for is_missing in (0, 1))
+    for values, line, row in zip(moved, fitted, residual, strict=True):
+        known, missing = np.flatnonzero(np.isfinite(row)), np.flatnonzero(np.isnan(row))
         nearest = known[np.abs(known - missing[:, None]).argmin(axis=1)]
-        moved[i, missing] = fitted[i, missing] + row[nearest]
+        values[missing] = line[missing] + row[nearest]
     return np.asarray(moved - moved.mean(axis=0))
-
-
-def _lines(values: Array, along: Array) -> tuple[Array, Array]:
-    """Return the least-squares slope and the value at the middle of each level, shapes (Z,); NaN are left out."""
-    span = np.where(np.isfinite(values), (along - along.mean())[:, None], np.nan)
-    mean_span, mean = np.nanmean(span, axis=0), np.nanmean(values, axis=0)
-    centred = span - mean_span
-    slope = np.nansum(centred * values, axis=0) / np.nansum(centred**2, axis=0)
-    return slope, mean - slope * mean_span
-
-
-def _direction_of(places: Array) -> Array:
-    """Return the unit vector of the line through places, shape (2,), which points from the first to the last.
-
-    Raises:
-        MeasurementError: The way is not straight.
-    """
-    way, net = np.hypot(*np.diff(places, axis=0).T).sum(), places[-1] - places[0]
-    length = np.hypot(*net)
-    if not length >= _STRAIGHT * way > 0.0:
-        raise MeasurementError(
-            f"section: expected a straight line, got one of {length / 1e3:.1f} km from end to end over a way of {way / 1e3:.1f} km; "
-            "split the way where it turns"
-        )
-    return np.asarray(net / length)
 
 
 def at_levels(levels: Array, depth: Array, *values: Array) -> Array:
@@ -187,19 +170,16 @@ def at_levels(levels: Array, depth: Array, *values: Array) -> Array:
     )
 
 
-def _on_levels(
-    profiles: Sequence[Profile], along: Sequence[Array], spacing: float
-) -> tuple[Array, Array]:
+def _on_levels(profiles: Sequence[Profile], along: Sequence[Array]) -> tuple[Array, Array]:
     """Return levels, and on them of each profile the offset along the line, specific volume, absolute salinity, conservative temperature.
 
     Args:
         profiles: At least one.
         along: Places of each one's samples along the line [m].
-        spacing: Between levels [m].
     """
-    depths = [one.depth[np.isfinite(one.depth)] for one in profiles]
-    first = np.ceil(min(depth.min() for depth in depths) / spacing) * spacing
-    levels = np.arange(first, max(depth.max() for depth in depths) + 1e-9, spacing)
+    depths = np.concatenate([one.depth for one in profiles])
+    first = np.ceil(np.nanmin(depths) / _SPACING) * _SPACING
+    levels = np.arange(first, np.nanmax(depths) + 1e-9, _SPACING)
     found = np.full((len(profiles), 4, levels.size), np.nan)
     for one, way, rows in zip(profiles, along, found, strict=True):
         pressure = gsw.p_from_z(-one.depth, one.latitude)
@@ -207,20 +187,9 @@ def _on_levels(
         temperature = gsw.CT_from_t(salinity, one.temperature, pressure)
         samples = np.array([one.depth, way - way.mean(), salinity, temperature])
         depth, *values = samples[:, np.isfinite(samples).all(axis=0)]
-        if depth.size < 2:
-            continue
-        rows[[0, 2, 3]] = at_levels(levels, depth, *values)
-        level_pressure = gsw.p_from_z(-levels, float(np.mean(one.latitude)))
-        rows[1] = gsw.specvol(rows[2], rows[3], level_pressure)
+        if depth.size >= 2:
+            rows[[0, 2, 3]] = at_levels(levels, depth, *values)
+            level_pressure = gsw.p_from_z(-levels, float(np.mean(one.latitude)))
+            rows[1] = gsw.specvol(rows[2], rows[3], level_pressure)
     reached = np.isfinite(found[:, 1]).mean(axis=0) >= _REACHED
     return levels[reached], found[..., reached]
-
-
-def _stratification(absolute: Array, conservative: Array, levels: Array, latitude: float) -> Array:
-    """Return the squared buoyancy frequency of the mean profile, smoothed over five levels, shape (Z,) [1/s2]."""
-    pressure = gsw.p_from_z(-levels, latitude)
-    n2, middle = gsw.Nsquared(
-        np.nanmean(absolute, axis=0), np.nanmean(conservative, axis=0), pressure, latitude
-    )
-    smooth = uniform_filter1d(np.interp(pressure, middle, n2), _SMOOTHED, mode="nearest")
-    return np.asarray(np.maximum(smooth, _LEAST_N2))

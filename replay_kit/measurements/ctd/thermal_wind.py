@@ -5,19 +5,24 @@ tides, curvature and change of the signal within the line, what is not geostroph
 error.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from replay_kit.core.arrays import Array, Indices
-from replay_kit.core.errors import MeasurementError
-from replay_kit.measurements.ctd.noise import Statistics, fit, garrett_munk, near, rossby_radius
+from replay_kit.measurements.ctd.noise import (
+    Statistics,
+    fit,
+    garrett_munk,
+    near,
+    rossby_radius,
+    trend_of,
+)
 from replay_kit.measurements.ctd.sections import GRAVITY, RHO0, Section
 
 #: Degrees from the equator, within which there is no geostrophic balance to use.
 EQUATOR = 5.0
-# Depth of the water, which is not known [m].
-_BOTTOM = 4000.0
 # Least share of the shear that is not geostrophic, and the error that always stays [m/s].
 _AGEOSTROPHIC, _FLOOR = 0.05, 0.003
 # Drift of a conductivity cell over a window, as salinity; and haline contraction of sea water.
@@ -26,8 +31,7 @@ _SALINITY_DRIFT, _HALINE_CONTRACTION = 0.002, 7.6e-4
 _REGIONAL, _LINE = 0.25, 2.5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GeostrophicShear:
+class GeostrophicShear(NamedTuple):
     """The current across a line relative to its mean over the levels, at one place and time.
 
     Attributes:
@@ -50,53 +54,9 @@ class GeostrophicShear:
         return np.sqrt(np.diag(self.covariance))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FittedLine:
-    """A line with its statistics, of which windows give the shear.
-
-    Attributes:
-        section: The line.
-        geopotential: shape (n, Z) [m2/s2], of each profile, without its depth mean.
-        statistics: Of waves and signal.
-        radius: First baroclinic Rossby radius [m].
-        speed: Rms speed of the region's currents over the levels [m/s].
-    """
-
-    section: Section
-    geopotential: Array
-    statistics: Statistics
-    radius: float
-    speed: float
-
-
 def radius_of(section: Section) -> float:
-    """Return the first baroclinic Rossby radius of a line's region [m].
-
-    Raises:
-        MeasurementError: The line is too near the equator.
-    """
-    if abs(section.latitude) < EQUATOR:
-        raise MeasurementError(
-            f"geostrophic shear: expected a latitude of at least {EQUATOR:g} degrees, got {section.latitude:.2f}"
-        )
-    return rossby_radius(section.levels, section.n2, section.coriolis, _BOTTOM)
-
-
-def fitted_line(section: Section, speed: float) -> FittedLine:
-    """Return a line with its statistics.
-
-    Args:
-        section: The line.
-        speed: Rms speed of the region's currents over the levels [m/s], such as of an ensemble.
-
-    Raises:
-        MeasurementError: The line is too near the equator.
-    """
-    radius, to_geopotential = radius_of(section), geopotential_matrix(section.levels)
-    values = section.anomaly @ to_geopotential.T
-    waves = garrett_munk(section.levels, section.n2, to_geopotential)
-    fitted = fit(section, values, waves, radius, speed)
-    return FittedLine(section, values, fitted, radius, speed)
+    """Return the first baroclinic Rossby radius of a line's region [m]."""
+    return rossby_radius(section.levels, section.n2, section.coriolis)
 
 
 def geopotential_matrix(levels: Array) -> Array:
@@ -104,22 +64,19 @@ def geopotential_matrix(levels: Array) -> Array:
 
     Row z integrates from level z down to the last one by the trapezoidal rule; the mean over the levels is that of the same rule.
     """
-    half = 0.5 * RHO0 * GRAVITY * np.diff(levels)
-    integral = np.triu(np.append(half, 0.0) + np.append(0.0, half))
-    np.fill_diagonal(integral, np.append(half, 0.0))
+    above = RHO0 * GRAVITY * cumulative_trapezoid(np.eye(levels.size), levels, initial=0.0).T
+    integral = above[-1] - above
     return np.asarray(integral - depth_weights(levels) @ integral)
 
 
 def depth_weights(levels: Array) -> Array:
     """Return the weights of the mean over levels by the trapezoidal rule, shape (Z,), which sum to 1."""
-    spaces = np.diff(levels)
-    weights = np.append(spaces, 0.0) + np.append(0.0, spaces)
-    return np.asarray(weights / weights.sum())
+    return np.asarray(np.trapezoid(np.eye(levels.size), levels) / np.ptp(levels))
 
 
 def slope_weights(along: Array, covariance: Array) -> Array:
     """Return the weights, shape (n,) [1/m], that give the slope of values with errors of a covariance, shape (n, n)."""
-    trend = np.stack([np.ones(along.size), along - along.mean()], axis=1)
+    trend = trend_of(along)
     solved = np.linalg.solve(covariance, trend)
     return np.asarray(np.linalg.solve(trend.T @ solved, solved.T)[1])
 
@@ -132,58 +89,55 @@ def place_of(along: Array, weights: Array) -> float:
     return float((kernel * middles).sum() / kernel.sum())
 
 
-def window_shear(line: FittedLine, part: Indices) -> GeostrophicShear:
+def shear_of(section: Section, speed: float, part: Indices) -> GeostrophicShear:
     """Return the shear of some profiles of a line at the time of the last of them.
 
     Args:
-        line: With its statistics.
+        section: The line, whose statistics count.
+        speed: Rms speed of the region's currents over the levels [m/s], such as of an ensemble.
         part: Numbers of the profiles.
     """
-    section, fitted = line.section, line.statistics
-    along, f = section.along[part], section.coriolis
-    of_modes = fitted.noise[:, part[:, None], part]
-    weights = slope_weights(along, of_modes.sum(axis=0))
-    at = place_of(along, weights)
-    velocity = weights @ line.geopotential[part] / f
-    variance = np.einsum("i,kij,j->k", weights, of_modes, weights)
-    variance = variance + _curvature(line, part, weights, at, _rms(velocity))
+    levels, f, radius = section.levels, section.coriolis, radius_of(section)
+    to_geopotential = geopotential_matrix(levels)
+    geopotential = section.anomaly @ to_geopotential.T
+    waves = garrett_munk(levels, section.n2, to_geopotential)
+    fitted, along = fit(section, geopotential, waves, radius, speed), section.along[part]
+    noise = fitted.noise[:, part[:, None], part]
+    weights = slope_weights(along, noise.sum(axis=0))
+    at, velocity = place_of(along, weights), weights @ geopotential[part] / f
+    found = float(np.sqrt(np.mean(velocity**2)))
+    # one line knows its own slope alone: the size of the signal is blended from the shear found on it and the region's speed
+    lines = max(0.5, np.ptp(section.along) / (_LINE * fitted.lengths.mean()))
+    size = (lines * found**2 + (_REGIONAL * speed) ** 2) / (lines + 1.0)
+    variance = noise @ weights @ weights + size * _curvature(section, fitted, part, weights, at)
     modes = fitted.modes / f
-    rossby = float(np.hypot(_rms(velocity), line.speed)) / (abs(f) * 1.6 * line.radius)
-    beside = max(_AGEOSTROPHIC, rossby) * velocity
+    beside = max(_AGEOSTROPHIC, float(np.hypot(found, speed)) / (abs(f) * 1.6 * radius)) * velocity
     # what a drift of the salinity by its standard error changes of the geopotential
-    volume = np.full(section.levels.size, _HALINE_CONTRACTION * _SALINITY_DRIFT / RHO0)
-    drifted = geopotential_matrix(section.levels) @ volume / (float(np.ptp(along)) * f)
+    drift = _HALINE_CONTRACTION * _SALINITY_DRIFT / (RHO0 * float(np.ptp(along)) * f)
+    drifted = to_geopotential.sum(axis=1) * drift
     unresolved = fitted.outside * float(weights @ weights) / f**2 + _FLOOR**2
     covariance = (
         modes * variance @ modes.T
         + np.outer(beside, beside)
         + np.outer(drifted, drifted)
-        + unresolved * np.eye(section.levels.size)
+        + unresolved * np.eye(levels.size)
     )
-    direction = section.direction + 0.5 * np.pi
-    return GeostrophicShear(section.levels, velocity, covariance, at, direction)
+    return GeostrophicShear(levels, velocity, covariance, at, section.direction + 0.5 * np.pi)
 
 
-def _curvature(line: FittedLine, part: Indices, weights: Array, at: float, found: float) -> Array:
+def _curvature(
+    section: Section, fitted: Statistics, part: Indices, weights: Array, at: float
+) -> Array:
     """Return by mode the variance of the slope seen by profiles minus that at a place at the last one's time, shape (k,) [1/s4].
 
-    One line knows its own slope alone: the size of the signal is blended from the shear ``found`` on it [m/s] and the region's speed.
+    In units of the mean square of the signal's shear [m2/s2].
     """
-    section, signal = line.section, line.statistics.signal
-    along, time = section.along[part], section.time[part] - section.time[part].max()
+    away, later = section.along[part] - at, section.time[part] - section.time[part].max()
+    seen = []
+    for length, lasting in zip(fitted.lengths, fitted.lasting, strict=True):
+        pairs = near(away[:, None] - away, later[:, None] - later, length, lasting)
+        both = weights @ (away / length**2 * near(away, later, length, lasting))
+        seen.append(weights @ pairs @ weights - 2.0 * both + 1.0 / length**2)
     # modes are orthonormal over the levels: of a level it is the mean
-    slopes = sum(float(amplitude.sum()) / length**2 for length, _, amplitude in signal)
-    fitted_size = slopes / section.coriolis**2 / section.levels.size
-    lines = np.ptp(section.along) / (_LINE * np.mean([length for length, _, _ in signal]))
-    known = max(0.5, lines)
-    blended = (known * found**2 + (_REGIONAL * line.speed) ** 2) / (known + 1.0)
-    total = np.zeros(signal[0][2].size)
-    for length, lasting, amplitude in signal:
-        seen = near(along[:, None] - along, time[:, None] - time, length, lasting)
-        both = weights @ ((along - at) / length**2 * near(along - at, time, length, lasting))
-        total += amplitude * (weights @ seen @ weights - 2.0 * both + 1.0 / length**2)
-    return total * (blended / fitted_size)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    mean_square = fitted.signal.sum(axis=1) @ fitted.lengths**-2.0 / section.levels.size
+    return np.asarray(seen @ fitted.signal * section.coriolis**2 / mean_square)

@@ -273,7 +273,7 @@ def _inspect(
         report,
         dict(sorted(topics.items())),
         content,
-        stream.memory.diving.dive,
+        int(stream.memory.depths["dive"][0]),
         by_topic(not_used),
         unknown,
         reading.sampled,

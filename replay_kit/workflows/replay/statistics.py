@@ -14,7 +14,7 @@ from replay_kit.core.observation import Measurement, kind_of
 from replay_kit.logs.merge import ClockJump, Merge
 from replay_kit.logs.shared.payloads import gather, short
 from replay_kit.logs.tables.schemas import NOT_A_KIND
-from replay_kit.measurements.ledger import left_out_rules
+from replay_kit.measurements.step import left_out_rules
 from replay_kit.results.outcome.run import DiveRow, ReplaySummary, SourceRow, TopicRow
 from replay_kit.workflows.replay.stages.counts import ProfileCounts, SourceCounts, Sums, increment
 from replay_kit.workflows.replay.stages.estimation import Step

@@ -110,9 +110,9 @@ def reached(events, size=4096):
             name: np.array(columns.get(name, [0] * len(part)), kind) for name, kind in ROW.items()
         }
         ends = first + size >= len(rows)
-        state, good, bad, new = within_reach(state, positions, ends)
-        kept += good["ordinal"].tolist()
-        thrown += bad["ordinal"].tolist()
+        state, done, counts, new = within_reach(state, positions, ends)
+        kept += done["ordinal"][counts].tolist()
+        thrown += done["ordinal"][~counts].tolist()
         found += [finding for _, finding in new]
     return kept, thrown, found
 

@@ -295,7 +295,7 @@ def test_a_mapping_goes_before_a_known_kind_of_mavlink(tmp_path):
     for reader in open_readers([tmp_path / "log.tlog", tmp_path / "log.BIN"], config):
         for message in reader.messages():
             state, _ = interpret(begun(), message, config.measurements)
-            depths[message.topic] = state.memory.diving.depth
+            depths[message.topic] = state.memory.depths["depth"][0]
     assert depths["mavlink/1/1/VFR_HUD"] == 12.5
     assert depths["dataflash/CTUN"] == pytest.approx(2.1, abs=1e-6)
     assert depths["dataflash/IMU"] == pytest.approx(9.8, abs=1e-6)

@@ -27,7 +27,7 @@ def said(*messages: tuple[int, str, dict[str, Any]]) -> list[Any]:
         state, events = interpret(state, message, MeasurementConfig())
         assert sum(isinstance(event, Used | Skipped) for event in events) == 1
         found += [event for event in events if not isinstance(event, Used)]
-    return [*found, state.memory.diving.depth]
+    return [*found, state.memory.depths["depth"][0]]
 
 
 def gps(fix_type: int) -> dict[str, Any]:

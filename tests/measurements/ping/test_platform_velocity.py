@@ -9,7 +9,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
-from replay_kit.measurements import earth
+from replay_kit.measurements import dvl
 from tests.measurements.samples import (
     CONFIG,
     SECOND,
@@ -22,10 +22,11 @@ from tests.measurements.samples import (
     run,
     the,
 )
-from tests.measurements.turned import stated
+from tests.measurements.turned import stated, table_of
 
 TRUE_HEADING = MeasurementConfig(magnetic_declination=0.0, water_track_distance=12.0)
 HALF = np.sqrt(0.5)
+AXES = ("starboard-down", "left-up")
 
 
 def dvl_message(time_s, mode=1, velocity=(0.5, 0.1, 0.0), **changes):
@@ -57,8 +58,11 @@ def relative(time_s, **changes):
 
 def horizontal(velocity, angles, declination, left_up=False):
     """Return the velocity of one DVL along true east and north."""
-    columns = np.array([velocity]), np.array([angles])
-    return earth.horizontal(*columns, declination, np.array([left_up]))[0]
+    changes = {"magnetic_declination": declination, "dvl_axes": f"forward-{AXES[left_up]}"}
+    config, zero = MeasurementConfig(**changes), np.zeros(1, int)
+    attitudes = {"time": zero, "order": zero, "values": np.array([angles])}
+    table = table_of(dvl_message(0, velocity=velocity), config)
+    return dvl.velocity_of(table, attitudes, config)[0][0, :2]
 
 
 def test_a_dvl_s_velocity_turns_with_the_vehicle():

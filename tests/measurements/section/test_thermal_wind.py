@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.core.errors import MeasurementError
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.measurements.ctd.noise import _misfit, garrett_munk, rossby_radius
@@ -22,11 +21,10 @@ from replay_kit.measurements.ctd.sections import (
 from replay_kit.measurements.ctd.thermal_wind import (
     GeostrophicShear,
     depth_weights,
-    fitted_line,
     geopotential_matrix,
     place_of,
+    shear_of,
     slope_weights,
-    window_shear,
 )
 from tests.places import DATA
 from tests.reference import thermal_wind as twin
@@ -91,14 +89,14 @@ def expected(tilt: float) -> np.ndarray:
     return found - depth_weights(LEVELS) @ found
 
 
-def shear_of(profiles: list[Profile]) -> GeostrophicShear:
+def shear_of_all(profiles: list[Profile]) -> GeostrophicShear:
     """Return the shear of all profiles of a line."""
     section = section_of(profiles)
-    return window_shear(fitted_line(section, 0.1), np.arange(section.along.size))
+    return shear_of(section, 0.1, np.arange(section.along.size))
 
 
 def test_isopycnals_that_rise_to_the_east_give_their_thermal_wind():
-    shear = shear_of(line(length=20e3))
+    shear = shear_of_all(line(length=20e3))
     assert np.array_equal(shear.levels, LEVELS)
     # a mean over the line of the exponential's curvature, and the reference density, are left
     assert shear.velocity == pytest.approx(expected(1e-3), abs=0.01 * np.abs(expected(1e-3)).max())
@@ -109,46 +107,41 @@ def test_isopycnals_that_rise_to_the_east_give_their_thermal_wind():
 
 
 def test_the_current_is_the_same_whichever_way_the_line_is_run():
-    there, back = (shear_of(profiles) for profiles in (line(noise=5.0), line(noise=5.0)[::-1]))
+    there, back = (shear_of_all(profiles) for profiles in (line(noise=5.0), line(noise=5.0)[::-1]))
     assert np.cos(there.direction - back.direction) == pytest.approx(-1.0)
     assert back.velocity == pytest.approx(-there.velocity, rel=1e-9)
 
 
 def test_in_the_south_the_same_density_drives_the_opposite_current():
-    north, south = (shear_of(line(latitude=at, length=20e3)) for at in (40.0, -40.0))
+    north, south = (shear_of_all(line(latitude=at, length=20e3)) for at in (40.0, -40.0))
     assert south.velocity == pytest.approx(-north.velocity, abs=0.01 * np.abs(north.velocity).max())
 
 
 def test_the_slant_of_a_glider_is_taken_out():
-    cast, slanted = (shear_of(line(length=40e3, slant=slant)) for slant in (0.0, 2.0))
+    cast, slanted = (shear_of_all(line(length=40e3, slant=slant)) for slant in (0.0, 2.0))
     assert slanted.velocity == pytest.approx(cast.velocity, abs=0.02 * np.abs(cast.velocity).max())
 
 
 def test_a_short_line_states_a_large_error():
     errors = [
-        shear_of(line(n, length, noise=7.0)).standard_error.max()
+        shear_of_all(line(n, length, noise=7.0)).standard_error.max()
         for n, length in ((5, 8e3), (9, 20e3), (13, 40e3))
     ]
     assert errors[0] > 2.0 * errors[1] > 2.0 * errors[2]
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change",
     [
-        (lambda made: made[:3], "expected at least 4 profiles, got 3"),
-        (lambda made: [*made, *made[:6]], "expected a straight line"),
-        (lambda made: made[:1] * 5, "expected a straight line"),
-        (lambda made: [replace(each, salinity=np.full(164, np.nan)) for each in made], "got 0"),
+        lambda made: made[:3],
+        lambda made: [*made, *made[:6]],
+        lambda made: made[:1] * 5,
+        lambda made: [replace(each, salinity=np.full(164, np.nan)) for each in made],
     ],
 )
-def test_what_is_no_line_is_refused(change, words):
-    with pytest.raises(MeasurementError, match=words):
-        section_of(change(line()))
-
-
-def test_near_the_equator_it_is_refused():
-    with pytest.raises(MeasurementError, match=r"at least 5 degrees, got 3\.0"):
-        shear_of(line(latitude=3.0))
+def test_what_is_no_line_is_refused(change):
+    assert section_of(line()) is not None
+    assert section_of(change(line())) is None
 
 
 def test_the_parts_agree_with_their_slow_twins():
@@ -204,7 +197,7 @@ def test_waves_and_rossby_radius_have_the_size_that_the_open_ocean_has():
     assert np.linalg.eigvalsh(waves).min() > -1e-12 * np.trace(waves)
     # some millimetres of dynamic height
     assert 0.001 < np.sqrt(np.diag(waves)).mean() / GRAVITY < 0.01
-    assert 20e3 < rossby_radius(LEVELS, n2, float(gsw.f(40.0)), 4000.0) < 60e3
+    assert 20e3 < rossby_radius(LEVELS, n2, float(gsw.f(40.0))) < 60e3
 
 
 @pytest.mark.full
@@ -212,7 +205,7 @@ def test_repeats_of_a_real_line_agree_within_their_stated_errors():
     files = sorted((DATA / "sections").glob("section*.nc"), key=lambda path: int(path.stem[7:]))
     if len(files) < 11:
         pytest.skip("the repeats of a line across a passage are not present")
-    found = [shear_of(_casts(path)) for path in files]
+    found = [shear_of_all(_casts(path)) for path in files]
     inside, misfits = [], []
     for a, b in pairwise(found):
         at = np.flatnonzero(np.isin(a.levels, [60, 150, 300, 500, 750, 900]))

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from replay_kit.measurements.dives import Depths, Diving
+from replay_kit.measurements.dives import depths_of, no_depths
 
 
 def states(depths):
     order = np.arange(len(depths))
-    found = Depths.of(Diving(), [(order, np.array(depths), True)], 3.0)
-    _, under, dive = found.at(order)
-    return list(zip(under.tolist(), dive.tolist(), strict=True))
+    found = depths_of(no_depths(), [(order, np.array(depths), True)], 3.0)
+    at = np.searchsorted(found["order"], order, side="right") - 1
+    return [(bool(found["submerged"][k]), int(found["dive"][k])) for k in at]
 
 
 def test_a_dive_ends_at_the_surface_depth_and_not_at_twice_of_it():

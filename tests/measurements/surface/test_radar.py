@@ -7,7 +7,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Label, Source
 from replay_kit.measurements.residual_field import ResidualField
-from replay_kit.measurements.surface import Vectors, superobservations
+from replay_kit.measurements.surface import superobservations
 
 TRUE = ResidualField(0.07, 20e3, 0.3)
 LABEL = Label(0, Source(0, "/radar", 0, 0), kind="radar")
@@ -23,7 +23,8 @@ def drawn():
     )
     stated = rng.uniform(0.08, 0.12, longitude.size)
     still = np.zeros((stated.size, 2))
-    radar = Vectors(longitude, latitude, still, stated, None, stated < 0.0, 2.0, 3600.0, 1e3)
+    radar = {"longitude": longitude, "latitude": latitude, "value": still, "error_std": stated}
+    radar |= {"direction": None, "depth": 2.0, "averaged": 3600.0, "error_length": 1e3}
     seen = superobservations(radar, LABEL, 20e3, 0.0)[0].label.vectors
     np.testing.assert_allclose(np.sort(seen.error_std), np.sort(stated))
     longitude, latitude = seen.value_places

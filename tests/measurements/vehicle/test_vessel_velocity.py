@@ -30,8 +30,8 @@ def track(since, east, north, home=HOME):
 
 def vessel_velocity(time, fixes):
     """Return east, north and error; None for none."""
-    all_of_them = np.zeros(1, int), np.full(1, fixes["time"].size)
-    (found,) = positions.vessel_velocity(np.array([time]), fixes, *all_of_them)
+    all_of_them = np.full(1, fixes["time"].size)
+    (found,) = positions.vessel_velocity(np.array([time]), fixes, all_of_them)
     return (
         None
         if np.isnan(found).all()
@@ -98,6 +98,6 @@ def test_fixes_are_kept_for_the_pings_that_the_next_one_releases():
         kept = positions.no_rows()
         for k in range(0, 6, size):
             more = positions.chosen(whole, slice(k, k + size))
-            kept = positions.kept_fixes(positions.fixes_after(kept, more))
-        # the last fix before 81 s is that of 41 s, less two windows of 20 s
-        assert (kept["time"] // SECOND).tolist() == [40, 41, 81]
+            kept = positions.recent(positions.joined(kept, more))
+        # the last one is of 81 s, less two windows of 20 s
+        assert (positions.fixes_of(kept)["time"] // SECOND).tolist() == [81]
