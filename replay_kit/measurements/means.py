@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
@@ -34,6 +33,7 @@ _V_PIECES = 128
 _SAME_FIX = 60 * 10**9
 _LONG_AGO = -(2**63)
 TOO_FAST = "depth-averaged current: faster than measurements.max_speed"
+_THROWN = "depth-averaged current: a fix of its dive is out of the vehicle's reach"
 _NO_PATH = "depth-averaged current: no path from its first fix to its last"
 _NO_DEPTH = "depth-averaged current: no path, and no fixes with a depth"
 
@@ -265,7 +265,7 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
             one, source = messages[number]
             row = chosen(one.columns, 0)
             way = path(int(np.searchsorted(ends, due, side="right")), due)
-            ways, found, why = _taken(ways, way, row, config)
+            ways, found, why = _taken(ways, way, row, step, due)
             velocity, std, time = row["velocity"], float(row["error_std"]), source.time_ns
             dive = int(row["dive"] if row["dive"] >= 0 else step.dived(one.order)["dive"][0])
             own = [source.input, step.topic(source.topic), source.position, due, dive]
@@ -307,23 +307,30 @@ _SOURCE = ("input", "topic", "ordinal", "order", "dive")
 
 
 def _taken(
-    ways: Ways, path: Path | None, row: Columns, config: MeasurementConfig
+    ways: Ways, path: Path | None, row: Columns, step: Step, due: int
 ) -> tuple[Ways, Any, str]:
     """Return what is remembered after a stated mean current, its path and the fix that ends it, and in words why it is not used."""
-    start, end = (Spot(int(row[f"{name}_time"]), *row[name].tolist()) for name in ("start", "end"))
-    if np.abs(row["velocity"]).max() > config.max_speed:
+    stated = [Spot(int(row[f"{name}_time"]), *row[name].tolist()) for name in ("start", "end")]
+    if np.abs(row["velocity"]).max() > step.config.max_speed:
         return ways, None, TOO_FAST
+    # one that does not count is as none that is stated: the log's own take its place
+    doubted = [step.reach.doubts(fix[:3], due) for fix in stated]
+    start, end = (
+        fix._replace(time=_LONG_AGO) if off else fix
+        for fix, off in zip(stated, doubted, strict=True)
+    )
     ways, done = ways._replace(stated=True), ways.done
     if _LONG_AGO < end.time <= ways.computed + _SAME_FIX:
         return ways, None, "depth-averaged current: already computed from dead reckoning"
     if done is not None and _same(done[0].start, start) and _same(done[1], end):
         found = done
     elif not _LONG_AGO < start.time < end.time:
-        return ways, None, _NO_DEPTH
+        return ways, None, _THROWN if any(doubted) else _NO_DEPTH
     else:
         known = [one.deepest for one in (path, done and done[0]) if one is not None]
-        stated = float(row["deepest"])
-        deepest = float(np.fmax.reduce([stated, *known])) if math.isnan(stated) else stated
+        deepest = float(row["deepest"])
+        if math.isnan(deepest):
+            deepest = float(np.fmax.reduce([deepest, *known]))
         found = Path(start, start, deepest=deepest), end
         if path is not None and _same(path.start, start) and path.last.time <= end.time:
             # the fix after the dive has not come yet

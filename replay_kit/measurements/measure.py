@@ -106,7 +106,7 @@ def measure(
     positions = joined(memory.positions, reached)
     stated += _depths((*of["depth"], *arrivals), positions, step)
     depths = depths_of(memory.depths, stated, config.surface_depth)
-    step = step._replace(depths=depths, new=len(memory.positions["order"]))
+    step = step._replace(depths=depths, new=len(memory.positions["order"]), reach=reach)
     dived = step.dived(reached["order"])
     new = reached | {name: dived[name] for name in ("depth", "submerged", "dive")}
     positions = joined(memory.positions, new)

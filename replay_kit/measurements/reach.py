@@ -7,6 +7,7 @@ right, and else by the fix before it.
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from replay_kit.core.arrays import Mask
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.core.table import Columns
-from replay_kit.measurements.positions import chosen, joined, no_rows
+from replay_kit.measurements.positions import NEVER, chosen, joined, no_rows
 
 DISPLACED = "displaced positions"
 #: Why messages of positions are not used.
@@ -30,6 +31,8 @@ _ERROR, _SLOWEST, _FASTEST, _FASTER, _LONGEST = 300.0, 2.0, 30.0, 4.0, 6 * 3600.
 _MOVED = 15e3
 # Positions in a row that show where the vehicle is, steps and gaps that are remembered, and gaps that show how well positions are reckoned.
 _LEAST, _REMEMBERED, _LEAST_GAPS = 5, 32, 3
+# Thrown positions that are remembered; ns, by which the time of one that is stated elsewhere may differ.
+_KEPT, _SAME_TIME = 8, 60 * 10**9
 COLUMNS = ("time", "longitude", "latitude", "dead_reckoned", "input")
 
 
@@ -77,6 +80,8 @@ class Reach(NamedTuple):
         gaps: From dead-reckoned positions to the fixes after them, beyond the way in between [m].
         held: Rows that wait.
         number: Of positions that were reached.
+        doubted: Positions thrown or not decided on at once: ``time``, ``longitude``, ``latitude``, and from which place in the stream
+            ``until`` which they are no position.
     """
 
     last: Place | None = None
@@ -85,6 +90,14 @@ class Reach(NamedTuple):
     gaps: tuple[float, ...] = ()
     held: Columns = no_rows()
     number: int = 0
+    doubted: Columns = no_rows() | {"until": np.empty(0, np.int64)}
+
+    def doubts(self, fix: tuple[int, float, float], at: int) -> bool:
+        """Return whether a fix, time [ns], longitude and latitude [degrees], is a position that does not count at a place in the stream."""
+        of, (time_ns, longitude, latitude) = self.doubted, fix
+        same = np.abs(of["time"] - time_ns) <= _SAME_TIME
+        same &= np.hypot(of["longitude"] - longitude, of["latitude"] - latitude) <= _STEP
+        return bool((same & (of["order"] <= at) & (at < of["until"])).any())
 
     @property
     def fastest(self) -> float:
@@ -136,6 +149,7 @@ def within_reach(
     state, found, use = before, list[tuple[int, Finding]](), np.ones(len(every), np.bool_)
     i = len(before.held["order"])
     held, turns = list(range(i)), np.append(np.flatnonzero(~quick), len(every))
+    far_off = [k for k in held if state.last and state.last.way(every[k]) >= _MOVED]
 
     def settle(used: bool) -> None:
         """Decide on what waits, now."""
@@ -170,17 +184,30 @@ def within_reach(
             if before_it.way(here) > _ERROR + _FASTEST * abs(before_it.seconds(here)):
                 settle(False)
             held.append(i)
+            if last.way(here) >= _MOVED:
+                far_off.append(i)
             if len(held) == _LEAST:
                 far = last.way(every[held[0]])
                 if far >= _MOVED:
                     found.append((int(order[i]), _displaced(every[held[0]], far, 0)))
+                # what it did before says no more how fast it is
+                steps = pairwise([every[k] for k in held])
+                speeds = tuple(a.way(b) / max(a.seconds(b), 1.0) for a, b in steps)
                 settle(True)
-                state = Reach(here, None, state.speeds, state.gaps, number=_LEAST)
+                state = Reach(here, None, speeds, state.gaps, number=_LEAST)
         i += 1
     if ends:
         use[held] = False
         held.clear()
     waits = np.isin(np.arange(len(every)), held)
+    until = np.where(use & ~waits, order, NEVER)
+    # one that may put right what was dead-reckoned for hours is believed while it waits
+    near = (use | waits) & ~np.isin(np.arange(len(every)), far_off)
+    late, known = (until > rows["order"]) & ~near, before.doubted
+    thrown = (known["until"] == NEVER) & ~np.isin(known["order"], before.held["order"])
+    held_on = chosen(chosen(known, thrown), slice(-_KEPT, None))
+    doubted = joined(held_on, chosen(rows | {"until": until}, late))
+    state = state._replace(doubted=doubted)
     rows["order"] = order
     at = np.flatnonzero(~waits)
     at = at[np.argsort(order[at], kind="stable")]

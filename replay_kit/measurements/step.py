@@ -11,6 +11,7 @@ from replay_kit.core.observation import LinearMeasurement, Source
 from replay_kit.core.table import Columns, Integers, Table
 from replay_kit.measurements.dives import no_depths
 from replay_kit.measurements.positions import Rows, as_of, chosen, no_rows
+from replay_kit.measurements.reach import Reach
 
 _LEFT_OUT, _BY = "left out: ", " (measurements.without)"
 #: Place in the stream, and the measurement that its message completes.
@@ -42,6 +43,7 @@ class Step(NamedTuple):
         positions: Those of the last 40 s before, and those of the block.
         new: Number of the first of the block.
         depths: The vehicle's.
+        reach: What its positions say of those that it can reach.
     """
 
     config: MeasurementConfig
@@ -53,6 +55,7 @@ class Step(NamedTuple):
     positions: Columns = no_rows()
     new: int = 0
     depths: Columns = no_depths()
+    reach: Reach = Reach()
 
     def dived(self, order: Integers) -> Rows:
         """Return the vehicle's depth and dive after messages at places in the stream, columns as of ``dives.depths_of``."""

@@ -139,6 +139,13 @@ def test_three_in_a_row_are_thrown_and_five_are_where_the_vehicle_is():
         assert (name, severity) == (DISPLACED, "warning" if gone else "inconsistent")
 
 
+def test_a_vessel_that_leaves_its_station_and_a_fast_boat_are_within_reach():
+    station = [fix(600.0 * k, 150.0) for k in range(60)]
+    under_way = [fix(600.0 * (60 + k), 150.0 + 0.04 * k) for k in range(1, 30)]
+    boat = [fix(600.0 * k, 150.0 + 0.16 * k) for k in range(30)]
+    assert [reached(track)[1:] for track in ([*station, *under_way], boat)] == [([], [])] * 2
+
+
 @pytest.mark.parametrize("gap", [500.0, 3000.0])
 def test_dead_reckoning_that_a_fix_puts_right_is_no_displaced_position(gap):
     assert reached(glide(160, gap=gap))[1:] == ([], [])

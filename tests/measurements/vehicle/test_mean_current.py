@@ -241,3 +241,28 @@ def test_stated_currents_with_a_slip_contradict_dead_reckoning(stated, words):
             dac(2000 * k + 1200, 2000 * k, dac_eastward=current[0], dac_northward=current[1]),
         ]
     assert not contradictions(corrected)
+
+
+@pytest.mark.parametrize("size", [1, 7, 4096])
+def test_a_stated_current_of_a_dive_that_begins_at_a_fix_thrown_off_is_left_out(size):
+    track = [message for k in range(6) for message in dive(start_s=1500 * k)]
+    thrown = fix(7500 - 60, -152.0)
+    fixes = [(7500 - 60, -152.0), (7500, 152.0)]
+    stated = [
+        dac(
+            9000 + k,
+            start,
+            start_fix={"time": {"sec": start, "nsec": 0}, "lon": longitude, "lat": -40.0},
+        )
+        for k, (start, longitude) in enumerate(fixes)
+    ]
+    messages = sorted([*track, thrown], key=lambda one: one.time_ns)
+    found = list(blocks([*messages, *stated], CONFIG, size))
+    skipped = {key: number for block in found for key, number in block.counts().items() if key[1]}
+    assert [reason for topic, reason in skipped if topic == "/dac"] == [
+        "depth-averaged current: a fix of its dive is out of the vehicle's reach"
+    ]
+    assert (
+        sum(int((block.mean["time"] > 8900 * SECOND).sum()) for block in found if len(block.mean))
+        == 1
+    )
