@@ -110,6 +110,7 @@ def located(
         origin = _origins(one, run, frames.origins.get(one.topic), known, stated, step)
         rows, lacks = _posed(one, origin, step)
         made.append(rows)
+        known = in_order(known, rows)
         depths.append((one.order[lacks], one["depth"][lacks], True))
         if (~lacks & (run == fixes.size))[-1:].any():
             origins[one.topic] = origin[-1]
@@ -174,13 +175,13 @@ def _origins(
 ) -> Array:
     """Return the origin for each of a topic's poses, as in ``Frames``, shape (n, 4); NaN before there is one.
 
-    It is the last position on the Earth before the first pose after a measured fix; of a MAVLink system the origin that it states.
+    It is the last position before the first pose after a measured fix; of a MAVLink system the origin that it states.
 
     Args:
         table: The poses.
         run: Number of the measured fix of the block before which each of them is.
         begun: Origin of those before the first fix; None without.
-        known: Positions on the Earth.
+        known: Positions, those of other topics' poses among them.
         stated: By MAVLink systems.
         step: The block.
     """
