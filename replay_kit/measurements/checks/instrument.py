@@ -101,11 +101,13 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]
     """
     raw = pings["raw"]
     last = windows(memory, "last", raw, 1)
-    equal = (raw == last[:-1, 0]).all(axis=2)
+    # an instrument may give no vertical velocity
+    known, same = np.isfinite(raw), raw == last[:-1, 0]
+    equal = (same | ~(known | np.isfinite(last[:-1, 0]))).all(axis=2) & known.any(axis=2)
     latest = windows(memory, "equal", equal, _STUCK_NAMED)
     run = np.logical_and.accumulate(latest[1:, ::-1], axis=1).sum(axis=1)
     living = run < _LIVING
-    tried = (equal & living, living & np.isfinite(raw).all(axis=2))
+    tried = (equal & living, living & known.any(axis=2))
     counts = sums(memory, "counts", np.column_stack([each.sum(axis=1) for each in tried]))
     chance = (counts[1:, :1] + 1.0) / (counts[1:, 1:] + 100.0)
     stuck = (pings["bins"] >= LEAST_CELLS)[:, None] & (run >= _STUCK_RUN)
