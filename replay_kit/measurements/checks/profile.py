@@ -40,6 +40,8 @@ _LEAST_PINGS, _ODD, MOST_SPEED, _LEAST_SPEED = 30, 8.0, 4.0, 0.01
 # Pings of which the noise is judged, and how many times as large as stated it may be; second differences of bins from which it is known,
 # and their median size where it is of unit variance.
 _NOISES, _LEAST_NOISE, _MOST_NOISE, _LEAST_BINS, _SIZE = 40, 0.05, 8.0, 3, 0.6745 * math.sqrt(6.0)
+# m/s; the scatter of bins on a straight line is rounding
+_TINY = 1e-6
 # m; by which the water about an instrument is another; degrees that are certainly less. Profiles in a row that are alike there, how much
 # their second differences are correlated, and from which share of white noise on what differs between two of them is no water's.
 _OTHER_DEPTH, _OTHER_PLACE, _CLOSE, _LEAST_ALIKE, _ALIKE, _WHITE = 20.0, 1000.0, 0.005, 8, 0.7, 0.3
@@ -213,9 +215,11 @@ def noise(memory: Memory, pings: Rows, context: Context) -> Judged:
     """
     size, known = _scatter(pings)
     stated = mean_of(pings["error_std"][:, 1:-1], known)
-    told = np.isfinite(size) & (size > 0.0) & (stated > 0.0)
+    told = np.isfinite(size) & (stated > 0.0)
     told &= (pings["bins"] >= LEAST_CELLS) & ~(pings["correlation_depth"] > 0.0)
-    ratios = windows(memory, "log_ratio", np.log(size[told] / stated[told]), _NOISES)
+    ratios = windows(
+        memory, "log_ratio", np.log(np.maximum(size, _TINY)[told] / stated[told]), _NOISES
+    )
     middle = np.exp(np.sort(ratios, axis=1)[:, _NOISES // 2])
     found = list[Found]()
     for large, cause in (
