@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
@@ -372,7 +373,8 @@ def _loop(
     measurements = for_region(session.config, inputs.forecasts.ensemble).measurements
     while True:
         with session.clock.stage("read"):
-            block = next_block(stream.messages)
+            due_ns = np.inf if checkpoints is None else checkpoints.next_ns
+            block = next_block(stream.messages, due_ns)
         if not block:
             check_span(inputs.job.logs, session.config, session.last_ns if count else None)
             break

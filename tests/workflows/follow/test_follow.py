@@ -16,7 +16,6 @@ from replay_kit.workflows.follow.watch import read_memory, write_memory
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay import replay as replaying
 from replay_kit.workflows.replay.inputs import estimator as basis
-from replay_kit.workflows.replay.inputs import scan
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.verify import verify
 from tests import synthetic
@@ -68,8 +67,7 @@ def test_the_estimator_is_built_once_for_all_replays_with_a_forecast(ocean, dive
     assert built.call_count == 1
 
 
-def test_what_did_not_change_is_not_replayed_again(ocean, dives, tmp_path, monkeypatch):
-    monkeypatch.setattr(scan, "_BLOCK", 8)
+def test_what_did_not_change_is_not_replayed_again(ocean, dives, tmp_path):
     sea = Sea(ocean, tmp_path, goal=None)
     for one in dives[:-1]:
         sea.put(one.name, one.data)()

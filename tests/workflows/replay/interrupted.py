@@ -7,7 +7,6 @@ from replay_kit.forecast import read_truth
 from replay_kit.logs import reader
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay.inputs import scan
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
@@ -44,6 +43,6 @@ def run_until(job, config, stop_after):
         if seen == stop_after:
             raise Killed
 
-    # a look at each message, and a checkpoint that can be written after each
-    with mock.patch.object(reader, "_LOOK", 1), mock.patch.object(scan, "_BLOCK", 1):
+    # a look at each message
+    with mock.patch.object(reader, "_LOOK", 1):
         return replay(job, config, planner_of, progress)

@@ -155,12 +155,12 @@ def _placed(
             yield message.time_ns, events.get(first + k, []) if counts else []
 
 
-def next_block(messages: Iterator[Message]) -> list[Message]:
-    """Return the messages of the next block; none at the end."""
+def next_block(messages: Iterator[Message], until_ns: float = np.inf) -> list[Message]:
+    """Return the messages of the next block, which ends with the first at a time or after it [ns, UTC]; none at the end."""
     found: list[Message] = []
     for message in islice(messages, _BLOCK):
         found.append(message)
-        if message.schema == _LARGE:
+        if message.schema == _LARGE or message.time_ns >= until_ns:
             break
     return found
 

@@ -9,6 +9,7 @@ that it found, so that the continued one reads the same.
 import hashlib
 import io
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -90,7 +91,13 @@ def resuming(path: Path | None) -> Iterator[None]:
 
 
 class StateStore:
-    """The states of one run on the disk, and the journal of its result."""
+    """The states of one run on the disk, and the journal of its result.
+
+    Attributes:
+        next_ns: When the next one is due, in the log's time [ns, UTC]; inf where that does not hang on it.
+    """
+
+    next_ns: float = math.inf
 
     def __init__(self, journal: Path, identity: str) -> None:
         """Bind the store to a run.
@@ -223,7 +230,7 @@ class CheckpointFile(StateStore):
         self.path = path
         self._interval_ns = int(interval_s * 1e9)
         self._region = region
-        self._next_ns: int | None = None
+        self.next_ns = -math.inf
 
     def resume(
         self, messages: Callable[[], Iterator[Message]]
@@ -236,7 +243,7 @@ class CheckpointFile(StateStore):
         if not self.path.exists():
             return None, messages()
         checkpoint = self.read_state(self.path)
-        self._next_ns = int(checkpoint.state.last_ns) + self._interval_ns
+        self.next_ns = int(checkpoint.state.last_ns) + self._interval_ns
         return checkpoint, islice(messages(), checkpoint.messages, None)
 
     def write_when_due(
@@ -248,11 +255,11 @@ class CheckpointFile(StateStore):
         """Write a checkpoint when it is time."""
         if session.writer is None or self._journal is None:
             return
-        if self._next_ns is None:
-            self._next_ns = session.last_ns + self._interval_ns
-        if session.last_ns < self._next_ns:
+        if session.last_ns < self.next_ns:
             return
-        self._next_ns = session.last_ns + self._interval_ns
+        begins, self.next_ns = math.isinf(self.next_ns), session.last_ns + self._interval_ns
+        if begins:
+            return
         checkpoint = Checkpoint(
             session.state,
             measurement,
