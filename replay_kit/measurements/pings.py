@@ -214,6 +214,8 @@ _KEPT = (
 
 def padded(parts: Sequence[NDArray[Any]], missing: Any = 0) -> NDArray[Any]:
     """Return rows of arrays of unlike widths as one array; what is missing is NaN, or ``missing`` of what are no fractions."""
+    if len(parts) == 1:
+        return parts[0]
     missing = np.nan if parts[0].dtype.kind == "f" else missing
     widths = np.max([part.shape for part in parts], axis=0)[1:]
     whole = np.full((sum(map(len, parts)), *widths), missing, parts[0].dtype)

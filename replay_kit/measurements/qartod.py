@@ -8,13 +8,14 @@ their numbers to the operator; Teledyne's commands WC, WE and its percent good; 
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array, Indices
+from replay_kit.core.arrays import Array, Indices, every
 from replay_kit.core.block import BinTest
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.measurements.earth import Words
@@ -94,7 +95,7 @@ def _tests(profiles: Profiles, config: MeasurementConfig) -> Sequence[tuple[Any,
         (
             "max_speed",
             Reason.GROSS_RANGE,
-            np.abs(speed).max(axis=2),
+            np.maximum(*np.abs(np.moveaxis(speed, 2, 0))),
             "",
             False,
             (None, config.max_speed),
@@ -187,7 +188,7 @@ def _reach(profiles: Profiles, config: MeasurementConfig) -> tuple[Array, float]
     distance, size, vectors = profiles["distance"], profiles["cell_size"], profiles["vectors"]
     if not np.isfinite(size) and distance.shape[1] > 1:
         steps = np.diff(distance, axis=1)
-        size = _median(np.abs(steps), np.isfinite(steps).sum(axis=1))[:, None]
+        size = _median(np.sort(np.abs(steps.T), axis=0), np.isfinite(steps).sum(axis=1))[:, None]
     lowest = 0.0 if vectors is None or not vectors.size else float(np.abs(vectors[:, 2]).min())
     cosine = lowest if 0.0 < lowest <= 1.0 else float(np.cos(np.deg2rad(config.quality.beam_angle)))
     return distance + 0.5 * np.nan_to_num(size), cosine
@@ -234,31 +235,43 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
         floor: shape (..., m) [m/s], the least deviation that counts, so that the noise of a smooth profile is no outlier.
         window: Bins in a window, odd; of a shorter profile all.
     """
-    finite = np.asarray(np.isfinite(velocity).all(axis=-1))
-    n_finite = np.count_nonzero(finite, axis=-1)
-    # bins about each; of a shorter profile all
-    m = velocity.shape[-2]
+    # components and cells first, so that what is compared with each other is whole arrays
+    each = np.ascontiguousarray(np.moveaxis(velocity, (-1, -2), (0, 1)))
+    finite, m = np.isfinite(each).all(axis=0), each.shape[1]
+    each, n_finite = np.where(finite, each, np.inf), finite.sum(axis=0)
+    # the windows that there are, and that of each bin; of a shorter profile all
     width = min(window, m)
-    at = np.clip(np.arange(m) - window // 2, 0, m - width)[:, None] + np.arange(width)
-    count = np.count_nonzero(finite[..., at], axis=-1)
-    # components first, so that a window's bins are neighbours in memory
-    of_each, known = np.ascontiguousarray(velocity.swapaxes(-1, -2)), finite[..., None, :]
-    around = np.where(known, of_each, np.nan)[..., at]
-    middle = _median(around, count[..., None, :])
-    apart = np.abs(of_each - middle)
+    parts = [slice(k, k + m - width + 1) for k in range(width)]
+    own = np.clip(np.arange(m) - window // 2, 0, m - width)
+    around, count = [each[:, part] for part in parts], np.sum([finite[k] for k in parts], axis=0)
+    middle = _median(_ordered(around), count)
+    spread = _median(_ordered([np.abs(one - middle) for one in around]), count)[:, own]
+    apart = np.abs(each - middle[:, own])
     # the few bins of a window often lie close together by chance: what is usual in the profile counts too
-    usual = _median(np.where(known, apart, np.nan), n_finite[..., None])[..., None]
-    spread = _median(np.abs(around - middle[..., None]), count[..., None, :])
-    scale = np.maximum(_MAD * np.maximum(spread, usual), floor[..., None, :])
-    ratio = (apart / scale).max(axis=-2)
-    return np.where(finite & (count >= _FEWEST) & (n_finite >= _FEWEST)[..., None], ratio, np.nan)
+    usual = _median(np.sort(apart.swapaxes(0, 1), axis=0), n_finite)[:, None]
+    scale = np.maximum(_MAD * np.maximum(spread, usual), np.moveaxis(floor, -1, 0))
+    known = finite & (count[own] >= _FEWEST) & (n_finite >= _FEWEST)
+    return np.moveaxis(np.where(known, np.maximum(*apart / scale), np.nan), 0, -1)
 
 
-def _median(values: Array, count: Indices) -> Array:
-    """Return medians of the ``count`` numbers along the last axis, the others NaN; numpy's own take far longer."""
-    ordered, width = np.sort(values, axis=-1), values.shape[-1]
-    at = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, width - 1)], axis=-1)
-    return np.asarray(0.5 * np.take_along_axis(ordered, at, axis=-1).sum(axis=-1))
+def _ordered(values: Sequence[Array]) -> Array:
+    """Return few arrays in order, element by element: exchanges of neighbours, which for few take far less time than sorting."""
+    found = [*values]
+    for k, one in product(range(len(found)), range(len(found) - 1)):
+        if (k + one) % 2:
+            both = found[one : one + 2]
+            found[one : one + 2] = np.minimum(*both), np.maximum(*both)
+    return np.array(found)
+
+
+def _median(ordered: Array, count: Indices) -> Array:
+    """Return medians of the first ``count`` numbers along the first axis; numpy's own take far longer."""
+    places = np.arange(ordered[0].size).reshape(ordered.shape[1:])
+    below, above = (
+        ordered.take(at * places.size + places)
+        for at in (np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(ordered) - 1))
+    )
+    return np.asarray(0.5 * (below + above))
 
 
 def _rolled_up(
@@ -268,7 +281,7 @@ def _rolled_up(
 
     A bin without a number is missing, whatever the tests say. Suspect bins fail where they are not to be used.
     """
-    present = np.isfinite(profiles["velocity"][..., :2]).all(axis=2)
+    present = every(np.isfinite(profiles["velocity"][..., :2]))
     malformed = ~np.isfinite(profiles["depth"])
     reasons = np.int32(Reason.MALFORMED) * malformed + np.int32(Reason.MISSING) * ~present
     missing, flags = reasons != 0, np.full(reasons.shape, _GOOD)

@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from itertools import compress, zip_longest
+from itertools import compress, repeat, zip_longest
 from operator import itemgetter
 from reprlib import repr as shorten
-from types import MappingProxyType
+from types import MappingProxyType, NoneType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -130,9 +130,11 @@ def field(payloads: Sequence[Any], path: str) -> list[Any]:
     values: list[Any] = [*payloads]
     for name in path.split("."):
         try:
-            values = [one.get(name) for one in values]
-        except AttributeError:
-            values = [one.get(name) if hasattr(one, "get") else None for one in values]
+            values = [*map(dict.get, values, repeat(name))]
+        except TypeError:
+            values = [
+                None if one is None or not hasattr(one, "get") else one.get(name) for one in values
+            ]
     return values
 
 
@@ -153,6 +155,8 @@ def regular(values: Sequence[Any]) -> Array:
 
 def numbers(values: Sequence[Any]) -> Array:
     """Return values as numbers, shape (n,); NaN for what is none and for anything infinite."""
+    if {*map(type, values)} == {NoneType}:
+        return np.full(len(values), np.nan)
     plain = regular(values)
     return plain if plain.ndim == 1 else np.array([*map(number, values)], np.float64)
 

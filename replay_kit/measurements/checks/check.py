@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from replay_kit.core.arrays import every
 from replay_kit.core.block import MEAN, PING, POSITION, Block
 from replay_kit.core.errors import Finding
 from replay_kit.core.extensions import additions
@@ -152,7 +153,7 @@ def _instruments(block: Block, known: Mapping[str, Rows]) -> dict[str, Rows]:
         keys = np.column_stack([pings["topic"], beams])
         for topic, number in np.unique(keys, axis=0).tolist():
             name = block.topics[topic]
-            own = pings.take((keys == (topic, number)).all(axis=1))
+            own = pings.take(every(keys == (topic, number)))
             of = f"{name} along {number} beams" if number else name
             found[of] = replace(own, topic=name, instrument=of)
     return found

@@ -63,6 +63,8 @@ class Rows:
 
     def take(self, at: Holds | Indices | slice) -> "Rows":
         """Return some of the rows."""
+        if isinstance(at, np.ndarray) and at.dtype == np.bool_ and at.all():
+            return self
         columns = {name: values[at] for name, values in self.columns.items()}
         return replace(self, event=self.event[at], columns=columns)
 
@@ -192,8 +194,8 @@ def history(
         most: Number of rows that are remembered.
         of: Tells histories in one memory apart.
     """
-    new = rows.having(number=rows.event)
-    old = {name: memory.get(of + name, new[name][:0]) for name in (*names, "number")}
+    new = replace(rows, columns={"number": rows.event, **{name: rows[name] for name in names}})
+    old = {name: memory.get(of + name, values[:0]) for name, values in new.columns.items()}
     times = old["time"].tolist()
     new = new.take(
         spaced(new["time"].tolist(), times, lambda one, other: abs(other - one) >= seconds * 1e9)

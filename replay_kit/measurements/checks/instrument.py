@@ -7,7 +7,7 @@ which equal values differ.
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, Mask
+from replay_kit.core.arrays import Array, Mask, every
 from replay_kit.measurements.checks.fold import (
     Context,
     Found,
@@ -51,10 +51,10 @@ def dead(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]:
         pings: Of one instrument.
     """
     raw = pings["raw"][..., :2]
-    known = np.isfinite(raw).all(axis=2)
+    known = every(np.isfinite(raw))
     number, start = known.sum(axis=1), raw[np.arange(len(raw)), np.argmax(known, axis=1)]
-    equal = ((raw == start[:, None]).all(axis=2) | ~known).all(axis=1)
-    zero = equal & (start == 0.0).all(axis=1) & (number >= _LEAST_ZEROS)
+    equal = (every(raw == start[:, None]) | ~known).all(axis=1)
+    zero = equal & every(start == 0.0) & (number >= _LEAST_ZEROS)
     told = (number >= LEAST_CELLS) | zero
     digest = windows(memory, "digest", _digests(pings, pings["raw"])[told], _COMPARED + 1)
     time, velocity = np.moveaxis(digest[1:], 2, 0)
@@ -101,11 +101,14 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]
     """
     raw = pings["raw"]
     last = windows(memory, "last", raw, 1)
-    equal = (raw == last[:-1, 0]).all(axis=2)
+    equal = every(raw == last[:-1, 0])
     latest = windows(memory, "equal", equal, _STUCK_NAMED)
-    run = np.logical_and.accumulate(latest[1:, ::-1], axis=1).sum(axis=1)
+    both = np.concatenate([latest[0], equal])
+    row = np.arange(len(both))[:, None]
+    unequal = np.maximum.accumulate(np.where(both, -1, row), axis=0)
+    run = np.minimum(row - unequal, _STUCK_NAMED)[_STUCK_NAMED:]
     living = run < _LIVING
-    tried = (equal & living, living & np.isfinite(raw).all(axis=2))
+    tried = (equal & living, living & every(np.isfinite(raw)))
     counts = sums(memory, "counts", np.column_stack([each.sum(axis=1) for each in tried]))
     chance = (counts[1:, :1] + 1.0) / (counts[1:, 1:] + 100.0)
     stuck = (pings["bins"] >= LEAST_CELLS)[:, None] & (run >= _STUCK_RUN)
@@ -139,7 +142,7 @@ def duplicates(memory: Memory, rows: Rows, context: Context | None = None) -> Ju
     digest = _digests(rows, rows.columns.get("velocity", place))
     digest = np.column_stack([digest, rows["input"], rows["topic"]])
     last = windows(memory, "last", digest, 2)
-    again = (last[1:, 0] == last[1:, 1]).all(axis=1)
+    again = every(last[1:, 0] == last[1:, 1])
     latest = windows(memory, "again", again.astype(np.float64), _LEAST)
     number = latest.sum(axis=1)
     found = rows.first(
@@ -167,7 +170,7 @@ def beams(memory: Memory, pings: Rows, context: Context) -> Judged:
     texture = np.diff(pings["raw"], 2, axis=1)
     known = np.isfinite(texture)
     told = pings["along_beams"].astype(np.bool_) & (pings["bins"] >= LEAST_CELLS)
-    told &= np.any(known.all(axis=2), axis=1)
+    told &= every(known).any(axis=1)
     pings, squares = pings.take(told), np.nanmean(texture[told] ** 2, axis=1)
     variances = windows(memory, "variances", squares, _LEAST)
     usual = np.median(variances, axis=1)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay_kit.core.arrays import IN_MEMORY, Array, Mask, one_by_one
+from replay_kit.core.arrays import IN_MEMORY, Array, Mask, every, one_by_one
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.core.observation import Reason
@@ -98,7 +98,7 @@ def odd_ensemble_speeds(velocity: Array) -> str:
 
 def repairable(pings: Rows) -> Mask:
     """Return which bins are sound, or bad only in a way that a wrong unit or axis could have made them, shape (n, m)."""
-    known = np.isfinite(pings["velocity"]).all(axis=2)
+    known = every(np.isfinite(pings["velocity"]))
     return np.asarray(known & ((pings["reasons"] & ~np.int32(REPAIRABLE)) == 0))
 
 
@@ -112,7 +112,7 @@ def _scatter(pings: Rows, among: Holds = np.True_) -> tuple[Array, Holds]:
         among: shape (n, m - 2), of which; infinity where fewer than three of them are known.
     """
     size = np.abs(np.diff(pings["velocity"], 2, axis=1))
-    known = among & np.isfinite(size).all(axis=2)
+    known = among & every(np.isfinite(size))
     middle = upper_median(np.hstack([size[..., 0], size[..., 1]]), np.hstack([known, known]))
     return np.where(known.sum(axis=1) >= _LEAST_BINS, middle / _SIZE, np.inf), known
 
@@ -169,7 +169,7 @@ def speeds(memory: Memory, pings: Rows, context: Context) -> Judged:
     ensemble = context.ensemble
     if ensemble is None:
         return memory, []
-    squared, error_std = np.square(pings["velocity"]).sum(axis=2), pings["error_std"]
+    squared, error_std = sum(np.square(np.moveaxis(pings["velocity"], 2, 0))), pings["error_std"]
     good = repairable(pings) & np.isfinite(error_std)
     good &= np.isfinite(pings["common_std"])[:, None]
     measured = upper_median(squared, good)
@@ -254,7 +254,7 @@ def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
         pings: Of one instrument; stuck cells are left out.
         context: Is not asked.
     """
-    known = np.isfinite(pings["raw"][..., :2]).all(axis=2).sum(axis=1)
+    known = every(np.isfinite(pings["raw"][..., :2])).sum(axis=1)
     pings = pings.take((pings["bins"] >= LEAST_CELLS) & (known >= LEAST_CELLS))
     places = np.column_stack([pings["depth"][:, 0], pings["longitude"], pings["latitude"]])
     last = memory.get("place", places[:0])
