@@ -9,15 +9,13 @@ from numpy.typing import NDArray
 
 from replay_kit.core.block import BinTest
 from replay_kit.core.observation import Flag
-from replay_kit.core.table import Integers, Table
+from replay_kit.core.table import Integers, Rows, Table, chosen
 from replay_kit.measurements.dives import depth_of
 from replay_kit.measurements.positions import (
     LONG_AGO,
     NEVER,
     WINDOW,
-    Rows,
     as_of,
-    chosen,
     fixes_of,
     joined,
     placed,

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Mask
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.core.table import Columns
-from replay_kit.measurements.positions import NEVER, chosen, joined, no_rows
+from replay_kit.core.table import Columns, chosen
+from replay_kit.measurements.positions import NEVER, joined, no_rows
 
 DISPLACED = "displaced positions"
 #: Why messages of positions are not used.

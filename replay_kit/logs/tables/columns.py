@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from functools import cached_property
 from itertools import compress, repeat, zip_longest
 from operator import itemgetter
 from reprlib import repr as shorten
@@ -38,6 +40,21 @@ class Rows(NamedTuple):
     fixed: Mapping[str, Any] = MappingProxyType({})
 
 
+class Held(tuple[Payload, ...]):
+    """Payloads, and their fields."""
+
+    @cached_property
+    def columns(self) -> Mapping[str, Sequence[Any]]:
+        """Values by name, where all payloads have the same fields; else none."""
+        first = self[0] if self else None
+        if type(first) is dict and len(first) > 1 and {*map(len, self)} == {len(first)}:
+            with suppress(*MALFORMED):
+                return dict(
+                    zip(first, zip(*map(itemgetter(*first), self), strict=True), strict=True)
+                )
+        return {}
+
+
 def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
     """Return messages grouped by log, topic and schema.
 
@@ -52,7 +69,7 @@ def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
     for (log, topic, schema), at in groups.items():
         times, _, _, payloads, _, ordinals = zip(*[messages[k] for k in at], strict=True)
         time, order, position = np.array([times, at, ordinals], np.int64)
-        found.append(Raw(topic, schema, log, time, order + first, position, payloads))
+        found.append(Raw(topic, schema, log, time, order + first, position, Held(payloads)))
     return found
 
 
@@ -61,7 +78,7 @@ def some(raw: Raw, chosen: Mask) -> Raw:
     if chosen.all():
         return raw
     at_rows = raw.time[chosen], raw.order[chosen], raw.position[chosen]
-    return Raw(raw.topic, raw.schema, raw.input, *at_rows, [*compress(raw.payloads, chosen)])
+    return Raw(raw.topic, raw.schema, raw.input, *at_rows, Held(compress(raw.payloads, chosen)))
 
 
 def table(raw: Raw, kind: Kind, at: Any, columns: Columns, fixed: Mapping[str, Any]) -> Table:
@@ -125,10 +142,15 @@ def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
         return f"malformed: a field is missing or of the wrong kind ({type(error).__name__})"
 
 
-def field(payloads: Sequence[Any], path: str) -> list[Any]:
+def field(payloads: Sequence[Any], path: str) -> Sequence[Any]:
     """Return the values of a field, which parts of the message may hold (``pose.position``); None where there is none."""
-    values: list[Any] = [*payloads]
+    values: Sequence[Any] = payloads
     for name in path.split("."):
+        if isinstance(values, Held) and values.columns:
+            if name not in values.columns:
+                return [None] * len(values)
+            values = values.columns[name]
+            continue
         try:
             values = [*map(dict.get, values, repeat(name))]
         except TypeError:

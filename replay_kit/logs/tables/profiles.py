@@ -50,7 +50,9 @@ def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
     reasons = {_BOTTOM_ALONE: (cells == 0) & bottom}
     reasons |= {word: moored & wrong for word, wrong in no_place(*place).items()}
     words = np.broadcast_to(why(reasons), len(payloads)).tolist()
-    said = [word or payload for word, payload in zip(words, payloads, strict=True)]
+    said = payloads
+    if any(words):
+        said = [word or payload for word, payload in zip(words, payloads, strict=True)]
     depth = np.where(moored, 0.0, np.nan)
     return pings(raw, said, config, places=np.column_stack([*place, depth]))
 

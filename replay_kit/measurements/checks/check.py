@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.arrays import every
 from replay_kit.core.block import MEAN, PING, POSITION, Block
 from replay_kit.core.errors import Finding
 from replay_kit.core.extensions import additions
@@ -150,10 +149,9 @@ def _instruments(block: Block, known: Mapping[str, Rows]) -> dict[str, Rows]:
     if block.ping:
         pings = rows_of(block, PING)
         beams = np.where(pings["along_beams"], pings["components"], 0)
-        keys = np.column_stack([pings["topic"], beams])
-        for topic, number in np.unique(keys, axis=0).tolist():
+        for topic, number in sorted({*zip(pings["topic"].tolist(), beams.tolist(), strict=True)}):
             name = block.topics[topic]
-            own = pings.take(every(keys == (topic, number)))
+            own = pings.take((pings["topic"] == topic) & (beams == number))
             of = f"{name} along {number} beams" if number else name
             found[of] = replace(own, topic=name, instrument=of)
     return found

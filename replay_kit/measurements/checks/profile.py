@@ -133,14 +133,18 @@ def above_surface(memory: Memory, pings: Rows, context: Context) -> Judged:
     measured = np.isfinite(velocity[..., 0]) & ((pings["reasons"] & Reason.AT_SURFACE) == 0)
     high = measured & (pings["depth"] < 0.0)
     over = 2 * high.sum(axis=1) > measured.sum(axis=1)
-    middle = upper_median(distance, np.isfinite(distance))
-    by_geometry = pings["up"].astype(np.bool_) & (top >= 0.0) & (top < middle)
-    echo, _ = _scatter(pings, high[:, 2:] & high[:, :-2])
-    below, _ = _scatter(pings, ~high[:, 2:] & ~high[:, :-2])
-    stated = mean_of(pings["error_std"], np.isfinite(pings["error_std"]))
-    water = echo < _LIKE_WATER * np.minimum(stated, below)
-    told = measured.any(axis=1)
-    heard, told = told & by_geometry & np.isfinite(echo), told & ~by_geometry
+    by_geometry = pings["up"].astype(np.bool_) & (top >= 0.0)
+    by_geometry[by_geometry] = top[by_geometry] < upper_median(
+        distance[by_geometry], np.isfinite(distance[by_geometry])
+    )
+    told, own, over_it = measured.any(axis=1), pings.take(by_geometry), high[by_geometry]
+    echo, _ = _scatter(own, over_it[:, 2:] & over_it[:, :-2])
+    below, _ = _scatter(own, ~over_it[:, 2:] & ~over_it[:, :-2])
+    stated = mean_of(own["error_std"], np.isfinite(own["error_std"]))
+    heard, water = told & by_geometry, np.zeros(len(pings), np.bool_)
+    heard[by_geometry] &= np.isfinite(echo)
+    water[by_geometry] = echo < _LIKE_WATER * np.minimum(stated, below)
+    told &= ~by_geometry
     counts = sums(memory, "counts", np.column_stack([told, told & over, heard, heard & water]))
     number, over, heard, watery = counts.T
     wrong = (over >= _LEAST_ABOVE) & (over > _MOST_ABOVE * number)
