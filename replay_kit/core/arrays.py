@@ -24,7 +24,7 @@ Times = NDArray[np.int64]
 IN_MEMORY = 1 << 30
 
 
-def every(holds: NDArray[np.bool_] | np.bool_) -> Mask:
+def every(holds: Any) -> Mask:
     """Return where something holds of all along the last axis, which are few; numpy's own ``all`` takes far longer of few."""
     return np.asarray(reduce(and_, np.moveaxis(holds, -1, 0)))
 

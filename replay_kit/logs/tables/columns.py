@@ -1,6 +1,7 @@
 """Fields of many payloads as columns: numbers, words and cells, whatever encoding wrote them; and messages grouped by topic."""
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
@@ -62,9 +63,9 @@ def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
         messages: In the order of the stream.
         first: Place of the first one in the stream.
     """
-    groups: dict[tuple[int, str, str], list[int]] = {}
+    groups = defaultdict[tuple[int, str, str], list[int]](list)
     for k, key in enumerate(map(itemgetter(4, 1, 2), messages)):
-        groups.setdefault(key, []).append(k)
+        groups[key].append(k)
     found = []
     for (log, topic, schema), at in groups.items():
         times, _, _, payloads, _, ordinals = zip(*[messages[k] for k in at], strict=True)
@@ -110,7 +111,11 @@ def kept(raw: Raw, rows: Rows) -> Tables:
 
 def why(reasons: Mapping[str, Any]) -> Any:
     """Return the first reason that holds for each message, empty where none does, from where each holds, shape (n,)."""
-    return np.select([False, *reasons.values()], ["", *reasons], "")
+    found = np.full(np.broadcast_shapes(*map(np.shape, reasons.values())), "")
+    for word, holds in [*reasons.items()][::-1]:
+        if np.any(holds):
+            found = np.where(holds, word, found)
+    return found
 
 
 def read_each(

@@ -20,6 +20,7 @@ be joined.
 import math
 from collections.abc import Iterable, Sequence
 from reprlib import repr as shorten
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -153,7 +154,10 @@ def _alike(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]:
 def _lists(values: Sequence[Any], least: int = 0) -> list[Any]:
     """Return values of which those are empty that are no lists, or shorter ones."""
     kinds = (list, tuple)
-    if not least and {*map(type, values)} <= {*kinds}:
+    found = {*map(type, values)}
+    if found == {NoneType}:
+        return [()] * len(values)
+    if not least and found <= {*kinds}:
         return [*values]
     return [one if isinstance(one, kinds) and len(one) >= least else () for one in values]
 
@@ -250,7 +254,7 @@ def _distance(payloads: Sequence[Payload], n: int, m: int) -> Array:
         MeasurementError: The list has another length, or first distance and size are none.
     """
     listed = field(payloads, "cell_distances")
-    if any(one is not None for one in listed):
+    if {*map(type, listed)} != {NoneType}:
         found = by_cell(rows(_lists(listed)), m)
         if found is None or found.shape[2] > 1:
             raise MeasurementError(

@@ -4,6 +4,8 @@ Noise makes it impossible that a living instrument gives zeros, equal cells, or 
 which equal values differ.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,7 +55,7 @@ def dead(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]:
     raw = pings["raw"][..., :2]
     known = every(np.isfinite(raw))
     number, start = known.sum(axis=1), raw[np.arange(len(raw)), np.argmax(known, axis=1)]
-    equal = (every(raw == start[:, None]) | ~known).all(axis=1)
+    equal = np.asarray((every(raw == start[:, None]) | ~known).all(axis=1))
     zero = equal & every(start == 0.0) & (number >= _LEAST_ZEROS)
     told = (number >= LEAST_CELLS) | zero
     digest = windows(memory, "digest", _digests(pings, pings["raw"])[told], _COMPARED + 1)
@@ -85,7 +87,8 @@ def _digests(rows: Rows, values: Array) -> NDArray[np.int64]:
     """Return the time of each row, and a number that is the same for equal values, shape (n, m, k)."""
     # cells that are missing at the end are no part of it
     bits = np.where(np.isfinite(values), values + 99.0, 0.0).view(np.int64)
-    number = (bits * np.resize(_FACTORS, values.shape[1:])).sum(axis=(1, 2))
+    factors = np.resize(_FACTORS, math.prod(bits.shape[1:]))
+    number = bits.reshape(-1, factors.size) @ factors
     return np.column_stack([rows["time"], number])
 
 

@@ -55,7 +55,11 @@ def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
         if place != [east, north]:
             (east, north), began, number, least, most, fix = place, time, 0, math.inf, -math.inf, 0
         # a depth that is not known changes neither
-        number, least, most = number + 1, min(least, depth), max(most, depth)
+        number, least, most = (
+            number + 1,
+            depth if depth < least else least,
+            depth if depth > most else most,
+        )
         moved = most - least > _FROZEN_DEPTH
         fix = fix or (moved and not reckoned and number > 1)
         bad = moved and time - began >= _FROZEN_TIME * 1e9 and number >= _FROZEN_FIXES
@@ -92,9 +96,20 @@ def separate(memory: Memory, positions: Rows) -> Judged:
     """
     last = [Place(*each) for each in memory.get("last", np.empty((0, len(COLUMNS)))).tolist()]
     number, at, words = memory.get("number", np.zeros(2)).tolist(), -1, ""
-    short = short_steps(positions.columns).tolist()
-    for i, here in enumerate(places(positions.columns)):
-        if not last or (short[i] and len(last) == 1) or _goes(last[0], here):
+    turns, every, i = (
+        np.append(np.flatnonzero(~short_steps(positions.columns)), len(positions)),
+        places(positions.columns),
+        -1,
+    )
+    while (i := i + 1) < len(positions):
+        if len(last) == 1 and (steps := int(turns[np.searchsorted(turns, i)]) - i):
+            # the last of short steps
+            i, number[0] = i + steps, number[0] + steps
+            last = [every(i - 1)]
+            i -= 1
+            continue
+        here = every(i)
+        if not last or _goes(last[0], here):
             last[:1], number[0] = [here], number[0] + 1
             continue
         goes_on = len(last) > 1 and _goes(last[1], here)

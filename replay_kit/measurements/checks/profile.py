@@ -42,7 +42,7 @@ _LEAST_PINGS, _ODD, MOST_SPEED, _LEAST_SPEED = 30, 8.0, 4.0, 0.01
 _NOISES, _LEAST_NOISE, _MOST_NOISE, _LEAST_BINS, _SIZE = 40, 0.05, 8.0, 3, 0.6745 * math.sqrt(6.0)
 # m; by which the water about an instrument is another; degrees that are certainly less. Profiles in a row that are alike there, how much
 # their second differences are correlated, and from which share of white noise on what differs between two of them is no water's.
-_OTHER_DEPTH, _OTHER_PLACE, _CLOSE, _LEAST_ALIKE, _ALIKE, _WHITE = 20.0, 1000.0, 0.005, 8, 0.7, 0.3
+_OTHER_DEPTH, _OTHER_PLACE, _CLOSE, _LEAST_ALIKE, _ALIKE, _WHITE = 20.0, 1000.0, 0.006, 8, 0.7, 0.3
 # Causes and advice.
 _OF_UNIT = (
     "velocities in cm/s or mm/s that are taken for m/s, or an ensemble in another unit",
@@ -304,10 +304,10 @@ def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
 
 def _in_other_water(one: Sequence[float], other: Sequence[float]) -> bool:
     """Return whether a place, its depth, longitude and latitude, is 20 m deeper or less deep than another, or 1 km away."""
-    if abs(other[0] - one[0]) >= _OTHER_DEPTH:
+    depth, longitude, latitude = (other[0] - one[0], other[1] - one[1], other[2] - one[2])
+    if depth >= _OTHER_DEPTH or depth <= -_OTHER_DEPTH:
         return True
-    longitude, latitude = other[1] - one[1], other[2] - one[2]
-    if max(abs(longitude), abs(latitude)) < _CLOSE:
+    if -_CLOSE < longitude < _CLOSE and -_CLOSE < latitude < _CLOSE:
         return False
     east, north = metres_per_degree(one[2])
     return math.hypot(east * longitude, north * latitude) >= _OTHER_PLACE
