@@ -47,12 +47,11 @@ class Held(tuple[Payload, ...]):
     @cached_property
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """Values by name, where all payloads have the same fields; else none."""
-        first = self[0] if self else None
-        if type(first) is dict and len(first) > 1 and {*map(len, self)} == {len(first)}:
-            with suppress(*MALFORMED):
-                return dict(
-                    zip(first, zip(*map(itemgetter(*first), self), strict=True), strict=True)
-                )
+        with suppress(*MALFORMED):
+            first = self[0]
+            if len(first) > 1 and {*map(len, self)} == {len(first)}:
+                each = zip(*map(itemgetter(*first), self), strict=True)
+                return dict(zip(first, each, strict=True))
         return {}
 
 
@@ -149,19 +148,19 @@ def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
 
 def field(payloads: Sequence[Any], path: str) -> Sequence[Any]:
     """Return the values of a field, which parts of the message may hold (``pose.position``); None where there is none."""
-    values: Sequence[Any] = payloads
+    values, alike = payloads, getattr(payloads, "columns", None)
     for name in path.split("."):
-        if isinstance(values, Held) and values.columns:
-            if name not in values.columns:
-                return [None] * len(values)
-            values = values.columns[name]
-            continue
         try:
-            values = [*map(dict.get, values, repeat(name))]
+            values = (
+                alike.get(name, [None] * len(values))
+                if alike
+                else [*map(dict.get, values, repeat(name))]
+            )
         except TypeError:
             values = [
                 None if one is None or not hasattr(one, "get") else one.get(name) for one in values
             ]
+        alike = None
     return values
 
 

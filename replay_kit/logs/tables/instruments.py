@@ -18,6 +18,7 @@ be joined.
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from reprlib import repr as shorten
 from types import NoneType
@@ -140,24 +141,16 @@ def _alike(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]:
     unlike = [one for one in columns if one.count(one[0]) < len(one)]
     if not unlike:
         return [at]
-    groups: list[tuple[Any, list[int]]] = []
-    for k, own in zip(at, zip(*unlike, strict=True), strict=True):
-        # mostly the group of the ping before
-        alike = next((held for key, held in reversed(groups) if key == own), None)
-        if alike is None:
-            groups.append((own, [k]))
-        else:
-            alike.append(k)
-    return [held for _, held in groups]
+    groups = defaultdict[str, list[int]](list)
+    for k, *own in zip(at, *unlike, strict=True):
+        groups[repr(own)].append(k)
+    return [*groups.values()]
 
 
 def _lists(values: Sequence[Any], least: int = 0) -> list[Any]:
     """Return values of which those are empty that are no lists, or shorter ones."""
     kinds = (list, tuple)
-    found = {*map(type, values)}
-    if found == {NoneType}:
-        return [()] * len(values)
-    if not least and found <= {*kinds}:
+    if not least and {*map(type, values)} <= {*kinds}:
         return [*values]
     return [one if isinstance(one, kinds) and len(one) >= least else () for one in values]
 

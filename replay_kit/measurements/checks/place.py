@@ -96,20 +96,15 @@ def separate(memory: Memory, positions: Rows) -> Judged:
     """
     last = [Place(*each) for each in memory.get("last", np.empty((0, len(COLUMNS)))).tolist()]
     number, at, words = memory.get("number", np.zeros(2)).tolist(), -1, ""
-    turns, every, i = (
-        np.append(np.flatnonzero(~short_steps(positions.columns)), len(positions)),
-        places(positions.columns),
-        -1,
-    )
-    while (i := i + 1) < len(positions):
-        if len(last) == 1 and (steps := int(turns[np.searchsorted(turns, i)]) - i):
-            # the last of short steps
-            i, number[0] = i + steps, number[0] + steps
-            last = [every(i - 1)]
-            i -= 1
+    short = [*short_steps(positions.columns).tolist(), False]
+    every = places(positions.columns)
+    for i in range(len(positions)):
+        if short[i] and short[i + 1] and len(last) == 1:
+            # between short steps nothing is decided
+            number[0] += 1
             continue
         here = every(i)
-        if not last or _goes(last[0], here):
+        if not last or (short[i] and len(last) == 1) or _goes(last[0], here):
             last[:1], number[0] = [here], number[0] + 1
             continue
         goes_on = len(last) > 1 and _goes(last[1], here)
