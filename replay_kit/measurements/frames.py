@@ -26,7 +26,14 @@ def turned(velocity: Array, rotation: Array) -> Array:
     by_axis, each = rotation.transpose(1, 2, 0)[..., None], np.moveaxis(velocity, -1, 0)
     return np.stack(
         [
-            sum(np.where(of != 0.0, of * one, 0.0) for of, one in zip(row, each, strict=False))
+            sum(
+                (
+                    np.where(of, of * one, 0.0)
+                    for of, one in zip(row, each, strict=False)
+                    if of.any()
+                ),
+                np.zeros(velocity.shape[:2]),
+            )
             for row in by_axis
         ],
         axis=-1,

@@ -7,7 +7,6 @@ that it writes itself it is taken for dead-reckoned, in telemetry where the GPS 
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from functools import partial
 from operator import itemgetter
 from types import MappingProxyType
@@ -78,9 +77,10 @@ def _location_fixes(payloads: Payloads) -> Rows:
 def _metadata(pairs: Any) -> Payload:
     """Return key-value pairs as a dict; a plain mapping is read too, and what is no pair says nothing."""
     if isinstance(pairs, list | tuple):
-        with suppress(KeyError, TypeError):
+        try:
             return dict(map(itemgetter("key", "value"), pairs))
-        return {str(one.get("key")): one.get("value") for one in pairs if hasattr(one, "get")}
+        except (KeyError, TypeError):
+            return {str(one.get("key")): one.get("value") for one in pairs if hasattr(one, "get")}
     return pairs or {}
 
 

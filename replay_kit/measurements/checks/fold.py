@@ -157,7 +157,8 @@ def windows(memory: Memory, name: str, new: NDArray[Any], most: int) -> NDArray[
     if old is None or old.shape[1:] != new.shape[1:]:
         old = np.full((most, *new.shape[1:]), np.nan if new.dtype.kind == "f" else 0, new.dtype)
     both = np.concatenate([old, new])
-    return np.moveaxis(np.lib.stride_tricks.sliding_window_view(both, most, axis=0), -1, 1)
+    shape, strides = (len(both) - most + 1, most, *both.shape[1:]), (both.strides[0], *both.strides)
+    return np.lib.stride_tricks.as_strided(both, shape, strides, writeable=False)
 
 
 def sums(memory: Memory, name: str, new: NDArray[Any]) -> NDArray[Any]:
