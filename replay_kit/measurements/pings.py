@@ -243,6 +243,6 @@ def stacked(parts: Sequence[Profiles]) -> tuple[Rows, tuple[BinTest, ...]]:
             blank = np.full(rows["flags"].shape, np.int8(Flag.NOT_EVALUATED))
             flags.append(own[0].flags if own else blank)
             words.append(own[0].why_not if own else np.full(len(blank), None))
-        bins = padded(flags, Flag.NOT_EVALUATED)[at]
-        found.append(BinTest(one.name, one.reason, bins, np.concatenate(words)[at]))
+        both = {"flags": padded(flags, Flag.NOT_EVALUATED), "why_not": np.concatenate(words)}
+        found.append(BinTest(one.name, one.reason, **chosen(both, at)))
     return chosen(columns, at), tuple(found)

@@ -8,6 +8,7 @@ their numbers to the operator; Teledyne's commands WC, WE and its percent good; 
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,8 @@ _BEAMS = 3
 _MAD = 1.4826
 # bins; fewer have no median that one of them could not move
 _FEWEST = 4
+# numbers up to which exchanges are faster than sorting
+_FEW = 9
 _NO_SNR = "the ping has neither snr nor noise_floor with amplitude"
 #: Columns of pings of one layout, and what is fixed of their instrument.
 Profiles = Mapping[str, Any]
@@ -77,7 +80,7 @@ def _tests(profiles: Profiles, config: MeasurementConfig) -> Sequence[tuple[Any,
     Last come the limits of those that are not in the settings by name.
     """
     quality, dive = config.quality, profiles["dive"]
-    speed = profiles["velocity"][..., :2]
+    east, north = np.moveaxis(profiles["velocity"][..., :2], 2, 0).copy()
     reach, cosine = _reach(profiles, config)
     bottom, transducer = profiles["bottom_range"], profiles["transducer_depth"]
     correlation = "nortek_correlation" if profiles["convention"] == "nortek" else "correlation"
@@ -96,7 +99,7 @@ def _tests(profiles: Profiles, config: MeasurementConfig) -> Sequence[tuple[Any,
         (
             "max_speed",
             Reason.GROSS_RANGE,
-            np.maximum(*np.abs(np.moveaxis(speed, 2, 0))),
+            np.maximum(np.abs(east), np.abs(north)),
             "",
             False,
             (None, config.max_speed),
@@ -123,7 +126,7 @@ def _tests(profiles: Profiles, config: MeasurementConfig) -> Sequence[tuple[Any,
         (
             "speed",
             Reason.HIGH_SPEED,
-            np.hypot(speed[..., 0], speed[..., 1]),
+            np.hypot(east, north),
             np.where(profiles["absolute"], "", "velocity is relative to the platform"),
             False,
         ),
@@ -189,7 +192,7 @@ def _reach(profiles: Profiles, config: MeasurementConfig) -> tuple[Array, float]
     distance, size, vectors = profiles["distance"], profiles["cell_size"], profiles["vectors"]
     if not np.isfinite(size) and distance.shape[1] > 1:
         steps = np.diff(distance, axis=1)
-        size = _median(np.sort(np.abs(steps.T), axis=0), np.isfinite(steps).sum(axis=1))[:, None]
+        size = _median(np.abs(steps.T), np.isfinite(steps).sum(axis=1))[:, None]
     lowest = 0.0 if vectors is None or not vectors.size else float(np.abs(vectors[:, 2]).min())
     cosine = lowest if 0.0 < lowest <= 1.0 else float(np.cos(np.deg2rad(config.quality.beam_angle)))
     return distance + 0.5 * np.nan_to_num(size), cosine
@@ -243,31 +246,31 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
     each, n_finite = np.where(finite, each, np.inf), finite.sum(axis=0)
     # the windows that there are, and that of each bin; of a shorter profile all
     width = min(window, m)
-    parts = [slice(k, k + m - width + 1) for k in range(width)]
+    around = [each[:, k : k + m - width + 1] for k in range(width)]
     own = np.clip(np.arange(m) - window // 2, 0, m - width)
-    around, count = [each[:, part] for part in parts], np.sum([finite[k] for k in parts], axis=0)
-    middle = _median(_ordered(around), count)
-    spread = _median(_ordered([np.abs(one - middle) for one in around]), count)[:, own]
+    count = np.sum([np.isfinite(one[0]) for one in around], axis=0)
+    middle = _median(around, count)
+    spread = _median([np.abs(one - middle) for one in around], count)[:, own]
     apart = np.abs(each - middle[:, own])
     # the few bins of a window often lie close together by chance: what is usual in the profile counts too
-    usual = _median(np.sort(apart.swapaxes(0, 1), axis=0), n_finite)[:, None]
+    usual = _median(apart.swapaxes(0, 1), n_finite)[:, None]
     scale = np.maximum(_MAD * np.maximum(spread, usual), np.moveaxis(floor, -1, 0))
     known = finite & (count[own] >= _FEWEST) & (n_finite >= _FEWEST)
     return np.moveaxis(np.where(known, np.maximum(*apart / scale), np.nan), 0, -1)
 
 
-def _ordered(values: Sequence[Array]) -> Array:
-    """Return the lower half of few arrays in order, element by element: exchanges take far less time than sorting."""
-    found, half = [*values], len(values) // 2 + 1
-    for least in range(half):
-        for one in range(len(found) - 1, least, -1):
-            both = found[one - 1 : one + 1]
-            found[one - 1 : one + 1] = np.minimum(*both), np.maximum(*both)
-    return np.array(found[:half])
-
-
-def _median(ordered: Array, count: Indices) -> Array:
-    """Return medians of the first ``count`` numbers along the first axis; numpy's own take far longer."""
+def _median(values: Sequence[Array] | Array, count: Indices) -> Array:
+    """Return medians of the ``count`` least of numbers along the first axis; numpy's own take far longer, also to sort a few."""
+    if len(values) > _FEW:
+        ordered = np.sort(values, axis=0)
+    else:
+        # the lower half, by exchanges
+        few = [*values]
+        for least, one in combinations(range(len(few)), 2):
+            if 2 * least <= len(few):
+                both = few[least], few[one]
+                few[least], few[one] = np.minimum(*both), np.maximum(*both)
+        ordered = np.array(few[: len(few) // 2 + 1])
     places = np.arange(ordered[0].size).reshape(ordered.shape[1:])
     below, above = (
         ordered.take(at * places.size + places)
