@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Columns = Mapping[str, NDArray[Any]]
+Rows = dict[str, NDArray[Any]]
 Integers = NDArray[np.int64]
 
 #: What the rows of a table are. The columns of each kind, with their shapes and units, are those of ``Table``.
@@ -27,6 +28,17 @@ Kind = Literal[
     "sensor",
     "unused",
 ]
+
+
+def chosen(rows: Columns, at: Any) -> Rows:
+    """Return some rows; nothing is copied where these are all, in order."""
+    if isinstance(at, np.ndarray) and rows and _are_all(at, len(next(iter(rows.values())))):
+        return dict(rows)
+    return {name: column[at] for name, column in rows.items()}
+
+
+def _are_all(at: NDArray[Any], n: int) -> bool:
+    return bool(at.all() if at.dtype == np.bool_ else at.size == n and (at == np.arange(n)).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +116,7 @@ class Table:
 
     def rows(self, at: NDArray[Any] | slice) -> "Table":
         """Return some rows."""
-        columns = {name: column[at] for name, column in self.columns.items()}
+        columns = chosen(self.columns, at)
         places = self.time[at], self.order[at], self.position[at]
         return Table(self.kind, self.topic, self.input, *places, columns, self.fixed)
 

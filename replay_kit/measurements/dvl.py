@@ -7,11 +7,11 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.table import Columns, Raw, Table
+from replay_kit.core.table import Columns, Raw, Rows, Table
 from replay_kit.logs.tables.instruments import pings
 from replay_kit.measurements.earth import ATTITUDE_AGE, BOTTOM_AGE, Words, last_triple
 from replay_kit.measurements.frames import attitude_of, nortek_rotation, turned
-from replay_kit.measurements.positions import Rows, in_order
+from replay_kit.measurements.positions import in_order
 from replay_kit.measurements.step import Step
 
 _KEPT = "attitude: kept for pings without their own"

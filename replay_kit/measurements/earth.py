@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array
-from replay_kit.core.table import Columns, Table
+from replay_kit.core.arrays import Array, every
+from replay_kit.core.table import Columns, Rows, Table
 from replay_kit.measurements import frames
-from replay_kit.measurements.positions import Rows, as_of
+from replay_kit.measurements.positions import as_of
 
 # m/s; of a bottom-track ping that states none: makers state 3 to 30 mm/s for a single one
 _BOTTOM_STD = 0.03
@@ -119,7 +119,7 @@ def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: Measurem
 
 def _believed(motion: Array, config: MeasurementConfig) -> Array:
     """Return velocities with errors, shape (n, 3) [m/s]; NaN without one, or with an error above the fastest motion."""
-    good = np.isfinite(motion).all(axis=1) & (motion[:, 2] > 0.0)
+    good = every(np.isfinite(motion)) & (motion[:, 2] > 0.0)
     return np.where((good & (motion[:, 2] <= config.max_speed))[:, None], motion, np.nan)
 
 

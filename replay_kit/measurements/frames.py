@@ -23,12 +23,21 @@ def turned(velocity: Array, rotation: Array) -> Array:
         velocity: shape (n, m, at least 3) [m/s], along the axes of the rotation.
         rotation: shape (n, 3, 3), from these axes to east, north, up.
     """
-    counts = rotation[:, None] != 0.0
-    parts = (
-        np.where(counts[..., k], rotation[:, None, :, k] * velocity[..., k, None], 0.0)
-        for k in range(3)
+    by_axis, each = rotation.transpose(1, 2, 0)[..., None], np.moveaxis(velocity, -1, 0)
+    return np.stack(
+        [
+            sum(
+                (
+                    np.where(of, of * one, 0.0)
+                    for of, one in zip(row, each, strict=False)
+                    if of.any()
+                ),
+                np.zeros(velocity.shape[:2]),
+            )
+            for row in by_axis
+        ],
+        axis=-1,
     )
-    return np.asarray(sum(parts))
 
 
 def solve_beams(beams: Array, vectors: Array) -> Array:

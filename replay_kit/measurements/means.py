@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.table import Columns, Integers, Table
+from replay_kit.core.table import Columns, Integers, Rows, Table, chosen
 from replay_kit.measurements.dives import dive_begins
 from replay_kit.measurements.pings import COMPUTED, OWN, padded
-from replay_kit.measurements.positions import NEVER, Rows, chosen
+from replay_kit.measurements.positions import NEVER
 from replay_kit.measurements.step import Step
 
 # m and s; a longer stretch counts as several, because a current is not linear in depth or along the way

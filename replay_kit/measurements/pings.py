@@ -9,15 +9,13 @@ from numpy.typing import NDArray
 
 from replay_kit.core.block import BinTest
 from replay_kit.core.observation import Flag
-from replay_kit.core.table import Integers, Table
+from replay_kit.core.table import Integers, Rows, Table, chosen
 from replay_kit.measurements.dives import depth_of
 from replay_kit.measurements.positions import (
     LONG_AGO,
     NEVER,
     WINDOW,
-    Rows,
     as_of,
-    chosen,
     fixes_of,
     joined,
     placed,
@@ -214,6 +212,8 @@ _KEPT = (
 
 def padded(parts: Sequence[NDArray[Any]], missing: Any = 0) -> NDArray[Any]:
     """Return rows of arrays of unlike widths as one array; what is missing is NaN, or ``missing`` of what are no fractions."""
+    if len(parts) == 1:
+        return parts[0]
     missing = np.nan if parts[0].dtype.kind == "f" else missing
     widths = np.max([part.shape for part in parts], axis=0)[1:]
     whole = np.full((sum(map(len, parts)), *widths), missing, parts[0].dtype)
@@ -243,6 +243,6 @@ def stacked(parts: Sequence[Profiles]) -> tuple[Rows, tuple[BinTest, ...]]:
             blank = np.full(rows["flags"].shape, np.int8(Flag.NOT_EVALUATED))
             flags.append(own[0].flags if own else blank)
             words.append(own[0].why_not if own else np.full(len(blank), None))
-        bins = padded(flags, Flag.NOT_EVALUATED)[at]
-        found.append(BinTest(one.name, one.reason, bins, np.concatenate(words)[at]))
+        both = {"flags": padded(flags, Flag.NOT_EVALUATED), "why_not": np.concatenate(words)}
+        found.append(BinTest(one.name, one.reason, **chosen(both, at)))
     return chosen(columns, at), tuple(found)

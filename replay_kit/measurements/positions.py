@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.geodesy import moved, offset
-from replay_kit.core.table import Columns, Integers
+from replay_kit.core.table import Columns, Integers, Rows, chosen
 
-Rows = dict[str, NDArray[Any]]
 #: Columns of positions: submerged and dive are the vehicle's, by its depths; own says whether
 #: the use of its message is told with it.
 ROW: Mapping[str, type] = {
@@ -50,11 +49,6 @@ def in_order(*parts: Columns) -> Rows:
     """Return the rows of all parts in the order of the stream."""
     rows = joined(*parts)
     return chosen(rows, np.argsort(rows["order"], kind="stable"))
-
-
-def chosen(rows: Columns, at: NDArray[Any] | slice | int) -> Rows:
-    """Return some rows."""
-    return {name: column[at] for name, column in rows.items()}
 
 
 def as_of(at: Integers, order: Integers) -> Indices:

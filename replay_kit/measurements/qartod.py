@@ -8,13 +8,14 @@ their numbers to the operator; Teledyne's commands WC, WE and its percent good; 
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array, Indices
+from replay_kit.core.arrays import Array, Indices, every
 from replay_kit.core.block import BinTest
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.measurements.earth import Words
@@ -30,6 +31,8 @@ _BEAMS = 3
 _MAD = 1.4826
 # bins; fewer have no median that one of them could not move
 _FEWEST = 4
+# numbers up to which exchanges are faster than sorting
+_FEW = 9
 _NO_SNR = "the ping has neither snr nor noise_floor with amplitude"
 #: Columns of pings of one layout, and what is fixed of their instrument.
 Profiles = Mapping[str, Any]
@@ -53,15 +56,17 @@ def tested(
         name: str, reason: Reason, values: Array, why: Any, least: bool, limits: Limits = ()
     ) -> BinTest:
         why, limits = np.full(len(depth), why, object), limits or quality.limits(name)
-        flags = np.where((why == "")[:, None], graded(values, limits, least), _NOT_EVALUATED)
+        good, flags = why == "", np.full(depth.shape, _NOT_EVALUATED)
+        if good.any():
+            flags = np.where(good[:, None], graded(values, limits, least), flags)
         if all(limit is None for limit in limits):
             why[:] = "switched off"
-        return BinTest(name, reason, np.broadcast_to(flags, depth.shape), why)
+        return BinTest(name, reason, flags, why)
 
     found = [test(*each) for each in _tests(profiles, config)]
     # each bin against those around it that no other test failed
-    failed = np.any([test.flags == _FAIL for test in found], axis=0) | ~np.isfinite(depth)
-    velocity = np.where(failed[..., None], np.nan, profiles["velocity"][..., :2])
+    velocity = profiles["velocity"][..., :2].copy()
+    velocity[np.any([test.flags == _FAIL for test in found], axis=0) | ~np.isfinite(depth)] = np.nan
     floor = np.maximum(profiles["error_std"], quality.outlier_floor)
     ratio = outlyingness(velocity, floor, quality.outlier_window)
     few = np.where(np.isfinite(ratio).any(axis=1), "", "too few bins")
@@ -75,7 +80,7 @@ def _tests(profiles: Profiles, config: MeasurementConfig) -> Sequence[tuple[Any,
     Last come the limits of those that are not in the settings by name.
     """
     quality, dive = config.quality, profiles["dive"]
-    speed = profiles["velocity"][..., :2]
+    east, north = np.moveaxis(profiles["velocity"][..., :2], 2, 0).copy()
     reach, cosine = _reach(profiles, config)
     bottom, transducer = profiles["bottom_range"], profiles["transducer_depth"]
     correlation = "nortek_correlation" if profiles["convention"] == "nortek" else "correlation"
@@ -94,7 +99,7 @@ def _tests(profiles: Profiles, config: MeasurementConfig) -> Sequence[tuple[Any,
         (
             "max_speed",
             Reason.GROSS_RANGE,
-            np.abs(speed).max(axis=2),
+            np.maximum(np.abs(east), np.abs(north)),
             "",
             False,
             (None, config.max_speed),
@@ -121,7 +126,7 @@ def _tests(profiles: Profiles, config: MeasurementConfig) -> Sequence[tuple[Any,
         (
             "speed",
             Reason.HIGH_SPEED,
-            np.hypot(speed[..., 0], speed[..., 1]),
+            np.hypot(east, north),
             np.where(profiles["absolute"], "", "velocity is relative to the platform"),
             False,
         ),
@@ -187,7 +192,7 @@ def _reach(profiles: Profiles, config: MeasurementConfig) -> tuple[Array, float]
     distance, size, vectors = profiles["distance"], profiles["cell_size"], profiles["vectors"]
     if not np.isfinite(size) and distance.shape[1] > 1:
         steps = np.diff(distance, axis=1)
-        size = _median(np.abs(steps), np.isfinite(steps).sum(axis=1))[:, None]
+        size = _median(np.abs(steps.T), np.isfinite(steps).sum(axis=1))[:, None]
     lowest = 0.0 if vectors is None or not vectors.size else float(np.abs(vectors[:, 2]).min())
     cosine = lowest if 0.0 < lowest <= 1.0 else float(np.cos(np.deg2rad(config.quality.beam_angle)))
     return distance + 0.5 * np.nan_to_num(size), cosine
@@ -205,7 +210,7 @@ def graded(values: Array, limits: Limits, least: bool) -> Flags:
     flags = np.where(known, _GOOD, _NOT_EVALUATED)
     for limit, flag in zip(limits, (_SUSPECT, _FAIL), strict=True):
         if limit is not None:
-            flags = np.where(values < limit if least else values > limit, flag, flags)
+            flags[values < limit if least else values > limit] = flag
     return flags
 
 
@@ -222,6 +227,7 @@ def worst_needed(beams: Array) -> Array:
     return np.asarray(-np.sort(-beams, axis=-1)[..., needed - 1])
 
 
+@np.errstate(invalid="ignore")
 def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
     """Return how far each bin is from the median of those around it, in median deviations, shape (..., m): Hampel's filter.
 
@@ -234,31 +240,43 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
         floor: shape (..., m) [m/s], the least deviation that counts, so that the noise of a smooth profile is no outlier.
         window: Bins in a window, odd; of a shorter profile all.
     """
-    finite = np.asarray(np.isfinite(velocity).all(axis=-1))
-    n_finite = np.count_nonzero(finite, axis=-1)
-    # bins about each; of a shorter profile all
-    m = velocity.shape[-2]
+    # components and cells first, so that what is compared with each other is whole arrays
+    each = np.ascontiguousarray(np.moveaxis(velocity, (-1, -2), (0, 1)))
+    finite, m = np.asarray(np.isfinite(each).all(axis=0)), each.shape[1]
+    each, n_finite = np.where(finite, each, np.inf), finite.sum(axis=0)
+    # the windows that there are, and that of each bin; of a shorter profile all
     width = min(window, m)
-    at = np.clip(np.arange(m) - window // 2, 0, m - width)[:, None] + np.arange(width)
-    count = np.count_nonzero(finite[..., at], axis=-1)
-    # components first, so that a window's bins are neighbours in memory
-    of_each, known = np.ascontiguousarray(velocity.swapaxes(-1, -2)), finite[..., None, :]
-    around = np.where(known, of_each, np.nan)[..., at]
-    middle = _median(around, count[..., None, :])
-    apart = np.abs(of_each - middle)
+    around = [each[:, k : k + m - width + 1] for k in range(width)]
+    own = np.clip(np.arange(m) - window // 2, 0, m - width)
+    count = np.sum([np.isfinite(one[0]) for one in around], axis=0)
+    middle = _median(around, count)
+    spread = _median([np.abs(one - middle) for one in around], count)[:, own]
+    apart = np.abs(each - middle[:, own])
     # the few bins of a window often lie close together by chance: what is usual in the profile counts too
-    usual = _median(np.where(known, apart, np.nan), n_finite[..., None])[..., None]
-    spread = _median(np.abs(around - middle[..., None]), count[..., None, :])
-    scale = np.maximum(_MAD * np.maximum(spread, usual), floor[..., None, :])
-    ratio = (apart / scale).max(axis=-2)
-    return np.where(finite & (count >= _FEWEST) & (n_finite >= _FEWEST)[..., None], ratio, np.nan)
+    usual = _median(apart.swapaxes(0, 1), n_finite)[:, None]
+    scale = np.maximum(_MAD * np.maximum(spread, usual), np.moveaxis(floor, -1, 0))
+    known = finite & (count[own] >= _FEWEST) & (n_finite >= _FEWEST)
+    return np.moveaxis(np.where(known, np.maximum(*apart / scale), np.nan), 0, -1)
 
 
-def _median(values: Array, count: Indices) -> Array:
-    """Return medians of the ``count`` numbers along the last axis, the others NaN; numpy's own take far longer."""
-    ordered, width = np.sort(values, axis=-1), values.shape[-1]
-    at = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, width - 1)], axis=-1)
-    return np.asarray(0.5 * np.take_along_axis(ordered, at, axis=-1).sum(axis=-1))
+def _median(values: Sequence[Array] | Array, count: Indices) -> Array:
+    """Return medians of the ``count`` least of numbers along the first axis; numpy's own take far longer, also to sort a few."""
+    if len(values) > _FEW:
+        ordered = np.sort(values, axis=0)
+    else:
+        # the lower half, by exchanges
+        few = [*values]
+        for least, one in combinations(range(len(few)), 2):
+            if 2 * least <= len(few):
+                both = few[least], few[one]
+                few[least], few[one] = np.minimum(*both), np.maximum(*both)
+        ordered = np.array(few[: len(few) // 2 + 1])
+    places = np.arange(ordered[0].size).reshape(ordered.shape[1:])
+    below, above = (
+        ordered.take(at * places.size + places)
+        for at in (np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(ordered) - 1))
+    )
+    return np.asarray(0.5 * (below + above))
 
 
 def _rolled_up(
@@ -268,14 +286,15 @@ def _rolled_up(
 
     A bin without a number is missing, whatever the tests say. Suspect bins fail where they are not to be used.
     """
-    present = np.isfinite(profiles["velocity"][..., :2]).all(axis=2)
+    present = every(np.isfinite(profiles["velocity"][..., :2]))
     malformed = ~np.isfinite(profiles["depth"])
     reasons = np.int32(Reason.MALFORMED) * malformed + np.int32(Reason.MISSING) * ~present
     missing, flags = reasons != 0, np.full(reasons.shape, _GOOD)
     for test in tests:
         bad = test.flags >= _SUSPECT
-        flags = np.where(bad, np.maximum(flags, test.flags), flags)
-        reasons |= np.int32(test.reason) * bad
+        if bad.any():
+            flags = np.where(bad, np.maximum(flags, test.flags), flags)
+            reasons |= np.int32(test.reason) * bad
     if not use_suspect:
         flags[flags == _SUSPECT] = _FAIL
     flags[missing] = _MISSING

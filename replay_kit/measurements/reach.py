@@ -6,7 +6,7 @@ right, and else by the fix before it.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Mask
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.core.table import Columns
-from replay_kit.measurements.positions import NEVER, chosen, joined, no_rows
+from replay_kit.core.table import Columns, chosen
+from replay_kit.measurements.positions import NEVER, joined, no_rows
 
 DISPLACED = "displaced positions"
 #: Why messages of positions are not used.
@@ -56,9 +56,10 @@ class Place(NamedTuple):
         return math.hypot(east * degrees, north * (other.latitude - self.latitude))
 
 
-def places(rows: Mapping[str, NDArray[Any]]) -> list[Place]:
-    """Return positions one by one."""
-    return [Place(*each) for each in zip(*(rows[name].tolist() for name in COLUMNS), strict=True)]
+def places(rows: Columns) -> Callable[[int], Place]:
+    """Return what gives positions one by one."""
+    columns = [rows[name].tolist() for name in COLUMNS]
+    return lambda k: Place(*[column[k] for column in columns])
 
 
 def short_steps(rows: Mapping[str, NDArray[Any]]) -> Mask:
@@ -146,22 +147,22 @@ def within_reach(
     """
     rows = joined(before.held, positions)
     every, order, quick = places(rows), rows["order"].copy(), short_steps(rows)
-    state, found, use = before, list[tuple[int, Finding]](), np.ones(len(every), np.bool_)
+    state, found, use = before, list[tuple[int, Finding]](), np.ones(len(order), np.bool_)
     i = len(before.held["order"])
-    held, turns = list(range(i)), np.append(np.flatnonzero(~quick), len(every))
-    far_off = [k for k in held if state.last and state.last.way(every[k]) >= _MOVED]
+    held, turns = list(range(i)), np.append(np.flatnonzero(~quick), len(order))
+    far_off = [k for k in held if state.last and state.last.way(every(k)) >= _MOVED]
 
     def settle(used: bool) -> None:
         """Decide on what waits, now."""
         order[held], use[held] = order[i], used
         held.clear()
 
-    while i < len(every):
-        last, here = state.last, every[i]
-        if last is not None and quick[i] and not held and last is every[i - 1]:
+    while i < len(order):
+        last, here = state.last, every(i)
+        if last is not None and quick[i] and not held and last == every(i - 1):
             # the vehicle makes such steps anyway
             i = int(turns[np.searchsorted(turns, i)])
-            here = every[i - 1]
+            here = every(i - 1)
             fix = state.fix if here.reckoned else here
             state = state._replace(last=here, fix=fix, number=state.number + 1)
             continue
@@ -172,26 +173,26 @@ def within_reach(
             pass
         elif state.reaches(last, here):
             if held:
-                far = max(last.way(every[k]) for k in held)
-                found.append((int(order[i]), _displaced(every[held[0]], far, len(held))))
+                far = max(last.way(every(k)) for k in held)
+                found.append((int(order[i]), _displaced(every(held[0]), far, len(held))))
                 settle(False)
             state = state.on(here)
         elif state.number < _LEAST:
             # nothing tells yet which of them was wrong
             state = Reach(here, None if here.reckoned else here, number=state.number + 1)
         else:
-            before_it = every[held[-1]] if held else here
+            before_it = every(held[-1]) if held else here
             if before_it.way(here) > _ERROR + _FASTEST * abs(before_it.seconds(here)):
                 settle(False)
             held.append(i)
             if last.way(here) >= _MOVED:
                 far_off.append(i)
             if len(held) == _LEAST:
-                far = last.way(every[held[0]])
+                far = last.way(every(held[0]))
                 if far >= _MOVED:
-                    found.append((int(order[i]), _displaced(every[held[0]], far, 0)))
+                    found.append((int(order[i]), _displaced(every(held[0]), far, 0)))
                 # what it did before says no more how fast it is
-                steps = pairwise([every[k] for k in held])
+                steps = pairwise(map(every, held))
                 speeds = tuple(a.way(b) / max(a.seconds(b), 1.0) for a, b in steps)
                 settle(True)
                 state = Reach(here, None, speeds, state.gaps, number=_LEAST)
@@ -199,10 +200,10 @@ def within_reach(
     if ends:
         use[held] = False
         held.clear()
-    waits = np.isin(np.arange(len(every)), held)
+    waits = np.isin(np.arange(len(order)), held)
     until = np.where(use & ~waits, order, NEVER)
     # one that may put right what was dead-reckoned for hours is believed while it waits
-    near = (use | waits) & ~np.isin(np.arange(len(every)), far_off)
+    near = (use | waits) & ~np.isin(np.arange(len(order)), far_off)
     late, known = (until > rows["order"]) & ~near, before.doubted
     thrown = (known["until"] == NEVER) & ~np.isin(known["order"], before.held["order"])
     held_on = chosen(chosen(known, thrown), slice(-_KEPT, None))

@@ -8,9 +8,9 @@ import numpy as np
 from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import LinearMeasurement, Source
-from replay_kit.core.table import Columns, Integers, Table
+from replay_kit.core.table import Columns, Integers, Rows, Table, chosen
 from replay_kit.measurements.dives import no_depths
-from replay_kit.measurements.positions import Rows, as_of, chosen, no_rows
+from replay_kit.measurements.positions import as_of, no_rows
 from replay_kit.measurements.reach import Reach
 
 _LEFT_OUT, _BY = "left out: ", " (measurements.without)"

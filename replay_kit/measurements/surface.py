@@ -25,9 +25,8 @@ from replay_kit.core.observation import (
     Reason,
     usable,
 )
-from replay_kit.core.table import Table
+from replay_kit.core.table import Table, chosen
 from replay_kit.measurements.means import Spot, begun, drift, extended, path_mean
-from replay_kit.measurements.positions import chosen
 from replay_kit.measurements.step import Found, Step
 
 # m; boxes at least so wide, and over which errors are correlated where the file does not say

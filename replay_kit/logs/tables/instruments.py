@@ -18,8 +18,10 @@ be joined.
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from reprlib import repr as shorten
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -31,6 +33,7 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.quantities import metres_per_second
 from replay_kit.core.table import Raw, Table
 from replay_kit.logs.tables.columns import (
+    Held,
     Payload,
     by_cell,
     dive_number,
@@ -107,13 +110,13 @@ def pings(
     reasons = [one if isinstance(one, str) else "" for one in payloads]
     counts, place = np.full(n, messages, np.int64), np.full((n, 3), places, np.float64)
     at = [k for k in range(n) if not reasons[k]]
-    held, found = [payloads[k] for k in at], list[Table]()
+    held, found = _of(payloads, at), list[Table]()
     said = (field(held, name) for name in _LISTS)
     sizes = [[*map(len, _lists(one))] for one in said if {list, tuple} & {*map(type, one)}]
-    left = _alike(at, [*sizes, *(field(held, name) for name in _INSTRUMENT)])
+    left = _alike(at, [*sizes, *(field(held, name) for name in _INSTRUMENT)]) if at else []
     while left:
         at = left.pop()
-        held = [payloads[k] for k in at]
+        held = _of(payloads, at)
         try:
             columns, fixed = _columns(held, config)
         except (MeasurementError, ValueError, TypeError, OverflowError) as error:
@@ -128,22 +131,27 @@ def pings(
     return found + unused(raw, reasons, counts)
 
 
-def _alike(at: Sequence[int], columns: Iterable[Iterable[Any]]) -> list[list[int]]:
+def _of(payloads: Sequence[Any], at: Sequence[int]) -> Sequence[Any]:
+    """Return some payloads."""
+    return payloads if len(at) == len(payloads) else Held(payloads[k] for k in at)
+
+
+def _alike(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]:
     """Return the numbers of pings in groups that have the same in all columns."""
-    groups: list[tuple[Any, list[int]]] = []
-    for k, own in zip(at, zip(*columns, strict=True), strict=True):
-        # mostly the group of the ping before
-        alike = next((held for key, held in reversed(groups) if key == own), None)
-        if alike is None:
-            groups.append((own, [k]))
-        else:
-            alike.append(k)
-    return [held for _, held in groups]
+    unlike = [one for one in columns if one.count(one[0]) < len(one)]
+    if not unlike:
+        return [at]
+    groups = defaultdict[str, list[int]](list)
+    for k, *own in zip(at, *unlike, strict=True):
+        groups[repr(own)].append(k)
+    return [*groups.values()]
 
 
 def _lists(values: Sequence[Any], least: int = 0) -> list[Any]:
     """Return values of which those are empty that are no lists, or shorter ones."""
     kinds = (list, tuple)
+    if not least and {*map(type, values)} <= {*kinds}:
+        return [*values]
     return [one if isinstance(one, kinds) and len(one) >= least else () for one in values]
 
 
@@ -239,7 +247,7 @@ def _distance(payloads: Sequence[Payload], n: int, m: int) -> Array:
         MeasurementError: The list has another length, or first distance and size are none.
     """
     listed = field(payloads, "cell_distances")
-    if any(one is not None for one in listed):
+    if {*map(type, listed)} != {NoneType}:
         found = by_cell(rows(_lists(listed)), m)
         if found is None or found.shape[2] > 1:
             raise MeasurementError(

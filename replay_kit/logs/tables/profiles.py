@@ -44,13 +44,17 @@ _BOTTOM_ALONE = "bottom track alone: how the vehicle moves, and no current"
 def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
     """Return the tables of ``replay_kit.AdcpPing`` messages; those with ``place`` were measured by a mooring or a drifter."""
     payloads = raw.payloads
-    moored = np.array([hasattr(place, "get") for place in field(payloads, "place")])
+    moored = np.array(
+        [place is not None and hasattr(place, "get") for place in field(payloads, "place")]
+    )
     cells, *place = stated(payloads, "n_cells place.lon place.lat")
     bottom = [*map(bool, field(payloads, "bottom_track"))]
     reasons = {_BOTTOM_ALONE: (cells == 0) & bottom}
     reasons |= {word: moored & wrong for word, wrong in no_place(*place).items()}
     words = np.broadcast_to(why(reasons), len(payloads)).tolist()
-    said = [word or payload for word, payload in zip(words, payloads, strict=True)]
+    said = payloads
+    if any(words):
+        said = [word or payload for word, payload in zip(words, payloads, strict=True)]
     depth = np.where(moored, 0.0, np.nan)
     return pings(raw, said, config, places=np.column_stack([*place, depth]))
 

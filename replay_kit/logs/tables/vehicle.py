@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from operator import itemgetter
 from types import MappingProxyType
 from typing import Any
 
@@ -76,7 +77,10 @@ def _location_fixes(payloads: Payloads) -> Rows:
 def _metadata(pairs: Any) -> Payload:
     """Return key-value pairs as a dict; a plain mapping is read too, and what is no pair says nothing."""
     if isinstance(pairs, list | tuple):
-        return {str(one.get("key")): one.get("value") for one in pairs if hasattr(one, "get")}
+        try:
+            return dict(map(itemgetter("key", "value"), pairs))
+        except (KeyError, TypeError):
+            return {str(one.get("key")): one.get("value") for one in pairs if hasattr(one, "get")}
     return pairs or {}
 
 

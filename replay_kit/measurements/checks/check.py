@@ -149,10 +149,9 @@ def _instruments(block: Block, known: Mapping[str, Rows]) -> dict[str, Rows]:
     if block.ping:
         pings = rows_of(block, PING)
         beams = np.where(pings["along_beams"], pings["components"], 0)
-        keys = np.column_stack([pings["topic"], beams])
-        for topic, number in np.unique(keys, axis=0).tolist():
+        for topic, number in sorted({*zip(pings["topic"].tolist(), beams.tolist(), strict=True)}):
             name = block.topics[topic]
-            own = pings.take((keys == (topic, number)).all(axis=1))
+            own = pings.take((pings["topic"] == topic) & (beams == number))
             of = f"{name} along {number} beams" if number else name
             found[of] = replace(own, topic=name, instrument=of)
     return found

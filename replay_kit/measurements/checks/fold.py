@@ -5,6 +5,7 @@ criterion is evaluated at every row, by ``sums`` and ``windows`` that go on from
 depends on where a log is cut into blocks. Both have one row more, the first: that of what was remembered.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from replay_kit.core.arrays import Array, Indices, Mask, Times
 from replay_kit.core.block import Block
 from replay_kit.core.errors import Finding, Severity
 from replay_kit.core.geodesy import metres_per_degree
+from replay_kit.core.table import chosen
 
 #: A criterion for each row.
 Holds = Mask | np.bool_
@@ -63,8 +65,7 @@ class Rows:
 
     def take(self, at: Holds | Indices | slice) -> "Rows":
         """Return some of the rows."""
-        columns = {name: values[at] for name, values in self.columns.items()}
-        return replace(self, event=self.event[at], columns=columns)
+        return replace(self, event=self.event[at], columns=chosen(self.columns, at))
 
     def having(self, **columns: NDArray[Any]) -> "Rows":
         """Return the rows with columns more, or others."""
@@ -144,7 +145,7 @@ def rows_of(block: Block, kind: int) -> Rows:
     columns = (block.position, block.ping, block.mean)[kind]
     event = np.flatnonzero(block.events[:, 1] == kind)
     row = block.events[event, 2]
-    return Rows("", event, {**{name: values[row] for name, values in columns.items()}, "row": row})
+    return Rows("", event, {**chosen(columns, row), "row": row})
 
 
 def windows(memory: Memory, name: str, new: NDArray[Any], most: int) -> NDArray[Any]:
@@ -156,7 +157,8 @@ def windows(memory: Memory, name: str, new: NDArray[Any], most: int) -> NDArray[
     if old is None or old.shape[1:] != new.shape[1:]:
         old = np.full((most, *new.shape[1:]), np.nan if new.dtype.kind == "f" else 0, new.dtype)
     both = np.concatenate([old, new])
-    return np.moveaxis(np.lib.stride_tricks.sliding_window_view(both, most, axis=0), -1, 1)
+    shape, strides = (len(both) - most + 1, most, *both.shape[1:]), (both.strides[0], *both.strides)
+    return np.lib.stride_tricks.as_strided(both, shape, strides, writeable=False)
 
 
 def sums(memory: Memory, name: str, new: NDArray[Any]) -> NDArray[Any]:
@@ -192,12 +194,15 @@ def history(
         most: Number of rows that are remembered.
         of: Tells histories in one memory apart.
     """
-    new = rows.having(number=rows.event)
-    old = {name: memory.get(of + name, new[name][:0]) for name in (*names, "number")}
-    times = old["time"].tolist()
-    new = new.take(
-        spaced(new["time"].tolist(), times, lambda one, other: abs(other - one) >= seconds * 1e9)
-    )
+    new = replace(rows, columns={"number": rows.event, **{name: rows[name] for name in names}})
+    old = {name: memory.get(of + name, values[:0]) for name, values in new.columns.items()}
+    times, least, at = old["time"].tolist(), seconds * 1e9, list[int]()
+    last = times[-1] if times else -math.inf
+    for i, time in enumerate(new["time"].tolist()):
+        if not -least < time - last < least:
+            at.append(i)
+            last = time
+    new = new.take(np.array(at, np.intp))
     new = new.having(number=old["number"][-1:].sum() + np.arange(1, len(new) + 1))
     columns = {name: np.concatenate([old[name], new[name]]) for name in old}
     event = np.concatenate([np.full(len(times), -1), new.event])

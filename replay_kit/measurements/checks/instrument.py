@@ -4,10 +4,12 @@ Noise makes it impossible that a living instrument gives zeros, equal cells, or 
 which equal values differ.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, Mask
+from replay_kit.core.arrays import Array, Mask, every
 from replay_kit.measurements.checks.fold import (
     Context,
     Found,
@@ -51,10 +53,10 @@ def dead(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]:
         pings: Of one instrument.
     """
     raw = pings["raw"][..., :2]
-    known = np.isfinite(raw).all(axis=2)
+    known = every(np.isfinite(raw))
     number, start = known.sum(axis=1), raw[np.arange(len(raw)), np.argmax(known, axis=1)]
-    equal = ((raw == start[:, None]).all(axis=2) | ~known).all(axis=1)
-    zero = equal & (start == 0.0).all(axis=1) & (number >= _LEAST_ZEROS)
+    equal = np.asarray((every(raw == start[:, None]) | ~known).all(axis=1))
+    zero = equal & every(start == 0.0) & (number >= _LEAST_ZEROS)
     told = (number >= LEAST_CELLS) | zero
     digest = windows(memory, "digest", _digests(pings, pings["raw"])[told], _COMPARED + 1)
     time, velocity = np.moveaxis(digest[1:], 2, 0)
@@ -85,7 +87,8 @@ def _digests(rows: Rows, values: Array) -> NDArray[np.int64]:
     """Return the time of each row, and a number that is the same for equal values, shape (n, m, k)."""
     # cells that are missing at the end are no part of it
     bits = np.where(np.isfinite(values), values + 99.0, 0.0).view(np.int64)
-    number = (bits * np.resize(_FACTORS, values.shape[1:])).sum(axis=(1, 2))
+    factors = np.resize(_FACTORS, math.prod(bits.shape[1:]))
+    number = bits.reshape(-1, factors.size) @ factors
     return np.column_stack([rows["time"], number])
 
 
@@ -102,12 +105,16 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]
     raw = pings["raw"]
     last = windows(memory, "last", raw, 1)
     # an instrument may give no vertical velocity
-    known, same = np.isfinite(raw), raw == last[:-1, 0]
-    equal = (same | ~(known | np.isfinite(last[:-1, 0]))).all(axis=2) & known.any(axis=2)
+    known, before = np.isfinite(raw), last[:-1, 0]
+    some = ~every(~known)
+    equal = every((raw == before) | ~(known | np.isfinite(before))) & some
     latest = windows(memory, "equal", equal, _STUCK_NAMED)
-    run = np.logical_and.accumulate(latest[1:, ::-1], axis=1).sum(axis=1)
+    both = np.concatenate([latest[0], equal])
+    row = np.arange(len(both))[:, None]
+    unequal = np.maximum.accumulate(np.where(both, -1, row), axis=0)
+    run = np.minimum(row - unequal, _STUCK_NAMED)[_STUCK_NAMED:]
     living = run < _LIVING
-    tried = (equal & living, living & known.any(axis=2))
+    tried = (equal & living, living & some)
     counts = sums(memory, "counts", np.column_stack([each.sum(axis=1) for each in tried]))
     chance = (counts[1:, :1] + 1.0) / (counts[1:, 1:] + 100.0)
     stuck = (pings["bins"] >= LEAST_CELLS)[:, None] & (run >= _STUCK_RUN)
@@ -141,7 +148,7 @@ def duplicates(memory: Memory, rows: Rows, context: Context | None = None) -> Ju
     digest = _digests(rows, rows.columns.get("velocity", place))
     digest = np.column_stack([digest, rows["input"], rows["topic"]])
     last = windows(memory, "last", digest, 2)
-    again = (last[1:, 0] == last[1:, 1]).all(axis=1)
+    again = every(last[1:, 0] == last[1:, 1])
     latest = windows(memory, "again", again.astype(np.float64), _LEAST)
     number = latest.sum(axis=1)
     found = rows.first(
@@ -169,7 +176,7 @@ def beams(memory: Memory, pings: Rows, context: Context) -> Judged:
     texture = np.diff(pings["raw"], 2, axis=1)
     known = np.isfinite(texture)
     told = pings["along_beams"].astype(np.bool_) & (pings["bins"] >= LEAST_CELLS)
-    told &= np.any(known.all(axis=2), axis=1)
+    told &= every(known).any(axis=1)
     pings, squares = pings.take(told), np.nanmean(texture[told] ** 2, axis=1)
     variances = windows(memory, "variances", squares, _LEAST)
     usual = np.median(variances, axis=1)

@@ -114,7 +114,8 @@ def _near_means(pings: Rows) -> Rows:
     pings, good = pings.take(good.any(axis=1)), good[good.any(axis=1)]
     nearest = pings["depth"][np.arange(len(good)), np.argmax(good, axis=1)]
     close = good & (np.abs(pings["depth"] - nearest[:, None]) <= _NEAR)
-    mean = total(np.where(close[..., None], pings["velocity"], 0.0)) / close.sum(axis=1)[:, None]
+    each = (total(np.where(close, one, 0.0)) for one in np.moveaxis(pings["velocity"], 2, 0))
+    mean = np.column_stack([*each]) / close.sum(axis=1)[:, None]
     return pings.having(
         near=mean @ (1.0, 1j),
         moves=pings["platform"] @ (1.0, 1j),
@@ -200,7 +201,8 @@ def _dives(memory: Memory, pings: Rows) -> Memory:
         pings: Of one instrument, in order.
     """
     absolute = np.isfinite(pings["common_std"]) & (pings["dive"] > 0)
-    rows, bins = np.nonzero(repairable(pings) & absolute[:, None])
+    pings = pings.take(absolute)
+    rows, bins = np.nonzero(repairable(pings))
     depth, dive = pings["depth"][rows, bins], pings["dive"][rows]
     old = memory.get("dives", np.zeros(_DIVES, np.int64))
     dives = old.copy()

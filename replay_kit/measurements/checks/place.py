@@ -55,7 +55,11 @@ def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
         if place != [east, north]:
             (east, north), began, number, least, most, fix = place, time, 0, math.inf, -math.inf, 0
         # a depth that is not known changes neither
-        number, least, most = number + 1, min(least, depth), max(most, depth)
+        number, least, most = (
+            number + 1,
+            depth if depth < least else least,
+            depth if depth > most else most,
+        )
         moved = most - least > _FROZEN_DEPTH
         fix = fix or (moved and not reckoned and number > 1)
         bad = moved and time - began >= _FROZEN_TIME * 1e9 and number >= _FROZEN_FIXES
@@ -92,8 +96,14 @@ def separate(memory: Memory, positions: Rows) -> Judged:
     """
     last = [Place(*each) for each in memory.get("last", np.empty((0, len(COLUMNS)))).tolist()]
     number, at, words = memory.get("number", np.zeros(2)).tolist(), -1, ""
-    short = short_steps(positions.columns).tolist()
-    for i, here in enumerate(places(positions.columns)):
+    short = [*short_steps(positions.columns).tolist(), False]
+    every = places(positions.columns)
+    for i in range(len(positions)):
+        if short[i] and short[i + 1] and len(last) == 1:
+            # between short steps nothing is decided
+            number[0] += 1
+            continue
+        here = every(i)
         if not last or (short[i] and len(last) == 1) or _goes(last[0], here):
             last[:1], number[0] = [here], number[0] + 1
             continue

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay_kit.core.arrays import IN_MEMORY, Array, Mask, one_by_one
+from replay_kit.core.arrays import IN_MEMORY, Array, Mask, every, one_by_one
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.core.observation import Reason
@@ -44,7 +44,7 @@ _NOISES, _LEAST_NOISE, _MOST_NOISE, _LEAST_BINS, _SIZE = 40, 0.05, 8.0, 3, 0.674
 _TINY = 1e-6
 # m; by which the water about an instrument is another; degrees that are certainly less. Profiles in a row that are alike there, how much
 # their second differences are correlated, and from which share of white noise on what differs between two of them is no water's.
-_OTHER_DEPTH, _OTHER_PLACE, _CLOSE, _LEAST_ALIKE, _ALIKE, _WHITE = 20.0, 1000.0, 0.005, 8, 0.7, 0.3
+_OTHER_DEPTH, _OTHER_PLACE, _CLOSE, _LEAST_ALIKE, _ALIKE, _WHITE = 20.0, 1000.0, 0.006, 8, 0.7, 0.3
 # Causes and advice.
 _OF_UNIT = (
     "velocities in cm/s or mm/s that are taken for m/s, or an ensemble in another unit",
@@ -100,7 +100,7 @@ def odd_ensemble_speeds(velocity: Array) -> str:
 
 def repairable(pings: Rows) -> Mask:
     """Return which bins are sound, or bad only in a way that a wrong unit or axis could have made them, shape (n, m)."""
-    known = np.isfinite(pings["velocity"]).all(axis=2)
+    known = every(np.isfinite(pings["velocity"]))
     return np.asarray(known & ((pings["reasons"] & ~np.int32(REPAIRABLE)) == 0))
 
 
@@ -114,7 +114,7 @@ def _scatter(pings: Rows, among: Holds = np.True_) -> tuple[Array, Holds]:
         among: shape (n, m - 2), of which; infinity where fewer than three of them are known.
     """
     size = np.abs(np.diff(pings["velocity"], 2, axis=1))
-    known = among & np.isfinite(size).all(axis=2)
+    known = among & every(np.isfinite(size))
     middle = upper_median(np.hstack([size[..., 0], size[..., 1]]), np.hstack([known, known]))
     return np.where(known.sum(axis=1) >= _LEAST_BINS, middle / _SIZE, np.inf), known
 
@@ -135,14 +135,18 @@ def above_surface(memory: Memory, pings: Rows, context: Context) -> Judged:
     measured = np.isfinite(velocity[..., 0]) & ((pings["reasons"] & Reason.AT_SURFACE) == 0)
     high = measured & (pings["depth"] < 0.0)
     over = 2 * high.sum(axis=1) > measured.sum(axis=1)
-    middle = upper_median(distance, np.isfinite(distance))
-    by_geometry = pings["up"].astype(np.bool_) & (top >= 0.0) & (top < middle)
-    echo, _ = _scatter(pings, high[:, 2:] & high[:, :-2])
-    below, _ = _scatter(pings, ~high[:, 2:] & ~high[:, :-2])
-    stated = mean_of(pings["error_std"], np.isfinite(pings["error_std"]))
-    water = echo < _LIKE_WATER * np.minimum(stated, below)
-    told = measured.any(axis=1)
-    heard, told = told & by_geometry & np.isfinite(echo), told & ~by_geometry
+    by_geometry = pings["up"].astype(np.bool_) & (top >= 0.0)
+    by_geometry[by_geometry] = top[by_geometry] < upper_median(
+        distance[by_geometry], np.isfinite(distance[by_geometry])
+    )
+    told, own, over_it = measured.any(axis=1), pings.take(by_geometry), high[by_geometry]
+    echo, _ = _scatter(own, over_it[:, 2:] & over_it[:, :-2])
+    below, _ = _scatter(own, ~over_it[:, 2:] & ~over_it[:, :-2])
+    stated = mean_of(own["error_std"], np.isfinite(own["error_std"]))
+    heard, water = told & by_geometry, np.zeros(len(pings), np.bool_)
+    heard[by_geometry] &= np.isfinite(echo)
+    water[by_geometry] = echo < _LIKE_WATER * np.minimum(stated, below)
+    told &= ~by_geometry
     counts = sums(memory, "counts", np.column_stack([told, told & over, heard, heard & water]))
     number, over, heard, watery = counts.T
     wrong = (over >= _LEAST_ABOVE) & (over > _MOST_ABOVE * number)
@@ -171,7 +175,7 @@ def speeds(memory: Memory, pings: Rows, context: Context) -> Judged:
     ensemble = context.ensemble
     if ensemble is None:
         return memory, []
-    squared, error_std = np.square(pings["velocity"]).sum(axis=2), pings["error_std"]
+    squared, error_std = sum(np.square(np.moveaxis(pings["velocity"], 2, 0))), pings["error_std"]
     good = repairable(pings) & np.isfinite(error_std)
     good &= np.isfinite(pings["common_std"])[:, None]
     measured = upper_median(squared, good)
@@ -258,7 +262,7 @@ def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
         pings: Of one instrument; stuck cells are left out.
         context: Is not asked.
     """
-    known = np.isfinite(pings["raw"][..., :2]).all(axis=2).sum(axis=1)
+    known = every(np.isfinite(pings["raw"][..., :2])).sum(axis=1)
     pings = pings.take((pings["bins"] >= LEAST_CELLS) & (known >= LEAST_CELLS))
     places = np.column_stack([pings["depth"][:, 0], pings["longitude"], pings["latitude"]])
     last = memory.get("place", places[:0])
@@ -304,10 +308,10 @@ def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
 
 def _in_other_water(one: Sequence[float], other: Sequence[float]) -> bool:
     """Return whether a place, its depth, longitude and latitude, is 20 m deeper or less deep than another, or 1 km away."""
-    if abs(other[0] - one[0]) >= _OTHER_DEPTH:
+    depth, longitude, latitude = (other[0] - one[0], other[1] - one[1], other[2] - one[2])
+    if depth >= _OTHER_DEPTH or depth <= -_OTHER_DEPTH:
         return True
-    longitude, latitude = other[1] - one[1], other[2] - one[2]
-    if max(abs(longitude), abs(latitude)) < _CLOSE:
+    if -_CLOSE < longitude < _CLOSE and -_CLOSE < latitude < _CLOSE:
         return False
     east, north = metres_per_degree(one[2])
     return math.hypot(east * longitude, north * latitude) >= _OTHER_PLACE

@@ -14,7 +14,7 @@ import numpy as np
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Flag, Label, LinearMeasurement, Source
-from replay_kit.core.table import Columns, Integers, Table
+from replay_kit.core.table import Columns, Integers, Table, chosen
 from replay_kit.measurements.ctd.casts import (
     LAG,
     fault_of_units,
@@ -28,7 +28,7 @@ from replay_kit.measurements.ctd.sections import Profile, Section, section_of
 from replay_kit.measurements.ctd.thermal_wind import EQUATOR, radius_of, shear_of
 from replay_kit.measurements.dives import depth_of
 from replay_kit.measurements.means import spot
-from replay_kit.measurements.positions import LONG_AGO, NEVER, as_of, beside, chosen, in_order
+from replay_kit.measurements.positions import LONG_AGO, NEVER, as_of, beside, in_order
 from replay_kit.measurements.step import Found, Step, left_out_reason
 
 #: Rossby radii: a line as long is complete, and one shorter tells less than an ensemble knows.
