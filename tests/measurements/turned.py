@@ -26,7 +26,11 @@ def table_of(message: Message, config: MeasurementConfig) -> Table:
 
 def stated(message: Message, config: MeasurementConfig | None = None) -> SimpleNamespace:
     """Return the columns of a message's row, and what is fixed of its table; ValueError says why it is not used."""
-    table = table_of(message, config or MeasurementConfig())
+    return row_of(table_of(message, config or MeasurementConfig()))
+
+
+def row_of(table: Table) -> SimpleNamespace:
+    """Return the columns of a table's first row, and what is fixed of it."""
     columns = {name: column[0] for name, column in table.columns.items()}
     return SimpleNamespace(kind=table.kind, **columns, **table.fixed)
 
