@@ -170,7 +170,9 @@ def test_poses_move_the_last_position_each_topic_in_its_own_frame():
 
     poses = [at(0, "/odom", 5.0, 5.0, 0.0), at(2, "/map", 1e5, 1e5, 0.0)]
     poses += [at(3, "/map", 1e5 + 1000.0, 1e5, -40.0), at(4, "/odom", 0.0, 0.0, 0.0)]
-    states = only(VehicleState, run([poses[0], fix(1), *poses[1:], at(5, "/odom", 0.0, 500.0, -30.0)]))
+    states = only(
+        VehicleState, run([poses[0], fix(1), *poses[1:], at(5, "/odom", 0.0, 500.0, -30.0)])
+    )
     assert [state.dead_reckoned for state in states] == [False] + [True] * 4
     assert [state.depth for state in states[1:]] == [0.0, 40.0, 0.0, 30.0]
     # the second topic begins where the first had got to, in a frame of its own
