@@ -99,8 +99,9 @@ def reached(track, size=4096):
 
 
 @pytest.mark.parametrize("size", [1, 7, 4096])
-@pytest.mark.parametrize("km", [3.0, 40.0, -4700.0])
-@pytest.mark.parametrize("thrown", [[40], [40, 41, 42]])
+@pytest.mark.parametrize(
+    ("thrown", "km"), [([40], 3.0), ([40], 40.0), ([40], -4700.0), ([40, 41, 42], 30.0)]
+)
 def test_positions_thrown_off_are_left_out_and_named_at_once(thrown, km, size):
     found = reached(glide(off=[(k, km) for k in thrown]), size)
     assert found == (thrown, [(DISPLACED, "warning")])
