@@ -42,11 +42,6 @@ def test_a_fix_of_the_same_time_is_the_position_whichever_comes_first(order):
     assert observation.longitude == 152.3
 
 
-def test_across_the_antimeridian():
-    observation = the(Observation, [fix(0, 179.99), ping(5), fix(10, -179.99)])
-    assert abs(observation.longitude) == pytest.approx(180.0, abs=1e-6)
-
-
 @pytest.mark.parametrize(
     ("vehicle", "changes", "depth"),
     [
