@@ -103,10 +103,3 @@ def test_pairs_that_agree_are_explained_by_nothing(seed, n, size):
     truth = currents(n, seed, size)
     rows = pairs(truth + noise(n, seed + 1, 0.01), truth + noise(n, seed + 2, 0.01))
     assert explanation(rows, SOURCE, KINDS) is None
-
-
-def test_one_outlier_is_no_majority():
-    truth = currents()
-    a = truth + noise(15)
-    a[7] += 3.0
-    assert explanation(pairs(a, truth), SOURCE, KINDS) is None
