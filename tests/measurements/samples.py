@@ -108,11 +108,8 @@ def fix(time_s, longitude=152.0, latitude=-40.0, depth=None, **changes):
 
 
 def run(messages, config=CONFIG, component=None):
-    state, events = begun(None, component), []
-    for message in messages:
-        state, more = interpret(state, message, config)
-        events += more
-    return events + finish(state, config)
+    found = events_of(messages, config, component=component)
+    return [event for events in found for event in events]
 
 
 def in_order(*messages):

@@ -45,10 +45,8 @@ def test_mappings_in_toml(tmp_path):
             {"topic": "/p", "kind": "depth", "depth": "d", "unit": "m"},
             r"unknown key '.*unit'; known here: .*depth_unit",
         ),
-        ({"topic": "/p", "kind": "depth"}, "depth"),
         ({**POSITION, "kind": "place"}, "'position', 'depth', 'profile'"),
         ({**POSITION, "latitude": "a..b"}, "latitude"),
-        ({**POSITION, "latitude": ""}, "latitude"),
         ({**POSITION, "angle_unit": "grad"}, "'deg', 'rad'"),
         (PROFILE, "give velocity, or east and north"),
         (

@@ -13,7 +13,18 @@ from replay_kit.core.observation import PathMean
 from replay_kit.measurements.checks.check import Checked, check
 from replay_kit.measurements.means import Spot, begun, extended, path_mean
 from replay_kit.measurements.observed import blocks
-from tests.measurements.samples import CONFIG, SECOND, dac, fix, logged, only, reasons, run, the
+from tests.measurements.samples import (
+    CONFIG,
+    SECOND,
+    dac,
+    fix,
+    in_order,
+    logged,
+    only,
+    reasons,
+    run,
+    the,
+)
 from tests.reference import path as slow
 
 HERE = Projection(152.0, -40.0)
@@ -48,11 +59,7 @@ def test_weights_sum_to_one_and_give_the_time_mean_of_the_polyline(walk, repeats
     names = ("time", "longitude", "latitude", "depth")
     first, *_, last = (Spot(*row) for row in zip(*(one.tolist() for one in columns), strict=True))
     way = {name: column[1:] for name, column in zip(names, columns, strict=True)}
-    path, one_by_one = extended(begun(first), way, np.empty(0)), begun(first)
-    for k in range(len(times) - 1):
-        one = {name: column[k : k + 1] for name, column in way.items()}
-        one_by_one = extended(one_by_one, one, np.empty(0))
-    assert np.array_equal(path.stretches, one_by_one.stretches)
+    path = extended(begun(first), way, np.empty(0))
     mean = path_mean(path, last, (0.1, 0.2), 0.02)
     weight = mean["weight"]
     assert weight.sum() == pytest.approx(1.0, abs=1e-12)
@@ -179,23 +186,18 @@ def test_stated_currents_with_a_slip_contradict_dead_reckoning(stated, words):
         change = {"dac_eastward": east, "dac_northward": north, "dive": k + 1}
         messages.append(dac(2000 * k + 1200, 2000 * k, **change))
         before = before if stated else current
-    (block, _) = blocks(messages, CONFIG)
+    block, _ = blocks(messages, CONFIG)
     found = [one for one in check(Checked(), block)[0].findings if "dead reckoning" in one.name]
     assert len(found) == (words is not None)
     assert all(words in str(finding) and "through_water" in str(finding) for finding in found)
 
 
-@pytest.mark.parametrize("size", [1, 7, 4096])
-def test_a_stated_current_of_a_dive_that_begins_at_a_fix_thrown_off_is_left_out(size):
+def test_a_stated_current_of_a_dive_that_begins_at_a_fix_thrown_off_is_left_out():
     track = [message for k in range(6) for message in dive(start_s=1500 * k)]
     stated = []
     for k, (start, longitude) in enumerate([(7440, -152.0), (7500, 152.0)]):
-        begun_at = {"time": {"sec": start, "nsec": 0}, "lon": longitude, "lat": -40.0}
-        stated.append(dac(9000 + k, start, start_fix=begun_at))
-    messages = sorted([*track, fix(7440, -152.0)], key=lambda one: one.time_ns)
-    found = list(blocks([*messages, *stated], CONFIG, size))
-    said = [key for block in found for key, n in block.counts().items() for _ in range(n)]
-    reason = "depth-averaged current: a fix of its dive is out of the vehicle's reach"
-    assert sorted(said)[:2] == [("/dac", ""), ("/dac", reason)]
-    ends = [block.mean["time"] for block in found if len(block.mean)]
-    assert (np.concatenate(ends) > 8900 * SECOND).sum() == 1
+        at = {"time": {"sec": start, "nsec": 0}, "lon": longitude, "lat": -40.0}
+        stated.append(dac(9000 + k, start, start_fix=at))
+    events = run([*in_order(*track, fix(7440, -152.0)), *stated])
+    assert "a fix of its dive is out of the vehicle's reach" in reasons(events)[-1]
+    assert [mean.time_ns // SECOND for mean in only(PathMean, events)][-1] == 9001
