@@ -132,7 +132,6 @@ def test_cells_as_messages_of_their_own():
 @pytest.mark.parametrize(
     ("metadata", "depth", "dead_reckoned"),
     [
-        (["depth", "3"], math.nan, False),
         ("depth", math.nan, False),
         ({"depth": 3.0, "dead_reckoned": True}, 3.0, True),
         ([{"key": "depth", "value": None}], math.nan, False),
@@ -146,12 +145,6 @@ def test_metadata_of_any_shape_leave_the_position(metadata, depth, dead_reckoned
     state = the(VehicleState, [fix(0, metadata=metadata)])
     assert (state.longitude, state.dead_reckoned) == (152.0, dead_reckoned)
     assert_array_equal(state.depth, depth)
-
-
-@pytest.mark.parametrize(("status", "n"), [({}, 1), ({"status": 0}, 1), ({"status": -1}, 0)])
-def test_a_position_without_a_status_is_one_and_a_status_below_zero_is_none(status, n):
-    nav = {"longitude": 1.0, "latitude": 2.0, **status}
-    assert len(only(VehicleState, run([logged("sensor_msgs/msg/NavSatFix", nav)]))) == n
 
 
 @pytest.mark.parametrize("pressure", [-1e9, 1e300])

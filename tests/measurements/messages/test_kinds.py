@@ -101,10 +101,6 @@ def test_imc_profile(tmp_path, schema, coord_sys, system, cell):
         ("ds_sensor_msgs.Adcp", ds_adcp(), "measurements.reference"),
         ("ds_sensor_msgs.Adcp", ds_adcp(9), "none of 0"),
         ("ds_sensor_msgs.Adcp", ds_adcp(cell_depth=0), "cells below 1 m"),
-        *(
-            ("ds_sensor_msgs.Adcp", ds_adcp(mode) | {"reference": "earth"}, words)
-            for mode, words in ((0, "expected"), (1, "expected"), (2, "expected"))
-        ),
         ("interfaces.CurrentProfile", NUCLEUS, "declination unknown"),
         ("interfaces.CurrentProfile", NUCLEUS | {"number_of_cells": 3}, "three beams"),
         ("imc.CurrentProfile", imc(3, [[0.1] * 3]), "none of XYZ"),
@@ -195,11 +191,8 @@ def test_every_spelling_of_a_name(name):
         ("EstimatedState", {"x": -1000.0, "depth": -1.0}, (152.0, -40.009, math.nan, True)),
     ],
 )
-@pytest.mark.parametrize("named", [True, False])
-def test_imc_positions(kind, fields, expected, named):
-    message = logged(
-        f"IMC.{kind}" if named else "", {"abbrev": kind, **PLACE, **fields}, topic="/imc"
-    )
+def test_imc_positions(kind, fields, expected):
+    message = logged(f"IMC.{kind}", PLACE | fields)
     found = stated(message)
     values = (found.longitude, found.latitude, found.depth, found.dead_reckoned)
     assert values == pytest.approx(expected, abs=2e-5, nan_ok=True)

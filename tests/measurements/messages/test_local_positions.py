@@ -8,6 +8,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
+from tests.measurements.foreign import pose
 from tests.measurements.samples import (
     SECOND,
     in_order,
@@ -70,15 +71,14 @@ def test_without_an_origin_and_beside_a_position_on_the_earth_they_are_named():
 
 
 def test_odometry_without_a_fix_begins_at_a_stated_origin():
-    def pose(k):
-        position = {"position": {"x": 10.0 * k, "y": -5.0 * k, "z": -2.0}}
-        return logged("nav_msgs/msg/Odometry", {"pose": {"pose": position}}, k, "/odom")
-
-    events = run([pose(k) for k in range(1, 5)], STATED)
+    odometry = [
+        logged("nav_msgs/msg/Odometry", {"pose": pose(10.0 * k, -5.0 * k, -2.0)}, k, "/odom")
+        for k in range(1, 5)
+    ]
     k = np.arange(1.0, 5.0)
     expected = np.column_stack(to_geographic(Projection(*ORIGIN), 10.0 * k, -5.0 * k))
-    np.testing.assert_allclose(_track(events), expected, atol=1e-9)
-    assert not only(VehicleState, run([pose(k) for k in range(1, 5)]))
+    np.testing.assert_allclose(_track(run(odometry, STATED)), expected, atol=1e-9)
+    assert not only(VehicleState, run(odometry))
 
 
 @pytest.mark.parametrize("asked", [None, 1, 191])

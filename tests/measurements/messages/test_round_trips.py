@@ -152,11 +152,8 @@ def test_the_fields_of_the_protobuf_file_are_those_of_the_json_schema():
 
 def test_what_protobuf_does_not_set_is_unknown_and_not_zero(tmp_path):
     cells = {"n_cells": 1, "cell_size": 32.0, "bin0_distance": 16.0, "velocity": [[0.1, 0.2]]}
-    words = {"coordinate_system": "earth", "reference": "earth", "orientation": "down"}
-    found = []
-    for more in ({}, {"pressure": 0.0, "dive": 4}):
+    words = dict.fromkeys(("coordinate_system", "reference"), "earth") | {"orientation": "down"}
+    for more, depth, dive in (({}, 216.0, 1), ({"pressure": 0.0, "dive": 4}, 16.0, 4)):
         message = through_protobuf(tmp_path, cells | words | more)
-        found += only(Observation, run([fix(0, depth=200.0), *message]))
-    assert [one.depth.tolist() for one in found] == [[216.0], [16.0]]
-    assert [(one.dive, one.error_std.tolist()) for one in found] == [(1, [0.09]), (4, [0.09])]
-    assert not only(Observation, run([fix(0), *through_protobuf(tmp_path, {"velocity": []})]))
+        (found,) = only(Observation, run([fix(0, depth=200.0), *message]))
+        assert (found.depth, found.dive, found.error_std) == ([depth], dive, [0.09])

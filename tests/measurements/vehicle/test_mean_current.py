@@ -90,11 +90,6 @@ def test_a_stated_current_takes_the_dead_reckoned_path_moved_to_end_at_the_fix()
     )
     assert_allclose(north, -0.2 * seconds, atol=0.01)
     assert mean.weight @ mean.depth == pytest.approx(100.0, abs=1.0)
-    refused = run(
-        [*dive(), dac(1200)], MeasurementConfig(without=("dac",), dead_reckoning="through_water")
-    )
-    assert not only(PathMean, refused)
-    assert "dac" in reasons(refused)[0]
 
 
 @pytest.mark.parametrize("order", ["fix first", "current first", "much later"])
@@ -171,7 +166,6 @@ def test_dead_reckoning_through_water_gives_the_current_of_dives_without_one():
     [
         (lambda east, north: (east, north), None),
         (lambda east, north: (north, east), "east and north are exchanged"),
-        # reckoned with a current of its own, as it was in the dive before: no slip
         (None, None),
     ],
 )
