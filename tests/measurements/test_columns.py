@@ -30,40 +30,23 @@ _SAMPLES = ("glider.mcap", "glider.tlog", "survey.mcap")
 def _pings() -> list[Message]:
     """Return messages of pings of all sorts: of different cells, with and without beams, up and down, bad ones, in dives and not."""
     rng = np.random.default_rng(3)
+    tilted = {"attitude_convention": "nortek", "pitch": 12.0, "roll": 2.0}
+    tracked = {"bottom_track": {"velocity": [], "distance": [25.0, 30.0]}, "reference": "platform"}
+    up = {"orientation": "up", "transducer_depth": 20.0}
     messages = [fix(0.0, depth=0.0)]
     for k in range(1, 90):
         n = int(rng.choice([3, 6, 7]))
-        velocity = rng.normal(0.0, 0.4, (n, 3)).tolist()
-        changes = {
-            "n_cells": n,
-            "velocity": velocity,
-            "velocity_std": 0.05,
-            "cell_size": 4.0,
-            "bin0_distance": 6.0,
-        }
-        for name, low in (("correlation", 20.0), ("amplitude", 5.0), ("percent_good", 15.0)):
+        changes = {"n_cells": n, "velocity_std": 0.05, "cell_size": 4.0, "bin0_distance": 6.0}
+        changes["velocity"] = rng.normal(0.0, 0.4, (n - (k % 9 == 0), 3)).tolist()
+        for name in ("correlation", "amplitude", "percent_good"):
             if rng.random() < 0.5:
-                changes[name] = rng.uniform(low, 100.0, (n, int(rng.choice([1, 4])))).tolist()
-        if rng.random() < 0.3:
-            changes |= {
-                "attitude_convention": "nortek",
-                "pitch": float(rng.normal(0.0, 20.0)),
-                "roll": 2.0,
-            }
-        if rng.random() < 0.3:
-            changes |= {"orientation": "up", "transducer_depth": 20.0}
-        if rng.random() < 0.2:
-            changes |= {
-                "bottom_track": {"velocity": [], "distance": [25.0, 30.0]},
-                "reference": "platform",
-            }
-        if rng.random() < 0.1:
-            changes["velocity"] = changes["velocity"][:-1]
+                changes[name] = rng.uniform(10.0, 100.0, (n, int(rng.choice([1, 4])))).tolist()
+        for some in (tilted, tracked, up):
+            changes |= some if rng.random() < 0.3 else {}
         messages.append(ping(10.0 * k, **changes))
         if k % 4 == 0:
-            messages.append(
-                fix(10.0 * k + 1.0, 152.0 + 1e-4 * k, depth=float(rng.choice([0.0, 40.0])))
-            )
+            depth = float(rng.choice([0.0, 40.0]))
+            messages.append(fix(10.0 * k + 1.0, 152.0 + 1e-4 * k, depth=depth))
     return messages
 
 

@@ -33,13 +33,6 @@ def test_a_ping_becomes_a_profile_at_the_interpolated_position():
     assert len(only(Used, events)) == 3
 
 
-@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
-def test_a_fix_of_the_same_time_is_the_position_whichever_comes_first(order):
-    messages = [ping(10), fix(10, 152.3)]
-    observation = the(Observation, [fix(0), *(messages[i] for i in order), fix(99, 153.0)])
-    assert observation.longitude == 152.3
-
-
 @pytest.mark.parametrize(
     ("vehicle", "changes", "depth"),
     [
@@ -73,16 +66,6 @@ def test_bad_pings_are_skipped_with_a_reason(changes, reason):
     events = run([fix(0), ping(0, **changes)])
     assert not only(Observation, events)
     assert reason in reasons(events)[0]
-
-
-@pytest.mark.parametrize("reverse", [False, True])
-def test_mavlink_frames_make_the_same_profile_as_json_in_any_order(reverse):
-    frames = list(mavlink_frames())
-    events = run([position_int(5), *(frames[::-1] if reverse else frames)])
-    (ours,), (theirs,) = only(Observation, events), only(Observation, run([fix(5), ping(5)]))
-    assert_array_equal(ours.velocity, theirs.velocity)
-    assert_array_equal(ours.depth, theirs.depth)
-    assert len(only(Used, events)) == 6
 
 
 def test_an_incomplete_mavlink_ping_is_said():

@@ -71,7 +71,6 @@ def test_the_gains_are_those_of_the_definition(kind, begin, weight):
         (lambda u: u * np.exp(-1j * np.radians(60.0)), "turn", "turned by +60 degrees clockwise"),
         (lambda u: u.conj(), "mirror", "the sign of north is wrong"),
         (lambda u: -u.conj(), "mirror", "the sign of east is wrong"),
-        (lambda u: 1j * u.conj(), "mirror", "east and north are exchanged"),
         *((lambda u, f=factor: f * u, "scale", f"in {unit}") for unit, factor in UNITS.items()),
         (lambda u: u / UNITS["knots"], "scale", "in knots, of the other source"),
         (lambda u: u + 0.3, "offset", "off by a constant offset"),

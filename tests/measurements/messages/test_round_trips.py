@@ -103,13 +103,13 @@ def through_cdr(folder, ping):
 
 
 def through_a_telemetry_log(folder, ping):
-    """Return the frames in a log, which share the ping's number and its time in microseconds."""
+    """Return the frames in a log, last first, which share the ping's number and its time in microseconds."""
     time_us = 1_700_000_000_000_001
     write_tlog(folder / "log", [Message(time_us * 1000, "/adcp", SCHEMA, ping, 0, 0)])
     framed = [one for one in open_log(folder / "log").messages() if "data" in one.payload]
     keys = {(one.payload["array_id"], one.payload["time_usec"], one.time_ns) for one in framed}
     assert keys == {(ping["ping"] % 65536, time_us, time_us * 1000)}
-    return framed
+    return framed[::-1]
 
 
 def float32(value):

@@ -27,8 +27,6 @@ def test_limits_as_the_obvious_way_has_them(values, suspect, fail, least):
 def test_three_beams_make_a_cell(beams):
     worst = [slow.third_best(cell) for cell in beams]
     np.testing.assert_array_equal(quality.worst_needed(np.array(beams)), worst)
-    flags = quality.graded(quality.worst_needed(np.array(beams)), (50.0, 0.0), least=True)
-    assert flags.tolist() == [slow.graded(value, 50.0, 0.0, True) for value in worst]
 
 
 @given(st.floats(-180.0, 180.0), st.floats(-180.0, 180.0))

@@ -7,9 +7,8 @@ import pytest
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.message import Message
 from replay_kit.core.observation import LinearMeasurement
-from tests.measurements.samples import Skipped, Used, run
+from tests.measurements.samples import counted, fix, logged, only, reasons, run
 from tests.measurements.section.test_thermal_wind import LATITUDE, expected
 
 CONFIG = MeasurementConfig()
@@ -21,51 +20,46 @@ def mission(
     dives=14, spacing=4e3, tilt=1e-3, latitude=LATITUDE, turn=99, change=lambda ctd, dive: ctd
 ):
     """Return the messages of dives to 800 m in water whose isopycnals rise to the east; from dive ``turn`` on the way goes north."""
-    messages, place, latitude0 = [], np.zeros(2), latitude
+    messages, place = [], np.zeros(2)
 
-    def put(time_ns, topic, schema, payload):
-        messages.append(Message(time_ns, topic, schema, payload, 0, len(messages)))
+    def put(hours, message):
+        time_ns = START_NS + int(hours * 3600.0) * 10**9
+        messages.append(message._replace(time_ns=time_ns, position=len(messages)))
 
-    def fix(time_ns, at, depth, reckoned):
-        longitude, north = to_geographic(Projection(-60.0, latitude0), *at)
-        extra = {"depth": depth, "dead_reckoned": str(reckoned).lower()}
-        metadata = [{"key": key, "value": str(value)} for key, value in extra.items()]
-        payload = {"longitude": float(longitude), "latitude": float(north), "metadata": metadata}
-        put(time_ns, "/vehicle/fix", "foxglove.LocationFix", payload)
+    def fixed(hours, at, depth, reckoned):
+        longitude, north = to_geographic(Projection(-60.0, latitude), *at)
+        metadata = {"depth": depth, "dead_reckoned": reckoned}
+        put(hours, fix(0, float(longitude), float(north), metadata=metadata))
 
     rng = np.random.default_rng(1)
     for dive in range(dives):
-        time_ns = START_NS + dive * 4 * HOUR_NS
         unit = np.array([0.0, 1.0] if dive >= turn else [1.0, 0.0])
-        fix(time_ns, place, 0.0, False)
+        fixed(4 * dive, place, 0.0, False)
         heave = 3.0 * rng.standard_normal(2)
         for share in np.linspace(0.004, 0.996, 250):
             depth = 800.0 * (1.0 - abs(2.0 * share - 1.0))
-            at = place + share * spacing * unit
+            at, hours = place + share * spacing * unit, 4 * dive + 3.8 * share
             if round(share * 250) % 10 == 1:
-                fix(time_ns + int(share * 3.8 * HOUR_NS) - 1, at, depth, True)
+                fixed(hours, at, depth, True)
             risen = depth + tilt * at[0] + heave[int(share > 0.5)] * np.sin(np.pi * depth / 800.0)
             pressure = float(gsw.p_from_z(-depth, latitude))
             absolute = gsw.SA_from_SP(35.0, pressure, -60.0, latitude)
             temperature = gsw.t_from_CT(absolute, 4.0 + 14.0 * np.exp(-risen / 300.0), pressure)
             ctd = {"depth": depth, "temperature": float(temperature), "salinity": 35.0}
             ctd = change(ctd | {"pressure": pressure, "conductivity": None}, dive)
-            put(time_ns + int(share * 3.8 * HOUR_NS), "/ctd", "replay_kit.Ctd", ctd)
+            put(hours, logged("replay_kit.Ctd", ctd, topic="/ctd"))
         place = place + spacing * unit
-    fix(START_NS + dives * 4 * HOUR_NS, place, 0.0, False)
+    fixed(4 * dives, place, 0.0, False)
     return messages
 
 
 def measured(messages, config=CONFIG):
     """Return the shears, the reasons by number of messages, and how many messages of the CTD were used."""
     events = run(messages, config)
-    reasons = [
-        event.reason for event in events if isinstance(event, Skipped) and event.topic == "/ctd"
-    ]
-    used = sum(isinstance(event, Used) and event.topic == "/ctd" for event in events)
     given = sum(message.topic == "/ctd" for message in messages)
-    assert used + len(reasons) == given
-    return [event for event in events if isinstance(event, LinearMeasurement)], set(reasons), used
+    assert counted(events, "/ctd") == given
+    said = reasons(events)
+    return only(LinearMeasurement, events), set(said), given - len(said)
 
 
 @pytest.fixture(scope="module")
