@@ -1,7 +1,5 @@
 """Positions: frozen, of two missions, and out of the vehicle's reach."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -29,7 +27,6 @@ def dive(n=4, seconds=200.0, metres=7.0, moves=0.0, **changes):
         (dive(3), []),
         (dive(seconds=199.9), []),
         (dive(metres=20.0 / 3.0 - 1e-9), []),
-        (dive(metres=math.nan), []),
         (dive(moves=1e-9), []),
         ([*dive(), fix(800.0, 150.0, depth=0.0)], [REPEATED, FROZEN]),
     ],
@@ -61,9 +58,8 @@ HERE = [fix(HOUR * k, 152.0 + 0.01 * k) for k in range(20)]
         [fix(HOUR * k + 60.0, 155.0, log=1) for k in range(20)],
         [fix(HOUR * (30 + k), -30.0, 60.0, log=1) for k in range(5)],
         [fix(400 * DAY + HOUR * k, 152.0, log=1) for k in range(5)],
-        [fix(-400 * DAY + HOUR * k, 152.0, log=1) for k in range(5)],
     ],
-    ids=["beside it", "after it", "a year later", "a year before"],
+    ids=["beside it", "after it", "a year later"],
 )
 def test_a_log_of_another_place_or_year_is_named_once_with_both(other):
     ((_, finding),) = judged(sorted_by_time(*HERE, *other))[1]

@@ -74,7 +74,6 @@ def test_nucleus_profile(tmp_path):
     assert found.distance[0] == 0.5
 
 
-@pytest.mark.parametrize("schema", ["IMC.CurrentProfile", ""])
 @pytest.mark.parametrize(
     ("coord_sys", "system", "cell"),
     [
@@ -84,9 +83,9 @@ def test_nucleus_profile(tmp_path):
         (4, "beam", [0.1, 0.2, 0.3, 0.4]),
     ],
 )
-def test_imc_profile(tmp_path, schema, coord_sys, system, cell):
+def test_imc_profile(tmp_path, coord_sys, system, cell):
     payload = imc(coord_sys, [[0.1, 0.2, 0.3, 0.4]])
-    (message,) = read_mcap(tmp_path, json_mcap([(0, "/imc", schema, payload)]))
+    (message,) = read_mcap(tmp_path, json_mcap([(0, "/imc", "", payload)]))
     found = stated(message)
     assert (found.frame, found.distance) == (system, [5.0])
     assert_array_equal(found.velocity, [cell])

@@ -81,11 +81,6 @@ NORTEK = {"attitude_convention": "nortek"}
         ({"snr": beams(2.0)}, FAIL, Reason.LOW_SNR),
         ({"amplitude": beams(35.0), "noise_floor": [30.0] * 3 + [34.0]}, SUSPECT, Reason.LOW_SNR),
         ({"percent_good": third(40, 90)}, SUSPECT, Reason.LOW_PERCENT_GOOD),
-        (
-            {"percent_good": third([5, 0, 95, 5], [0, 0, 0, 100])},
-            FAIL,
-            Reason.LOW_PERCENT_GOOD,
-        ),
         ({"error_velocity": third(-0.9, 0)}, SUSPECT, Reason.ERROR_VELOCITY),
         ({"velocity": third([*CELL, 2.1], [*CELL, None])}, FAIL, Reason.ERROR_VELOCITY),
         ({"velocity": third([2.5, 2.5, 0.0], CELL)}, FAIL, Reason.HIGH_SPEED | Reason.OUTLIER),
