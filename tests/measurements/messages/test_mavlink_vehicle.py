@@ -74,7 +74,6 @@ def test_dataflash_records():
             {"Lat": 47.3, "Lng": -124.6, "Status": 4, "I": 1},
             "not the first GPS receiver",
         ),
-        ("dataflash.GPS", {"Lat": 0.0, "Lng": 0.0, "Status": 3}, "position is 0, 0 (no fix)"),
         ("dataflash.POS", {"Lat": "x"}, "position is not a number"),
         ("dataflash.CTUN", {"Alt": float("nan")}, "depth is not a number"),
         ("GPS_RAW_INT", gps(2), "no fix (fix_type < 3)"),

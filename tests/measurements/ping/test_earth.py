@@ -20,37 +20,24 @@ WATER, VESSEL = np.array([0.4, -0.2, 0.02]), np.array([1.1, 0.3, 0.0])
 
 def _raw(system: str, convention: str = "teledyne", **changes: Any) -> dict[str, Any]:
     """Return a ping of three equal cells over a moving vessel, as its instrument would store it; the heading is a true one."""
-    heading, pitch, roll = 35.0, 4.0, -3.0
-    turn = (
-        slow.nortek(heading, pitch, roll, True)
-        if convention == "nortek"
-        else slow.teledyne(heading, pitch, roll, False)
-    )
-    relative = {"water": WATER - VESSEL, "bottom": -VESSEL}
-    for name, velocity in relative.items():
-        axes = {
-            "instrument": turn.T @ velocity,
-            "ship": slow.about(2, heading) @ velocity,
-            "earth": velocity,
-        }
-        relative[name] = VECTORS @ (turn.T @ velocity) if system == "beam" else axes[system]
-    payload = {
-        **ping(0).payload,
+    angles = 35.0, 4.0, -3.0
+    turn = getattr(slow, convention)(*angles, convention == "nortek").T
+    axes = {"beam": VECTORS @ turn, "instrument": turn, "ship": slow.about(2, 35.0)}
+    axes = axes.get(system, np.eye(3))
+    track = {"velocity": (axes @ -VESSEL).tolist(), "velocity_std": 0.4, "distance": [300.0] * 4}
+    own = {
         "coordinate_system": system,
         "reference": "platform",
         "attitude_convention": convention,
         "beam_unit_vectors": VECTORS.tolist(),
         "bin_mapped": False,
-        "velocity": [relative["water"].tolist()] * 3,
-        "bottom_track": {
-            "velocity": relative["bottom"].tolist(),
-            "velocity_std": 0.4,
-            "distance": [300.0] * 4,
-        },
+        "velocity": [(axes @ (WATER - VESSEL)).tolist()] * 3,
+        "bottom_track": track,
         "velocity_std": None,
         "declination_applied": True,
     }
-    return {**payload, "heading": heading, "pitch": pitch, "roll": roll, **changes}
+    own |= dict(zip(("heading", "pitch", "roll"), angles, strict=True))
+    return ping(0).payload | own | changes
 
 
 def _horizontal(ping: SimpleNamespace) -> Any:
