@@ -43,7 +43,7 @@ def _pings() -> list[Message]:
                 changes[name] = rng.uniform(10.0, 100.0, (n, int(rng.choice([1, 4])))).tolist()
         for some in (tilted, tracked, up):
             changes |= some if rng.random() < 0.3 else {}
-        messages.append(ping(10.0 * k, **changes))
+        messages += [ping(10.0 * k + more, **changes) for more in (0.0, 3.0)]
         if k % 4 == 0:
             depth = float(rng.choice([0.0, 40.0]))
             messages.append(fix(10.0 * k + 1.0, 152.0 + 1e-4 * k, depth=depth))

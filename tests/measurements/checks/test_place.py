@@ -58,8 +58,9 @@ HERE = [fix(HOUR * k, 152.0 + 0.01 * k) for k in range(20)]
         [fix(HOUR * k + 60.0, 155.0, log=1) for k in range(20)],
         [fix(HOUR * (30 + k), -30.0, 60.0, log=1) for k in range(5)],
         [fix(400 * DAY + HOUR * k, 152.0, log=1) for k in range(5)],
+        [fix(-400 * DAY + HOUR * k, 152.0, log=1) for k in range(5)],
     ],
-    ids=["beside it", "after it", "a year later"],
+    ids=["beside it", "after it", "a year later", "a year before"],
 )
 def test_a_log_of_another_place_or_year_is_named_once_with_both(other):
     ((_, finding),) = judged(sorted_by_time(*HERE, *other))[1]
