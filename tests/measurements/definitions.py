@@ -47,14 +47,6 @@ DS_ADCP_2 = definition(
     VECTOR,
     _WATER_CURRENT_PROFILE,
 )
-DS_ADCP_1 = definition(
-    _ADCP,
-    HEADER_1,
-    "ds_core_msgs/DsHeader\ntime io_time\nuint8[16] source_uuid",
-    VECTOR,
-    _WATER_CURRENT_PROFILE,
-)
-
 NUCLEUS = """builtin_interfaces/Time system_timestamp
 bool posix_time
 uint32 timestamp
@@ -71,31 +63,6 @@ int16[] velocity_data
 uint8[] amplitude_data
 uint8[] correlation_data"""
 
-DVL = definition(
-    """uint8 DVL_MODE_BOTTOM=1
-uint8 DVL_MODE_WATER=2
-std_msgs/Header header
-uint8 velocity_mode
-uint8 dvl_type
-geometry_msgs/Vector3 velocity
-float64[9] velocity_covar
-float64 altitude
-float64 course_gnd
-float64 speed_gnd
-uint8 num_good_beams
-float32 sound_speed
-bool beam_ranges_valid
-bool beam_velocities_valid
-geometry_msgs/Vector3[4] beam_unit_vec
-float64[4] range
-float32[4] range_covar
-float32[4] beam_quality
-float32[4] beam_velocity
-float32[4] beam_velocity_covar""",
-    HEADER_2,
-    VECTOR,
-)
-
 NAV_SAT_FIX = definition(
     """std_msgs/Header header
 sensor_msgs/NavSatStatus status
@@ -110,36 +77,6 @@ uint8 position_covariance_type""",
 FLUID_PRESSURE = definition(
     "std_msgs/Header header\nfloat64 fluid_pressure\nfloat64 variance", HEADER_2
 )
-IMU = definition(
-    """std_msgs/Header header
-geometry_msgs/Quaternion orientation
-float64[9] orientation_covariance
-geometry_msgs/Vector3 angular_velocity
-float64[9] angular_velocity_covariance
-geometry_msgs/Vector3 linear_acceleration
-float64[9] linear_acceleration_covariance""",
-    HEADER_2,
-    QUATERNION,
-    VECTOR,
-)
-ODOMETRY = definition(
-    """std_msgs/Header header
-string child_frame_id
-geometry_msgs/PoseWithCovariance pose
-geometry_msgs/TwistWithCovariance twist""",
-    HEADER_2,
-    "geometry_msgs/PoseWithCovariance\ngeometry_msgs/Pose pose\nfloat64[36] covariance",
-    "geometry_msgs/TwistWithCovariance\ngeometry_msgs/Twist twist\nfloat64[36] covariance",
-    "geometry_msgs/Twist\ngeometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular",
-    POSE,
-    POINT,
-    QUATERNION,
-    VECTOR,
-)
-POSE_STAMPED = definition(
-    "std_msgs/Header header\ngeometry_msgs/Pose pose", HEADER_2, POSE, POINT, QUATERNION
-)
-
 # our own ping as a ROS 2 message: what may be unknown is NaN, velocity flat
 ADCP_PING = """builtin_interfaces/Time stamp
 string frame_id

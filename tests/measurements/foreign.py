@@ -10,15 +10,16 @@ def vectors(rows):
     return [dict(zip("xyz", row, strict=True)) for row in rows]
 
 
-def ds_adcp(
-    mode=3, cells=((0.1, -0.2, 0.01), (0.0, 0.0, 0.0), (0.3, 0.0, 0.0)), cell_depth=2, bin0=3.5
-):
-    read = [[cell] if mode else [cell] * 4 for cell in cells]
+CELLS = ((0.1, -0.2, 0.01), (0.0, 0.0, 0.0), (0.3, 0.0, 0.0))
+
+
+def ds_adcp(mode=3, cell_depth=2):
+    read = [[cell] if mode else [cell] * 4 for cell in CELLS]
     return {
         "coordinate_mode": mode,
         "cells": len(read),
         "cell_depth": cell_depth,
-        "bin0_distance": bin0,
+        "bin0_distance": 3.5,
         "beam_unit_vec": vectors(BEAMS),
         "vel_bin_beams": [{"velocity_bin_beam": vectors(rows)} for rows in read],
     }

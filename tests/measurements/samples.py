@@ -4,11 +4,8 @@ import math
 from dataclasses import dataclass
 from itertools import islice
 
-import numpy as np
-
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Observation, Source, VehicleState
 from replay_kit.measurements.observed import begun, rows, taken
 
 CONFIG = MeasurementConfig()
@@ -100,28 +97,19 @@ def ping(time_s=0.0, **changes):
         "velocity_std": 0.09,
         "pressure": 0.0,
     } | changes
-    return Message(int(time_s * SECOND), "/adcp", "replay_kit.AdcpPing", payload, 0, int(time_s))
+    return logged("replay_kit.AdcpPing", payload, time_s, "/adcp")
 
 
 def fix(time_s, longitude=152.0, latitude=-40.0, depth=None, **changes):
     metadata = [] if depth is None else [{"key": "depth", "value": str(depth)}]
-    payload = {
-        "longitude": longitude,
-        "latitude": latitude,
-        "altitude": 30.0,
-        "metadata": metadata,
-    } | changes
-    return Message(
-        int(time_s * SECOND), "/vehicle/fix", "foxglove.LocationFix", payload, 0, int(time_s)
-    )
+    payload = {"longitude": longitude, "latitude": latitude, "altitude": 30.0}
+    payload |= {"metadata": metadata, **changes}
+    return logged("foxglove.LocationFix", payload, time_s, "/vehicle/fix")
 
 
 def run(messages, config=CONFIG, component=None):
-    state, events = begun(None, component), []
-    for message in messages:
-        state, more = interpret(state, message, config)
-        events += more
-    return events + finish(state, config)
+    found = events_of(messages, config, component=component)
+    return [event for events in found for event in events]
 
 
 def in_order(*messages):
@@ -152,25 +140,12 @@ def logged(schema, payload, time_s=0, topic="/x"):
     return Message(int(time_s * SECOND), topic, schema, payload, 0, int(time_s))
 
 
-def profile(velocity, depth, error_std=0.01, time_ns=0, place=(150.0, -40.0), **changes):
-    """Return a profile whose bins are good."""
-    n = len(velocity)
-    found = {"reference": "earth", "flags": np.ones(n, np.int8), "reasons": np.zeros(n, np.int32)}
-    return Observation(
-        time_ns,
-        *place,
-        np.asarray(depth, np.float64),
-        np.asarray(velocity, np.float64),
-        np.broadcast_to(error_std, n),
-        **found | {"dive": 1, "source": Source(0, "/adcp", 0, 0)} | changes,
-    )
-
-
-def vehicle(time_s, longitude=150.0, latitude=-40.0, depth=0.0, dead_reckoned=False, log=0):
-    """Return a position."""
-    time_ns = int(time_s * SECOND)
-    source = Source(log, "/fix", 0, time_ns)
-    return VehicleState(time_ns, longitude, latitude, depth, dead_reckoned, source)
+def dac(time_s, start_s=0, end_s=None, **changes):
+    ends = {"start_fix": start_s, "end_fix": time_s if end_s is None else end_s}
+    payload = {"dive": 3, "dac_eastward": 0.1, "dac_northward": -0.2, "error": 0.03}
+    for name, at in ends.items():
+        payload[name] = {"time": {"sec": at, "nsec": 0}, "lon": 152.0, "lat": -40.0}
+    return logged("replay_kit.DepthAveragedCurrent", payload | changes, time_s, "/dac")
 
 
 def mapping(*entries):
@@ -180,56 +155,24 @@ def mapping(*entries):
 
 def mavlink_frames(time_s=5.0, array_id=7, n_components=3.0, skip=(), reference=0.0):
     nan = math.nan
+    place = [3.0, 32.0, 16.0, 3.0, reference, 0.0, 1.0]
     parts = {
-        "ADCP_CFG": [
-            3.0,
-            32.0,
-            16.0,
-            3.0,
-            reference,
-            0.0,
-            1.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            1500.0,
-            nan,
-            0.0,
-            1.0,
-            n_components,
-            0.0,
-        ],
+        "ADCP_CFG": [*place, *[0.0] * 4, 1500.0, nan, 0.0, 1.0, n_components, 0.0],
         "ADCP_E": [0.1, 0.3, 0.5],
         "ADCP_N": [0.2, nan, 0.6],
         "ADCP_U": [nan, 0.0, 0.0],
         "ADCP_STD": [0.09, 0.09, 0.09],
     }
+    kind = "DEBUG_FLOAT_ARRAY"
     for k, (name, data) in enumerate(parts.items()):
         if name not in skip:
-            payload = {
-                "name": name,
-                "array_id": array_id,
-                "time_usec": int(time_s * 1e6),
-                "data": [*data, *[0.0] * (58 - len(data))],
-            }
-            yield Message(
-                int(time_s * SECOND),
-                "mavlink/1/1/DEBUG_FLOAT_ARRAY",
-                "DEBUG_FLOAT_ARRAY",
-                payload,
-                0,
-                10 + k,
-            )
+            payload = {"name": name, "array_id": array_id, "time_usec": int(time_s * 1e6)}
+            payload["data"] = [*data, *[0.0] * (58 - len(data))]
+            frame = logged(kind, payload, time_s, f"mavlink/1/1/{kind}")
+            yield frame._replace(position=10 + k)
 
 
 def position_int(time_s, depth=0.0, lon=1_520_000_000, lat=-400_000_000):
     payload = {"lon": lon, "lat": lat, "relative_alt": -int(depth * 1000)}
-    return Message(
-        int(time_s * SECOND),
-        "mavlink/1/1/GLOBAL_POSITION_INT",
-        "GLOBAL_POSITION_INT",
-        payload,
-        0,
-        int(time_s),
-    )
+    kind = "GLOBAL_POSITION_INT"
+    return logged(kind, payload, time_s, f"mavlink/1/1/{kind}")

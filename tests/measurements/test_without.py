@@ -10,8 +10,6 @@ from replay_kit.measurements.step import left_out_reason, left_out_rules
 @pytest.mark.parametrize(
     ("rules", "kind", "dive", "applied"),
     [
-        ((), "dac", 3, ()),
-        (("dac",), "dac", 0, ("dac",)),
         (("dac",), "radar", 3, ()),
         (("dives:3-5",), "profiles", 3, ("dives:3-5",)),
         (("dives:3-5",), "profiles", 6, ()),

@@ -13,7 +13,7 @@ from replay_kit.logs.tables.columns import raws_of
 from replay_kit.logs.tables.schemas import tables_of
 from replay_kit.measurements.earth import no_triples, to_earth
 
-NO_ATTITUDE = no_triples()
+CONFIG, NO_ATTITUDE = MeasurementConfig(), no_triples()
 
 
 def table_of(message: Message, config: MeasurementConfig) -> Table:
@@ -24,16 +24,20 @@ def table_of(message: Message, config: MeasurementConfig) -> Table:
     return table
 
 
-def stated(message: Message, config: MeasurementConfig | None = None) -> SimpleNamespace:
+def stated(message: Message, config: MeasurementConfig = CONFIG) -> SimpleNamespace:
     """Return the columns of a message's row, and what is fixed of its table; ValueError says why it is not used."""
-    table = table_of(message, config or MeasurementConfig())
+    return row_of(table_of(message, config))
+
+
+def row_of(table: Table) -> SimpleNamespace:
+    """Return the columns of a table's first row, and what is fixed of it."""
     columns = {name: column[0] for name, column in table.columns.items()}
     return SimpleNamespace(kind=table.kind, **columns, **table.fixed)
 
 
 def turned(
     payload: Mapping[str, Any],
-    config: MeasurementConfig,
+    config: MeasurementConfig = CONFIG,
     attitudes: Mapping[str, Any] = NO_ATTITUDE,
 ) -> SimpleNamespace:
     """Return the columns of a ping as ``earth.to_earth`` gives them; ValueError says why it is not used, or cannot be turned."""

@@ -64,32 +64,28 @@ def mean(seconds, velocity, start=None, deepest=400.0, dive=1, points=13, **chan
     } | changes
 
 
-_KINDS = {
-    np.int64: ("time", "path_time", "input", "topic", "dive", "points", "bins", "components"),
-    np.bool_: ("dead_reckoned", "up", "along_beams", "beside_profiles"),
-    np.int32: ("reasons",),
-    np.int8: ("flags",),
-}
+_WHOLE = ["time", "path_time", "input", "topic", "dive", "points", "bins", "components"]
+_TRUTHS = ["dead_reckoned", "up", "along_beams", "beside_profiles"]
+_KINDS = dict.fromkeys(_WHOLE, np.int64) | dict.fromkeys(_TRUTHS, np.bool_)
+_KINDS |= {"reasons": np.int32, "flags": np.int8}
+_FILLS = {"flags": 9.0, "reasons": 0.0, "weight": 0.0, "path_time": 0.0}
 
 
 def _columns(rows):
     """Return rows as columns, padded as a block's."""
-    if not rows:
-        names = ("time", "topic", "input", "longitude", "latitude", "depth", "dead_reckoned")
-        return {name: np.empty(0) for name in names}
-    kinds = {name: kind for kind, names in _KINDS.items() for name in names}
     found = {}
     for name in rows[0]:
         values = [np.asarray(row[name], np.float64) for row in rows]
-        if name in ("time", "path_time"):
-            values = [np.round(each * 1e9) for each in values]
         shape = np.max([each.shape for each in values], axis=0).astype(int)
-        fill = {"flags": 9.0, "reasons": 0.0, "weight": 0.0, "path_time": 0.0}.get(name, math.nan)
-        padded = np.full((len(rows), *shape), fill)
+        padded = np.full((len(rows), *shape), _FILLS.get(name, math.nan))
         for k, each in enumerate(values):
             padded[(k, *map(slice, each.shape))] = each
-        found[name] = padded.astype(kinds.get(name, np.float64))
+        padded = np.round(padded * 1e9) if name in ("time", "path_time") else padded
+        found[name] = padded.astype(_KINDS.get(name, np.float64))
     return found
+
+
+_NONE = _columns([fix(0.0)[1] | {"topic": 0}])
 
 
 def block_of(events: list[Event], topic: str = "/adcp") -> Block:
@@ -99,12 +95,11 @@ def block_of(events: list[Event], topic: str = "/adcp") -> Block:
     for k, (kind, columns) in enumerate(events):
         order.append((k, kind, len(rows[kind])))
         more = {"components": columns["raw"].shape[1]} if kind == PING else {}
-        rows[kind].append({"topic": 0.0, **columns, **more})
-    position, pings, means = (_columns(rows[kind]) for kind in (POSITION, PING, MEAN))
-    outcomes = np.empty((0, 3), np.int64)
-    events_of = np.array(order, np.int64).reshape(-1, 3)
-    empty = {} if not rows[PING] else pings
-    return Block(events_of, position, empty, means, (), (topic,), outcomes, ())
+        rows[kind].append({"topic": 0, **columns, **more})
+    position, pings, means = (_columns(of) if of else {} for of in rows.values())
+    position = position or {name: column[:0] for name, column in _NONE.items()}
+    order = np.array(order, np.int64).reshape(-1, 3)
+    return Block(order, position, pings, means, (), (topic,), order[:0], ())
 
 
 def judged(events, size=4096, ensemble=None, through_water=False):

@@ -1,7 +1,5 @@
 """Pairs of vectors: which alternative explains them, how large it is, since when, and when nothing is said."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,10 +11,8 @@ from replay_kit.measurements.checks.likelihood import (
     UNITS,
     Source,
     alternatives,
-    causes,
     explanation,
     family,
-    odds,
 )
 
 FLOOR, BIAS = 2.0 * 0.03**2, 0.03
@@ -75,7 +71,6 @@ def test_the_gains_are_those_of_the_definition(kind, begin, weight):
         (lambda u: u * np.exp(-1j * np.radians(60.0)), "turn", "turned by +60 degrees clockwise"),
         (lambda u: u.conj(), "mirror", "the sign of north is wrong"),
         (lambda u: -u.conj(), "mirror", "the sign of east is wrong"),
-        (lambda u: 1j * u.conj(), "mirror", "east and north are exchanged"),
         *((lambda u, f=factor: f * u, "scale", f"in {unit}") for unit, factor in UNITS.items()),
         (lambda u: u / UNITS["knots"], "scale", "in knots, of the other source"),
         (lambda u: u + 0.3, "offset", "off by a constant offset"),
@@ -87,19 +82,6 @@ def test_what_was_done_is_named(made, kind, name):
     found = explanation(pairs(made(truth + noise(15)), truth + noise(15, 2)), SOURCE, KINDS)
     assert (found.kind, found.name) == (kind, name)
     assert found.gain >= LEAST_GAIN
-
-
-@pytest.mark.parametrize("factor", [1.3, 0.7, 0.5])
-def test_a_scale_is_any_with_its_spread(factor):
-    inside = 0
-    for seed in range(12):
-        truth = currents(20, seed, 0.3)
-        rows = pairs(factor * (truth + noise(20, seed + 30)), truth + noise(20, seed + 60))
-        found = explanation(rows, SOURCE, KINDS)
-        assert found.kind == "scale"
-        assert odds(causes(rows, SOURCE, KINDS))[0][0] == "a wrong scale"
-        inside += abs(math.log(abs(found.value) / factor)) < 2.0 * max(found.spread, 0.02)
-    assert inside >= 10
 
 
 @pytest.mark.parametrize("begin", [0, 5])
@@ -120,17 +102,3 @@ def test_pairs_that_agree_are_explained_by_nothing(seed, n, size):
     truth = currents(n, seed, size)
     rows = pairs(truth + noise(n, seed + 1, 0.01), truth + noise(n, seed + 2, 0.01))
     assert explanation(rows, SOURCE, KINDS) is None
-
-
-@given(st.integers(0, 2**32 - 1), st.floats(0.0, 2.0 * math.pi), st.sampled_from(["turn", "scale"]))
-def test_gains_do_not_depend_on_where_north_is(seed, angle, kind):
-    a, b, turn = currents(8, seed), currents(8, seed + 1), np.exp(1j * angle)
-    one, other = (alternatives(pairs(a * f, b * f), FLOOR, kind).gain for f in (1.0, turn))
-    np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7)
-
-
-def test_one_outlier_is_no_majority():
-    truth = currents()
-    a = truth + noise(15)
-    a[7] += 3.0
-    assert explanation(pairs(a, truth), SOURCE, KINDS) is None

@@ -1,14 +1,14 @@
 """Positions: frozen, of two missions, and out of the vehicle's reach."""
 
-import math
-
 import numpy as np
 import pytest
 
+from replay_kit.config.run import MeasurementConfig
 from replay_kit.measurements.checks.place import FROZEN, PLACES, REPEATED
-from replay_kit.measurements.positions import ROW
-from replay_kit.measurements.reach import DISPLACED, Reach, within_reach
+from replay_kit.measurements.observed import blocks
+from replay_kit.measurements.reach import DISPLACED
 from tests.measurements.checks.made import fix, judged, names, ping
+from tests.measurements.samples import fix as position
 
 HOUR, DAY = 3600.0, 86_400.0
 
@@ -27,7 +27,6 @@ def dive(n=4, seconds=200.0, metres=7.0, moves=0.0, **changes):
         (dive(3), []),
         (dive(seconds=199.9), []),
         (dive(metres=20.0 / 3.0 - 1e-9), []),
-        (dive(metres=math.nan), []),
         (dive(moves=1e-9), []),
         ([*dive(), fix(800.0, 150.0, depth=0.0)], [REPEATED, FROZEN]),
     ],
@@ -40,10 +39,9 @@ def test_a_position_that_stays_while_the_vehicle_dives_is_frozen_once_a_fix_repe
 
 def test_pings_at_a_frozen_position_are_not_used():
     velocity = np.random.default_rng(0).normal(0.0, 0.1, (9, 3, 2))
-    events = []
-    for k, event in enumerate([*dive(8), fix(1600.0, 151.0)]):
-        events += [event, ping(200.0 * k + 1.0, velocity[k])]
-    flags = judged(events)[2]
+    track = [*dive(8), fix(1600.0, 151.0)]
+    pings = [ping(200.0 * k + 1.0, velocity[k]) for k in range(9)]
+    flags = judged(one for pair in zip(track, pings, strict=True) for one in pair)[2]
     assert [bool((each == 1).all()) for each, _ in flags] == [True] * 3 + [False] * 5 + [True]
 
 
@@ -79,80 +77,58 @@ def test_a_vehicle_that_goes_on_is_one_mission():
     assert names([*HERE, *(fix(300 * DAY + HOUR * k, 160.0) for k in range(9))]) == []
 
 
-def glide(n=80, step=600.0, gap=0.0):
-    """Dead-reckoned positions of a glider at 0.3 m/s eastwards, every eighth a fix, which puts the reckoning right by a gap [m]."""
+def glide(n=80, gap=0.0, off=()):
+    """Dead-reckoned positions of a glider at 0.3 m/s eastwards, every eighth a fix, which closes a gap [m], some of them off [km]."""
+    off = dict(off)
     for k in range(n):
-        is_fix = k % 8 == 0
-        metres = 0.3 * step * k + (0.0 if is_fix else gap * (k % 8) / 7.0)
-        yield fix(step * k, 150.0 + metres / 85_000.0, reckoned=not is_fix)
+        metres = 180.0 * k + gap * (k % 8) / 7.0 + 1e3 * off.get(k, 0.0)
+        reckoned = {"dead_reckoned": k % 8 > 0}
+        yield position(600.0 * k, 150.0 + metres / 85_000.0, metadata=reckoned)
 
 
-def moved(event, km):
-    kind, one = event
-    return kind, {**one, "longitude": one["longitude"] + km / 85.0}
-
-
-def reached(events, size=4096):
-    """Positions that count, those thrown, and what is found of them, in blocks of a size."""
-    rows, state, kept, thrown, found = list(events), Reach(), [], [], []
-    for first in range(0, len(rows), size):
-        part = [one for _, one in rows[first : first + size]]
-        columns = {
-            "time": [round(one["time"] * 1e9) for one in part],
-            "order": list(range(first, first + len(part))),
-            "ordinal": list(range(first, first + len(part))),
-            **{
-                n: [one[n] for one in part]
-                for n in ("longitude", "latitude", "depth", "dead_reckoned", "input")
-            },
-        }
-        positions = {
-            name: np.array(columns.get(name, [0] * len(part)), kind) for name, kind in ROW.items()
-        }
-        ends = first + size >= len(rows)
-        state, done, counts, new = within_reach(state, positions, ends)
-        kept += done["ordinal"][counts].tolist()
-        thrown += done["ordinal"][~counts].tolist()
-        found += [finding for _, finding in new]
-    return kept, thrown, found
+def reached(track, size=4096):
+    """Numbers of the positions that are thrown, and what is found of them."""
+    messages = list(track)
+    found = list(blocks(messages, MeasurementConfig(), size))
+    kept = np.concatenate([block.position["time"] for block in found])
+    thrown = [k for k, one in enumerate(messages) if one.time_ns not in kept]
+    return thrown, [(one.name, one.severity) for block in found for _, one in block.findings]
 
 
 @pytest.mark.parametrize("size", [1, 7, 4096])
-@pytest.mark.parametrize(("km", "thrown"), [(0.2, []), (3.0, [40]), (40.0, [40]), (-4700.0, [40])])
-def test_one_fix_thrown_off_is_left_out_and_named_at_once(km, thrown, size):
-    track = list(glide())
-    track[40] = moved(track[40], km)
-    kept, left_out, found = reached(track, size)
-    assert left_out == thrown
-    assert kept == [k for k in range(80) if k not in thrown]
-    assert [(one.name, one.severity) for one in found] == [(DISPLACED, "warning")] * len(thrown)
+@pytest.mark.parametrize(
+    ("thrown", "km"), [([40], 3.0), ([40], 40.0), ([40], -4700.0), ([40, 41, 42], 30.0)]
+)
+def test_positions_thrown_off_are_left_out_and_named_at_once(thrown, km, size):
+    found = reached(glide(off=[(k, km) for k in thrown]), size)
+    assert found == (thrown, [(DISPLACED, "warning")])
 
 
-def test_three_in_a_row_are_thrown_and_five_are_where_the_vehicle_is():
-    track = list(glide())
-    for number, gone in ((3, [40, 41, 42]), (80, [])):
-        away = [moved(one, 30.0) if 40 <= k < 40 + number else one for k, one in enumerate(track)]
-        kept, thrown, found = reached(away)
-        assert thrown == gone
-        assert kept == [k for k in range(80) if k not in gone]
-        ((name, severity),) = {(one.name, one.severity) for one in found}
-        assert (name, severity) == (DISPLACED, "warning" if gone else "inconsistent")
+def at(seconds, longitudes, latitude=-40.0):
+    for second, longitude in zip(seconds, longitudes, strict=True):
+        yield position(second, longitude, latitude)
 
 
-def test_a_vessel_that_leaves_its_station_and_a_fast_boat_are_within_reach():
-    station = [fix(600.0 * k, 150.0) for k in range(60)]
-    under_way = [fix(600.0 * (60 + k), 150.0 + 0.04 * k) for k in range(1, 30)]
-    boat = [fix(600.0 * k, 150.0 + 0.16 * k) for k in range(30)]
-    assert [reached(track)[1:] for track in ([*station, *under_way], boat)] == [([], [])] * 2
+EVERY = 600.0 * np.arange(40)
+STEPS = 150.0 + 1e-3 * np.arange(9)
 
 
-@pytest.mark.parametrize("gap", [500.0, 3000.0])
-def test_dead_reckoning_that_a_fix_puts_right_is_no_displaced_position(gap):
-    assert reached(glide(160, gap=gap))[1:] == ([], [])
-
-
-def test_a_log_that_goes_on_after_a_pause_or_beside_another_throws_nothing():
-    later = [fix(10 * HOUR + 600.0 * k, 151.0 + 1e-3 * k) for k in range(9)]
-    assert reached([*(fix(600.0 * k, 150.0 + 1e-3 * k) for k in range(9)), *later])[1] == []
-    two = [fix(600.0 * k, 150.0 + (k % 2), log=k % 2) for k in range(40)]
-    assert reached(two)[1] == []
+@pytest.mark.parametrize(
+    ("track", "found"),
+    [
+        (glide(off=[(40, 0.2)]), []),
+        # five in a row are where the vehicle is
+        (glide(off=[(k, 30.0) for k in range(40, 80)]), [(DISPLACED, "inconsistent")]),
+        # a vessel that leaves its station, and a fast boat
+        (at(EVERY, 150.0 + np.maximum(0.0, 0.04 * (np.arange(40) - 20))), []),
+        (at(EVERY, 150.0 + 0.16 * np.arange(40)), []),
+        # dead reckoning that a fix puts right
+        (glide(160, 500.0), []),
+        (glide(160, 3000.0), []),
+        # a log that goes on after a pause or beside another
+        ([*at(EVERY[:9], STEPS), *at(36_000.0 + EVERY[:9], 1.0 + STEPS)], []),
+        ([position(600.0 * k, 150.0 + k % 2)._replace(input=k % 2) for k in range(40)], []),
+    ],
+)
+def test_where_a_vehicle_may_be_nothing_is_thrown(track, found):
+    assert reached(track) == ([], found)

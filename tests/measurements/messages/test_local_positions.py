@@ -8,8 +8,7 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
-from tests.command import run_command
-from tests.measurements.carriers import json_mcap
+from tests.measurements.foreign import pose
 from tests.measurements.samples import (
     SECOND,
     in_order,
@@ -72,48 +71,24 @@ def test_without_an_origin_and_beside_a_position_on_the_earth_they_are_named():
 
 
 def test_odometry_without_a_fix_begins_at_a_stated_origin():
-    def pose(k):
-        position = {"position": {"x": 10.0 * k, "y": -5.0 * k, "z": -2.0}}
-        return logged("nav_msgs/msg/Odometry", {"pose": {"pose": position}}, k, "/odom")
-
-    events = run([pose(k) for k in range(1, 5)], STATED)
+    odometry = [
+        logged("nav_msgs/msg/Odometry", {"pose": pose(10.0 * k, -5.0 * k, -2.0)}, k, "/odom")
+        for k in range(1, 5)
+    ]
     k = np.arange(1.0, 5.0)
     expected = np.column_stack(to_geographic(Projection(*ORIGIN), 10.0 * k, -5.0 * k))
-    np.testing.assert_allclose(_track(events), expected, atol=1e-9)
-    assert not only(VehicleState, run([pose(k) for k in range(1, 5)]))
+    np.testing.assert_allclose(_track(run(odometry, STATED)), expected, atol=1e-9)
+    assert not only(VehicleState, run(odometry))
 
 
 @pytest.mark.parametrize("asked", [None, 1, 191])
 def test_one_component_of_a_system_counts(asked):
-    other = [
-        message._replace(topic=message.topic.replace("mavlink/1/1/", "mavlink/1/191/"))
-        for message in (position_int(k + 0.5, lon=1_530_000_000) for k in range(6))
-    ]
-    messages = in_order(*(position_int(k) for k in range(6)), *other)
-    events = run(messages, component=asked)
-    longitude = {round(p.longitude) for p in only(VehicleState, events)}
-    assert longitude == ({153} if asked == 191 else {152})
+    own, other = map(position_int, range(6)), (position_int(k + 0.5) for k in range(6))
+    other = [one._replace(topic=one.topic.replace("1/1", "1/191")) for one in other]
+    events = run(in_order(*own, *other), component=asked)
     used, left = (191, 1) if asked == 191 else (1, 191)
     words = (
         f"MAVLink component {left}, but component {used} is used; choose with component in [logs]"
     )
     assert reasons(events) == [words] * 6
-
-
-def test_info_says_what_is_missing_and_what_the_option_gives(tmp_path):
-    rows = [
-        (m.time_ns / SECOND, m.topic, m.schema, m.payload)
-        for m in in_order(*map(_local, range(1, 20)))
-    ]
-    ping = {
-        **{"coordinate_system": "earth", "reference": "earth", "orientation": "down"},
-        **{"n_cells": 1, "cell_size": 4.0, "bin0_distance": 8.0, "velocity": [[0.1, 0.2, 0.0]]},
-    }
-    rows += [(5.0, "/adcp", "replay_kit.AdcpPing", ping)]
-    (tmp_path / "log.mcap").write_bytes(json_mcap(rows))
-    done = run_command(tmp_path, "info log.mcap")
-    assert "19 x mavlink/1/1/LOCAL_POSITION_NED: local position without an origin" in done.stdout
-    assert "Missing for a replay: positions\n" in done.stdout
-    done = run_command(tmp_path, "info log.mcap --origin 152,-40")
-    assert "1 profiles with 1 usable bins, 19 positions" in done.stdout
-    assert "Missing" not in done.stdout
+    assert {one.source.topic.split("/")[2] for one in only(VehicleState, events)} == {str(used)}

@@ -5,7 +5,7 @@ import pytest
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import ConfigError
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
-from tests.measurements.messages.test_mapped import POSITION, PROFILE
+from tests.measurements.messages.test_mapped import MOORING, POSITION, PROFILE
 
 TOML = """
 [[measurements.map]]
@@ -45,10 +45,8 @@ def test_mappings_in_toml(tmp_path):
             {"topic": "/p", "kind": "depth", "depth": "d", "unit": "m"},
             r"unknown key '.*unit'; known here: .*depth_unit",
         ),
-        ({"topic": "/p", "kind": "depth"}, "depth"),
         ({**POSITION, "kind": "place"}, "'position', 'depth', 'profile'"),
         ({**POSITION, "latitude": "a..b"}, "latitude"),
-        ({**POSITION, "latitude": ""}, "latitude"),
         ({**POSITION, "angle_unit": "grad"}, "'deg', 'rad'"),
         (PROFILE, "give velocity, or east and north"),
         (
@@ -58,16 +56,12 @@ def test_mappings_in_toml(tmp_path):
         ({**PROFILE, "east": "e", "north": "n", "frame": "beam"}, "not in a frame 'beam'"),
         ({**PROFILE, "velocity": "v", "latitude": "y"}, "longitude and latitude, or neither"),
         ({**PROFILE, "velocity": "v", "distances": "d"}, "give one of depths"),
-        (
-            {
-                **PROFILE,
-                "velocity": "v",
-                "depths": "d",
-                "cell_size": None,
-                "first_cell": None,
-                "depth": "z",
-            },
-            "leave out depth",
+        *(
+            ({**MOORING, **half}, words)
+            for half, words in (
+                ({"place": [150.5, -41.0]}, "at_depth"),
+                ({"longitude": "lon"}, "latitude"),
+            )
         ),
         (
             {key: value for key, value in PROFILE.items() if key != "reference"}

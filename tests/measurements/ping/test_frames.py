@@ -51,26 +51,6 @@ def test_rotations_are_orthonormal_and_those_of_the_twin(heading, pitch, roll, f
         assert_allclose(matrix, twin(heading, pitch, roll, flipped), atol=1e-14)
 
 
-def test_a_heading_turns_forward_to_where_it_points():
-    assert_allclose(teledyne(90.0, 0.0, 0.0) @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-15)
-    assert_allclose(nortek(90.0, 0.0, 0.0) @ [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], atol=1e-15)
-    # nose up: what flows forward along the instrument rises
-    assert (teledyne(0.0, 20.0, 0.0) @ [0.0, 1.0, 0.0])[2] == pytest.approx(
-        np.sin(np.deg2rad(20.0))
-    )
-    assert (nortek(0.0, 20.0, 0.0) @ [1.0, 0.0, 0.0])[2] == pytest.approx(np.sin(np.deg2rad(20.0)))
-
-
-def test_a_positive_roll_lowers_the_starboard_side_which_is_beam_2_s_when_looking_down():
-    """Teledyne's signs: looking down beam 1 is then higher than beam 2, looking up beam 2 is; a positive pitch raises beam 3 in both."""
-    outwards = -slow.janus_vectors(20.0)
-    for up in (False, True):
-        one, two, _, _ = outwards @ teledyne(0.0, 0.0, 10.0, up)[2]
-        assert (two > one) == up
-        _, _, three, four = outwards @ teledyne(0.0, 10.0, 0.0, up)[2]
-        assert three > four
-
-
 @quick
 @given(BEAMS, BEAM_ANGLE, st.booleans())
 def test_four_beams_are_solved_as_teledyne_does(beams, angle, convex):
@@ -96,10 +76,7 @@ def test_three_beams_equal_four_when_the_error_velocity_is_zero(velocity, angle,
 
 def test_two_beams_or_three_in_a_plane_give_nothing():
     vectors = slow.janus_vectors(20.0)
-    beams = np.array([[0.1, 0.2, np.nan, np.nan], [0.1, 0.2, 0.3, 0.4], [np.nan] * 4])
-    found = solved(beams, vectors)
-    assert np.isnan(found[[0, 2]]).all()
-    assert np.isfinite(found[1]).all()
+    assert np.isnan(solved(np.array([[0.1, 0.2, np.nan, np.nan]]), vectors)).all()
     flat = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     assert np.isnan(solved(np.ones((1, 3)), flat)).all()
 
@@ -113,25 +90,16 @@ def test_mapped_bins_are_exact_for_a_velocity_linear_in_depth(heading, pitch, ro
     slope, offset = np.array([0.02, -0.013, 0.001]), np.array([0.4, 0.1, -0.02])
     distance = (first + size * np.arange(n))[:, None] * stretch
     beams = np.einsum("nbi,bi->nb", offset + distance[..., None] * slope, vectors @ rotation.T)
-    mapped = map_bins(beams, stretch, first, size)
-    for beam in range(4):
-        assert_allclose(
-            mapped[:, beam], slow.mapped(beams[:, beam], stretch[beam], first, size), atol=1e-12
-        )
+    holed = np.where(np.arange(n)[:, None] == 12, np.nan, beams)
+    for each in (holed, beams):
+        mapped = map_bins(each, stretch, first, size)
+        twin = [slow.mapped(*one, first, size) for one in zip(each.T, stretch, strict=True)]
+        assert_allclose(mapped.T, twin, atol=1e-12)
     earth = solved(mapped, vectors)[:, :3] @ rotation.T
     inside = np.isfinite(mapped).all(axis=1)
     assert inside[2:10].all()
     expected = offset + (first + size * np.arange(n))[:, None] * slope
     assert_allclose(earth[inside], expected[inside], atol=1e-10)
-
-
-def test_beside_a_missing_cell_the_nearer_one_is_taken():
-    column = np.array([1.0, 2.0, np.nan, 4.0, 5.0])
-    mapped = map_bins(column[:, None], np.array([1.05]), 2.0, 1.0)[:, 0]
-    assert_allclose(mapped, slow.mapped(column, 1.05, 2.0, 1.0))
-    # 3 m lie at 2.857 untilted, between two cells; 4 m at 3.81 and 5 m at 4.76, each beside the missing one
-    assert_allclose(mapped[1:3], [1.0 + 0.857142857142857, np.nan])
-    assert mapped[3] == 4.0
 
 
 def test_without_tilt_bins_stay_where_they_are_missing_ones_too():

@@ -15,7 +15,6 @@ from replay_kit.measurements.ctd.sections import (
     GRAVITY,
     RHO0,
     Profile,
-    level_anomalies,
     section_of,
 )
 from replay_kit.measurements.ctd.thermal_wind import (
@@ -106,20 +105,21 @@ def test_isopycnals_that_rise_to_the_east_give_their_thermal_wind():
     assert depth_weights(LEVELS) @ shear.velocity == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_current_is_the_same_whichever_way_the_line_is_run():
-    there, back = (shear_of_all(profiles) for profiles in (line(noise=5.0), line(noise=5.0)[::-1]))
-    assert np.cos(there.direction - back.direction) == pytest.approx(-1.0)
-    assert back.velocity == pytest.approx(-there.velocity, rel=1e-9)
-
-
-def test_in_the_south_the_same_density_drives_the_opposite_current():
-    north, south = (shear_of_all(line(latitude=at, length=20e3)) for at in (40.0, -40.0))
-    assert south.velocity == pytest.approx(-north.velocity, abs=0.01 * np.abs(north.velocity).max())
-
-
-def test_the_slant_of_a_glider_is_taken_out():
-    cast, slanted = (shear_of_all(line(length=40e3, slant=slant)) for slant in (0.0, 2.0))
-    assert slanted.velocity == pytest.approx(cast.velocity, abs=0.02 * np.abs(cast.velocity).max())
+@pytest.mark.parametrize(
+    ("other", "sign"),
+    [
+        # whichever way the line is run; the same density in the south; the slant of a glider
+        (line(length=20e3)[::-1], -1.0),
+        (line(length=20e3, latitude=-40.0), -1.0),
+        (line(length=20e3, slant=2.0), 1.0),
+    ],
+)
+def test_the_current_is_that_of_the_field_and_not_of_the_line(other, sign):
+    one, other = shear_of_all(line(length=20e3)), shear_of_all(other)
+    turned = np.cos(one.direction - other.direction)
+    limit = 0.02 * np.abs(one.velocity).max()
+    assert other.velocity == pytest.approx(sign * one.velocity, abs=limit)
+    assert abs(turned) == pytest.approx(1.0)
 
 
 def test_a_short_line_states_a_large_error():
@@ -131,17 +131,16 @@ def test_a_short_line_states_a_large_error():
 
 
 @pytest.mark.parametrize(
-    "change",
+    "profiles",
     [
-        lambda made: made[:3],
-        lambda made: [*made, *made[:6]],
-        lambda made: made[:1] * 5,
-        lambda made: [replace(each, salinity=np.full(164, np.nan)) for each in made],
+        line()[:3],
+        [*line(), *line()[:6]],
+        line()[:1] * 5,
+        [replace(each, salinity=np.full(164, np.nan)) for each in line()],
     ],
 )
-def test_what_is_no_line_is_refused(change):
-    assert section_of(line()) is not None
-    assert section_of(change(line())) is None
+def test_what_is_no_line_is_refused(profiles):
+    assert section_of(profiles) is None
 
 
 def test_the_parts_agree_with_their_slow_twins():
@@ -178,19 +177,6 @@ def test_the_parts_agree_with_their_slow_twins():
         assert second[k] - first[k] == pytest.approx(by_hand[1] - by_hand[0], rel=1e-6)
 
 
-def test_a_hole_is_filled_from_its_own_profile_and_the_level_s_line():
-    along = np.linspace(0.0, 30e3, 6)
-    volume = 1e-3 + 1e-11 * along[:, None] * np.array([1.0, 2.0, 3.0])
-    volume[2] += 1e-8
-    holed = volume.copy()
-    holed[2, 1] = np.nan
-    whole = level_anomalies(volume, np.zeros((6, 3)), along)
-    filled = level_anomalies(holed, np.zeros((6, 3)), along)
-    assert np.isfinite(filled).all()
-    assert filled[2, 1] == pytest.approx(whole[2, 1], abs=0.6e-8)
-    assert filled[:, [0, 2]] == pytest.approx(whole[:, [0, 2]], abs=1e-12)
-
-
 def test_waves_and_rossby_radius_have_the_size_that_the_open_ocean_has():
     n2 = np.full(LEVELS.size, 2.7e-5)
     waves = garrett_munk(LEVELS, n2, geopotential_matrix(LEVELS))
@@ -211,7 +197,7 @@ def test_repeats_of_a_real_line_agree_within_their_stated_errors():
         at = np.flatnonzero(np.isin(a.levels, [60, 150, 300, 500, 750, 900]))
         sign = np.sign(np.cos(a.direction - b.direction))
         difference = a.velocity[at] - sign * b.velocity[at]
-        both = a.covariance[np.ix_(at, at)] + b.covariance[np.ix_(at, at)]
+        both = (a.covariance + b.covariance)[np.ix_(at, at)]
         inside += (np.abs(difference) < 1.645 * np.sqrt(np.diag(both))).tolist()
         misfits.append(difference @ np.linalg.solve(both, difference) / at.size)
     assert 0.85 <= np.mean(inside) <= 0.97
@@ -220,22 +206,15 @@ def test_repeats_of_a_real_line_agree_within_their_stated_errors():
 
 def _casts(path) -> list[Profile]:
     with xr.open_dataset(path) as data:
-        ordered = data.sortby("distance")
-        depth, made = ordered.depth.values, []
-        for k in range(ordered.sizes["date"]):
-            cast = ordered.isel(date=k)
-            latitude, longitude = float(cast.lat), float(cast.lon)
+        names = ["lon", "lat", "salinity", "potential_temperature"]
+        ordered = data.sortby("distance").transpose("date", "depth", ...)
+        depth, times = ordered.depth.values, ordered.date.values.astype("datetime64[ns]")
+        made = []
+        for time, *cast in zip(times, *(ordered[name].values for name in names), strict=True):
+            longitude, latitude, salinity, potential = cast
             pressure = gsw.p_from_z(-depth, latitude)
-            absolute = gsw.SA_from_SP(cast.salinity.values, pressure, longitude, latitude)
-            conservative = gsw.CT_from_pt(absolute, cast.potential_temperature.values)
-            made.append(
-                Profile(
-                    np.full(depth.size, int(cast.date.values.astype("datetime64[ns]").astype(int))),
-                    np.full(depth.size, longitude),
-                    np.full(depth.size, latitude),
-                    depth,
-                    gsw.t_from_CT(absolute, conservative, pressure),
-                    cast.salinity.values,
-                )
-            )
+            absolute = gsw.SA_from_SP(salinity, pressure, longitude, latitude)
+            temperature = gsw.t_from_CT(absolute, gsw.CT_from_pt(absolute, potential), pressure)
+            own = (np.full(depth.size, one) for one in (time.astype(np.int64), longitude, latitude))
+            made.append(Profile(*own, depth, temperature, salinity))
     return made
