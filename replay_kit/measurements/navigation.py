@@ -93,17 +93,22 @@ def located(
     known = in_order(frames.place, direct)
     fixes = direct["order"][~direct["dead_reckoned"]]
     origins = {} if fixes.size else dict(frames.origins)
-    made, depths = [direct], list[Depth]()
+    made, depths, runs = [direct], list[Depth](), list[tuple[int, int, Table]]()
     for one in of["pose"]:
         since = stated.get(("position", one.fixed["system"]), (np.array([NEVER]),))[0]
         one = step.kept(one, np.where(one.order > since.min(), NAVIGATED, ""))
         run = np.searchsorted(fixes, one.order)
-        origin = _origins(one, run, frames.origins.get(one.topic), known, stated, step)
+        # between fixes, in the order of their first ones: a topic goes on from where another has got to
+        each = ((number, one.rows(run == number)) for number in np.unique(run).tolist())
+        runs += [(int(rows.order[0]), number, rows) for number, rows in each]
+    for _, number, one in sorted(runs, key=lambda run: run[0]):
+        begun = None if number else frames.origins.get(one.topic)
+        origin = _origins(one, begun, known, stated, step)
         rows, lacks = _posed(one, origin, step)
         made.append(rows)
         known = in_order(known, rows)
         depths.append((one.order[lacks], one["depth"][lacks], True))
-        if (~lacks & (run == fixes.size))[-1:].any():
+        if number == fixes.size and not lacks[-1]:
             origins[one.topic] = origin[-1]
     positions = in_order(*made)
     last = {key: values[-1] for key, (_, values) in stated.items()}
@@ -162,16 +167,15 @@ def _rows(table: Table, step: Step, *columns: Any) -> Rows:
 
 
 def _origins(
-    table: Table, run: Integers, begun: Array | None, known: Columns, stated: Stated, step: Step
+    table: Table, begun: Array | None, known: Columns, stated: Stated, step: Step
 ) -> Array:
-    """Return the origin for each of a topic's poses, as in ``Frames``, shape (n, 4); NaN before there is one.
+    """Return the origin for each of a topic's poses between two measured fixes, as in ``Frames``, shape (n, 4); NaN before there is one.
 
     It is the last position before the first pose after a measured fix; of a MAVLink system the origin that it states.
 
     Args:
         table: The poses.
-        run: Number of the measured fix of the block before which each of them is.
-        begun: Origin of those before the first fix; None without.
+        begun: Their origin, if there has been one since the fix before; else None.
         known: Positions, those of other topics' poses among them.
         stated: By MAVLink systems.
         step: The block.
@@ -184,15 +188,17 @@ def _origins(
         rows = np.vstack([places, [np.nan, np.nan]])[as_of(table.order, orders)]
         return np.column_stack([rows, np.zeros((n, 2))])
     at = as_of(table.order, known["order"])
-    if begun is None and configured is not None and (at < 0)[:1].any():
+    if begun is None and configured is not None and at[0] < 0:
         begun = np.array([*configured, 0.0, 0.0])
-    # the first pose of each run that has a position before it
-    has = np.flatnonzero(at >= 0)
-    first = np.append(has, n)[np.searchsorted(run[has], run)]
-    place = (np.append(known[name], np.nan)[at] for name in ("longitude", "latitude"))
-    origins = np.vstack([np.column_stack([*place, table["east"], table["north"]]), [np.nan] * 4])
-    found = origins[np.where(first <= np.arange(n), first, n)]
-    return found if begun is None else np.where((run == 0)[:, None], begun, found)
+    if begun is not None:
+        return np.tile(begun, (n, 1))
+    # the first pose that has a position before it
+    first = int(np.argmax(at >= 0))
+    place = [
+        known[name][at[first]] if at[first] >= 0 else np.nan for name in ("longitude", "latitude")
+    ]
+    begun = np.array([*place, table["east"][first], table["north"][first]])
+    return np.where((at >= 0)[:, None], begun, np.nan)
 
 
 def _posed(table: Table, origin: Array, step: Step) -> tuple[Rows, Mask]:

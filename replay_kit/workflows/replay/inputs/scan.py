@@ -23,7 +23,7 @@ MAVLINK_NAMES = SENDERS | {SCHEMA}
 # Positions are kept to this fraction of a degree: a long log has millions.
 _PER_DEGREE = 100
 # Messages that are decoded and tested together; one with thousands of vectors, 2 MB, is the last of its block.
-_BLOCK, _LARGE = 1024, "replay_kit.RadarCurrents"
+_BLOCK, _LARGE = 2048, "replay_kit.RadarCurrents"
 
 
 def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
