@@ -66,12 +66,17 @@ def test_profiles_of_a_model_are_smooth_and_alike_and_still_used():
     assert all((each == 1).all() for each, _ in flags)
 
 
-def test_cells_that_repeat_one_value_are_named_and_left_out_and_the_rest_is_used():
+@pytest.mark.parametrize("vertical", [{}, {"w": np.nan}, {"w": 0.01}])
+def test_cells_that_repeat_one_value_are_named_and_left_out_and_the_rest_is_used(vertical):
     def stuck(k, velocity):
         velocity[8:] = 0.3
         return velocity
 
-    _, found, flags = judged(changed(pings(60), stuck))
+    events = [
+        (kind, one | {"raw": np.insert(one["raw"], [2] * len(vertical), [*vertical.values()], 1)})
+        for kind, one in changed(pings(60), stuck)
+    ]
+    _, found, flags = judged(events)
     ((_, finding),) = found
     assert (finding.name, finding.severity) == (STUCK, "warning")
     assert "4 of 12 cells (9 to 12)" in finding.evidence
@@ -151,6 +156,8 @@ AT_SURFACE = {"reasons": np.full(CELLS, int(Reason.AT_SURFACE))}
         (changed(pings(200), lambda k, v: np.round(v, 1)), []),
         *((pings(45, stated=stated), []) for stated in (0.05, 0.01, 0.4)),
         *((pings(45, stated=stated), [ERRORS]) for stated in (0.005, 5.0)),
+        # of a model, on straight lines
+        (changed(pings(45, noise=0.0), lambda k, v: v + 1e-3 * k), [ERRORS]),
         # correlated errors say nothing of the noise
         (pings(45, stated=5.0, correlation_depth=30.0), []),
         (along_beams(), []),

@@ -10,6 +10,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, VehicleState
 from replay_kit.logs.tables.instruments import STD_BELIEVED
 from replay_kit.logs.tables.schemas import canonical, reader_of
+from replay_kit.measurements.observed import blocks, rows
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
 from tests.measurements.foreign import BEAMS, NUCLEUS, ds_adcp, imc, pose, vectors
@@ -150,11 +151,12 @@ def test_poses_move_the_last_position_each_topic_in_its_own_frame():
             return logged("nav_msgs/msg/Odometry", {"pose": stamped}, second, topic)
         return logged("geometry_msgs/msg/PoseStamped", stamped, second, topic)
 
-    poses = [at(0, "/early", 5.0, 5.0, 0.0), at(2, "/map", 1e5, 1e5, 0.0)]
+    poses = [at(0, "/odom", 5.0, 5.0, 0.0), at(2, "/map", 1e5, 1e5, 0.0)]
     poses += [at(3, "/map", 1e5 + 1000.0, 1e5, -40.0), at(4, "/odom", 0.0, 0.0, 0.0)]
-    states = only(
-        VehicleState, run([poses[0], fix(1), *poses[1:], at(5, "/odom", 0.0, 500.0, -30.0)])
-    )
+    messages = [poses[0], fix(1), *poses[1:], at(5, "/odom", 0.0, 500.0, -30.0)]
+    states = only(VehicleState, run(messages))
+    one_by_one = [row for block in blocks(messages, MeasurementConfig(), 1) for row in rows(block)]
+    assert [row.longitude for row in one_by_one] == [state.longitude for state in states]
     assert [state.dead_reckoned for state in states] == [False] + [True] * 4
     assert [state.depth for state in states[1:]] == [0.0, 40.0, 0.0, 30.0]
     # the second topic begins where the first had got to, in a frame of its own
