@@ -8,7 +8,6 @@ beginning, which names the inputs and is written anew.
 
 import hashlib
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,8 +28,6 @@ from replay_kit.workflows.replay.store.checkpoint import Checkpoint, StateStore
 _KEPT, _LATEST = 6, 3
 # Least wall time between states of one run [s]; no result depends on it.
 _LEAST = 30.0
-# Messages that may have been read beyond the one that a state is of.
-_AHEAD = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +79,8 @@ class FollowedStates(StateStore):
         super().__init__(folder / "journal", identity)
         self.path = folder
         self._known = self._on_disk()
-        self._begun_ns, self._read = 0, 0
-        self._digests = deque[Any](maxlen=_AHEAD)
+        # of the messages read so far: a state is of all of them
+        self._begun_ns, self._digest = 0, hashlib.sha256()
         self._pending: tuple[_Known, Checkpoint] | None = None
         self._written_at = time.monotonic()
 
@@ -116,26 +113,19 @@ class FollowedStates(StateStore):
         for state in self._known:
             while count < state.messages and next(stream, None) is not None:
                 count += 1
-            if count < state.messages or self._digest(count) != state.digest:
+            if count < state.messages or self._digest.hexdigest() != state.digest:
                 break
             fit = state
         return fit, stream
 
     def _counted(self, messages: Iterator[Message]) -> Iterator[Message]:
         """Yield messages after they went into the digest."""
-        digest, self._read = hashlib.sha256(), 0
-        self._digests.clear()
-        for message in messages:
-            if not self._read:
+        self._digest = hashlib.sha256()
+        for number, message in enumerate(messages):
+            if not number:
                 self._begun_ns = message.time_ns
-            digest.update(message_digest(message))
-            self._digests.append(digest.copy())
-            self._read += 1
+            self._digest.update(message_digest(message))
             yield message
-
-    def _digest(self, messages: int) -> str:
-        """Return the digest of so many messages, at most ``_AHEAD`` before the last one read: a block is read before its first is taken."""
-        return str(self._digests[messages - self._read - 1].hexdigest())
 
     def write_when_due(
         self,
@@ -146,7 +136,7 @@ class FollowedStates(StateStore):
         """Remember a state, and now and then write it."""
         if session.writer is None or self._journal is None:
             return
-        known = _Known(messages, self._digest(messages))
+        known = _Known(messages, self._digest.hexdigest())
         self._pending = (
             known,
             Checkpoint(
