@@ -116,7 +116,7 @@ class NearestMember(Estimator[MemberErrors]):
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether a measurement has a value that would be used."""
-        ((one,),) = screened([(observation,)], self.members.grid, relative=False)
+        ((one,), _) = screened([observation], self.members.grid, relative=False)
         return one.is_used
 
     def chosen(self, state: MemberErrors) -> Array:
@@ -130,8 +130,8 @@ class NearestMember(Estimator[MemberErrors]):
         """Return the state after measurements, and the outcome of each."""
         found = []
         for event in block:
-            (group,) = screened([(event,)], self.members.grid, relative=False)
-            after, innovation = state, group[0].unused()
+            (group,), _ = screened([event], self.members.grid, relative=False)
+            after, innovation = state, group.unused(0)
             for column in self.members.observer.columns([group]):
                 squares = state.sum_of_squares + _squares(column)
                 after = MemberErrors(squares, column.time_ns)
@@ -172,9 +172,9 @@ def nearest_member(ensemble: Ensemble, config: EstimatorConfig) -> NearestMember
 def _squares(column: Column) -> Array:
     """Return the squares of measured minus each unknown's current over the errors, shape (k,)."""
     total = np.zeros(column.design.shape[1])
-    for i in range(len(column.layouts)):
-        y, left, _ = column.compressed(i)
-        total += np.square(y[:, None] - column.rows(i) @ column.design).sum(axis=0) + left
+    for part in column.parts:
+        (y,), (left,), _ = column.compressed(part)
+        total += np.square(y[:, None] - column.rows(part) @ column.design).sum(axis=0) + left
     return total
 
 

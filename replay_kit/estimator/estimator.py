@@ -25,7 +25,7 @@ from replay_kit.estimator.state import Doubt, State, predict
 from replay_kit.estimator.update.assimilate import Update, assimilate, scale_jacobian
 from replay_kit.estimator.update.columns import Column, Observer
 from replay_kit.estimator.update.evidence import CENTRED, SCALED
-from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
+from replay_kit.estimator.update.grouping import Grouping
 from replay_kit.estimator.update.innovations import misfits, outcomes
 from replay_kit.estimator.update.revision import Evidence, noted
 from replay_kit.estimator.update.screening import Screened, screened
@@ -38,7 +38,6 @@ _SPAN = 0.001
 # Observations late by no more count at the state's time: pings wait for the position after them, other measurements do not.
 _LATE_NS = 1_200_000_000_000
 _NS = 1e9
-_Group = tuple[Screened, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,19 +79,18 @@ class ReducedBasisEstimator(Estimator[State]):
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether a measurement has a value that would be used."""
-        ((one,),) = screened([(observation,)], self.grid)
+        ((one,), _) = screened([observation], self.grid)
         return one.is_used
 
-    def innovation(self, state: State, event: Measurement | ProfileGroup) -> Array:
-        """Return measured minus predicted, shape (n, 2) [m/s], local axes; NaN, or 0 of a group, for values that are not usable."""
-        events = event.profiles if isinstance(event, ProfileGroup) else (event,)
-        (group,) = screened([events], self.grid)
+    def innovation(self, state: State, event: Measurement) -> Array:
+        """Return measured minus predicted, shape (n, 2) [m/s], local axes; NaN, or 0 of several, for values that are not usable."""
+        (group,), _ = screened([event], self.grid)
         columns = self.observer.columns([group])
         if not columns:
-            return np.concatenate([one.unused().innovation for one in group])
+            return np.full((group.flags.size, 2), 0.0 if len(group.flags) > 1 else np.nan)
         return self._against(group, columns[0], state)
 
-    def _against(self, group: _Group, column: Column, state: State) -> Array:
+    def _against(self, group: Screened, column: Column, state: State) -> Array:
         """Return measured minus predicted values of a group by an earlier state."""
         seconds = 0.0 if state.time_ns is None else max(column.time_ns - state.time_ns, 0) / _NS
         return misfits(
@@ -110,7 +108,7 @@ class ReducedBasisEstimator(Estimator[State]):
         return predict(state, self.observer.tau, time_ns)
 
     def assimilate(
-        self, state: State, block: Sequence[Measurement | ProfileGroup]
+        self, state: State, block: Sequence[Measurement]
     ) -> tuple[State, list[Stepped[State]]]:
         """Return the state after measurements, and the outcome of each: several of a group where some of it is not used.
 
@@ -123,7 +121,7 @@ class ReducedBasisEstimator(Estimator[State]):
             made = iter(zip(columns, updates, strict=True))
             for group in groups:
                 update, against = None, None
-                if any(one.is_used for one in group):
+                if group.is_used:
                     column, update = next(made)
                     against = partial(self._against, group, column)
                 found += outcomes(group, update, now, against)
@@ -132,8 +130,8 @@ class ReducedBasisEstimator(Estimator[State]):
         return now, found
 
     def blocks(
-        self, state: State, block: Sequence[Measurement | ProfileGroup]
-    ) -> Iterator[tuple[list[_Group], list[Column], list[Update], State]]:
+        self, state: State, block: Sequence[Measurement]
+    ) -> Iterator[tuple[list[Screened], list[Column], list[Update], State]]:
         """Yield groups that are assimilated together, the columns that they see, what these did, and the state after them."""
         # whether one that comes late counts depends on the state that it meets
         ends = [i for i in range(1, len(block)) if block[i].time_ns < block[i - 1].time_ns]
@@ -153,30 +151,29 @@ class ReducedBasisEstimator(Estimator[State]):
                 state = after
                 yield some, columns, updates, state
 
-    def _screened(
-        self, state: State, block: Sequence[Measurement | ProfileGroup]
-    ) -> tuple[State, list[_Group]]:
+    def _screened(self, state: State, block: Sequence[Measurement]) -> tuple[State, list[Screened]]:
         """Return measurements after screening, and the state with the last one."""
-        events = [item.profiles if isinstance(item, ProfileGroup) else (item,) for item in block]
         # a state without a time is before all, and of a constant current none is late
         earliest = -np.inf
         if state.time_ns is not None and np.isfinite(self.observer.tau).any():
             earliest = state.time_ns - _LATE_NS
-        groups = screened(events, self.grid, state.last, earliest)
-        levels, measured, last = self.grid.levels, state.measured, state.last
-        for one in (one for group in groups for one in group if one.is_used):
-            last = one.linear
-            if measured is None or not measured.all():
-                depth = last.value_depth[one.used]
-                first, end = (np.abs(levels - z).argmin() for z in (depth.min(), depth.max()))
-                at = np.arange(levels.size)
-                now = (at >= first) & (at <= end)
+        groups, last = screened(block, self.grid, state.last, earliest)
+        measured, levels = state.measured, self.grid.levels
+        for one in groups:
+            if one.is_used and (measured is None or not measured.all()):
+                depth = np.where(one.used, one.columns["depth"], np.nan)[one.at]
+                first, end = (
+                    np.abs(levels - extreme(depth, axis=1)[:, None]).argmin(axis=1)[:, None]
+                    for extreme in (np.nanmin, np.nanmax)
+                )
+                number = np.arange(levels.size)
+                now = ((number >= first) & (number <= end)).any(axis=0)
                 measured = now if measured is None else measured | now
         if last is not state.last:
             state = replace(state, last=last, measured=measured)
         return state, groups
 
-    def _together(self, state: State, waiting: list[_Group]) -> int:
+    def _together(self, state: State, waiting: list[Screened]) -> int:
         """Return how many of the groups are assimilated together."""
         most, tau = _TOGETHER, self.observer.tau
         if self._has_scale_error or state.doubt is not None:
@@ -186,9 +183,9 @@ class ReducedBasisEstimator(Estimator[State]):
             counts = (*SCALED, CENTRED, state.profiles + most)
             most = min(count for count in counts if count > state.profiles) - state.profiles
         if np.isfinite(tau).any():
-            latest = waiting[0][0].event.time_ns + _SPAN * float(tau.min()) * _NS
-            for i, (first, *_) in enumerate(waiting[:most]):
-                if first.event.time_ns > latest or not first.linear.at_one_place:
+            latest = waiting[0].columns["time"][0] + _SPAN * float(tau.min()) * _NS
+            for i, group in enumerate(waiting[:most]):
+                if group.columns["time"][0] > latest or not group.at_one_place:
                     return max(i, 1)
         return most
 
@@ -213,7 +210,7 @@ class ReducedBasisEstimator(Estimator[State]):
             latest = state.time_ns
             for i, update in enumerate(updates):
                 assert update.after is not None
-                if any(judgement.accepted for judgement in update.judgements):
+                if update.judgements.accepted.any():
                     latest = times[i] if latest is None else max(latest, times[i])
                 updates[i] = replace(update, after=replace(update.after, time_ns=latest))
             after = replace(after, time_ns=latest)

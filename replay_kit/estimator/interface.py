@@ -11,8 +11,8 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Innovation, Measurement, usable
 from replay_kit.core.region import Region
-from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
-from replay_kit.estimator.update.screening import screened
+from replay_kit.estimator.update.grouping import Grouping
+from replay_kit.estimator.update.screening import columns_of, screened
 
 State = TypeVar("State")
 _FUNCTIONS = ("initial", "predict", "assimilate", "flow")
@@ -29,7 +29,7 @@ class Stepped(NamedTuple, Generic[State]):
         against: Returns measured minus predicted of an earlier state, as ``Estimator.innovation``; None where nothing is used.
     """
 
-    event: Measurement | ProfileGroup
+    event: Measurement
     before: State
     after: State
     innovation: Innovation
@@ -78,7 +78,7 @@ class Estimator(Protocol[State]):
         return state
 
     def assimilate(
-        self, state: State, block: Sequence[Measurement | ProfileGroup]
+        self, state: State, block: Sequence[Measurement]
     ) -> tuple[State, list[Stepped[State]]]:
         """Return the state after measurements, and the outcome of each: several of a group where some of it is not used.
 
@@ -104,15 +104,23 @@ class Estimator(Protocol[State]):
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether a measurement has a value that would be used."""
-        return bool(usable(observation.linear.flags).any())
+        return bool(usable(columns_of(observation)["flags"]).any())
 
-    def innovation(self, state: State, event: Measurement | ProfileGroup) -> Array:
-        """Return measured minus predicted, shape (n, 2) [m/s], local axes; NaN, or 0 of a group, for values that are not usable."""
+    def innovation(self, state: State, event: Measurement) -> Array:
+        """Return measured minus predicted, shape (n, 2) [m/s], local axes; NaN, or 0 of several, for values that are not usable."""
         flow = self.flow(state)
-        if isinstance(event, ProfileGroup):
-            each = [_misfit(flow, profile) for profile in event.profiles]
-            return np.nan_to_num(np.concatenate(each))
-        return _misfit(flow, event)
+        ((one,), _), projection = screened([event], flow.grid), flow.grid.projection
+        value, axes = one.local(np.arange(len(one.flags)))
+        if one.linear is None:
+            names = "longitude", "latitude"
+            places = to_local(projection, *(one.columns[name][:, None] for name in names))
+            predicted = flow.velocity(*places, one.columns["depth"])
+        else:
+            places = to_local(projection, one.linear.longitude, one.linear.latitude)
+            predicted = one.linear.at_values(flow.velocity(*places, one.linear.depth))
+        off = (value - predicted @ axes.T) @ axes
+        off[~one.used] = 0.0 if len(off) > 1 else np.nan
+        return np.asarray(off.reshape(-1, 2))
 
     def weights(self, state: State) -> Array | None:
         """Return the mean weights of a state, shape (Z r,), level after level; None where the basis is not the run's own."""
@@ -136,7 +144,7 @@ class Estimator(Protocol[State]):
         """Return what tells the vehicle's window from those of other vehicles; None where one window holds all."""
         return None
 
-    def moved(self, state: State, measurement: Measurement | ProfileGroup) -> State:
+    def moved(self, state: State, measurement: Measurement) -> State:
         """Return the state with the vehicle where a measurement is, of which nothing is used."""
         return state
 
@@ -151,12 +159,3 @@ class Estimator(Protocol[State]):
     def without_left(self, state: State) -> State:
         """Return a state without the windows that vehicles have left, once their estimates were published."""
         return state
-
-
-def _misfit(flow: FlowEstimate, event: Measurement) -> Array:
-    """Return measured minus predicted values of a measurement, shape (n, 2) [m/s], local axes; NaN where not usable."""
-    ((one,),) = screened([(event,)], flow.grid)
-    linear, (value, axes) = one.linear, one.local()
-    east, north = to_local(flow.grid.projection, linear.longitude, linear.latitude)
-    predicted = linear.at_values(flow.velocity(east, north, linear.depth))[one.used]
-    return one.among((value - predicted @ axes.T) @ axes)

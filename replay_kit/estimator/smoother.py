@@ -99,7 +99,7 @@ def _forward(
         before = state
         ((_, _, updates, state),) = estimator.blocks(state, [observation])
         for update in updates:
-            if not any(judgement.accepted for judgement in update.judgements):
+            if not update.judgements.accepted.any():
                 continue
             # only an accepted observation ends the time before it: after a rejected one an earlier one may still come
             while left and left[0] < update.column.time_ns:

@@ -13,7 +13,6 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dsymm, dsymv, dsyrk
 
 from replay_kit.core.arrays import Array, replace
-from replay_kit.core.observation import LinearMeasurement
 
 #: Rows of G from which on P is written again.
 FOLDED = 64
@@ -44,7 +43,7 @@ class State:
         time_ns: Of both [ns, UTC]; None before any observation.
         profiles: Number of profiles and means assimilated.
         centre: shape (F,), prior mean of the members' unknowns once it no longer changes; None until then.
-        last: The last measurement with a usable value; an equal one that follows is a duplicate.
+        last: The last measurement with a usable value, as of ``screening.Last``; an equal one that follows is a duplicate.
         rows: Number of rows of unit noise assimilated.
         square: Sum of the squares of their values.
         measured: shape (Z,), levels among those whose depths were measured; None before any.
@@ -59,7 +58,7 @@ class State:
     time_ns: int | None = None
     profiles: int = 0
     centre: Array | None = None
-    last: LinearMeasurement | None = None
+    last: Any = None
     rows: int = 0
     square: float = 0.0
     measured: NDArray[np.bool_] | None = None

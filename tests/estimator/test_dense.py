@@ -7,9 +7,9 @@ import pytest
 
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.observation import Profiles
 from replay_kit.estimator import build, smooth
 from replay_kit.estimator.basis.slices import ensemble_slices
-from replay_kit.estimator.update.grouping import ProfileGroup
 from tests.estimator.seas import (
     CONFIG,
     DAY,
@@ -143,7 +143,7 @@ def test_a_group_is_all_its_profiles_at_their_mean_place_and_time(time, change):
         away = {"longitude": start.longitude + 1e-3 * k, "depth": start.depth + 0.7 * k}
         log.append(replace(start, velocity=velocity, time_ns=DAY + k * 10**9, **away))
     log = [change(each) for each in stated(log)]
-    estimator, group = build([SEA], CONFIG, None, time), ProfileGroup(tuple(log))
+    estimator, group = build([SEA], CONFIG, None, time), Profiles.of(log)
     state, (step,) = estimator.assimilate(estimator.initial(), [group])
     twin = twin_of(estimator, time)
     seen = [(twin.rows(each, group), group.time_ns) for each in log]

@@ -8,13 +8,19 @@ from replay_kit.core.observation.linear import (
     LinearMeasurement,
     PathMean,
     VehicleState,
+    error_covariance,
 )
 from replay_kit.core.observation.profile import (
+    OF_BINS,
+    PROFILE,
     STATED,
     Measurement,
     Observation,
+    Profiles,
     Reference,
     kind_of,
+    mean_longitude,
+    mean_time,
 )
 from replay_kit.core.observation.quality import (
     Decision,
@@ -29,6 +35,8 @@ from replay_kit.core.observation.quality import (
 
 __all__ = [
     "BOTH_COMPONENTS",
+    "OF_BINS",
+    "PROFILE",
     "STATED",
     "Decision",
     "Fix",
@@ -41,11 +49,15 @@ __all__ = [
     "Measurement",
     "Observation",
     "PathMean",
+    "Profiles",
     "Reason",
     "Reference",
     "Source",
     "VehicleState",
+    "error_covariance",
     "kind_of",
+    "mean_longitude",
+    "mean_time",
     "reasons_of",
     "usable",
 ]

@@ -168,13 +168,37 @@ class LinearMeasurement:
 
     def covariance(self, used: Indices) -> Array:
         """Return the error covariance of some values of a component [m^2/s^2], without the shared error where that is infinite."""
-        own, depth, correlation = self.error_std[used], self.value_depth[used], np.eye(len(used))
-        if self.correlation is not None:
-            correlation = self.correlation[np.ix_(used, used)]
-        elif self.correlation_depth > 0.0:
-            correlation = np.exp(-np.abs(depth[:, None] - depth) / self.correlation_depth)
-        shared = self.common_std**2 if self.common_std < np.inf else 0.0
-        return np.asarray(np.outer(own, own) * correlation + shared)
+        return error_covariance(
+            self.error_std[used],
+            self.value_depth[used],
+            self.correlation_depth,
+            self.common_std,
+            None if self.correlation is None else self.correlation[np.ix_(used, used)],
+        )
+
+
+def error_covariance(
+    own: Array,
+    depth: Array,
+    correlation_depth: float,
+    common_std: float,
+    correlation: Array | None = None,
+) -> Array:
+    """Return the error covariance of values, shape (n, n) [m^2/s^2], without the shared error where that is infinite.
+
+    Args:
+        own: shape (n,) [m/s], s; all as of ``LinearMeasurement``.
+        depth: shape (n,) [m], of each value.
+        correlation_depth: L [m].
+        common_std: c [m/s].
+        correlation: shape (n, n), r; None for that by L.
+    """
+    if correlation is None:
+        correlation = np.eye(len(own))
+        if correlation_depth > 0.0:
+            correlation = np.exp(-np.abs(depth[:, None] - depth) / correlation_depth)
+    shared = common_std**2 if common_std < np.inf else 0.0
+    return np.asarray(np.outer(own, own) * correlation + shared)
 
 
 def _half_way(weights: Array) -> int:

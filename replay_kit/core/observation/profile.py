@@ -1,13 +1,14 @@
 """A profile of the current, and the measurements that a person states."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation.linear import Fix, Label, LinearMeasurement, PathMean
 from replay_kit.core.observation.quality import Flag, Reason, Source
@@ -202,6 +203,102 @@ class Observation:
         return f"Observation {where}: {bins}\n  u {u}, v {v}, {error}"
 
 
+#: Columns of profiles that an estimator looks at, as of ``core.block.Block``: of the whole profile, and of its bins.
+PROFILE = (
+    *("time", "input", "topic", "ordinal", "dive", "longitude", "latitude", "position_std"),
+    *("common_std", "correlation_depth", "platform"),
+)
+OF_BINS = ("depth", "velocity", "error_std", "flags", "reasons")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profiles:
+    """Profiles of one instrument and dive, n of m bins each, in order of time: what is assimilated as one.
+
+    Attributes:
+        columns: ``PROFILE``, shapes (n, ...), and ``OF_BINS``, shapes (n, m, ...).
+        topics: Names of topics, by their numbers in ``columns``.
+    """
+
+    columns: Mapping[str, NDArray[Any]]
+    topics: Sequence[str]
+
+    @staticmethod
+    def of(profiles: Sequence[Observation]) -> "Profiles":
+        """Return profiles with as many bins each in columns."""
+        topics = sorted({one.source.topic for one in profiles})
+        unknown = (np.nan, np.nan)
+        rows = [
+            (
+                *(one.time_ns, one.source.input, topics.index(one.source.topic)),
+                *(one.source.position, one.dive, one.longitude, one.latitude, one.position_std),
+                *(one.common_std, one.correlation_depth, one.platform_velocity or unknown),
+            )
+            for one in profiles
+        ]
+        columns = {
+            name: np.array(column)
+            for name, column in zip(PROFILE, zip(*rows, strict=True), strict=True)
+        }
+        bins = {name: np.stack([getattr(one, name) for one in profiles]) for name in OF_BINS}
+        return Profiles(columns | bins, topics)
+
+    def __len__(self) -> int:
+        """Return the number of profiles."""
+        return len(self.columns["time"])
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a column."""
+        return self.columns[name]
+
+    def rows(self, at: Any) -> "Profiles":
+        """Return some of the profiles."""
+        return Profiles({name: column[at] for name, column in self.columns.items()}, self.topics)
+
+    @property
+    def time_ns(self) -> int:
+        """Mean time, for which they count [ns, UTC]."""
+        return mean_time(self.columns["time"])
+
+    @property
+    def longitude(self) -> float:
+        """Mean [degrees east]."""
+        return mean_longitude(self.columns["longitude"])
+
+    @property
+    def latitude(self) -> float:
+        """Mean [degrees north]."""
+        return float(self.columns["latitude"].mean())
+
+    @property
+    def dive(self) -> int:
+        """Number of their dive."""
+        return int(self.columns["dive"][-1])
+
+    @property
+    def source(self) -> Source:
+        """The message of the first."""
+        return self.source_of(0)
+
+    def source_of(self, row: int) -> Source:
+        """Return the message of one of them."""
+        number, topic, ordinal, time = (
+            int(self.columns[name][row]) for name in ("input", "topic", "ordinal", "time")
+        )
+        return Source(number, self.topics[topic], ordinal, time)
+
+
+def mean_time(times_ns: Times) -> int:
+    """Return the mean of times [ns, UTC]."""
+    first = int(times_ns[0])
+    return first + round(int((times_ns - first).sum()) / len(times_ns))
+
+
+def mean_longitude(longitude: Array) -> float:
+    """Return the mean of longitudes near one another [degrees east]."""
+    return float(longitude[0] + np.mean((longitude - longitude[0] + 180.0) % 360.0 - 180.0))
+
+
 #: Topic of measurements that a person states, not a log.
 STATED = "stated"
 # of the way down and up of a mean that is stated; an even number, so that none reaches over the deepest point
@@ -236,7 +333,7 @@ def _stated_errors(error: Any, n: int) -> Array:
 
 
 #: What an estimator may be given.
-Measurement = Observation | PathMean | LinearMeasurement
+Measurement = Observation | Profiles | PathMean | LinearMeasurement
 
 
 def kind_of(measurement: Measurement) -> str:

@@ -13,18 +13,18 @@ loss before they meet the unknowns, with w_i one over each one's error factor:
     R'R = sum w_i R_i'R_i,    R'y = sum w_i R_i'y_i.
 """
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.blas import dtrsm
 
-from replay_kit.core.arrays import Array, replace
-from replay_kit.core.observation import LinearMeasurement
+from replay_kit.core.arrays import Array, Indices, replace
 from replay_kit.estimator.state import FOLDED, State
 from replay_kit.estimator.update.columns import Column
-from replay_kit.estimator.update.judge import Judgement, judged
+from replay_kit.estimator.update.judge import Judgements, judged
+from replay_kit.estimator.update.screening import Screened
 
 # Share of the largest eigenvalue below which a combination of rows is rounding.
 _ROUNDING = 1e-13
@@ -38,7 +38,7 @@ class Update:
         column: The column.
         before: shape (q,), mean of its unknowns before them.
         covariance: shape (q, q), of these.
-        judgements: One a measurement.
+        judgements: Of the column's measurements.
         mean_after: shape (q,), mean after those accepted.
         covariance_after: shape (q, q).
         signal: Degrees of freedom for signal.
@@ -54,7 +54,7 @@ class Update:
     column: Column
     before: Array
     covariance: Array
-    judgements: tuple[Judgement, ...]
+    judgements: Judgements
     mean_after: Array
     covariance_after: Array
     signal: float = 0.0
@@ -97,7 +97,7 @@ def assimilate(
             now,
             x=now.x + whitened[start:end] @ gains[start:end],
             gains=whole[: before + end],
-            profiles=now.profiles + sum(each.accepted for each in update.judgements),
+            profiles=now.profiles + int(update.judgements.accepted.sum()),
             rows=now.rows + len(update.rows),
             square=now.square + update.square,
         )
@@ -129,13 +129,15 @@ class _Block:
             probability: As of ``judged``.
         """
         before, covariance = self.mean[at].copy(), self.covariance[at, at].copy()
-        evaluated = list(_evaluated(column, before, covariance, probability))
-        judgements = tuple(judgement for judgement, _, _ in evaluated)
-        accepted = [each for each in evaluated if each[0].accepted]
-        if not accepted:
+        seen = [
+            _Seen(column.rows(part), *column.compressed(part), part.at) for part in column.parts
+        ]
+        judgements = _judgements(seen, len(column.at), before, covariance, probability)
+        weights = np.where(judgements.accepted, 1.0 / judgements.error_factor, 0.0)
+        if not weights.any():
             self.whitened.append(np.empty(0))
             return Update(column, before, covariance, judgements, before, covariance)
-        rows, y, residual = combined(accepted)
+        rows, y, residual = combined(seen, weights)
         m, left = len(rows), slice(at.start, None)
         lower = np.asarray(np.linalg.cholesky(rows @ covariance @ rows.T + np.eye(m)), np.float64)
         # of the unknowns of columns judged before nothing is asked any more
@@ -186,51 +188,82 @@ def lower_solved(lower: Array, right: Array) -> Array:
     return np.asarray(dtrsm(1.0, lower.T, right.T, side=1).T) if len(lower) else right
 
 
-def _evaluated(
-    column: Column, before: Array, covariance: Array, probability: float | None
-) -> Iterator[tuple[Judgement, Array, tuple[Array, float]]]:
-    """Yield the decision on each measurement of a column, its rows, and their values with what the compression left."""
-    known: dict[int, tuple[Array, Array]] = {}
-    for i, layout in enumerate(column.layouts):
-        if id(layout) not in known:
-            rows = column.rows(i)
-            known[id(layout)] = rows, rows @ covariance @ rows.T
-        rows, of_rows = known[id(layout)]
-        y, square, left = column.compressed(i)
-        yield judged(y - rows @ before, of_rows, (square, left), probability), rows, (y, square)
+class _Seen(NamedTuple):
+    """Measurements of a column of one layout, n of them.
+
+    Attributes:
+        rows: shape (m, q), of each.
+        y: shape (n, m), their values.
+        square: shape (n,), what the compression left of each.
+        left: Its degrees of freedom.
+        at: shape (n,), which of the column's measurements they are.
+    """
+
+    rows: Array
+    y: Array
+    square: Array
+    left: int
+    at: Indices
 
 
-def combined(
-    accepted: Sequence[tuple[Judgement, Array, tuple[Array, float]]],
-) -> tuple[Array, Array, float]:
-    """Return measurements of a column as rows of unit noise, their values, and the square that these leave of all values."""
-    weights = [1.0 / judgement.error_factor for judgement, _, _ in accepted]
-    if len(accepted) == 1:
-        _, rows, (y, square) = accepted[0]
-        return np.sqrt(weights[0]) * rows, np.sqrt(weights[0]) * y, weights[0] * square
-    all_rows = np.concatenate(
-        [np.sqrt(w) * rows for w, (_, rows, _) in zip(weights, accepted, strict=True)]
+def _judgements(
+    seen: Sequence[_Seen], n: int, before: Array, covariance: Array, probability: float | None
+) -> Judgements:
+    """Return the decisions on all measurements of a column."""
+    each = [
+        judged(
+            one.y - one.rows @ before,
+            one.rows @ covariance @ one.rows.T,
+            (one.square, one.left),
+            probability,
+        )
+        for one in seen
+    ]
+    if len(each) == 1:
+        return each[0]
+    order = np.argsort(np.concatenate([one.at for one in seen]))
+    parts = (
+        np.concatenate([getattr(one, name) for one in each])[order] for name in Judgements.__slots__
     )
-    all_y = np.concatenate(
-        [np.sqrt(w) * y for w, (_, _, (y, _)) in zip(weights, accepted, strict=True)]
-    )
-    information, score = all_rows.T @ all_rows, all_rows.T @ all_y
+    return Judgements(*parts)
+
+
+def combined(seen: Sequence[_Seen], weights: Array) -> tuple[Array, Array, float]:
+    """Return measurements of a column as rows of unit noise, their values, and the square that these leave of all values.
+
+    Args:
+        seen: The measurements, by layout.
+        weights: shape (n,), of each, one over the factor on its error variance; 0 for those that are not accepted.
+    """
+    given = [(one, weights[one.at]) for one in seen if weights[one.at].any()]
+    (one, own), *others = given
+    if not others and np.count_nonzero(own) == 1:
+        i = int(own.argmax())
+        root = np.sqrt(own[i])
+        return root * one.rows, root * one.y[i], float(own[i] * one.square[i])
+    size = one.rows.shape[1]
+    information, score, total, left = np.zeros((size, size)), np.zeros(size), 0.0, 0.0
+    for one, own in given:
+        information += own.sum() * (one.rows.T @ one.rows)
+        score += one.rows.T @ (own @ one.y)
+        total += float(own @ np.sum(one.y**2, axis=1))
+        left += float(own @ one.square)
     values, vectors = np.linalg.eigh(information)
     kept = values > _ROUNDING * values[-1]
     roots, vectors = np.sqrt(values[kept]), vectors[:, kept]
     y_all = vectors.T @ score / roots
-    left = sum(w * square for w, (_, _, (_, square)) in zip(weights, accepted, strict=True))
-    return roots[:, None] * vectors.T, y_all, float(all_y @ all_y - y_all @ y_all) + left
+    return roots[:, None] * vectors.T, y_all, float(total - y_all @ y_all) + left
 
 
-def _log_noise(column: Column, judgements: Sequence[Judgement]) -> float:
+def _log_noise(column: Column, judgements: Judgements) -> float:
     """Return half the logarithm of the determinant of the errors of the measurements accepted."""
-    return math.fsum(
-        len(column.axes) * layout.half_log_det
-        + 0.5 * (judgement.rows + judgement.left) * np.log(judgement.error_factor)
-        for layout, judgement in zip(column.layouts, judgements, strict=True)
-        if judgement.accepted
+    accepted, dof = judgements.accepted, judgements.rows + judgements.left
+    stated = sum(
+        int(accepted[part.at].sum()) * len(column.axes) * part.layout.half_log_det
+        for part in column.parts
     )
+    grown = 0.5 * dof[accepted] @ np.log(judgements.error_factor[accepted])
+    return float(stated + grown)
 
 
 def scale_jacobian(update: Update) -> float:
@@ -241,24 +274,26 @@ def scale_jacobian(update: Update) -> float:
     errors are often overstated.
     """
     column, total = update.column, 0.0
-    for i, judgement in enumerate(update.judgements):
-        profile, layout = column.screened[i].linear, column.layouts[i]
-        common = _scale_error_std(profile)
-        if common is None or not judgement.accepted:
-            continue
-        rows, (y, _, _) = column.rows(i), column.compressed(i)
-        covariance = rows @ update.covariance @ rows.T + judgement.error_factor * np.eye(len(rows))
-        off = y - rows @ update.before
+    for part in column.parts:
+        rows, (y, _, _) = column.rows(part), column.compressed(part)
+        of_rows, layout = rows @ update.covariance @ rows.T, part.layout
         of_one = np.kron(
             np.eye(len(column.axes)), (layout.q.T @ layout.whiten.sum(axis=1))[:, None]
         )
-        solved = np.linalg.solve(covariance, np.column_stack([off, of_one]))
-        shared = common**2 * float(np.sum(of_one * solved[:, 1:]))
-        total += (2.0 - shared) * float(off @ solved[:, 0]) / len(rows)
+        for i, values in zip(part.at.tolist(), y, strict=True):
+            common = _scale_error_std(column.screened, int(column.at[i]))
+            if common is None or not update.judgements.accepted[i]:
+                continue
+            covariance = of_rows + update.judgements.error_factor[i] * np.eye(len(rows))
+            off = values - rows @ update.before
+            solved = np.linalg.solve(covariance, np.column_stack([off, of_one]))
+            shared = common**2 * float(np.sum(of_one * solved[:, 1:]))
+            total += (2.0 - shared) * float(off @ solved[:, 0]) / len(rows)
     return total
 
 
-def _scale_error_std(profile: LinearMeasurement) -> float | None:
+def _scale_error_std(group: Screened, i: int) -> float | None:
     """Return the error of the platform's velocity [m/s] in a profile that a scale error changes; None for one that it does not."""
-    stated = profile.platform_velocity is not None and profile.reference == "absolute"
-    return profile.common_std if stated else None
+    common = float(group.columns["common_std"][i])
+    stated = not np.isnan(group.columns["platform"][i, 0]) and np.isfinite(common)
+    return common if stated else None

@@ -12,18 +12,18 @@ Values that are sums over several places, as a mean along a path, are their own 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices
 from replay_kit.core.flow.estimate import gradient, nearest_node
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import to_local
+from replay_kit.core.observation import error_covariance, mean_longitude, mean_time
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.extras import Extras
-from replay_kit.estimator.update.grouping import mean_longitude, mean_time
 from replay_kit.estimator.update.layouts import Layout
 from replay_kit.estimator.update.screening import Screened
 
@@ -33,58 +33,95 @@ _LINEAR = DepthFunctions("hat", 0.0)
 _REMEMBERED = 64
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Column:
-    """Measurements that see one column, n of them.
+class Part(NamedTuple):
+    """Measurements of a column that see it alike, n of them.
 
     Attributes:
-        screened: The measurements.
+        layout: How they see it.
+        at: shape (n,), which of the column's they are.
+        used: shape (m',), which of their values are used.
+        about: shape (n, m', c) [m/s]: these values less what is known.
+    """
+
+    layout: Layout
+    at: Indices
+    used: Indices
+    about: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """Measurements that see one column, n of m values each.
+
+    Attributes:
+        screened: The measurements, and others that are not used.
+        at: shape (n,), which of these they are.
         time_ns: For which they count [ns, UTC].
         design: shape (q, k), D at that time.
         axes: shape (c, a), of each measured component along the column's components.
-        layouts: Of each measurement, one object where they are alike.
-        about: Of each measurement, shape (m, c) [m/s]: its values less what is known.
+        parts: The measurements by how they see the column.
     """
 
-    screened: tuple[Screened, ...]
+    screened: Screened
+    at: Indices
     time_ns: int
     design: Array
     axes: Array
-    layouts: tuple[Layout, ...]
-    about: tuple[Array, ...]
+    parts: tuple[Part, ...]
 
-    def rows(self, i: int) -> Array:
+    def rows(self, part: Part) -> Array:
         """Return the rows of a measurement on the column's unknowns, shape (c p, q), component after component."""
-        blocks = self.axes[:, None, :, None] * self.layouts[i].r[:, None]
+        blocks = self.axes[:, None, :, None] * part.layout.r[:, None]
         return blocks.reshape(-1, self.axes.shape[1] * blocks.shape[3])
 
-    def compressed(self, i: int) -> tuple[Array, float, int]:
-        """Return a measurement's rows of unit noise, shape (c p,), the square that the compression leaves, and its degrees of freedom."""
-        layout = self.layouts[i]
-        whitened = layout.whiten @ self.about[i]
-        y = layout.q.T @ whitened
-        left = float(np.sum(whitened**2) - np.sum(y**2))
-        return y.T.ravel(), max(left, 0.0), whitened.size - y.size
+    @staticmethod
+    def compressed(part: Part) -> tuple[Array, Array, int]:
+        """Return rows of unit noise, shape (n, c p), the squares that the compression leaves, shape (n,), and their degrees of freedom."""
+        whitened = part.layout.whiten @ part.about
+        y = (part.layout.q.T @ whitened).swapaxes(1, 2).reshape(len(whitened), -1)
+        left = np.sum(whitened**2, axis=(1, 2)) - np.sum(y**2, axis=1)
+        return y, np.maximum(left, 0.0), whitened[0].size - y.shape[1]
 
-    def misfit(self, i: int, column: Array) -> Array:
-        """Return measured minus predicted values of a measurement along the column's components, shape (..., m, a) [m/s].
+    def misfit(self, column: Array) -> Array:
+        """Return measured minus predicted values along the column's components, shape (..., n, m, a) [m/s]; NaN where not used.
 
         Args:
-            i: Its position.
             column: shape (..., q), the column's unknowns.
         """
         by_component = column.reshape(*column.shape[:-1], self.axes.shape[1], -1)
-        layout = self.layouts[i]
-        off = self.about[i] - layout.functions @ (self.axes @ by_component).swapaxes(-1, -2)
-        return np.asarray(layout.known(off) @ self.axes)
+        predicted = (self.axes @ by_component).swapaxes(-1, -2)[..., None, :, :]
+        return self._among(
+            [
+                part.layout.known(part.about - part.layout.functions @ predicted) @ self.axes
+                for part in self.parts
+            ],
+            column.shape[:-1],
+        )
 
-    def predicted_variance(self, i: int, covariance: Array) -> Array:
-        """Return the variance of a measurement's values, shape (m, a) [m^2/s^2], for the covariance of the column, shape (q, q)."""
-        functions, n = self.layouts[i].known(self.layouts[i].functions), self.axes.shape[1]
+    def predicted_variance(self, covariance: Array) -> Array:
+        """Return the variance of values, shape (n, m, a) [m^2/s^2], for the covariance of the column, shape (q, q); NaN where not used."""
+        n = self.axes.shape[1]
         blocks = covariance.reshape(n, -1, n, covariance.shape[0] // n)
         along = np.einsum("ca,akbl,cb->ckl", self.axes, blocks, self.axes)
-        variance = np.einsum("mk,ckl,ml->mc", functions, along, functions)
-        return np.asarray(np.maximum(variance, 0.0) @ self.axes**2)
+        each = list[Array]()
+        for layout, *_ in self.parts:
+            functions = layout.known(layout.functions)
+            variance = np.sum((functions @ along) * functions, axis=2).T
+            each.append(np.maximum(variance, 0.0) @ self.axes**2)
+        return self._among(each)
+
+    def stated_variance(self) -> Array:
+        """Return the error variance of values, shape (n, m, a) [m^2/s^2]; NaN where not used."""
+        noise = np.sum(self.axes**2, axis=0)
+        return self._among([np.outer(layout.std**2, noise) for layout, *_ in self.parts])
+
+    def _among(self, each: Sequence[Array], first: tuple[int, ...] = ()) -> Array:
+        """Return values of each part, shape (..., m', a) or with n before these, among all values."""
+        shape = (*first, len(self.at), self.screened.flags.shape[1], self.axes.shape[1])
+        out = np.full(shape, np.nan)
+        for part, values in zip(self.parts, each, strict=True):
+            out[..., part.at[:, None], part.used, :] = values
+        return out
 
 
 # Not slotted: what all measurements need is made once.
@@ -136,40 +173,40 @@ class Observer:
         dropped = np.sqrt(scale) * self.dropped[:, nodes]
         return np.asarray(np.hypot(self.basis.representation[:, nodes], dropped))
 
-    def columns(self, groups: Sequence[Sequence[Screened]], scale: float = 1.0) -> list[Column]:
+    def columns(self, groups: Sequence[Screened], scale: float = 1.0) -> list[Column]:
         """Return the columns that groups of measurements see, under a factor on the prior variance; none for one without a usable value."""
-        used = [own for group in groups if (own := tuple(each for each in group if each.is_used))]
-        at_place = self._at_places([own for own in used if own[0].linear.at_one_place], scale)
+        used = [group for group in groups if group.is_used]
+        at_place = self._at_places([group for group in used if group.at_one_place], scale)
         return [
-            next(at_place) if own[0].linear.at_one_place else self._along_path(own, scale)
-            for own in used
+            next(at_place) if group.at_one_place else self._along_path(group, scale)
+            for group in used
         ]
 
-    def _at_places(self, groups: Sequence[tuple[Screened, ...]], scale: float) -> Iterator[Column]:
+    def _at_places(self, groups: Sequence[Screened], scale: float) -> Iterator[Column]:
         if not groups:
             return
-        basis, grid = self.basis, self.basis.grid
-        middles = [np.array([each.linear.middle for each in group]) for group in groups]
-        each = np.array([(mean_longitude(lon), lat.mean()) for lon, lat in (m.T for m in middles)])
-        places = np.column_stack(to_local(grid.projection, *each.T))
-        times = np.array([mean_time([one.linear for one in own]) for own in groups], np.int64)
+        basis, grid, ats = self.basis, self.basis.grid, [group.at for group in groups]
+        own = [(group.columns, at) for group, at in zip(groups, ats, strict=True)]
+        longitude = [mean_longitude(columns["longitude"][at]) for columns, at in own]
+        latitude = [columns["latitude"][at].mean() for columns, at in own]
+        places = np.column_stack(to_local(grid.projection, np.array(longitude), np.array(latitude)))
+        times = np.array([mean_time(columns["time"][at]) for columns, at in own], np.int64)
         offset, modes = self._flows(basis.horizontal.velocity(places, self._latents))
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
         known, nodes = offset.swapaxes(0, 1) + mean, nearest_node(grid, places)  # (n, 2, Z)
-        for g, group in enumerate(groups):
-            layouts = tuple(self._layout(one, int(nodes[g]), scale) for one in group)
-            values, axes = zip(*(one.local() for one in group), strict=True)
-            about = tuple(
-                value - layout.levels @ known[g].T @ axes[0].T
-                for value, layout in zip(values, layouts, strict=True)
-            )
+        for g, (group, at) in enumerate(zip(groups, ats, strict=True)):
+            values, axes = group.local(at)
+            parts = list[Part]()
+            for layout, of in self._layouts_of(group, at, int(nodes[g]), scale):
+                used = np.flatnonzero(group.used[at[of[0]]])
+                about = values[of][:, used] - layout.levels @ known[g].T @ axes.T
+                parts.append(Part(layout, of, used, about))
             design, time_ns = designs[g], int(times[g])
             if self.extras is not None:
-                stated = [v for one in group if (v := one.relative_velocity()) is not None]
-                relative = np.mean(stated, axis=0) if stated else None
-                design = _beside(design, self.extras.column(time_ns, relative))
+                more = self.extras.column(time_ns, group.relative_velocity())
+                design = _beside(design, more)
             design = design.reshape(-1, self.size)
-            yield Column(group, time_ns, design, axes[0], layouts, about)
+            yield Column(group, at, time_ns, design, axes, tuple(parts))
 
     def _flows(self, both: Array) -> tuple[Array, Array]:
         """Return the flow whose weights are zero, shape (2, n, Z), and the modes, shape (2, n, r), of the velocities of ``_latents``."""
@@ -179,34 +216,58 @@ class Observer:
             offset = offset + gradient(both[..., n : 2 * n])
         return offset, modes
 
-    def _layout(self, one: Screened, node: int, scale: float) -> Layout:
-        """Return the layout of a measurement at one place near a node, under a factor on the prior variance."""
-        linear, used, held = one.linear, one.used, self._layouts
-        arrays = linear.depth, linear.weights, linear.error_std, linear.correlation, used
-        parts = (None if each is None else each.tobytes() for each in arrays)
-        key = (linear.common_std, linear.correlation_depth, node, scale, *parts)
-        if key not in held:
-            levels = linear.at_values(self.basis.depth_weights(linear.depth))[used]
-            functions = levels @ self.process.functions.T
-            if self.extras is not None:
-                more = linear.at_values(self.extras.functions(linear.depth))[used]
-                functions = np.hstack([functions, more])
-            between = depth_weights(_LINEAR, linear.depth, self.basis.grid.levels)
-            error = linear.at_values(between @ self.error(scale, node))[used]
-            covariance = self._covariance(one, error)
-            if len(held) >= _REMEMBERED:
-                del held[next(iter(held))]
-            held[key] = Layout.of(levels, functions, covariance, linear.reference == "relative")
-        return held[key]
+    def _layouts_of(
+        self, group: Screened, at: Indices, node: int, scale: float
+    ) -> Iterator[tuple[Layout, Indices]]:
+        """Yield the layouts of measurements at one place near a node, each with those that have it; arguments as of ``columns``."""
+        names = "depth", "error_std", "common_std", "correlation_depth"
+        what = [group.columns[name][at].reshape(len(at), -1) for name in names]
+        rows = np.hstack([*what, group.used[at]])
+        alike = dict[bytes, list[int]]()
+        if (rows[1:] == rows[0]).all():
+            alike[rows[0].tobytes()] = list(range(len(at)))
+        else:
+            for i, row in enumerate(rows):
+                alike.setdefault(row.tobytes(), []).append(i)
+        linear, held = group.linear, self._layouts
+        sums = () if linear is None else (linear.depth, linear.weights, linear.correlation)
+        more = tuple(None if each is None else each.tobytes() for each in sums)
+        for key_of_values, own in alike.items():
+            key = (key_of_values, node, scale, *more)
+            if key not in held:
+                if len(held) >= _REMEMBERED:
+                    del held[next(iter(held))]
+                held[key] = self._layout(group, int(at[own[0]]), node, scale)
+            yield held[key], np.array(own)
 
-    def _along_path(self, own: tuple[Screened, ...], scale: float) -> Column:
-        basis, grid, linear = self.basis, self.basis.grid, own[0].linear
+    def _layout(self, group: Screened, i: int, node: int, scale: float) -> Layout:
+        """Return the layout of a measurement, the i-th of a group, at one place near a node."""
+        linear, used, depth = group.linear, group.used[i], group.columns["depth"][i]
+        if linear is not None:
+            depth = linear.depth
+
+        def at_values(at_points: Array) -> Array:
+            return np.asarray((at_points if linear is None else linear.at_values(at_points))[used])
+
+        levels = at_values(self.basis.depth_weights(depth))
+        functions = levels @ self.process.functions.T
+        if self.extras is not None:
+            functions = np.hstack([functions, at_values(self.extras.functions(depth))])
+        between = depth_weights(_LINEAR, depth, self.basis.grid.levels)
+        covariance = self._covariance(group, i, at_values(between @ self.error(scale, node)))
+        is_relative = not np.isfinite(group.columns["common_std"][i])
+        return Layout.of(levels, functions, covariance, bool(is_relative))
+
+    def _along_path(self, group: Screened, scale: float) -> Column:
+        basis, grid, linear = self.basis, self.basis.grid, group.linear
+        assert linear is not None
+        used = group.used[0]
         places = np.column_stack(to_local(grid.projection, linear.longitude, linear.latitude))
         levels, times = basis.depth_weights(linear.depth), linear.point_time_ns
         if times is None:
             times = np.full(len(places), linear.time_ns, np.int64)
         shares = self.process.shares(times)
-        weights = (np.eye(len(places)) if linear.weights is None else linear.weights)[own[0].used]
+        weights = (np.eye(len(places)) if linear.weights is None else linear.weights)[used]
         # (T m, P Z) sums over the points of each value, by share of each forecast time
         by_time = (shares.T[:, None] * weights).reshape(-1, len(places))
         by_level = (by_time[:, :, None] * levels).swapaxes(1, 2)  # (T m, Z, P)
@@ -215,28 +276,37 @@ class Observer:
         n, n_levels = len(weights), levels.shape[1]
         sums = modes.reshape(2, shares.shape[1], n, n_levels, -1)
         known = np.einsum("ctnzz->cn", offset.reshape(*sums.shape[:4], n_levels))
-        (values, axes), used = own[0].local(), np.any(shares, axis=0).astype(np.float64)
+        (values, axes), times_used = (
+            group.local(group.at),
+            np.any(shares, axis=0).astype(np.float64),
+        )
         mean, rows = zip(
-            *(self.process.project_sums(np.tensordot(axis, sums, 1), used) for axis in axes),
+            *(self.process.project_sums(np.tensordot(axis, sums, 1), times_used) for axis in axes),
             strict=True,
         )
         between = depth_weights(_LINEAR, linear.depth, grid.levels)
         extra = np.sum(between * self.error(scale, nearest_node(grid, places)).T, axis=1)
-        covariance = self._covariance(own[0], weights @ extra)
+        covariance = self._covariance(group, 0, weights @ extra)
         relative = linear.reference == "relative"
         layout = Layout.of(np.empty((n, 0)), np.eye(n), covariance, relative)
         design = np.concatenate(rows)
         if self.extras is not None:
             more = np.tensordot(axes, self.extras.sums(weights, linear.depth, times), 1)
             design = np.hstack([design, more.reshape(len(design), -1)])
-        about = values - (axes @ known).T - np.array(mean).T
-        return Column(own, linear.time_ns, design, np.eye(len(axes)), (layout,), (about,))
+        about = values[:, used] - (axes @ known).T - np.array(mean).T
+        part = Part(layout, np.zeros(1, np.intp), np.flatnonzero(used), about)
+        return Column(group, group.at, linear.time_ns, design, np.eye(len(axes)), (part,))
 
-    def _covariance(self, one: Screened, extra: Array) -> Array:
-        """Return the error covariance of the used values, shape (m, m) [m^2/s^2], with what the unknowns do not hold, shape (m,) [m/s]."""
-        if self.stated_std is not None and one.linear.at_one_place:
+    def _covariance(self, group: Screened, i: int, extra: Array) -> Array:
+        """Return the error covariance of the used values of one, shape (m, m) [m^2/s^2], with what the unknowns do not hold, shape (m,)."""
+        if self.stated_std is not None and group.at_one_place:
             return self.stated_std**2 * np.eye(extra.size)
-        return one.linear.covariance(np.flatnonzero(one.used)) + np.diag(extra**2)
+        used, linear, columns = np.flatnonzero(group.used[i]), group.linear, group.columns
+        if linear is not None:
+            return linear.covariance(used) + np.diag(extra**2)
+        own = (columns[name][i, used] for name in ("error_std", "depth"))
+        shared = (float(columns[name][i]) for name in ("correlation_depth", "common_std"))
+        return error_covariance(*own, *shared) + np.diag(extra**2)
 
 
 def _beside(design: Array, more: Array) -> Array:

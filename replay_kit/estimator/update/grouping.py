@@ -1,15 +1,15 @@
 """Which profiles are combined: those near enough in time and place that the current between them hardly differs."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from math import cos, hypot, isfinite, radians
+from math import hypot, isfinite
+from typing import Any
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Mask
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Measurement, Observation, Source, VehicleState
+from replay_kit.core.table import Columns
 from replay_kit.estimator.basis.slices import mean_squares
 
 #: Share of the error of a bin's mean that the current's difference within a group may have.
@@ -17,58 +17,8 @@ SHARE = 0.25
 #: Longest group where the window is chosen by itself [s]: the estimate is to follow the log.
 _LONGEST_S = 120.0
 _NS, _METRES_A_DEGREE = 1e9, 111_200.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ProfileGroup:
-    """Profiles of one instrument that are assimilated as one, in order of time.
-
-    Attributes:
-        profiles: At least one.
-    """
-
-    profiles: tuple[Observation, ...]
-
-    @property
-    def longitude(self) -> float:
-        """Mean [degrees east]."""
-        return mean_longitude(np.array([profile.longitude for profile in self.profiles]))
-
-    @property
-    def latitude(self) -> float:
-        """Mean [degrees north]."""
-        return float(np.mean([profile.latitude for profile in self.profiles]))
-
-    @property
-    def time_ns(self) -> int:
-        """Mean time, for which they count [ns, UTC]."""
-        return mean_time(self.profiles)
-
-    @property
-    def dive(self) -> int:
-        """Number of their dive."""
-        return self.profiles[-1].dive
-
-    @property
-    def source(self) -> Source:
-        """Of the first."""
-        return self.profiles[0].source
-
-    @property
-    def position_std(self) -> float:
-        """Largest standard error of a place [m]."""
-        return max(profile.position_std for profile in self.profiles)
-
-
-def mean_longitude(longitude: Array) -> float:
-    """Return the mean of longitudes near one another [degrees east]."""
-    return float(longitude[0] + np.mean((longitude - longitude[0] + 180.0) % 360.0 - 180.0))
-
-
-def mean_time(events: Sequence[Measurement]) -> int:
-    """Return the mean time of measurements [ns, UTC]."""
-    first_ns = events[0].time_ns
-    return first_ns + round(sum(event.time_ns - first_ns for event in events) / len(events))
+# What is the same of the profiles of a group.
+_ALIKE = "input", "topic", "dive", "bins", "correlation_depth"
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,48 +45,39 @@ class Grouping:
         """Return a grouping with the time stated; the vehicle's way is limited still, as a group has one place."""
         return replace(self, change=0.0, seconds=seconds, of_mean=False)
 
-    def fits(self, first: Observation, profile: Observation, number: int = 1) -> bool:
-        """Return whether a profile may join a group that begins with another and has some number of profiles."""
-        elapsed = (profile.time_ns - first.time_ns) / _NS
-        if not 0.0 <= elapsed <= self.seconds or not _are_alike(first, profile):
-            return False
-        error = _error_of(first)
-        north = profile.latitude - first.latitude
-        east = ((profile.longitude - first.longitude + 180.0) % 360.0 - 180.0) * cos(
-            radians(first.latitude)
-        )
-        way = _METRES_A_DEGREE * hypot(east, north)
-        return hypot(self.gradient * way, (self.change * elapsed) ** 0.5) <= SHARE * error / (
-            number**0.5 if self.of_mean else 1.0
-        )
+    def fit(self, pings: Columns, first: int, end: int) -> Mask:
+        """Return which profiles may join a group that begins with one and holds all in between, shape (end - first - 1,).
 
-    def ends(self, first: Observation, event: VehicleState | Measurement) -> bool:
-        """Return whether something else ends a group that begins with a profile: another measurement, or a position too late."""
-        return not isinstance(event, VehicleState) or self.is_over(first, event.time_ns)
+        Args:
+            pings: As of ``core.block.Block``.
+            first: Row of the one that begins it.
+            end: The row up to which it is asked.
+        """
+        at, bins = slice(first + 1, end), int(pings["bins"][first])
+        if bins < 2:
+            return np.zeros(end - first - 1, np.bool_)
+        error, common = float(np.median(pings["error_std"][first, :bins])), pings["common_std"]
+        if isfinite(common[first]):
+            error = hypot(error, common[first])
+        top, lacks = pings["depth"][:, 0], np.isnan(pings["platform"][:, 0])
+        alike = np.abs(top[at] - top[first]) <= abs(pings["depth"][first, 1] - top[first])
+        alike &= np.isfinite(common[at]) == isfinite(common[first])
+        alike &= lacks[at] == lacks[first]
+        for name in _ALIKE:
+            alike &= pings[name][at] == pings[name][first]
+        elapsed = (pings["time"][at] - pings["time"][first]) / _NS
+        latitude, longitude = pings["latitude"], pings["longitude"]
+        north = latitude[at] - latitude[first]
+        east = (longitude[at] - longitude[first] + 180.0) % 360.0 - 180.0
+        way = _METRES_A_DEGREE * np.hypot(east * np.cos(np.radians(latitude[first])), north)
+        number = np.arange(1, end - first) if self.of_mean else 1
+        change = np.sqrt(self.change * np.maximum(elapsed, 0.0))
+        near = np.hypot(self.gradient * way, change) <= SHARE * error / np.sqrt(number)
+        return np.asarray(alike & near & self.lasts(elapsed))
 
-    def is_over(self, first: VehicleState | Measurement, time_ns: int) -> bool:
-        """Return whether no profile of a time [ns, UTC] can join a group that begins with a profile."""
-        return not 0.0 <= (time_ns - first.time_ns) / _NS <= self.seconds
-
-
-@lru_cache(maxsize=4)
-def _error_of(first: Observation) -> float:
-    """Return the error of a bin of a profile [m/s], which every other of its group is held against."""
-    error = float(np.median(first.error_std))
-    return hypot(error, first.common_std) if isfinite(first.common_std) else error
-
-
-def _are_alike(first: Observation, profile: Observation) -> bool:
-    """Return whether profiles are of one instrument and dive, have as many bins in nearly the same depths, and lack the same."""
-    if first.depth.size < 2 or _kind(first) != _kind(profile):
-        return False
-    return bool(abs(profile.depth[0] - first.depth[0]) <= abs(first.depth[1] - first.depth[0]))
-
-
-def _kind(profile: Observation) -> tuple[Hashable, ...]:
-    source, lacks = profile.source, profile.platform_velocity is None
-    kept = profile.dive, profile.depth.size, profile.correlation_depth, profile.common_std < np.inf
-    return source.input, source.topic, lacks, *kept
+    def lasts(self, elapsed: Any) -> Any:
+        """Return whether a group still lasts some time [s] after it began."""
+        return (elapsed >= 0.0) & (elapsed <= self.seconds)
 
 
 def current_gradient(ensemble: Ensemble) -> float:

@@ -12,64 +12,66 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.special import chdtri
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Indices, Mask
 
 
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """The decision on one measurement.
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgements:
+    """The decisions on n measurements of a column.
 
     Attributes:
-        error_factor: Factor on its error variance, at least 1.
-        statistic: Normalised square of the innovation, with that factor.
-        threshold: Chi-square quantile that it is held against; inf without a gate.
-        nis: The same with the stated errors, what the compression left included.
-        log_det: Logarithm of the determinant of the rows' covariance over that of their stated noise.
-        rows: Number of rows.
-        left: Degrees of freedom of what the compression left.
+        error_factor: shape (n,), factors on their error variances, at least 1.
+        statistic: shape (n,), normalised squares of the innovations, with these factors.
+        threshold: shape (n,), chi-square quantiles that they are held against; inf without a gate.
+        nis: shape (n,), the same with the stated errors, what the compression left included.
+        rows: shape (n,), numbers of rows.
+        left: shape (n,), degrees of freedom of what the compression left.
     """
 
-    error_factor: float
-    statistic: float
-    threshold: float
-    nis: float
-    log_det: float
-    rows: int
-    left: int
+    error_factor: Array
+    statistic: Array
+    threshold: Array
+    nis: Array
+    rows: Indices
+    left: Indices
 
     @property
-    def accepted(self) -> bool:
-        """Whether the measurement is assimilated."""
-        return self.statistic <= self.threshold
+    def accepted(self) -> Mask:
+        """Which measurements are assimilated."""
+        return np.asarray(self.statistic <= self.threshold)
 
 
 def judged(
-    innovation: Array, covariance: Array, residual: tuple[float, int], probability: float | None
-) -> Judgement:
-    """Return the decision on a measurement.
+    innovation: Array, covariance: Array, residual: tuple[Array, int], probability: float | None
+) -> Judgements:
+    """Return the decisions on measurements of one layout.
 
     Args:
-        innovation: shape (m,), of rows of unit noise.
+        innovation: shape (n, m), of rows of unit noise.
         covariance: shape (m, m), of their prediction.
-        residual: Square that the compression leaves, and its degrees of freedom.
+        residual: Squares that the compression leaves, shape (n,), and their degrees of freedom.
         probability: That sound measurements exceed the gate; None accepts all with their stated errors.
     """
     square, left = residual
-    scale, threshold, rows = 1.0, np.inf, len(innovation)
+    n, rows = innovation.shape
+    scale, threshold = np.ones(n), np.inf
     if probability is not None:
         threshold = quantile(probability, rows)
-        if left and square > quantile(probability, left):
-            scale = square / left
-    of_rows, log_det = _normalised(innovation, covariance, 1.0)
-    statistic = of_rows if scale == 1.0 else _normalised(innovation, covariance, scale)[0]
-    return Judgement(scale, statistic, threshold, of_rows + square, log_det, rows, left)
+        if left:
+            scale = np.where(square > quantile(probability, left), square / left, 1.0)
+    of_rows = _normalised(innovation, covariance, 1.0)
+    statistic = of_rows.copy()
+    for i in np.flatnonzero(scale != 1.0).tolist():
+        statistic[i] = _normalised(innovation[i : i + 1], covariance, float(scale[i]))[0]
+    counts = np.full(n, rows), np.full(n, left)
+    return Judgements(scale, statistic, np.full(n, threshold), of_rows + square, *counts)
 
 
-def _normalised(innovation: Array, covariance: Array, noise: float) -> tuple[float, float]:
-    """Return the normalised square of an innovation, and the logarithm of its covariance's determinant, with a variance of noise."""
-    lower, _ = dpotrf(covariance + noise * np.eye(len(innovation)), lower=1)
-    white, _ = dtrtrs(lower, innovation, lower=1)
-    return float(white @ white), 2.0 * float(np.log(lower.diagonal()).sum())
+def _normalised(innovation: Array, covariance: Array, noise: float) -> Array:
+    """Return the normalised squares of innovations, shape (n,), with a variance of noise."""
+    lower, _ = dpotrf(covariance + noise * np.eye(len(covariance)), lower=1)
+    white, _ = dtrtrs(lower, innovation.T, lower=1)
+    return np.asarray(np.sum(white**2, axis=0))
 
 
 @lru_cache(maxsize=1024)

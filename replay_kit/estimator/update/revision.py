@@ -148,7 +148,7 @@ class Evidence:
 def noted(state: State, updates: list[Update]) -> State:
     """Return the state with the decisions on columns, as long as the prior's variance may be doubted."""
     for update in updates if state.doubt is not None else ():
-        doubt, rejected = state.doubt, not all(each.accepted for each in update.judgements)
+        doubt, rejected = state.doubt, not bool(update.judgements.accepted.all())
         if doubt is None or (len(doubt.rejected) + 1 >= _MOST and not rejected):
             return replace(state, doubt=None)
         columns = (*doubt.columns, update.column) if rejected else doubt.columns

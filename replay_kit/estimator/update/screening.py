@@ -1,13 +1,14 @@
-"""Screening: which bins of a measurement an estimator of a region can use, and the innovation of a measurement that is not used."""
+"""Screening: which bins of measurements an estimator of a region can use, and the innovation of a measurement that is not used."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, replace
+from replay_kit.core.arrays import Array, Indices, replace
 from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import (
@@ -16,32 +17,32 @@ from replay_kit.core.observation import (
     Innovation,
     LinearMeasurement,
     Measurement,
+    Observation,
+    Profiles,
     Reason,
     usable,
 )
+from replay_kit.core.table import Columns
 
 
 def screen(
-    observations: Sequence[Measurement], grid: Grid, relative: bool = True
+    columns: Columns, grid: Grid, relative: bool = True, places: tuple[Array, Array] | None = None
 ) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
-    """Return flags and reasons of measurements' values after the region's own checks, shapes (n, m).
+    """Return flags and reasons of values after the region's own checks, shapes (n, m).
 
     Args:
-        observations: With as many values each.
+        columns: Of n measurements of m values each, as of ``Profiles``.
         grid: The region.
-        relative: Whether a profile relative to a platform of unknown velocity can be used.
+        relative: Whether profiles relative to a platform of unknown velocity can be used.
+        places: Longitude and latitude of each value [degrees], shapes (m,), of one measurement whose values have places of their own.
     """
-    measurements = [each.linear for each in observations]
-    flags, reasons, depth, value, error_std = (
-        np.array([getattr(each, name) for each in measurements])
-        for name in ("flags", "reasons", "value_depth", "value", "error_std")
-    )
-    (first, *others) = measurements
-    spread = not (others or first.at_one_place)
-    places = first.value_places if spread else np.array([each.middle for each in measurements]).T
-    # shapes (n, 1), or (1, m) of one measurement whose values have places of their own
+    flags, reasons = columns["flags"].copy(), columns["reasons"].copy()
+    depth, value, error_std = columns["depth"], columns["velocity"], columns["error_std"]
+    given = (columns["longitude"], columns["latitude"]) if places is None else places
+    # shapes (n, 1), or (1, m)
     east, north = (
-        each[None] if spread else each[:, None] for each in to_local(grid.projection, *places)
+        each[:, None] if places is None else each[None]
+        for each in to_local(grid.projection, *given)
     )
     outside = np.broadcast_to(~inside_grid(grid, east, north), flags.shape)
     dry = ~outside & (False if grid.wet.all() else ~_is_wet(grid, depth, east, north))
@@ -55,7 +56,7 @@ def screen(
         reasons[failed] |= reason
         flags[failed & usable(flags)] = Flag.FAIL
     # relative to a platform of unknown velocity only differences between bins are known, and one bin has none
-    unknown = np.array([not np.isfinite(each.common_std) for each in measurements])
+    unknown = ~np.isfinite(columns["common_std"])
     alone = unknown & ((np.count_nonzero(usable(flags), axis=1) < 2) | (not relative))
     reasons[alone] |= np.int32(Reason.PLATFORM_REFERENCE)
     flags[alone[:, None] & usable(flags)] = Flag.FAIL
@@ -74,144 +75,240 @@ def _is_wet(grid: Grid, depth: Array, east: Array, north: Array) -> NDArray[np.b
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Screened:
-    """A measurement after screening.
+    """Profiles that are assimilated as one, or another measurement, after screening: n measurements of m values each.
 
     Attributes:
-        event: The measurement.
-        linear: The same as estimators see it.
-        flags: shape (m,).
-        reasons: shape (m,).
-        used: shape (m,), which values are used.
-        refused: Why none is although some are usable.
-        turn: shape (2, 2), of true east and true north, along the local axes at its last point.
+        event: Of profiles or another kind.
+        columns: Of the event, as of ``Profiles``; depths are those of values.
+        linear: The same as sums of components; None of profiles.
+        flags: shape (n, m).
+        reasons: shape (n, m).
+        used: shape (n, m), which values are used.
+        refused: shape (n,), why none is although some are usable.
+        turn: shape (n, 2, 2), of true east and true north, along the local axes at the last point of each.
     """
 
-    event: Measurement
-    linear: LinearMeasurement
+    event: Profiles | LinearMeasurement | Any
+    columns: Columns
+    linear: LinearMeasurement | None
     flags: NDArray[np.int8]
     reasons: NDArray[np.int32]
     used: NDArray[np.bool_]
-    refused: Reason
+    refused: NDArray[np.int32]
     turn: Array
 
     @property
+    def at(self) -> Indices:
+        """Those of which any value is used, shape (n',)."""
+        return np.flatnonzero(self.used.any(axis=1))
+
+    @property
     def is_used(self) -> bool:
-        """Whether any is."""
+        """Whether any value is."""
         return bool(self.used.any())
 
-    def local(self) -> tuple[Array, Array]:
-        """Return the used values, shape (n, c) [m/s], and the components of the local axes that they measure, shape (c, 2).
+    @property
+    def at_one_place(self) -> bool:
+        """Whether all points have one longitude and latitude."""
+        return self.linear is None or self.linear.at_one_place
+
+    def local(self, at: Indices) -> tuple[Array, Array]:
+        """Return values of some, shape (n', m, c) [m/s], and the components of the local axes that they measure, shape (c, 2).
 
         Both components become those of the local axes; directions are those at the last point.
         """
-        value, turned = self.linear.value[self.used], self.linear.components @ self.turn
+        value = self.columns["velocity"][at]
+        if self.linear is None:
+            return value @ self.turn[at], BOTH_COMPONENTS
+        turned = self.linear.components @ self.turn[0]
         return (value @ turned, BOTH_COMPONENTS) if len(turned) == 2 else (value, turned)
 
     def relative_velocity(self) -> Array | None:
         """Return the mean velocity of the used bins relative to the platform, shape (2,) [m/s], local axes; None where it is not stated."""
-        linear, platform = self.linear, self.linear.platform_velocity
-        if platform is None and (linear.reference == "absolute" or len(linear.components) < 2):
+        platform, at = self.columns["platform"], self.at
+        unknown = np.isnan(platform[:, 0])
+        stated = [i for i in at.tolist() if not (unknown[i] and self._is_absolute(i))]
+        if not stated:
             return None
-        return np.asarray((linear.value[self.used].mean(axis=0) - (platform or 0.0)) @ self.turn)
+        value, axes = self.columns["velocity"], np.nan_to_num(platform)
+        each = [(value[i, self.used[i]].mean(axis=0) - axes[i]) @ self.turn[i] for i in stated]
+        return np.asarray(np.mean(each, axis=0))
 
-    def among(self, values: Array) -> Array:
-        """Return values of the used bins, shape (..., n, 2), among all bins, shape (..., m, 2); NaN for the others."""
-        out = np.full((*values.shape[:-2], self.flags.size, 2), np.nan)
-        out[..., self.used, :] = values
-        return out
+    def _is_absolute(self, i: int) -> bool:
+        both = self.linear is None or len(self.linear.components) == 2
+        return bool(np.isfinite(self.columns["common_std"][i])) or not both
 
-    def unused(self) -> Innovation:
+    def unused(self, i: int) -> Innovation:
         """Return the innovation of a measurement that is not used, with the mean along a path that it states."""
-        flags, reasons = self.flags, self.reasons | np.int32(self.refused)
-        if self.refused:
+        refused = self.refused[i]
+        flags, reasons = self.flags[i], self.reasons[i] | refused
+        if refused:
             flags = np.where(usable(flags), Flag.FAIL, flags).astype(np.int8)
-        blank, mean = unused_innovation(self.event, flags, reasons), self.linear.label.mean
-        if self.refused:
-            blank = replace(blank, decision="rejected")
+        depth, event = self.columns["depth"][i], self.event
+        blank = np.full((depth.size, 2), np.nan)
+        found = Innovation(
+            time_ns=int(self.columns["time"][i]),
+            depth=depth,
+            innovation=blank,
+            innovation_std=blank,
+            residual=blank,
+            prior_innovation=blank,
+            nis=np.nan,
+            dof=0,
+            accepted=False,
+            error_inflation=1.0,
+            flags=flags,
+            reasons=reasons,
+            dive=event.dive,
+            source=event.source_of(i) if isinstance(event, Profiles) else event.source,
+            decision="rejected" if refused else "unusable",
+        )
+        if self.linear is None:
+            return found
+        mean = self.linear.label.mean
         if mean is None:
-            return replace(blank, mean_kind=self.linear.label.kind)
+            return replace(found, mean_kind=self.linear.label.kind)
         if mean.corrected is not None:
-            corrected = np.array(mean.corrected) @ self.turn
-            blank = replace(blank, corrected_current=corrected, corrected_std=mean.used_std)
-        measured = np.array(mean.velocity) @ self.turn
-        return replace(blank, mean_current=measured, mean_kind=mean.kind, mean_std=mean.error_std)
+            corrected = np.array(mean.corrected) @ self.turn[0]
+            found = replace(found, corrected_current=corrected, corrected_std=mean.used_std)
+        measured = np.array(mean.velocity) @ self.turn[0]
+        return replace(found, mean_current=measured, mean_kind=mean.kind, mean_std=mean.error_std)
+
+
+#: What is remembered of the last measurement used: when, where and what it was; an equal one that follows is a duplicate.
+Last = tuple[int, tuple[Array, ...]]
 
 
 def screened(
-    groups: Sequence[Sequence[Measurement]],
+    events: Iterable[Measurement],
     grid: Grid,
-    last: LinearMeasurement | None = None,
+    last: Last | None = None,
     earliest: float = -np.inf,
     relative: bool = True,
-) -> list[tuple[Screened, ...]]:
-    """Return groups of measurements after screening; those of as many values are screened together.
+) -> tuple[list[Screened], Last | None]:
+    """Return measurements after screening, and the last one of which a value is used; profiles of as many bins are screened together.
 
     Args:
-        groups: In order; those of a group have as many values each.
+        events: In order.
         grid: The region.
-        last: The last measurement with a usable value before them; an equal one that follows is a duplicate.
+        last: The last one used before them.
         earliest: Time before which they are too old for the estimate [ns, UTC].
         relative: As of ``screen``.
     """
-    found = list[tuple[Screened, ...]]()
-
-    def alike(number: int) -> tuple[tuple[int, ...], int]:
-        first = groups[number][0].linear
-        return first.value.shape, -1 if first.at_one_place else number
-
-    for _, numbers in groupby(range(len(groups)), alike):
-        some = [groups[number] for number in numbers]
-        events = [event for group in some for event in group]
-        linear = [event.linear for event in events]
-        ends = np.array([(each.longitude[-1], each.latitude[-1]) for each in linear])
-        axes = rotate_to_local(grid.projection, *ends.T[..., None], *np.eye(2))
-        each = zip(events, linear, *screen(linear, grid, relative), np.stack(axes, -1), strict=True)
-        for group in some:
-            old, own = min(event.time_ns for event in group) < earliest, list[Screened]()
-            for _ in group:
-                event, one, flags, reasons, turn = next(each)
-                used, refused = usable(flags), Reason.NONE
-                if used.any():
-                    if old or is_duplicate(last, one):
-                        refused = Reason.OUT_OF_ORDER if old else Reason.DUPLICATE
-                        used = np.zeros_like(used)
-                    else:
-                        last = one
-                own.append(Screened(event, one, flags, reasons, used, refused, turn))
-            found.append(tuple(own))
-    return found
-
-
-def unused_innovation(
-    observation: Measurement, flags: NDArray[np.int8], reasons: NDArray[np.int32]
-) -> Innovation:
-    """Return the innovation of a measurement that has no usable value."""
-    depth = observation.linear.value_depth
-    blank = np.full((depth.size, 2), np.nan)
-    return Innovation(
-        time_ns=observation.time_ns,
-        depth=depth,
-        innovation=blank,
-        innovation_std=blank,
-        residual=blank,
-        prior_innovation=blank,
-        nis=np.nan,
-        dof=0,
-        accepted=False,
-        error_inflation=1.0,
-        flags=flags,
-        reasons=reasons,
-        dive=observation.dive,
-        source=observation.source,
-        decision="unusable",
-    )
+    found = list[Screened]()
+    given = [Profiles.of([one]) if isinstance(one, Observation) else one for one in events]
+    for _, alike in groupby(enumerate(given), _shape):
+        some = [event for _, event in alike]
+        columns, linear = _columns(some)
+        spread = linear is not None and not linear.at_one_place
+        places = linear.value_places if linear is not None and spread else None
+        flags, reasons = screen(columns, grid, relative, places)
+        ends = columns["longitude"], columns["latitude"]
+        if linear is not None:
+            ends = linear.longitude[-1:], linear.latitude[-1:]
+        axes = rotate_to_local(grid.projection, *(each[:, None] for each in ends), *np.eye(2))
+        turn, used, refused = np.stack(axes, -1), usable(flags), np.zeros(len(flags), np.int32)
+        bounds = np.cumsum([0, *(len(one) if isinstance(one, Profiles) else 1 for one in some)])
+        parts = [slice(*each) for each in pairwise(bounds.tolist())]
+        for part in parts:
+            if columns["time"][part].min() < earliest:
+                refused[part] = Reason.OUT_OF_ORDER
+        last = _refuse_duplicates(columns, linear, used, refused, last)
+        refused[~used.any(axis=1)] = Reason.NONE
+        used &= refused[:, None] == Reason.NONE
+        for event, part in zip(some, parts, strict=True):
+            own = columns if len(some) == 1 else {k: v[part] for k, v in columns.items()}
+            found.append(
+                Screened(
+                    event,
+                    own,
+                    linear,
+                    flags[part],
+                    reasons[part],
+                    used[part],
+                    refused[part],
+                    turn[part],
+                )
+            )
+    return found, last
 
 
-def is_duplicate(last: LinearMeasurement | None, observation: Measurement) -> bool:
-    """Return whether a measurement equals the last one in every number: logged twice, it holds no new information."""
-    if last is None or last.time_ns != observation.time_ns:
-        return False
-    names, linear = ("longitude", "latitude", "depth", "value", "components"), observation.linear
-    return all(
-        np.array_equal(getattr(last, name), getattr(linear, name), equal_nan=True) for name in names
-    )
+def _shape(numbered: tuple[int, Measurement]) -> tuple[int, int]:
+    """Return what is the same of events that are screened together: profiles of as many bins."""
+    number, event = numbered
+    return (event["depth"].shape[1], -1) if isinstance(event, Profiles) else (0, number)
+
+
+def _columns(events: Sequence[Any]) -> tuple[Columns, LinearMeasurement | None]:
+    """Return events that are screened together in columns, and of one that is no profile the sums that it is."""
+    if not isinstance(events[0], Profiles):
+        return columns_of(events[0]), events[0].linear
+    if len(events) == 1:
+        return events[0].columns, None
+    names = events[0].columns.keys()
+    return {name: np.concatenate([one[name] for one in events]) for name in names}, None
+
+
+def columns_of(event: Measurement) -> Columns:
+    """Return an event as an estimator sees it, in columns as of ``Profiles``: one row, whose depths are those of values."""
+    if isinstance(event, Profiles):
+        return event.columns
+    linear = event.linear
+    longitude, latitude = linear.middle
+    return {
+        "time": np.array([linear.time_ns]),
+        "longitude": np.array([longitude]),
+        "latitude": np.array([latitude]),
+        "depth": linear.value_depth[None],
+        "velocity": linear.value[None],
+        "error_std": linear.error_std[None],
+        "flags": linear.flags[None],
+        "reasons": linear.reasons[None],
+        "common_std": np.array([linear.common_std]),
+        "correlation_depth": np.array([linear.correlation_depth]),
+        "platform": np.array([linear.platform_velocity or (np.nan, np.nan)]),
+    }
+
+
+def _refuse_duplicates(
+    columns: Columns,
+    linear: LinearMeasurement | None,
+    used: NDArray[np.bool_],
+    refused: NDArray[np.int32],
+    last: Last | None,
+) -> Last | None:
+    """Mark measurements that equal the last one used in every number: logged twice, they hold no new information.
+
+    Returns:
+        The last one used.
+    """
+
+    def what(i: int) -> tuple[Array, ...]:
+        if linear is not None:
+            return tuple(getattr(linear, name) for name in _NUMBERS)
+        names = "longitude", "latitude", "depth", "velocity"
+        return (*(columns[name][i : i + 1] for name in names), BOTH_COMPONENTS)
+
+    at = np.flatnonzero(used.any(axis=1) & (refused == Reason.NONE))
+    if not at.size:
+        return last
+    times = columns["time"]
+    before = None if last is None else last[0]
+    doubtful = np.diff(times[at]) == 0
+    if not doubtful.any() and times[at[0]] != before:
+        return int(times[at[-1]]), what(int(at[-1]))
+    for i in at.tolist():
+        now = int(times[i]), what(i)
+        if last is not None and last[0] == now[0] and _are_equal(last[1], now[1]):
+            refused[i] = Reason.DUPLICATE
+        else:
+            last = now
+    return last
+
+
+_NUMBERS = ("longitude", "latitude", "depth", "value", "components")
+
+
+def _are_equal(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
+    pairs = zip(one, other, strict=True)
+    return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)

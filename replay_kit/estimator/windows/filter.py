@@ -13,7 +13,8 @@ from replay_kit.core.region import Region, centre, inside
 from replay_kit.estimator.estimator import ReducedBasisEstimator
 from replay_kit.estimator.interface import Estimator, Stepped
 from replay_kit.estimator.state import State
-from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
+from replay_kit.estimator.update.grouping import Grouping
+from replay_kit.estimator.update.screening import columns_of
 from replay_kit.estimator.windows.handover import hand_over
 from replay_kit.estimator.windows.placing import WindowedState, next_window
 
@@ -72,10 +73,10 @@ class WindowedEstimator(Estimator[WindowedState]):
         return estimator, state.states.get(region) or estimator.initial()
 
     def assimilate(
-        self, state: WindowedState, block: Sequence[Measurement | ProfileGroup]
+        self, state: WindowedState, block: Sequence[Measurement]
     ) -> tuple[WindowedState, list[Stepped[WindowedState]]]:
         """Return the state after measurements, each in the window that it lies in, and the outcome of each."""
-        found, waiting = list[Stepped[WindowedState]](), list[Measurement | ProfileGroup]()
+        found, waiting = list[Stepped[WindowedState]](), list[Measurement]()
         for item in block:
             if waiting and (len(waiting) == self.block_size or not self._stays(state, item)):
                 state, steps = self._in_window(state, waiting)
@@ -89,7 +90,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         return state, found
 
     def _in_window(
-        self, state: WindowedState, block: Sequence[Measurement | ProfileGroup]
+        self, state: WindowedState, block: Sequence[Measurement]
     ) -> tuple[WindowedState, list[Stepped[WindowedState]]]:
         """Return the state after measurements and groups in the vehicle's window, and their outcomes."""
         (estimator, own), window = self._own(state), self.window(state)
@@ -105,13 +106,13 @@ class WindowedEstimator(Estimator[WindowedState]):
             before = after
         return before, found
 
-    def _stays(self, state: WindowedState, observation: Measurement | ProfileGroup) -> bool:
+    def _stays(self, state: WindowedState, observation: Measurement) -> bool:
         """Return whether an observation certainly leaves the vehicle in its window."""
         region, place = self.window(state), _place(observation)
         stays = next_window(region, self.margin, self.bounds, place) is None
         return stays and self.vehicle not in state.strays and bool(inside(region, *place))
 
-    def moved(self, state: WindowedState, measurement: Measurement | ProfileGroup) -> WindowedState:
+    def moved(self, state: WindowedState, measurement: Measurement) -> WindowedState:
         """Return the state with the vehicle in the window that a measurement needs."""
         place, region = _place(measurement), self.window(state)
         if self.vehicle not in state.where:
@@ -136,14 +137,15 @@ class WindowedEstimator(Estimator[WindowedState]):
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether an observation has a value that would be used, if it lies in water: windows are made when they are needed."""
-        place, linear, first = _place(observation), observation.linear, self.build(self.first)
+        place, first = _place(observation), self.build(self.first)
         if inside(self.first, *place):
-            return first.usable(linear)
-        in_reach = linear.value_depth <= first.grid.levels[-1]
-        known = np.isfinite(linear.value).all(axis=1) & in_reach
+            return first.usable(observation)
+        columns = columns_of(observation)
+        in_reach = columns["depth"] <= first.grid.levels[-1]
+        known = np.isfinite(columns["velocity"]).all(axis=2) & in_reach
         return bool(known.any() and inside(self.bounds, *place))
 
-    def innovation(self, state: WindowedState, event: Measurement | ProfileGroup) -> Array:
+    def innovation(self, state: WindowedState, event: Measurement) -> Array:
         """Return measured minus predicted in the vehicle's window; as of ``Estimator``."""
         estimator, own = self._own(state)
         return estimator.innovation(own, event)
@@ -185,12 +187,12 @@ class WindowedEstimator(Estimator[WindowedState]):
         return [*([followed] if state.number > 1 else []), *refused]
 
 
-def _place(observation: Measurement | ProfileGroup) -> tuple[float, float]:
+def _place(observation: Measurement) -> tuple[float, float]:
     """Return longitude and latitude of an observation [degrees]; of a path its end."""
     longitude, latitude = _places(observation)
     return float(longitude[-1]), float(latitude[-1])
 
 
-def _places(observation: Measurement | ProfileGroup) -> tuple[Array, Array]:
+def _places(observation: Measurement) -> tuple[Array, Array]:
     """Return the longitudes and latitudes of an observation [degrees], shape (m,)."""
     return np.atleast_1d(observation.longitude), np.atleast_1d(observation.latitude)

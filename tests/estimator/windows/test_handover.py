@@ -8,9 +8,8 @@ import pytest
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Flag
+from replay_kit.core.observation import Flag, Profiles
 from replay_kit.estimator import build
-from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.estimator.windows.handover import hand_over, overlap
 from tests import synthetic
@@ -141,7 +140,7 @@ def test_windows_say_of_measurements_what_the_estimator_of_the_window_says(one):
         np.testing.assert_array_equal(
             windows.innovation(state, profile), one.innovation(inner, profile)
         )
-    group = ProfileGroup(tuple(others))
+    group = Profiles.of(others)
     np.testing.assert_array_equal(windows.innovation(state, group), one.innovation(inner, group))
     nothing = replace(
         first,
