@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import hypot, isfinite
 from typing import Any
 
 import numpy as np
 
-from replay_kit.core.arrays import Mask
+from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.table import Columns
 from replay_kit.estimator.basis.slices import mean_squares
@@ -45,39 +44,45 @@ class Grouping:
         """Return a grouping with the time stated; the vehicle's way is limited still, as a group has one place."""
         return replace(self, change=0.0, seconds=seconds, of_mean=False)
 
-    def fit(self, pings: Columns, first: int, end: int) -> Mask:
-        """Return which profiles may join a group that begins with one and holds all in between, shape (end - first - 1,).
+    def fit(self, pings: Columns, first: Indices, other: Indices, number: Array) -> Mask:
+        """Return which profiles may join a group, shape (n,).
 
         Args:
             pings: As of ``core.block.Block``.
-            first: Row of the one that begins it.
-            end: The row up to which it is asked.
+            first: shape (n,) or (1,), rows of those that begin groups.
+            other: shape (n,), rows of those that may join them.
+            number: shape (n,), of the profiles that each group has so far.
         """
-        at, bins = slice(first + 1, end), int(pings["bins"][first])
-        if bins < 2:
-            return np.zeros(end - first - 1, np.bool_)
-        error, common = float(np.median(pings["error_std"][first, :bins])), pings["common_std"]
-        if isfinite(common[first]):
-            error = hypot(error, common[first])
-        top, lacks = pings["depth"][:, 0], np.isnan(pings["platform"][:, 0])
-        alike = np.abs(top[at] - top[first]) <= abs(pings["depth"][first, 1] - top[first])
-        alike &= np.isfinite(common[at]) == isfinite(common[first])
-        alike &= lacks[at] == lacks[first]
+        bins, top, common = pings["bins"], pings["depth"][:, 0], pings["common_std"]
+        lacks, finite = np.isnan(pings["platform"][:, 0]), np.isfinite(common)
+        second = pings["depth"][first, np.minimum(bins[first] - 1, 1)]
+        alike = np.abs(top[other] - top[first]) <= np.abs(second - top[first])
+        alike &= (bins[first] > 1) & (finite[other] == finite[first])
+        alike &= lacks[other] == lacks[first]
         for name in _ALIKE:
-            alike &= pings[name][at] == pings[name][first]
-        elapsed = (pings["time"][at] - pings["time"][first]) / _NS
+            alike &= pings[name][other] == pings[name][first]
+        elapsed = (pings["time"][other] - pings["time"][first]) / _NS
         latitude, longitude = pings["latitude"], pings["longitude"]
-        north = latitude[at] - latitude[first]
-        east = (longitude[at] - longitude[first] + 180.0) % 360.0 - 180.0
+        north = latitude[other] - latitude[first]
+        east = (longitude[other] - longitude[first] + 180.0) % 360.0 - 180.0
         way = _METRES_A_DEGREE * np.hypot(east * np.cos(np.radians(latitude[first])), north)
-        number = np.arange(1, end - first) if self.of_mean else 1
         change = np.sqrt(self.change * np.maximum(elapsed, 0.0))
-        near = np.hypot(self.gradient * way, change) <= SHARE * error / np.sqrt(number)
+        most = SHARE * _errors(pings, first) / (np.sqrt(number) if self.of_mean else 1.0)
+        near = np.hypot(self.gradient * way, change) <= most
         return np.asarray(alike & near & self.lasts(elapsed))
 
     def lasts(self, elapsed: Any) -> Any:
         """Return whether a group still lasts some time [s] after it began."""
         return (elapsed >= 0.0) & (elapsed <= self.seconds)
+
+
+def _errors(pings: Columns, at: Indices) -> Array:
+    """Return the errors of a bin of some profiles, shape (n,) [m/s], which others of their groups are held against."""
+    bins, error, common = pings["bins"][at], np.empty(at.size), pings["common_std"][at]
+    for number in np.unique(bins):
+        own = bins == number
+        error[own] = np.median(pings["error_std"][at[own], :number], axis=1)
+    return np.hypot(error, np.where(np.isfinite(common), common, 0.0))
 
 
 def current_gradient(ensemble: Ensemble) -> float:

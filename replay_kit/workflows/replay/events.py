@@ -1,0 +1,333 @@
+"""The events of a vehicle in columns, and what of them the estimate takes as one: in an order that events alone decide.
+
+Profiles that repeat each other wait until one comes that does not, or a position that is too late; positions that come in between wait with
+them and follow the group. So it makes no difference how a log is cut into blocks.
+
+Each vehicle's events come in the order of its log, but not when they happened: those of a dive come when it has surfaced. Where several
+vehicles share an estimate, an event is due no earlier than those before it, and theirs follow each other by that; of one time that of the
+first vehicle comes first.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Indices, Times
+from replay_kit.core.block import LINEAR, PING, POSITION, Block
+from replay_kit.core.observation import (
+    OF_BINS,
+    PROFILE,
+    Flag,
+    LinearMeasurement,
+    PathMean,
+    Profiles,
+    Source,
+    VehicleState,
+)
+from replay_kit.core.table import Columns, chosen
+from replay_kit.estimator.update.grouping import Grouping
+
+_OF_POSITION = (
+    *("time", "longitude", "latitude", "depth", "dead_reckoned"),
+    *("input", "topic", "ordinal"),
+)
+_OF_PING = (*PROFILE, "bins", *OF_BINS)
+_MISSING = {"flags": int(Flag.MISSING), "reasons": 0}
+# Events among which the end of a group is looked for at first.
+_LOOKED = 256
+_NS = 1e9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """Positions in a row.
+
+    Attributes:
+        columns: As of ``Block.position``.
+        topics: Names of topics, by their numbers in ``columns``.
+    """
+
+    columns: Columns
+    topics: Sequence[str]
+
+    def __len__(self) -> int:
+        """Return their number."""
+        return len(self.columns["time"])
+
+    def __getitem__(self, i: int) -> VehicleState:
+        """Return one of them."""
+        one = {name: self.columns[name][i].item() for name in _OF_POSITION}
+        source = Source(one["input"], self.topics[one["topic"]], one["ordinal"], one["time"])
+        place = (one[name] for name in ("longitude", "latitude", "depth"))
+        return VehicleState(one["time"], *place, one["dead_reckoned"], source)
+
+    def __iter__(self) -> Iterator[VehicleState]:
+        """Yield them one by one."""
+        yield from map(self.__getitem__, range(len(self)))
+
+    @property
+    def time_ns(self) -> int:
+        """Of the first [ns, UTC]."""
+        return int(self.columns["time"][0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aside:
+    """A mean current that the estimate is not given.
+
+    Attributes:
+        mean: The mean current.
+    """
+
+    mean: PathMean
+
+    @property
+    def time_ns(self) -> int:
+        """Of the mean current [ns, UTC]."""
+        return self.mean.time_ns
+
+
+#: What the estimate takes as one, and what it passes: positions, and mean currents of no use to it.
+Event = Track | Aside | Profiles | PathMean | LinearMeasurement
+_Other = Aside | PathMean | LinearMeasurement
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Events:
+    """Events of a vehicle that wait, in order.
+
+    Attributes:
+        time: shape (N,) [ns, UTC].
+        due: shape (N,) [ns, UTC], the latest time up to each.
+        kind: shape (N,), ``POSITION``, ``PING``, or ``LINEAR`` of all others.
+        position: Positions, as in ``Block``.
+        ping: Profiles, as in ``Block``.
+        others: Other measurements.
+        topics: Names of topics, by number.
+    """
+
+    time: Times
+    due: Times
+    kind: NDArray[np.int64]
+    position: Columns
+    ping: Columns
+    others: tuple[_Other, ...] = ()
+    topics: Sequence[str] = ()
+
+    @staticmethod
+    def none() -> "Events":
+        """Return none."""
+        empty = np.empty(0, np.int64)
+        return Events(empty, empty, empty, {}, {})
+
+    @staticmethod
+    def of(block: Block, others: Sequence[_Other]) -> "Events":
+        """Return the events of a block; ``others`` are those that are neither positions nor profiles, in order."""
+        _, kind, row = block.events.T
+        kind = np.where((kind == POSITION) | (kind == PING), kind, LINEAR)
+        time = np.empty(len(kind), np.int64)
+        position = _chosen(block.position, _OF_POSITION, row[kind == POSITION])
+        ping = _chosen(block.ping, _OF_PING, row[kind == PING])
+        for number, columns in ((POSITION, position), (PING, ping)):
+            if columns:
+                time[kind == number] = columns["time"]
+        time[kind == LINEAR] = [one.time_ns for one in others]
+        return Events(time, np.maximum.accumulate(time), kind, position, ping, (*others,), block.topics)
+
+    def __len__(self) -> int:
+        """Return their number."""
+        return len(self.time)
+
+    def part(self, begin: int, end: int) -> "Events":
+        """Return those from one to before another."""
+        if begin == 0 and end >= len(self):
+            return self
+        counts = [_before(self.kind == number, begin, end) for number in (POSITION, PING, LINEAR)]
+        position, ping = (
+            {name: column[at] for name, column in columns.items()}
+            for columns, at in zip((self.position, self.ping), counts, strict=False)
+        )
+        at = slice(begin, end)
+        own = self.time[at], self.due[at], self.kind[at]
+        return Events(*own, position, ping, self.others[counts[2]], self.topics)
+
+    def followed_by(self, more: "Events", due_ns: int | None) -> "Events":
+        """Return these and those that follow, the last of which before them was due at some time [ns, UTC]."""
+        if due_ns is not None:
+            more = replace(more, due=np.maximum(more.due, due_ns))
+        if not len(self):
+            return more
+        own = (
+            np.concatenate([getattr(self, name), getattr(more, name)])
+            for name in ("time", "due", "kind")
+        )
+        position, ping = (
+            _joined(*both) for both in ((self.position, more.position), (self.ping, more.ping))
+        )
+        return Events(*own, position, ping, self.others + more.others, more.topics)
+
+    def without(self, unused: NDArray[np.bool_]) -> "Events":
+        """Return these but some, shape (N,)."""
+        kept = ~unused
+        position, ping, others = (
+            kept[self.kind == number] for number in (POSITION, PING, LINEAR)
+        )
+        return Events(
+            self.time[kept],
+            self.due[kept],
+            self.kind[kept],
+            {name: column[position] for name, column in self.position.items()},
+            {name: column[ping] for name, column in self.ping.items()},
+            tuple(one for one, use in zip(self.others, others.tolist(), strict=True) if use),
+            self.topics,
+        )
+
+    def profiles(self, begin: int, end: int) -> Profiles:
+        """Return rows of profiles with as many bins each."""
+        bins = int(self.ping["bins"][begin])
+        columns = {name: self.ping[name][begin:end] for name in PROFILE}
+        columns |= {name: self.ping[name][begin:end, :bins] for name in OF_BINS}
+        return Profiles(columns, self.topics)
+
+    def track(self, begin: int, end: int) -> Track:
+        """Return rows of positions."""
+        columns = {name: column[begin:end] for name, column in self.position.items()}
+        return Track(columns, self.topics)
+
+
+def _before(those: NDArray[np.bool_], begin: int, end: int) -> slice:
+    first = int(np.count_nonzero(those[:begin]))
+    return slice(first, first + int(np.count_nonzero(those[begin:end])))
+
+
+def _chosen(columns: Columns, names: Sequence[str], at: Indices) -> Columns:
+    return chosen({name: columns[name] for name in names}, at) if at.size else {}
+
+
+def _joined(first: Columns, more: Columns) -> Columns:
+    """Return rows and those that follow; bins that only some have are missing in the others."""
+    if not first or not more:
+        return more or first
+    return {name: np.concatenate(_padded(name, first[name], more[name])) for name in more}
+
+
+def _padded(name: str, *each: NDArray[Any]) -> list[NDArray[Any]]:
+    if name not in OF_BINS:
+        return [*each]
+    m, fill = max(one.shape[1] for one in each), _MISSING.get(name, np.nan)
+    out = list[NDArray[Any]]()
+    for one in each:
+        wide = np.full((len(one), m, *one.shape[2:]), fill, one.dtype)
+        wide[:, : one.shape[1]] = one
+        out.append(wide)
+    return out
+
+
+class Item(NamedTuple):
+    """What is assimilated as one, or positions in a row.
+
+    Attributes:
+        due_ns: When the event was due with which it is complete [ns, UTC].
+        of: Number of the vehicle of that event.
+        vehicle: Number of its own vehicle.
+        event: What it is.
+    """
+
+    due_ns: float
+    of: int
+    vehicle: int
+    event: Event
+
+
+def items(
+    events: Events,
+    grouping: Grouping | None,
+    vehicle: int,
+    beside: Sequence[tuple[int, int]] = (),
+    last: bool = False,
+) -> tuple[list[Item], int]:
+    """Return what of some events waits no longer, and the number of these; the others are those of a group that may still grow.
+
+    Args:
+        events: Of one vehicle.
+        grouping: Which profiles are combined; None combines none.
+        vehicle: Its number.
+        beside: When events of other vehicles are due [ns, UTC], with their vehicles, in order: none overtakes a group for long.
+        last: Whether nothing follows.
+    """
+    found, i, n = list[Item](), 0, len(events)
+    rows = [np.cumsum(events.kind == number) for number in (POSITION, PING, LINEAR)]
+    kind, due = events.kind.tolist(), events.due.tolist()
+    alone = _alone(events, grouping)
+    breaks = np.append(np.flatnonzero(np.diff(events.kind)) + 1, n)
+
+    def tracks(begin: int, end: int, at: tuple[float, int] | None = None) -> None:
+        """Take the positions among some events; of several vehicles one by one, as they may come between those of others."""
+        first, number = rows[POSITION][begin] - (kind[begin] == POSITION), rows[POSITION][end - 1]
+        if at is None and beside:
+            at_each = zip(range(begin, end), range(first, number), strict=True)
+            found.extend(
+                Item(due[k], vehicle, vehicle, events.track(row, row + 1)) for k, row in at_each
+            )
+        elif number > first:
+            found.append(Item(*(at or (due[end - 1], vehicle)), vehicle, events.track(first, number)))
+
+    while i < n:
+        if kind[i] == POSITION:
+            end = int(breaks[np.searchsorted(breaks, i, side="right")])
+            tracks(i, end)
+        elif kind[i] == LINEAR:
+            found.append(Item(due[i], vehicle, vehicle, events.others[rows[LINEAR][i] - 1]))
+            end = i + 1
+        else:
+            first, end = int(rows[PING][i]) - 1, i + 1
+            if grouping is None:
+                found.append(Item(due[i], vehicle, vehicle, events.profiles(first, first + 1)))
+                i = end
+                continue
+            if not alone[i]:
+                end = _group_end(events, grouping, i, rows[PING])
+            closed = [(float(due[end]), vehicle)] if end < n else []
+            latest = events.time[i] + grouping.seconds * _NS
+            closed += next(([(float(at), of)] for at, of in beside if at > latest), [])
+            if last:
+                closed.append((np.inf, vehicle))
+            if not closed:
+                return found, i
+            at = min(closed)
+            found.append(Item(*at, vehicle, events.profiles(first, int(rows[PING][end - 1]))))
+            tracks(i, end, at)
+        i = end
+    return found, n
+
+
+def _alone(events: Events, grouping: Grouping | None) -> list[bool]:
+    """Return of each event whether the one after it ends the group that it begins."""
+    if grouping is None or len(events) < 2:
+        return [False] * len(events)
+    found = np.zeros(len(events), np.bool_)
+    pings = np.flatnonzero((events.kind[:-1] == PING) & (events.kind[1:] == PING))
+    row = (np.cumsum(events.kind == PING) - 1)[pings]
+    found[pings] = ~grouping.fit(events.ping, row, row + 1, np.ones(row.size))
+    other = np.flatnonzero((events.kind[:-1] == PING) & (events.kind[1:] != PING))
+    elapsed = (events.time[other + 1] - events.time[other]) / _NS
+    found[other] = (events.kind[other + 1] != POSITION) | ~grouping.lasts(elapsed)
+    return found.tolist()
+
+
+def _group_end(events: Events, grouping: Grouping, begin: int, row: Indices) -> int:
+    """Return the event that ends the group that a profile begins, or the number of events."""
+    looked, n, first = _LOOKED, len(events), row[begin] - 1
+    while True:
+        at = np.arange(begin + 1, min(begin + 1 + looked, n))
+        kind, number = events.kind[at], row[at] - row[begin]
+        goes_on = (kind == POSITION) & grouping.lasts((events.time[at] - events.time[begin]) / _NS)
+        ping = kind == PING
+        goes_on[ping] = grouping.fit(events.ping, np.array([first]), row[at[ping]] - 1, number[ping])
+        ends = np.flatnonzero(~goes_on)
+        if ends.size or at.size < looked:
+            return int(at[ends[0]]) if ends.size else n
+        looked *= 4

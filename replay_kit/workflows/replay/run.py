@@ -1,0 +1,678 @@
+"""A replay as it runs: messages go through the stages, and what these publish goes to the writer.
+
+The stages (``stages/``, ``surfacings/``, ``statistics.py``) are functions of frozen states and know neither the writer nor the clock. Their
+states together are what a checkpoint keeps. Several vehicles share one estimate: each has its own messages, checks, counts and plans, and
+gives what it measured to the estimate in order of time.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import groupby
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import MeasurementConfig, RunConfig
+from replay_kit.core.arrays import Array, replace
+from replay_kit.core.as_flown import FlownDive
+from replay_kit.core.block import LINEAR, MEAN, PING, Block
+from replay_kit.core.errors import Finding
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.message import Message
+from replay_kit.core.observation import LinearMeasurement, PathMean, Profiles, VehicleState
+from replay_kit.core.progress import Stopwatch
+from replay_kit.core.surfacing import DiveOutcome
+from replay_kit.estimator import Estimator
+from replay_kit.measurements.checks.profile import EnsembleSpeeds
+from replay_kit.measurements.observed import Stream, begun, path_mean, taken
+from replay_kit.results.mcap_writer import ResultWriter
+from replay_kit.workflows.replay.events import Event, Events, Item, Track, items
+from replay_kit.workflows.replay.inputs.estimator import flow_at
+from replay_kit.workflows.replay.stages import consistency, plans
+from replay_kit.workflows.replay.stages.consistency import FoundWith, MonitoringState
+from replay_kit.workflows.replay.stages.counts import increment_rejected
+from replay_kit.workflows.replay.stages.estimation import (
+    Dive,
+    Given,
+    Step,
+    assimilate,
+    inputs_of,
+    kept,
+    state_after,
+)
+from replay_kit.workflows.replay.stages.planner import VehiclePlanner
+from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
+from replay_kit.workflows.replay.stages.publishing import (
+    Output,
+    PublishingState,
+    depth_slices,
+    publish_step,
+    publish_track,
+    publish_windows,
+    withdraw_windows,
+)
+from replay_kit.workflows.replay.statistics import RunStatistics
+from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used, with_profiles
+from replay_kit.workflows.replay.surfacings.forecasts import (
+    ForecastState,
+    forecast_end,
+    forecast_mean,
+    forecast_step,
+    forecast_track,
+)
+
+#: Schema of what stands in the stream where the logs of a vehicle end.
+END = "replay_kit.EndOfLogs"
+# Positions that wait at most: a log may hold nothing else.
+_BUFFERED = 4096
+# Mean currents of several vehicles that are assimilated together, where the estimator takes blocks.
+_MEANS_TOGETHER = 8
+# where a result is of one vehicle, its name begins nothing
+_ONLY = nullcontext()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """What of a vehicle stays the same.
+
+    Attributes:
+        estimator: Assimilates what it measures.
+        levels: shape (Z,) [m], of the weights.
+        config: The run's settings.
+        problem: What to plan; None plans nothing.
+        speeds: Of the ensemble, with which those of the log are compared; None compares none.
+        name: Where it is one of several; empty for the only one.
+        first_input: The first of its logs among those of all.
+    """
+
+    estimator: Estimator[Any]
+    levels: Array
+    config: RunConfig
+    problem: PlanningProblem | None = None
+    speeds: EnsembleSpeeds | None = None
+    name: str = ""
+    first_input: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OfVehicle:
+    """The states of all stages of a vehicle.
+
+    Attributes:
+        stream: Of the measurements.
+        dive: Of the estimate.
+        waiting: Its events that wait for those of others, or for the next of their group.
+        due_ns: When its last event was due [ns, UTC]; None before its first message.
+        ended: Whether its logs have ended.
+        publishing: Of what is published.
+        planning: Of the plans.
+        statistics: What was counted.
+        monitoring: Of the consistency checks.
+        forecasts: Of the surfacings expected.
+        flight: Of the flight model's error.
+        first_ns: Time of the first position or measurement [ns, UTC]; None before it.
+    """
+
+    stream: Stream
+    dive: Dive
+    waiting: Events = field(default_factory=Events.none)
+    due_ns: int | None = None
+    ended: bool = False
+    publishing: PublishingState = field(default_factory=PublishingState)
+    planning: PlanningState = field(default_factory=PlanningState)
+    statistics: RunStatistics = field(default_factory=RunStatistics)
+    monitoring: MonitoringState = field(default_factory=MonitoringState)
+    forecasts: ForecastState = field(default_factory=ForecastState)
+    flight: FlightState = field(default_factory=FlightState)
+    first_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunState:
+    """What a checkpoint keeps.
+
+    Attributes:
+        current: The estimator's state.
+        vehicles: Of each vehicle.
+        waiting: Events that wait until there are enough to be assimilated together.
+        kept: Measurements of several vehicles so far, in order; none of one.
+        next_slices_ns: Of each window, when its next depth slices are due [ns, UTC].
+        messages: Number of messages taken.
+        last_ns: Time of the last one [ns, UTC].
+    """
+
+    current: Any
+    vehicles: tuple[OfVehicle, ...]
+    waiting: tuple[Given, ...] = ()
+    kept: tuple[Given, ...] = ()
+    next_slices_ns: Mapping[Hashable, int | None] = field(default_factory=dict)
+    messages: int = 0
+    last_ns: int = 0
+
+
+class Run:
+    """A replay as it runs: mutable, as messages go through it. Without a ``writer`` nothing is published.
+
+    Attributes:
+        setups: Of each vehicle, in the order of their names.
+        clock: Wall time of each stage so far.
+        writer: Of the result; None where nothing is written.
+        of: The states of each vehicle.
+    """
+
+    def __init__(
+        self,
+        setups: Sequence[Setup],
+        measured_by: MeasurementConfig,
+        clock: Stopwatch,
+        owners: Sequence[int] = (),
+    ) -> None:
+        """Begin with the prior.
+
+        Args:
+            setups: Of each vehicle.
+            measured_by: How messages become measurements.
+            clock: Counts the time of stages.
+            owners: Of each log the number of its vehicle; none where there is one.
+        """
+        self.setups, self.clock = tuple(setups), clock
+        self.writer: ResultWriter | None = None
+        self._measured_by, self._owners = measured_by, owners
+        self._flown = dict[int, tuple[tuple[FlownDive, ...], PlanningProblem | None]]()
+        prior, logs = setups[0].estimator.initial(), setups[0].config.logs
+        first = OfVehicle(begun(logs.system, logs.component), Dive(prior))
+        self.state = RunState(prior, (first,) * len(setups))
+
+    @property
+    def state(self) -> RunState:
+        """What a checkpoint keeps."""
+        return RunState(
+            self.current,
+            tuple(self.of),
+            tuple(self._waiting),
+            tuple(self.kept),
+            dict(self._next_slices_ns),
+            self.messages,
+            self.last_ns,
+        )
+
+    @state.setter
+    def state(self, state: RunState) -> None:
+        self.current, self.of = state.current, list(state.vehicles)
+        self._waiting, self.kept = list(state.waiting), list(state.kept)
+        self._next_slices_ns = dict(state.next_slices_ns)
+        self.messages, self.last_ns = state.messages, state.last_ns
+        self._n_waiting = [self._weight(number, event) for number, event in self._waiting]
+
+    @property
+    def is_pooled(self) -> bool:
+        """Whether there are several vehicles."""
+        return len(self.setups) > 1
+
+    def estimator(self, number: int) -> Estimator[Any]:
+        """Return the estimator of a vehicle, whose gate rejects neither of two sources that contradict each other."""
+        return consistency.trusting(self.setups[number].estimator, self.of[number].monitoring)
+
+    @property
+    def _estimators(self) -> list[Estimator[Any]]:
+        return [self.estimator(number) for number in range(len(self.of))]
+
+    def problem(self, number: int) -> PlanningProblem | None:
+        """Return what is planned for a vehicle that flies as its dives so far; None where nothing is."""
+        problem, forecasts = self.setups[number].problem, self.of[number].forecasts
+        dives = forecasts.dives
+        if problem is None or not dives or not isinstance(problem.planner, VehiclePlanner):
+            return problem
+        if number not in self._flown or self._flown[number][0] is not dives:
+            # asked for at every event, and another one only after a dive
+            flown = forecasts.as_flown
+            planner = problem.planner if flown is None else problem.planner.as_flown(flown)
+            self._flown[number] = dives, replace(problem, planner=planner)
+        return self._flown[number][1]
+
+    def _put(self, number: int, **changes: Any) -> None:
+        self.of[number] = replace(self.of[number], **changes)
+
+    # ---- messages in
+
+    def take(self, messages: Sequence[Message]) -> None:
+        """Take messages of all vehicles in order of time, and of schema ``END`` where the logs of one end.
+
+        Raises:
+            MeasurementError: They cannot be used, or contradict each other and ``consistency.on_failure`` is ``stop``.
+        """
+        at = dict[int, list[int]]()
+        for place, message in enumerate(messages):
+            at.setdefault(self._owners[message.input] if self._owners else 0, []).append(place)
+        measured = dict[int, tuple[Block, Sequence[int]]]()
+        cuts = list[tuple[int, int, int, FoundWith]]()
+        for number, places in at.items():
+            own = [messages[place] for place in places]
+            block, found, places_of = self._measured(number, own, places)
+            measured[number] = block, places_of
+            cuts += [(places_of[event], number, event, each) for event, each in found.items()]
+        given = dict.fromkeys(measured, 0)
+        for place, number, event, found in sorted(cuts, key=itemgetter(0, 1, 2)):
+            for other, (block, places_of) in measured.items():
+                end = event if other == number else bisect_right(places_of, place - 1)
+                self._give(other, block, given[other], end)
+                given[other] = max(end, given[other])
+                self._reach(other, [messages[k] for k in at[other] if k < place])
+            self._act_on(number, found, messages[place].time_ns)
+        for number, (block, _) in measured.items():
+            self._give(number, block, given[number], len(block.events))
+            self._reach(number, [messages[k] for k in at[number]])
+        self.messages += len(messages)
+        if messages:
+            self.last_ns = messages[-1].time_ns
+        self._release()
+
+    def _reach(self, number: int, messages: Sequence[Message]) -> None:
+        """Take note that a vehicle has begun with the first of some messages, before which others need not wait for it; or has ended."""
+        if messages:
+            of, ended = self.of[number], messages[-1].schema == END
+            due_ns = messages[0].time_ns if of.due_ns is None else of.due_ns
+            self._put(number, due_ns=due_ns, ended=of.ended or ended)
+
+    def _measured(
+        self, number: int, own: Sequence[Message], places: Sequence[int]
+    ) -> tuple[Block, Mapping[int, FoundWith], Sequence[int]]:
+        """Return what messages of a vehicle measured, after its checks, what was found with which event, and of each its message's place."""
+        of, setup, read = self.of[number], self.setups[number], [m for m in own if m.schema != END]
+        first = of.stream.order
+        with self.clock.stage("measure"):
+            stream, block = taken(of.stream, read, self._measured_by, len(read) < len(own))
+        with self.clock.stage("check"):
+            monitoring, block, found = consistency.checked(
+                of.monitoring, block, setup.config, setup.speeds
+            )
+        statistics = of.statistics.after_messages(block.counts())
+        self._put(number, stream=stream, monitoring=monitoring, statistics=statistics)
+        # what waited for the end of the logs comes with it
+        due = np.minimum(block.events[:, 0] - first, len(places) - 1)
+        return block, found, [places[k] for k in due.tolist()]
+
+    def _give(self, number: int, block: Block, begin: int, end: int) -> None:
+        """Take events of a block that was checked."""
+        if end <= begin:
+            return
+        of, setup, rows = self.of[number], self.setups[number], block.events[begin:end]
+        config, kinds, others = setup.config, inputs_of(setup.estimator), list[Any]()
+        monitoring, flight, statistics = of.monitoring, of.flight, of.statistics
+        if config.consistency.on_failure != "ignore":
+            monitoring = consistency.tracked(monitoring, block, rows)
+        bias, is_ping, unused, before = (
+            config.measurements.flight_bias,
+            rows[:, 1] == PING,
+            np.zeros(len(rows), np.bool_),
+            0,
+        )
+        for k in np.flatnonzero((rows[:, 1] == MEAN) | (rows[:, 1] == LINEAR)).tolist():
+            _, kind, row = rows[k].tolist()
+            event: Any = path_mean(block, row) if kind == MEAN else block.linear[row]
+            is_mean = isinstance(event, PathMean)
+            if is_mean:
+                if bias:
+                    flight = with_profiles(flight, block, rows[before:k][is_ping[before:k], 2])
+                    (flight, event), before = corrected(flight, event), k
+                monitoring = replace(monitoring, means=(*monitoring.means, event))
+            beside = is_mean and event.beside_profiles
+            if monitoring.left_out or (isinstance(event, kinds) and (bias or not beside)):
+                pass
+            elif not beside:
+                # one beside profiles that were computed from it is no loss
+                statistics = statistics.with_unsupported(event)
+            if isinstance(event, kinds) and not monitoring.left_out and (bias or not beside):
+                others.append(event)
+            elif is_mean:
+                others.append(Aside(event))
+            else:
+                unused[k] = True
+        if bias:
+            flight = with_profiles(flight, block, rows[before:][is_ping[before:], 2])
+        if monitoring.left_out:
+            rejected = int(np.count_nonzero(is_ping | (rows[:, 1] == MEAN) | (rows[:, 1] == LINEAR)))
+            statistics = statistics.with_rejected(rejected)
+            unused |= is_ping
+        events = Events.of(replace(block, events=rows[~unused]), others)
+        waiting = of.waiting.followed_by(events, of.due_ns)
+        first = [int(events.time.min())] if len(events) else []
+        first += [] if of.first_ns is None else [of.first_ns]
+        self._put(
+            number,
+            monitoring=monitoring,
+            flight=flight,
+            statistics=statistics,
+            waiting=waiting,
+            due_ns=int(waiting.due[-1]) if len(waiting) else of.due_ns,
+            first_ns=min(first, default=None),
+        )
+
+    def _act_on(self, number: int, found: FoundWith, time_ns: int) -> None:
+        """Take up what was found: rebuild the estimate without an instrument that is not believed, open the gate between two sources.
+
+        Raises:
+            MeasurementError: The log cannot be used, or a contradiction is to stop the run.
+        """
+        of, setup = self.of[number], self.setups[number]
+        others = [one for other, one in enumerate(self.of) if other != number]
+        monitoring = of.monitoring
+        if any(contradict for _, contradict in found) and not all(
+            one.monitoring.left_out for one in others
+        ):
+            monitoring, found = consistency.left_out(monitoring, found)
+        monitoring = consistency.noted(monitoring, found, setup.config)
+        self._put(number, monitoring=monitoring)
+        named = [finding for finding, _ in found]
+        self._release(close=True)
+        self._assimilate()
+        if consistency.is_distrusted(named):
+            self._rebuild(number)
+        of, estimator = self.of[number], self.estimator(number)
+        self.current, monitoring, counts = consistency.readmitted(
+            estimator, self.current, of.monitoring, of.statistics.profiles
+        )
+        self._put(
+            number, monitoring=monitoring, statistics=RunStatistics(of.statistics.messages, counts)
+        )
+        self._write(number, map(_warning, named))
+        every = monitoring.findings
+        self._write(number, (lambda writer: writer.consistency(time_ns, every),))
+
+    def _rebuild(self, number: int) -> None:
+        """Make the estimate again without the profiles of a vehicle, or without all that it measured if it is left out.
+
+        With one vehicle its mean currents are all there is.
+        """
+        of, estimator = self.of[number], self.estimator(number)
+        given: list[Given] = [(number, mean) for mean in of.monitoring.means]
+        if self.is_pooled:
+            every = of.monitoring.left_out
+            self.kept = [
+                one
+                for one in self.kept
+                if one[0] != number or not (every or isinstance(one[1], Profiles))
+            ]
+            unused = of.waiting.kind == PING
+            if every:
+                unused |= of.waiting.kind == LINEAR
+            self._put(number, waiting=of.waiting.without(unused))
+            given = self.kept
+        elif not estimator.supports_path_means:
+            given = []
+        prior = self.setups[0].estimator.initial()
+        with self.clock.stage("estimate"):
+            self.current, dives, steps = assimilate(
+                self._estimators, prior, [Dive(prior)] * len(self.of), given
+            )
+        for other, dive in enumerate(dives):
+            own, before = [step for of, step in steps if of == other], self.of[other]
+            counts = consistency.rebuilt(before.statistics.profiles, own)
+            fresh = replace(before.monitoring, gated=(), decisions={})
+            self._put(
+                other,
+                dive=dive,
+                statistics=RunStatistics(before.statistics.messages, counts),
+                monitoring=consistency.with_gated(fresh, own),
+            )
+        self._put(0, publishing=withdraw_windows(self.of[0].publishing))
+
+    # ---- events into the estimate
+
+    def _weight(self, number: int, event: Event) -> int:
+        """Return for how many measurements an event counts among those that are assimilated together."""
+        if isinstance(event, Track | Aside):
+            return 0
+        size = self.setups[number].estimator.block_size
+        # after values at many places the state has a covariance of its own, tens of megabytes: of a block all states are held
+        large = isinstance(event, LinearMeasurement) and not event.at_one_place
+        # each block asks all vehicles
+        return (max(size // _MEANS_TOGETHER, 1) if self.is_pooled else size) if large else 1
+
+    def _release(self, close: bool = False) -> None:
+        """Pass on the events that no other can precede any more.
+
+        Args:
+            close: Whether groups of profiles that others might join wait no longer.
+        """
+        for item in self._released(close):
+            self._waiting.append((item.vehicle, item.event))
+            self._n_waiting.append(self._weight(*self._waiting[-1]))
+            size = self.setups[item.vehicle].estimator.block_size
+            if sum(self._n_waiting) >= size or len(self._waiting) >= _BUFFERED:
+                self._assimilate()
+
+    def _released(self, close: bool) -> list[Item]:
+        """Return what no event of another vehicle can precede any more, in order, and forget it."""
+        running = [
+            (of.due_ns, number)
+            for number, of in enumerate(self.of)
+            if of.due_ns is not None and not of.ended
+        ]
+        until, last = min(running, default=(None, 0)), not running or close
+        free = [
+            len(of.waiting)
+            if until[0] is None
+            else int(
+                np.searchsorted(
+                    of.waiting.due, until[0], side="right" if number <= until[1] else "left"
+                )
+            )
+            for number, of in enumerate(self.of)
+        ]
+        some = [of.waiting.part(0, n) for of, n in zip(self.of, free, strict=True)]
+        due = [(at, number) for number, one in enumerate(some) for at in one.due.tolist()]
+        due = sorted(due) if self.is_pooled else []
+        found = list[Item]()
+        for number, events in enumerate(some):
+            beside = [one for one in due if one[1] != number]
+            grouping = self.setups[number].estimator.grouping
+            of_vehicle, n = items(events, grouping, number, beside, last)
+            found += of_vehicle
+            waiting = self.of[number].waiting
+            if n:
+                self._put(number, waiting=waiting.part(n, len(waiting)))
+        if self.is_pooled:
+            # a group that another vehicle's event ends comes before that
+            found.sort(key=lambda one: (one.due_ns, one.of, one.of == one.vehicle))
+        return found
+
+    def _assimilate(self) -> None:
+        """Assimilate what waits, then let the vehicles publish everything in the order of the events."""
+        given, self._waiting, self._n_waiting = self._waiting, [], []
+        with self.clock.stage("estimate"):
+            self.current, dives, steps = assimilate(
+                self._estimators, self.current, [of.dive for of in self.of], given
+            )
+        if self.is_pooled:
+            self.kept += [
+                (number, _light(event))
+                for number, event in given
+                if not isinstance(event, Track | Aside)
+            ]
+        for number, dive in enumerate(dives):
+            own, of = [step for other, step in steps if other == number], self.of[number]
+            self._put(
+                number,
+                dive=dive,
+                statistics=of.statistics.after_steps(own) if own else of.statistics,
+                monitoring=consistency.with_gated(of.monitoring, own),
+            )
+        for number, step in steps:
+            self._follow_up(number, step)
+        if self.writer is not None:
+            left = self.estimator(0).left_flows(self.current)
+            self.publish_windows(map(self.dated, left))
+        self.current = self.estimator(0).without_left(self.current)
+        for number, of in enumerate(self.of):
+            self._put(number, dive=kept(self.estimator(number), of.dive))
+
+    def without(self, number: int) -> Any:
+        """Return the state of the estimator that all measurements but those of a vehicle lead to, in the same windows."""
+        prior = self.setups[0].estimator.initial()
+        windowed = self.setups[0].estimator.window(prior) is not None
+        given = [one for one in self.kept if windowed or one[0] != number]
+        return state_after(self._estimators, given, self.setups[0].estimator.block_size, number)
+
+    # ---- what follows from a step
+
+    def _follow_up(self, number: int, step: Step) -> None:
+        """Publish a step, and what follows from it."""
+        if not isinstance(step.event, Track):
+            self._follow_one(number, step, step.event)
+        elif not self._passed(number, step, step.event):
+            for position in step.event:
+                self._follow_one(number, step, position)
+
+    def _passed(self, number: int, step: Step, track: Track) -> bool:
+        """Publish positions in a row from which nothing else follows, and return whether they were that."""
+        of, setup = self.of[number], self.setups[number]
+        if setup.problem or self.is_pooled:
+            return False
+        depth = setup.config.measurements.surface_depth
+        if (forecasts := forecast_track(of.forecasts, track, depth)) is None:
+            return False
+        self._put(number, forecasts=forecasts)
+        if self.writer is not None:
+            flow = partial(self._flow, number, step.after)
+            publishing, outputs = publish_track(of.publishing, track, flow)
+            self._put(number, publishing=publishing)
+            self._write(number, outputs)
+        return True
+
+    def _follow_one(self, number: int, step: Step, event: Any) -> None:
+        """Publish a position or measurement, and what follows from it."""
+        before, after = (partial(self._flow, number, state) for state in (step.before, step.after))
+        setup = self.setups[number]
+        if isinstance(event, Aside):
+            self._expect(number, forecast_mean(self.of[number].forecasts, event.mean))
+            return
+        self._plan(number, plans.before_event, event, before)
+        if self.writer is not None:
+            publishing = self.of[number].publishing
+            if self.is_pooled:
+                window = self.estimator(number).window(step.after)
+                publishing = replace(publishing, next_slices_ns=self._next_slices_ns.get(window))
+            publishing, outputs = publish_step(
+                publishing, event, step.assimilation, setup.levels, setup.config.output, after
+            )
+            if self.is_pooled:
+                self._next_slices_ns[window] = publishing.next_slices_ns
+            self._put(number, publishing=publishing)
+            self._write(number, outputs)
+        depth, forecasts = setup.config.measurements.surface_depth, self.of[number].forecasts
+        self._expect(
+            number, forecast_step(forecasts, event, step.assimilation, before, depth)
+        )
+        self._plan(number, plans.after_event, event, after)
+
+    def publish_windows(self, flows: Iterator[FlowEstimate]) -> list[int]:
+        """Publish the last estimates of windows; return their numbers."""
+        before = self.of[0].publishing
+        publishing, windows = publish_windows(before, flows)
+        self._put(0, publishing=publishing)
+        self._write(0, windows)
+        return list(range(before.windows + 1, publishing.windows + 1))
+
+    def end(self) -> None:
+        """Pass on all that waits; then finish a surfacing of each vehicle, and plan from its last position."""
+        self._release(close=True)
+        self._assimilate()
+
+    def end_of(self, number: int) -> FlowEstimate:
+        """Finish a surfacing of a vehicle and plan from its last position; return the estimate that was planned on."""
+        at = partial(self._flow, number, self.current)
+        self._expect(number, forecast_end(self.of[number].forecasts))
+        flow = at(self.last_ns)
+        self._plan(number, plans.plan_at_end, at, flow, self.last_ns)
+        return flow
+
+    def publish(self, flow: FlowEstimate, time_ns: int) -> None:
+        """Publish the last depth slices of an estimate for a time [ns, UTC]."""
+        self._write(0, (depth_slices(time_ns, flow, self.setups[0].config.output),))
+
+    def _flow(self, number: int, state: Any, time_ns: int) -> FlowEstimate:
+        """Return the estimate of a state for a time [ns, UTC], with the current beside it as the dives so far show it."""
+        flow, local = flow_at(self.estimator(number), state, time_ns), self.of[number].forecasts.local
+        return flow if local is None else replace(flow, local=local)
+
+    def flow_now(self) -> FlowEstimate:
+        """Return the estimate at the time of the last message, with what waits; that goes on waiting."""
+        of, estimator = self.of[0], self.estimator(0)
+        if not self.messages:
+            return estimator.flow(self.current)
+        open_group, _ = items(of.waiting, estimator.grouping, 0, last=True)
+        given = [*self._waiting, *((0, item.event) for item in open_group)]
+        current, _, _ = assimilate([estimator], self.current, [of.dive], given)
+        return self.dated(self._flow(0, current, self.last_ns))
+
+    @property
+    def position(self) -> VehicleState | None:
+        """The last position of the first vehicle; None before one."""
+        held = [self.of[0].statistics.profiles.last_position]
+        held += [event[-1] for _, event in self._waiting if isinstance(event, Track)]
+        waiting = self.of[0].waiting
+        if waiting.position:
+            held.append(Track(waiting.position, waiting.topics)[-1])
+        return max(filter(None, held), key=lambda one: one.time_ns, default=None)
+
+    def dated(self, flow: FlowEstimate) -> FlowEstimate:
+        """Return an estimate with the span of its data, which ends at its time."""
+        first_ns = self.of[0].first_ns
+        if first_ns is None or flow.time_ns is None:
+            return flow
+        return replace(flow, span_ns=(first_ns, max(first_ns, flow.time_ns)))
+
+    def _plan(
+        self,
+        number: int,
+        stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]],
+        *arguments: Any,
+    ) -> None:
+        """Make one step of the planning stage, if there is something to plan."""
+        if (problem := self.problem(number)) is not None:
+            with self.clock.stage("plan"):
+                planning, outputs = stage(problem, self.of[number].planning, *arguments)
+            self._put(number, planning=planning)
+            self._write(number, outputs)
+
+    def _expect(
+        self, number: int, expected: tuple[ForecastState, tuple[DiveOutcome, ...]]
+    ) -> None:
+        """Take up the state of the forecasts of surfacings, and write the outcomes of those that came."""
+        forecasts, outcomes = expected
+        if forecasts is not self.of[number].forecasts:
+            self._put(number, forecasts=forecasts)
+        if outcomes:
+            self._write(number, map(_dive_outcome, outcomes))
+
+    def _write(self, number: int, outputs: Iterable[Output]) -> None:
+        """Write outputs, if there is a result."""
+        if self.writer is not None:
+            name = self.setups[number].name
+            own = self.writer.of(name) if name else _ONLY
+            with own, self.clock.stage("write"):
+                for output in outputs:
+                    output(self.writer)
+
+
+def _light(event: Event) -> Event:
+    """Return a measurement without what only its checks, or a result, needed, and apart from the block that it came in."""
+    if isinstance(event, LinearMeasurement):
+        return replace(event, label=replace(event.label, vectors=None))
+    if isinstance(event, Profiles):
+        columns = {name: column.copy() for name, column in event.columns.items()}
+        return Profiles(columns, event.topics)
+    return event
+
+
+def _warning(finding: Finding) -> Output:
+    return lambda writer: writer.log(finding.since_ns, "warning", str(finding))
+
+
+def _dive_outcome(outcome: DiveOutcome) -> Output:
+    return lambda writer: writer.dive_outcome(outcome)
