@@ -34,7 +34,6 @@ _SHARED = ("/flow/estimate", "/flow/grid/", "/flow/arrows/", "/flow/surface", "/
 _SHORT = {
     "/vehicle/fix": "fix",
     "/flow/innovation": "innovation",
-    "/flow/at_vehicle": "at_vehicle",
     "/flow/consistency": "consistency",
     "/flow/surfacing": "surfacing",
 }

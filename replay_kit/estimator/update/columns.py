@@ -73,10 +73,18 @@ class Column:
             i: Its position.
             column: shape (..., q), the column's unknowns.
         """
+        return np.asarray(self.layouts[i].known(self._off(i, column)) @ self.axes)
+
+    def measured(self, i: int, column: Array) -> Array:
+        """Return what a measurement tells of the current: the estimate plus its misfit; arguments and shape as in ``misfit``."""
+        estimated = self.screened[i].local()[0] - self._off(i, column)
+        return np.asarray(estimated @ self.axes) + self.misfit(i, column)
+
+    def _off(self, i: int, column: Array) -> Array:
+        """Return measured minus predicted values as they are, also where only their differences are known, shape (..., m, c) [m/s]."""
         by_component = column.reshape(*column.shape[:-1], self.axes.shape[1], -1)
-        layout = self.layouts[i]
-        off = self.about[i] - layout.functions @ (self.axes @ by_component).swapaxes(-1, -2)
-        return np.asarray(layout.known(off) @ self.axes)
+        predicted = self.layouts[i].functions @ (self.axes @ by_component).swapaxes(-1, -2)
+        return np.asarray(self.about[i] - predicted)
 
     def predicted_variance(self, i: int, covariance: Array) -> Array:
         """Return the variance of a measurement's values, shape (m, a) [m^2/s^2], for the covariance of the column, shape (q, q)."""

@@ -68,7 +68,8 @@ def _innovation(update: Update, at: Sequence[int]) -> Innovation:
     for i, one in zip(at, own, strict=True):
         predicted = column.predicted_variance(i, update.covariance)
         stated = np.outer(column.layouts[i].std ** 2, noise)
-        shown.append(one.among(np.array([*column.misfit(i, means), predicted, stated])))
+        value = column.measured(i, update.mean_after)
+        shown.append(one.among(np.array([*column.misfit(i, means), predicted, stated, value])))
     mean, counts, totals, flags = shown[0], np.ones(1), None, first.flags
     dof = sum(one.rows + one.left for one in judgements)
     if len(at) > 1:
@@ -82,7 +83,7 @@ def _innovation(update: Update, at: Sequence[int]) -> Innovation:
             np.array([getattr(one, name) for one in own]) for name in ("reasons", "flags")
         )
         totals = GroupTotals(dof // 2, before, left, against, tuple(reasons_of(reasons, of_bins)))
-    innovation, residual, prior, of_estimate, of_noise = mean
+    innovation, residual, prior, of_estimate, of_noise, measured = mean
     estimated_std = np.nan
     if own[0].linear.label.mean is not None:
         variance = column.predicted_variance(0, update.covariance_after)
@@ -97,6 +98,7 @@ def _innovation(update: Update, at: Sequence[int]) -> Innovation:
         innovation_std=np.sqrt(of_estimate + of_noise / np.maximum(counts, 1)),
         residual=residual,
         prior_innovation=prior,
+        measured=measured,
         nis=sum(one.nis for one in judgements),
         dof=dof,
         decision="rejected",
