@@ -13,8 +13,8 @@ from typing import Any, Protocol
 import foxglove
 
 from replay_kit.core.errors import Finding
+from replay_kit.core.flow.compact import pack
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.file import save_bytes
 from replay_kit.core.grid import Projection, Seabed
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
@@ -254,17 +254,16 @@ class ResultWriter(ResultFile):
         )
 
     def window(self, number: int, flow: FlowEstimate) -> None:
-        """Attach the last estimate of a window that the vehicle has left, as ``estimate_window_1.nc`` and so on.
+        """Attach the last estimate of a window that the vehicle has left, as ``estimate_window_1.npz`` and so on.
 
         Args:
             number: Of the window, from 1.
             flow: The estimate.
         """
-        time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
-        self.attach(time_ns, f"{WINDOW_NAME}{number}.nc", "application/netcdf", save_bytes(flow))
+        self._attach_estimate(f"{WINDOW_NAME}{number}.npz", flow)
 
     def finish(self, flow: FlowEstimate) -> None:
-        """Attach the last estimate without loss, with its covariance, as ``estimate.nc``; then close.
+        """Attach the last estimate, with its covariance, as ``estimate.npz``; then close.
 
         Raises:
             ReplayKitError: As for ``close``.
@@ -272,8 +271,12 @@ class ResultWriter(ResultFile):
         time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
         layout = layout_of(self.topics)
         self.attach(time_ns, LAYOUT_NAME, "application/json", layout_text(layout).encode())
-        self.attach(time_ns, ESTIMATE_NAME, "application/netcdf", save_bytes(flow))
+        self._attach_estimate(ESTIMATE_NAME, flow)
         self.close()
+
+    def _attach_estimate(self, name: str, flow: FlowEstimate) -> None:
+        time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
+        self.attach(time_ns, name, "application/x-npz", pack(flow))
 
     def _log(self, topic: str, message: _Encodable, time_ns: int) -> None:
         self.write_message(

@@ -33,7 +33,7 @@ from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.readback import read_estimate, read_windows
 from replay_kit.results.schemas import MESSAGES, TIME, Field, decode, numbers
 from replay_kit.results.slices import surface_table
-from replay_kit.results.topics import ESTIMATE_NAME, complete, read_messages
+from replay_kit.results.topics import EARLIER_ESTIMATE, ESTIMATE_NAME, complete, read_messages
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,7 +66,10 @@ class ResultFile:
         by_topic = {channel.topic: counts.get(key, 0) for key, channel in found.channels.items()}
         held = (
             "estimate"
-            if any(index.name == ESTIMATE_NAME for index in found.attachment_indexes)
+            if any(
+                index.name in (ESTIMATE_NAME, EARLIER_ESTIMATE)
+                for index in found.attachment_indexes
+            )
             else "no estimate"
         )
         tables = {
