@@ -12,16 +12,16 @@ from typing import Any, Protocol
 
 import foxglove
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding
+from replay_kit.core.flow.compact import pack
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.file import save_bytes
 from replay_kit.core.grid import Projection, Seabed
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import DiveOutcome, SurfacingOutcome
 from replay_kit.core.version import __version__
 from replay_kit.results import messages
+from replay_kit.results.innovations import TOPIC, block_of
 from replay_kit.results.journal import Journal
 from replay_kit.results.layout.layout import layout_of, layout_text
 from replay_kit.results.mcap_file import ResultFile
@@ -76,7 +76,6 @@ class ResultWriter(ResultFile):
             ConfigError: The result exists and may not be replaced, or its folder does not exist or cannot be written.
         """
         super().__init__(path, overwrite, journal)
-        self._accepted = 0
         self._arrow_scale: float | None = None
         self._on_digest = on_digest
         self._vehicle = ""
@@ -133,45 +132,18 @@ class ResultWriter(ResultFile):
         frame = self._vehicle or messages.VEHICLE_FRAME
         self._log("/tf", messages.vehicle_transform(time_ns, place, heading, frame), time_ns)
 
-    def at_vehicle(
-        self,
-        time_ns: int,
-        place: Sequence[float],
-        velocity: Sequence[float],
-        error: Sequence[float],
-    ) -> None:
-        """Write the estimate at the vehicle to ``/flow/at_vehicle``; arguments as of ``messages.at_vehicle``."""
-        self._log_own(
-            "/flow/at_vehicle",
-            "AtVehicle",
-            messages.at_vehicle(time_ns, place, velocity, error),
-            time_ns,
-        )
-
     def consistency(self, time_ns: int, findings: Sequence[Finding]) -> None:
         """Write all findings so far to ``/flow/consistency``."""
         self._log_own(
             "/flow/consistency", "Consistency", messages.consistency(time_ns, findings), time_ns
         )
 
-    def innovation(self, value: Innovation) -> None:
-        """Write the innovation of an observation to ``/flow/innovation``."""
-        self._log_own("/flow/innovation", "Innovation", messages.innovation(value), value.time_ns)
-        self._accepted += bool(value.accepted)
-
-    def estimate(self, time_ns: int, weights: Array, levels: Array) -> None:
-        """Write the current weights to ``/flow/estimate``, with the number of accepted innovations written before.
-
-        Args:
-            time_ns: [ns, UTC].
-            weights: shape (rZ,), of r modes a level, level after level.
-            levels: shape (Z,) [m], positive down.
-        """
-        data = messages.flow_estimate(time_ns, weights, levels, self._accepted)
-        self._log_own("/flow/estimate", "FlowEstimate", data, time_ns)
+    def innovations(self, block: Sequence[Innovation]) -> None:
+        """Write the innovations of a block of observations, one at least, to ``/flow/innovation``; its time is that of the last one."""
+        self._log_own(TOPIC, "Innovations", block_of(block), max(one.time_ns for one in block))
 
     def grids(self, time_ns: int, flow: FlowEstimate, depths: Sequence[float]) -> None:
-        """Write depth slices to ``/flow/grid/{depth}m`` and ``/flow/arrows/{depth}m``.
+        """Write depth slices to ``/flow/grid/{depth}m`` and ``/flow/arrows/{depth}m``, and the mean unknowns to ``/flow/estimate``.
 
         The first flow that moves sets the scale of the arrows of the whole file, so that later ones can be compared.
 
@@ -189,6 +161,9 @@ class ResultWriter(ResultFile):
                 arrows_message(time_ns, value, self._arrow_scale or 0.0),
                 time_ns,
             )
+        if flow.unknowns is not None:
+            data = messages.unknowns(time_ns, flow)
+            self._log_own("/flow/estimate", "Estimate", data, time_ns)
         self.flush()
 
     def surface(self, time_ns: int, value: Slice) -> None:
@@ -244,14 +219,14 @@ class ResultWriter(ResultFile):
             self._on_digest(value)
 
     @property
-    def state(self) -> tuple[int, float | None]:
-        """What the writer remembers beside the file: the number of accepted innovations, and the arrow scale."""
-        return self._accepted, self._arrow_scale
+    def state(self) -> float | None:
+        """What the writer remembers beside the file: the arrow scale."""
+        return self._arrow_scale
 
     def replay_journal(
         self,
         entries: Iterable[tuple[dict[str, Any], bytes]],
-        state: tuple[int, float | None],
+        state: float | None,
         copy_inputs: Callable[[], None],
     ) -> None:
         """Write what an interrupted run had written.
@@ -262,7 +237,7 @@ class ResultWriter(ResultFile):
             copy_inputs: Copies the inputs, which the journal does not hold.
         """
         self.write_entries(entries, copy_inputs)
-        self._accepted, self._arrow_scale = state
+        self._arrow_scale = state
 
     def summary(self, time_ns: int, summary: Mapping[str, Any]) -> None:
         """Attach the summary of the run as ``summary.json``, for the report; wall times do not belong there.
@@ -279,17 +254,16 @@ class ResultWriter(ResultFile):
         )
 
     def window(self, number: int, flow: FlowEstimate) -> None:
-        """Attach the last estimate of a window that the vehicle has left, as ``estimate_window_1.nc`` and so on.
+        """Attach the last estimate of a window that the vehicle has left, as ``estimate_window_1.npz`` and so on.
 
         Args:
             number: Of the window, from 1.
             flow: The estimate.
         """
-        time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
-        self.attach(time_ns, f"{WINDOW_NAME}{number}.nc", "application/netcdf", save_bytes(flow))
+        self._attach_estimate(f"{WINDOW_NAME}{number}.npz", flow)
 
     def finish(self, flow: FlowEstimate) -> None:
-        """Attach the last estimate without loss, with its covariance, as ``estimate.nc``; then close.
+        """Attach the last estimate, with its covariance, as ``estimate.npz``; then close.
 
         Raises:
             ReplayKitError: As for ``close``.
@@ -297,8 +271,12 @@ class ResultWriter(ResultFile):
         time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
         layout = layout_of(self.topics)
         self.attach(time_ns, LAYOUT_NAME, "application/json", layout_text(layout).encode())
-        self.attach(time_ns, ESTIMATE_NAME, "application/netcdf", save_bytes(flow))
+        self._attach_estimate(ESTIMATE_NAME, flow)
         self.close()
+
+    def _attach_estimate(self, name: str, flow: FlowEstimate) -> None:
+        time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
+        self.attach(time_ns, name, "application/x-npz", pack(flow))
 
     def _log(self, topic: str, message: _Encodable, time_ns: int) -> None:
         self.write_message(

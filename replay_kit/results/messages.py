@@ -8,20 +8,20 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from typing import Any, Literal
+from zlib import crc32
 
 import foxglove.messages as fox
 import numpy as np
 from numpy.typing import ArrayLike
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import Finding, ReplayKitError, finding_json
+from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Fix, Innovation, VehicleState
+from replay_kit.core.observation import Fix, VehicleState
 from replay_kit.core.plan import Plan, leg_statistics
 from replay_kit.core.region import collection_text, feature, positions
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome, SurfacingOutcome, planned_ellipses
-from replay_kit.results.flight_correction import mean_current_values
 from replay_kit.results.schemas import encode
 
 Level = Literal["debug", "info", "warning", "error"]
@@ -40,7 +40,6 @@ _SECOND = 1_000_000_000
 # a finding's key in JSON, whose field has another name
 _FINDING = {"set": "advice"}
 # attributes that the messages have under the same names
-_OF_INNOVATION = "dive depth nis dof error_inflation decision gate_statistic signal_dof profiles"
 _OF_PLAN = "status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach track_time energy battery"
 
 
@@ -90,32 +89,6 @@ def vehicle_transform(
     )
 
 
-def at_vehicle(
-    time_ns: int, place: Sequence[float], velocity: Sequence[float], error: Sequence[float]
-) -> bytes:
-    """Return ``replay_kit.AtVehicle``.
-
-    Args:
-        time_ns: [ns, UTC].
-        place: Longitude, latitude [degrees] and depth [m].
-        velocity: Towards true east and true north [m/s].
-        error: Standard errors of both [m/s]; NaN where unknown.
-    """
-    names = (
-        "longitude",
-        "latitude",
-        "depth",
-        "east",
-        "north",
-        "east_standard_error",
-        "north_standard_error",
-    )
-    return encode(
-        "AtVehicle",
-        {"timestamp": _time(time_ns), **dict(zip(names, (*place, *velocity, *error), strict=True))},
-    )
-
-
 def consistency(time_ns: int, findings: Sequence[Finding]) -> bytes:
     """Return ``replay_kit.Consistency``: all findings so far."""
     found = [
@@ -154,43 +127,16 @@ def log_message(time_ns: int, level: Level, text: str) -> fox.Log:
     return fox.Log(timestamp=stamp(time_ns), level=_LEVELS[level], message=text, name="replay-kit")
 
 
-def innovation(value: Innovation) -> bytes:
-    """Return ``replay_kit.Innovation``."""
-    source = value.source
-    values: dict[str, Any] = {
-        "timestamp": _time(value.time_ns),
-        "source_input": source.input,
-        "source_topic": source.topic,
-        "source_position": source.position,
-        "source_time": _time(source.time_ns),
-        "accepted": bool(value.accepted),
-        "flags": value.flags.tolist(),
-        "reasons": value.reasons.tolist(),
-        "gate_threshold": value.gate,
-    }
-    for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
-        values[f"{name}_east"], values[f"{name}_north"] = getattr(value, name).T
-    if value.replayed_residual is not None:
-        values["replayed_residual_east"], values["replayed_residual_north"] = (
-            value.replayed_residual.T
-        )
-    if value.mean_kind:
-        values["mean_current"] = mean_current_values(value)
-    return encode("Innovation", values | _attributes(value, _OF_INNOVATION))
+def basis_of(flow: FlowEstimate) -> int:
+    """Return a number that tells the modes of an estimate from those of another window."""
+    return crc32(flow.modes.astype("<f4").tobytes())
 
 
-def flow_estimate(time_ns: int, weights: Array, levels: Array, n_observations: int) -> bytes:
-    """Return ``replay_kit.FlowEstimate``; arguments as in ``ResultWriter.estimate``."""
-    return encode(
-        "FlowEstimate",
-        {
-            "timestamp": _time(time_ns),
-            "n_modes": weights.size // levels.size,
-            "levels": levels,
-            "weights": weights,
-            "n_observations": n_observations,
-        },
-    )
+def unknowns(time_ns: int, flow: FlowEstimate) -> bytes:
+    """Return ``replay_kit.Estimate``: the mean of the unknowns of an estimate that has some."""
+    assert flow.unknowns is not None
+    values = {"timestamp": _time(time_ns), "basis": basis_of(flow), "x": flow.unknowns.x}
+    return encode("Estimate", values)
 
 
 def plan_controls(plan: Plan) -> bytes:
@@ -331,7 +277,7 @@ def _time(time_ns: int) -> dict[str, int]:
     return {"seconds": time.sec, "nanos": time.nsec}
 
 
-def _attributes(value: Innovation | Plan, names: str) -> dict[str, Any]:
+def _attributes(value: Plan, names: str) -> dict[str, Any]:
     """Return attributes that a message has under the same names."""
     return {name: getattr(value, name) for name in names.split()}
 

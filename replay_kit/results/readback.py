@@ -20,7 +20,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_
 from replay_kit.core.errors import ForecastError, ReplayKitError
 from replay_kit.core.inputs import open_input
 from replay_kit.core.paths import as_path
-from replay_kit.results.topics import ESTIMATE_NAME, WINDOW_NAME, WINDOWS_RECORD
+from replay_kit.results.topics import EARLIER_ESTIMATE, ESTIMATE_NAME, WINDOW_NAME, WINDOWS_RECORD
 
 if TYPE_CHECKING:
     from replay_kit.core.flow.estimate import FlowEstimate
@@ -191,9 +191,6 @@ def read_windows(path: str | Path) -> "tuple[FlowEstimate, ...]":
     Raises:
         ForecastError: As for ``read_estimate``.
     """
-    # here, as in the next function, because a status needs none of what holds an estimate
-    from replay_kit.core.flow.file import load_bytes
-
     last, path = read_estimate(path), as_path(path, "result")
     with path.open("rb") as file:
         reader = make_reader(file)
@@ -201,39 +198,31 @@ def read_windows(path: str | Path) -> "tuple[FlowEstimate, ...]":
             record.metadata for record in reader.iter_metadata() if record.name == WINDOWS_RECORD
         ]
         left = {
-            int(record.name.removeprefix(WINDOW_NAME).removesuffix(".nc")): record
+            int(record.name.removeprefix(WINDOW_NAME).partition(".")[0]): record
             for record in reader.iter_attachments()
             if record.name.startswith(WINDOW_NAME)
         }
     withdrawn = int(records[0].get("withdrawn", 0)) if records else 0
-    return (
-        *(
-            load_bytes(left[number].data, f"{path}#{left[number].name}")
-            for number in sorted(left)
-            if number > withdrawn
-        ),
-        last,
-    )
+    held = (_estimate(path, left[number]) for number in sorted(left) if number > withdrawn)
+    return (*held, last)
 
 
 def read_estimate(path: str | Path) -> "FlowEstimate":
-    """Return the last estimate of a result MCAP, from its attachment ``estimate.nc``.
+    """Return the last estimate of a result MCAP, from its attachment.
 
     Args:
-        path: A file written by ``ResultWriter``.
+        path: A file written by ``ResultWriter``, also of an earlier version.
 
     Raises:
         ForecastError: The file is no readable MCAP or carries no estimate.
     """
-    from replay_kit.core.flow.file import load_bytes
-
     path = as_path(path, "result")
     try:
         with open_input(path) as file:
             attachments = [
-                record.data
+                record
                 for record in make_reader(file).iter_attachments()
-                if record.name == ESTIMATE_NAME
+                if record.name in (ESTIMATE_NAME, EARLIER_ESTIMATE)
             ]
     except OSError as error:
         raise ForecastError(f"{path}: cannot read the result: {error.strerror}") from error
@@ -244,4 +233,14 @@ def read_estimate(path: str | Path) -> "FlowEstimate":
             f"{path}: carries no {ESTIMATE_NAME}, as a result written without its estimate, of an unfinished run or of a plan alone; "
             "its fixes, innovations and plans can be read, but no current: replay the log for an estimate"
         )
-    return load_bytes(attachments[-1], f"{path}#{ESTIMATE_NAME}")
+    return _estimate(path, attachments[-1])
+
+
+def _estimate(path: Path, record: Attachment) -> "FlowEstimate":
+    """Return the estimate that an attachment holds."""
+    # here, because a status needs none of what holds an estimate
+    from replay_kit.core.flow.compact import unpack
+    from replay_kit.core.flow.file import load_bytes
+
+    read = load_bytes if record.name.endswith(".nc") else unpack
+    return read(record.data, f"{path}#{record.name}")

@@ -1,10 +1,9 @@
 """A result MCAP as a notebook wants it: the estimate, and tables of all else."""
 
-import tomllib
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,27 +20,20 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import open_input
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
-from replay_kit.results.columns import shared, single_columns, table_of
-from replay_kit.results.flight_correction import named_by_contract
-from replay_kit.results.measurements import (
+from replay_kit.results.innovations import (
+    ROWS,
     Measured,
     Tables,
     dives_of,
     measured_of,
-    measurement_blocks,
-    measurement_tables,
+    table_of,
+    tables_in,
 )
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.readback import read_estimate, read_windows
-from replay_kit.results.schemas import decode
+from replay_kit.results.schemas import MESSAGES, TIME, Field, decode, numbers
 from replay_kit.results.slices import surface_table
-from replay_kit.results.topics import (
-    CONFIG_NAME,
-    ESTIMATE_NAME,
-    complete,
-    read_messages,
-    stated_records,
-)
+from replay_kit.results.topics import EARLIER_ESTIMATE, ESTIMATE_NAME, complete, read_messages
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,7 +66,10 @@ class ResultFile:
         by_topic = {channel.topic: counts.get(key, 0) for key, channel in found.channels.items()}
         held = (
             "estimate"
-            if any(index.name == ESTIMATE_NAME for index in found.attachment_indexes)
+            if any(
+                index.name in (ESTIMATE_NAME, EARLIER_ESTIMATE)
+                for index in found.attachment_indexes
+            )
             else "no estimate"
         )
         tables = {
@@ -123,43 +118,45 @@ class ResultFile:
     @cached_property
     def fixes(self) -> "pd.DataFrame":
         """Positions: longitude and latitude [degrees], depth [m] (NaN when unknown), whether dead reckoned."""
-        times, reckoned = array("q"), array("b")
-        longitudes, latitudes, depths = places = array("d"), array("d"), array("d")
+        # rows of Python values of a million positions do not fit into memory
+        rows = array("d")
+        times = array("q")
         for time_ns, fix in self._foxglove("/vehicle/fix"):
             about = {pair.key: pair.value for pair in fix.metadata}
             times.append(time_ns)
-            longitudes.append(fix.longitude)
-            latitudes.append(fix.latitude)
-            depths.append(float(about.get("depth", "nan")))
-            reckoned.append(about.get("dead_reckoned") == "1")
-        named = dict(zip(("longitude", "latitude", "depth"), map(shared, places), strict=True))
+            depth, reckoned = about.get("depth", "nan"), about.get("dead_reckoned") == "1"
+            rows.extend((fix.longitude, fix.latitude, float(depth), reckoned))
+        longitude, latitude, depths, dead = np.array(rows).reshape(-1, 4).T
         return table_of(
             {
-                "time": shared(times).view("datetime64[ns]"),
-                **named,
-                "dead_reckoned": shared(reckoned).view(np.bool_),
+                "time": np.array(times, np.int64).view("datetime64[ns]"),
+                "longitude": longitude,
+                "latitude": latitude,
+                "depth": depths,
+                "dead_reckoned": dead > 0.0,
             }
         )
 
-    @cached_property
+    @property
     def observations(self) -> "pd.DataFrame":
-        """Measurements with what was done with them: a row each, the single values of ``replay_kit.Innovation``.
+        """Measurements with what was done with them: a row each, the single values of ``replay_kit.Innovations``.
 
-        ``rms_innovation``, ``rms_residual`` and ``rms_prior_innovation`` [m/s] are over the components of the bins used.
+        ``rms_innovation``, ``rms_residual`` and ``rms_prior_innovation`` [m/s] are over the components of the bins used. Of a mean current
+        ``predicted`` and ``estimated`` are the estimate's mean along the path before and after the update.
         """
         return self._tables[0]
 
-    @cached_property
+    @property
     def innovations(self) -> "pd.DataFrame":
-        """Bins of the measurements: a row each, the lists of ``replay_kit.Innovation``; ``observation`` is the row in ``observations``.
+        """Bins of the measurements: a row each, from ``replay_kit.Innovations``; ``observation`` is the row in ``observations``.
 
-        Values of a list that a measurement does not have are NaN.
+        What is not known of a bin is NaN.
         """
         return self._tables[1]
 
     @cached_property
     def _tables(self) -> Tables:
-        return measurement_tables(self._decoded("/flow/innovation", "Innovation"), self._contract)
+        return next(tables_in(self.path))
 
     @cached_property
     def measured(self) -> Measured:
@@ -168,15 +165,7 @@ class ResultFile:
 
     def blocks(self) -> Iterator[Tables]:
         """Yield ``observations`` and ``innovations`` of some measurements after others."""
-        return measurement_blocks(self._decoded("/flow/innovation", "Innovation"), self._contract)
-
-    @cached_property
-    def _contract(self) -> Callable[[dict[str, Any]], dict[str, Any]]:
-        """Returns columns of measurements as this version of the contract names them."""
-        with complete(self.path), self.path.open("rb") as file:
-            metadata, attached = stated_records(make_reader(file))
-            settings = tomllib.loads(attached.get(CONFIG_NAME, b"").decode())
-        return partial(named_by_contract, metadata=metadata, settings=settings)
+        return tables_in(self.path, ROWS)
 
     @cached_property
     def dives(self) -> "pd.DataFrame":
@@ -200,12 +189,14 @@ class ResultFile:
         projection, rows = self._projection, list[tuple[Any, ...]]()
         for number, plan in enumerate(self._decoded("/plan/controls", "Plan")):
             start = plan.timestamp.ToNanoseconds()
-            times = start + np.rint(1e9 * np.asarray(plan.track_time)).astype(np.int64)
-            places = to_geographic(projection, plan.track_east, plan.track_north)
-            bottom = plan.track_bottom or [np.nan] * len(times)
-            rows += zip(
-                times, *places, plan.track_depth, [number] * len(times), bottom, strict=True
+            seconds, east, north, depth, bottom = (
+                numbers("Plan", plan, f"track_{name}")
+                for name in ("time", "east", "north", "depth", "bottom")
             )
+            times = start + np.rint(1e9 * seconds).astype(np.int64)
+            places, unknown = to_geographic(projection, east, north), [np.nan] * len(times)
+            known = bottom if bottom.size else unknown
+            rows += zip(times, *places, depth, [number] * len(times), known, strict=True)
         return _table(rows, "time longitude latitude depth plan bottom")
 
     @cached_property
@@ -265,8 +256,33 @@ class ResultFile:
         return (decode(name, data) for _, data in read_messages(self.path, topic))
 
     def _own(self, topic: str, name: str) -> "pd.DataFrame":
-        """Return the single values of the messages of a topic."""
-        return table_of(single_columns(self._decoded(topic, name), name))
+        """Return the single values of the messages of a topic: a column for each, and for each part of a place and the like."""
+        fields = [field for field in MESSAGES[name] if not field.repeated]
+        return table_of(
+            {
+                column: values
+                for field in fields
+                for column, values in _columns(field, [*self._decoded(topic, name)])
+            }
+        )
+
+
+def _columns(field: Field, messages: Sequence[Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the columns of a single field of messages; times as ``datetime64[ns]``, parts that a message lacks as NaN."""
+    held = [getattr(one, field.name) for one in messages]
+    if field.type == TIME:
+        times = np.array([one.ToNanoseconds() for one in held], np.int64)
+        yield field.name, times.view("datetime64[ns]")
+    elif field.type.startswith("."):
+        for part in MESSAGES[field.type.rpartition(".")[2]]:
+            known = [one.HasField(field.name) for one in messages]
+            values = [
+                getattr(one, part.name) if has else np.nan
+                for one, has in zip(held, known, strict=True)
+            ]
+            yield f"{field.name}_{part.name}", values
+    else:
+        yield field.name, held
 
 
 def result_path(path: str | Path) -> Path:

@@ -6,6 +6,7 @@ folder lists the same fields with units and meanings. A change of a number, name
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from google.protobuf import timestamp_pb2
 from google.protobuf.descriptor_pb2 import (
     FieldDescriptorProto,
@@ -15,18 +16,28 @@ from google.protobuf.descriptor_pb2 import (
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
+from numpy.typing import NDArray
 
-CONTRACT_VERSION = 5
+CONTRACT_VERSION = 6
 
 _PACKAGE = "replay_kit"
 TIME = ".google.protobuf.Timestamp"
 _SCALARS = {
-    "double": FieldDescriptorProto.TYPE_DOUBLE,
-    "int32": FieldDescriptorProto.TYPE_INT32,
-    "uint32": FieldDescriptorProto.TYPE_UINT32,
-    "uint64": FieldDescriptorProto.TYPE_UINT64,
-    "bool": FieldDescriptorProto.TYPE_BOOL,
-    "string": FieldDescriptorProto.TYPE_STRING,
+    name: getattr(FieldDescriptorProto, f"TYPE_{name.upper()}")
+    for name in (
+        *("double", "float", "uint32", "fixed32", "sfixed32"),
+        *("fixed64", "sfixed64", "bool", "string"),
+    )
+}
+#: How a list of numbers lies in a message, one behind the other: it is read and written as bytes.
+ARRAYS = {
+    "double": "<f8",
+    "float": "<f4",
+    "fixed32": "<u4",
+    "sfixed32": "<i4",
+    "fixed64": "<u8",
+    "sfixed64": "<i8",
+    "bool": "?",
 }
 
 
@@ -51,71 +62,54 @@ def _fields(type_name: str, *names: str) -> tuple[Field, ...]:
 
 
 MESSAGES: dict[str, tuple[Field, ...]] = {
-    "FlowEstimate": (
+    "Estimate": (
         *_fields(TIME, "timestamp"),
-        *_fields("uint32", "n_modes"),
-        *_fields("double[]", "levels", "weights"),
-        *_fields("uint32", "n_observations"),
+        *_fields("fixed32", "basis"),
+        *_fields("float[]", "x"),
     ),
-    "Innovation": (
-        *_fields(TIME, "timestamp"),
-        *_fields("uint32", "source_input"),
-        *_fields("string", "source_topic"),
-        *_fields("uint64", "source_position"),
-        *_fields(TIME, "source_time"),
-        *_fields("uint32", "dive"),
+    "Innovations": (
+        *_fields("sfixed64[]", "timestamp"),
+        *_fields("fixed32[]", "source_input"),
+        *_fields("string[]", "source_topic"),
+        *_fields("fixed64[]", "source_position"),
+        *_fields("sfixed64[]", "source_time"),
+        *_fields("fixed32[]", "dive"),
+        *_fields("double[]", "nis"),
+        *_fields("fixed32[]", "dof"),
+        *_fields("bool[]", "accepted"),
+        *_fields("double[]", "error_inflation"),
+        *_fields("string[]", "decision"),
+        *_fields("double[]", "gate_statistic", "gate_threshold", "signal_dof"),
+        *_fields("string[]", "mean_current_kind"),
         *_fields(
             "double[]",
+            "mean_current_measured_east",
+            "mean_current_measured_north",
+            "mean_current_corrected_east",
+            "mean_current_corrected_north",
+            "mean_current_measured_standard_error",
+            "mean_current_corrected_standard_error",
+            "mean_current_estimated_standard_error",
+        ),
+        *_fields("fixed32[]", "profiles", "bins"),
+        *_fields(
+            "float[]",
             "depth",
+            "measured_east",
+            "measured_north",
             "innovation_east",
             "innovation_north",
             "innovation_std_east",
             "innovation_std_north",
-        ),
-        *_fields(
-            "double[]",
             "residual_east",
             "residual_north",
             "prior_innovation_east",
             "prior_innovation_north",
+            "replayed_residual_east",
+            "replayed_residual_north",
         ),
-        *_fields("double", "nis"),
-        *_fields("uint32", "dof"),
-        *_fields("bool", "accepted"),
-        *_fields("double", "error_inflation"),
-        *_fields("int32[]", "flags"),
-        *_fields("uint32[]", "reasons"),
-        *_fields("string", "decision"),
-        *_fields("double", "gate_statistic", "gate_threshold", "signal_dof", "prior_inflation"),
-        *_fields(".replay_kit.MeanCurrent", "mean_current"),
-        *_fields("double[]", "replayed_residual_east", "replayed_residual_north"),
-        *_fields("uint32", "profiles"),
-    ),
-    "MeanCurrent": (
-        *_fields("string", "kind"),
-        *_fields("double", "measured_east", "measured_north", "predicted_east", "predicted_north"),
-        *_fields(
-            "double", "corrected_east", "corrected_north", "estimated_east", "estimated_north"
-        ),
-        *_fields(
-            "double",
-            "measured_standard_error",
-            "corrected_standard_error",
-            "estimated_standard_error",
-        ),
-    ),
-    "AtVehicle": (
-        *_fields(TIME, "timestamp"),
-        *_fields(
-            "double",
-            "longitude",
-            "latitude",
-            "depth",
-            "east",
-            "north",
-            "east_standard_error",
-            "north_standard_error",
-        ),
+        *_fields("sfixed32[]", "flags"),
+        *_fields("fixed32[]", "reasons"),
     ),
     "Finding": _fields("string", "name", "since", "severity", "evidence", "likely_cause", "advice"),
     "Consistency": (*_fields(TIME, "timestamp"), *_fields(".replay_kit.Finding[]", "findings")),
@@ -170,7 +164,7 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
 }
 
 
-def _field(number: int, field: Field) -> FieldDescriptorProto:
+def _field(number: int, field: Field, as_bytes: bool) -> FieldDescriptorProto:
     label = (
         FieldDescriptorProto.LABEL_REPEATED
         if field.repeated
@@ -178,6 +172,13 @@ def _field(number: int, field: Field) -> FieldDescriptorProto:
     )
     if field.type.startswith("."):
         kind, type_name = FieldDescriptorProto.TYPE_MESSAGE, field.type
+    elif as_bytes and field.repeated and field.type in ARRAYS:
+        # of numbers of one length a packed list lies in a message as bytes do
+        label, kind, type_name = (
+            FieldDescriptorProto.LABEL_OPTIONAL,
+            FieldDescriptorProto.TYPE_BYTES,
+            None,
+        )
     else:
         kind, type_name = _SCALARS[field.type], None
     return FieldDescriptorProto(
@@ -185,7 +186,7 @@ def _field(number: int, field: Field) -> FieldDescriptorProto:
     )
 
 
-def _file() -> FileDescriptorProto:
+def _file(as_bytes: bool = False) -> FileDescriptorProto:
     file = FileDescriptorProto(
         name="replay_kit/results.proto",
         package=_PACKAGE,
@@ -194,7 +195,8 @@ def _file() -> FileDescriptorProto:
     )
     for name, fields in MESSAGES.items():
         file.message_type.add(
-            name=name, field=[_field(number, field) for number, field in enumerate(fields, start=1)]
+            name=name,
+            field=[_field(number, field, as_bytes) for number, field in enumerate(fields, start=1)],
         )
     return file
 
@@ -209,7 +211,7 @@ def _classes() -> dict[str, type[Message]]:
     # A pool of our own: the names stay free for a reader that decodes a result in the same process.
     pool = DescriptorPool()
     pool.Add(_timestamp_file())
-    pool.Add(_file())
+    pool.Add(_file(as_bytes=True))
     return {
         name: GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}")) for name in MESSAGES
     }
@@ -227,11 +229,22 @@ def encode(name: str, values: dict[str, Any]) -> bytes:
 
     Args:
         name: Message of the table, without the package.
-        values: Field name to value; nested messages as mappings, times as mappings of seconds and nanos.
+        values: Field name to value; nested messages as mappings, times as mappings of seconds and nanos, lists of numbers as arrays.
     """
-    return bytes(_CLASSES[name](**values).SerializeToString(deterministic=True))
+    packed = {
+        field.name: np.asarray(values[field.name], ARRAYS[field.type]).tobytes()
+        for field in MESSAGES[name]
+        if field.repeated and field.type in ARRAYS and field.name in values
+    }
+    return bytes(_CLASSES[name](**values | packed).SerializeToString(deterministic=True))
 
 
 def decode(name: str, data: bytes) -> Message:
-    """Return a message of the table from its protobuf bytes, with the field names of this version of the contract."""
+    """Return a message of the table from its protobuf bytes; ``numbers`` gives its lists of numbers."""
     return _CLASSES[name].FromString(data)
+
+
+def numbers(name: str, message: Any, field: str) -> NDArray[Any]:
+    """Return a list of numbers of a decoded message of the table, shape (n,)."""
+    (kind,) = (one.type for one in MESSAGES[name] if one.name == field)
+    return np.frombuffer(getattr(message, field), ARRAYS[kind])

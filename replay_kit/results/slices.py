@@ -1,7 +1,7 @@
 """Depth slices of a flow for viewers: a regular grid of values and a field of arrows.
 
 The grid is along the local axes, its spacing nearly the ensemble's own, its centres near the ensemble's points and within their
-range. Values are for looking at (float32); the lossless flow is in the attachment ``estimate.nc``.
+range. Values are for looking at (float32); the estimate is in the attachment ``estimate.npz``.
 """
 
 from collections.abc import Iterable, Mapping

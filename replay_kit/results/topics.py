@@ -20,8 +20,10 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.inputs import open_input
 
 #: Names of attachments and metadata records.
-ESTIMATE_NAME = "estimate.nc"
-#: Beginning of the names of the estimates of windows that the vehicle left; their number and ``.nc`` follow.
+ESTIMATE_NAME = "estimate.npz"
+#: Its name in results of earlier versions, where it is NetCDF.
+EARLIER_ESTIMATE = "estimate.nc"
+#: Beginning of the names of the estimates of windows that the vehicle left; their number and the same ending follow.
 WINDOW_NAME = "estimate_window_"
 #: Name of the metadata record that holds how many of them, the first ones, belong to an estimate that was rebuilt.
 WINDOWS_RECORD = "replay_kit.windows"

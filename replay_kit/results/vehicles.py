@@ -18,6 +18,7 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.results.topics import (
     CONFIG_NAME,
     DIGEST_NAME,
+    EARLIER_ESTIMATE,
     ESTIMATE_NAME,
     WINDOW_NAME,
     WINDOWS_RECORD,
@@ -34,7 +35,6 @@ _SHARED = ("/flow/estimate", "/flow/grid/", "/flow/arrows/", "/flow/surface", "/
 _SHORT = {
     "/vehicle/fix": "fix",
     "/flow/innovation": "innovation",
-    "/flow/at_vehicle": "at_vehicle",
     "/flow/consistency": "consistency",
     "/flow/surfacing": "surfacing",
 }
@@ -170,8 +170,11 @@ def _own_window(vehicle: str, reader: McapReader) -> dict[str, str]:
     """Return the names that two estimates change, so that the last one of a vehicle's part is that of its window; none where it is."""
     records = (one.metadata for one in reader.iter_metadata() if one.name == WINDOWS_RECORD)
     number = json.loads(next(records, {}).get("vehicles", "{}")).get(vehicle)
-    name = f"{WINDOW_NAME}{number}.nc"
-    return {name: ESTIMATE_NAME, ESTIMATE_NAME: name} if number else {}
+    found = dict[str, str]()
+    for name in (ESTIMATE_NAME, EARLIER_ESTIMATE) if number else ():
+        own = f"{WINDOW_NAME}{number}.{name.rpartition('.')[2]}"
+        found |= {own: name, name: own}
+    return found
 
 
 def _registered(writer: Writer, channel: Channel, topic: str, schema: int) -> int:

@@ -10,7 +10,7 @@ from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replay_kit.results.measurements import Tables
+from replay_kit.results.innovations import Tables
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile, result_path
 from replay_kit.results.vehicles import part_path, vehicles_in, write_part

@@ -50,7 +50,7 @@ class Live:
         forecasts = read_forecasts(ensemble, config, None, None)
         estimator = build(forecasts, config)
         speeds = checked_speeds(forecasts.ensemble, config)
-        self._session = Session(estimator, forecasts.ensemble.grid.levels, config, speeds=speeds)
+        self._session = Session(estimator, config, speeds=speeds)
         self._config = for_region(config, forecasts.ensemble).measurements
         self._stream = begun(config.logs.system, config.logs.component)
 

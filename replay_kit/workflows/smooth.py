@@ -1,8 +1,8 @@
 """Logs to a smoothed result: at each published time the estimate from the measurements before and after it.
 
-The file is that of a replay (``replay_kit/results/CHANNELS.md``) with other contents in three places: grids are those of the smoothed
-estimate at the published times; weights those at the published times and, carried forward from the one before, at each measurement; the
-residual of a measurement is that to the same, and the replay's stands beside it. Innovations, NIS and the gate's decisions stay those of
+The file is that of a replay (``replay_kit/results/CHANNELS.md``) with other contents in two places: grids and unknowns are those of the
+smoothed estimate at the published times; the residual of a measurement is that to the one before, carried forward to the measurement, and
+the replay's stands beside it. Innovations, NIS and the gate's decisions stay those of
 the replay, which did not know later measurements.
 """
 
@@ -15,7 +15,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown, FlownDive
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
@@ -44,6 +43,8 @@ from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_u
 from replay_kit.workflows.replay.surfacings.forecasts import flown_of
 
 _NS = 1_000_000_000
+# Innovations written together.
+_BLOCK = 16
 #: Said in a result whose estimate is static.
 STATIC = "the estimate does not change with time: smoothed, it is the last estimate at all times"
 
@@ -239,10 +240,9 @@ def _write(
         writer.start(prior.grid.projection, min(times), metadata, run_settings_toml(config))
         for note in _notes(estimator):
             writer.log(min(times), "info", note)
-        due = 0
+        due, block = 0, list[Innovation]()
         for event, innovation in zip(forward.events, forward.innovations, strict=True):
             while due < len(published) and published[due] <= event.time_ns:
-                _write_weights(writer, estimator, states[due], published[due], prior.levels)
                 flow = flow_at(estimator, states[due], published[due])
                 depth_slices(published[due], flow, config.output)(writer)
                 due += 1
@@ -250,8 +250,12 @@ def _write(
                 writer.fix(event)  # type: ignore[arg-type]  # a measurement has an innovation
             else:
                 state = estimator.predict(states[max(due - 1, 0)], event.time_ns)
-                writer.innovation(_smoothed(estimator, state, event, innovation))
-                _write_weights(writer, estimator, state, event.time_ns, prior.levels)
+                block.append(_smoothed(estimator, state, event, innovation))
+                if len(block) == _BLOCK:
+                    writer.innovations(block)
+                    block = []
+        if block:
+            writer.innovations(block)
         if forward.as_flown is not None:
             writer.write_metadata(AS_FLOWN, forward.as_flown.to_record())
         flow = flow_at(estimator, states[-1], published[-1])
@@ -259,15 +263,6 @@ def _write(
     except BaseException:
         writer.abandon()
         raise
-
-
-def _write_weights(
-    writer: ResultWriter, estimator: Estimator[Any], state: Any, time_ns: int, levels: Array
-) -> None:
-    """Write the weights of a state, if it has any."""
-    weights = estimator.weights(state)
-    if weights is not None:
-        writer.estimate(time_ns, weights, levels)
 
 
 def _smoothed(

@@ -259,7 +259,15 @@ def plot(
 
 _FILES = Ending((".nc", ".csv", ".kml", ".geojson"))
 _TABLES = Literal[
-    "series", "track", "section", "dives", "innovations", "surface", "surfacings", "plans"
+    "series",
+    "track",
+    "section",
+    "dives",
+    "innovations",
+    "surface",
+    "surfacings",
+    "plans",
+    "estimate",
 ]
 
 
@@ -290,7 +298,7 @@ def export(
         _TABLES | None,
         option(
             "--table",
-            "Export only this table. Default: all; in CSV the series with --at, else the track.",
+            "Export only this table; estimate as --save-estimate writes it. Default: all tables; in CSV the series with --at, else the track.",
         ),
     ] = None,
     vehicle: _VEHICLE = None,

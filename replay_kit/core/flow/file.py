@@ -138,27 +138,31 @@ _CODED: dict[str, tuple[Callable[[Any], Array], Callable[[Any], Any]]] = {
 }
 
 
-def _held(flow: FlowEstimate, names: str) -> Any:
+def held(flow: FlowEstimate, names: str) -> Any:
     """Return a part of a flow by names of attributes and positions with dots between; None where it is not there."""
-    held: Any = flow
+    part: Any = flow
     for name in names.split("."):
-        held = held[int(name)] if name.isdigit() and held is not None else getattr(held, name, None)
-    return held
+        part = part[int(name)] if name.isdigit() and part is not None else getattr(part, name, None)
+    return part
+
+
+def kind_of(flow: FlowEstimate) -> str:
+    """Return the name of the kind of a flow's horizontal functions."""
+    return next(name for name, kind in _KINDS.items() if isinstance(flow.horizontal, kind))
 
 
 def to_lossless(flow: FlowEstimate) -> xr.Dataset:
     """Return the flow as the dataset from which ``load`` makes an equal one."""
     import xarray as xr  # loads slowly, and who reads a saved flow needs it not
 
-    kind = next(name for name, kind in _KINDS.items() if isinstance(flow.horizontal, kind))
     variables: dict[str, xr.Variable] = {}
     attrs: dict[str, Any] = {
         "replay_kit_format": FORMAT,
         "replay_kit_format_version": np.int32(FORMAT_VERSION),
-        "horizontal_functions": kind,
+        "horizontal_functions": kind_of(flow),
     }
     for name, names, dims, *words in FIELDS:
-        values, is_time = _held(flow, names), names.endswith("_ns")
+        values, is_time = held(flow, names), names.endswith("_ns")
         # NetCDF has no dimension of length zero that is not unlimited
         if values is None or not np.size(values):
             continue
@@ -201,7 +205,7 @@ def load(path: str | Path) -> FlowEstimate:
 
 
 def load_bytes(data: bytes, name: str) -> FlowEstimate:
-    """Return the flow of a saved file's bytes, such as the attachment ``estimate.nc`` of a result MCAP.
+    """Return the flow of a saved file's bytes, such as the attachment ``estimate.nc`` of a result of an earlier version.
 
     Args:
         data: The bytes.
@@ -223,7 +227,7 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
                     raise ValueError(
                         "its checksum is missing: it was cut, or written by another program"
                     )
-                return _flow(attrs, _values(file, len(data)))
+                return flow_of(attrs, _values(file, len(data)))
     # what the HDF5 library and the values of a damaged file lead to has no end
     except Exception as error:
         raise ForecastError(
@@ -273,7 +277,7 @@ def _attributes(of: h5py.HLObject) -> dict[str, Any]:
     return {name: plain_attribute(value) for name, value in of.attrs.items()}
 
 
-def _flow(attrs: Mapping[str, Any], found: dict[str, Any]) -> FlowEstimate:
+def flow_of(attrs: Mapping[str, Any], found: dict[str, Any]) -> FlowEstimate:
     """Return the flow of a file's attributes, and of its values by what of the flow they are.
 
     Raises:

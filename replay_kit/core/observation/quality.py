@@ -144,6 +144,7 @@ class Innovation:
         corrected_std: Error of each component of it [m/s].
         estimated_std: Error of each component of the estimate's mean along the path after the update [m/s]; NaN where it is not known.
         replayed_residual: shape (n, 2) [m/s], of a smoothed result: the residual before smoothing; None in others.
+        measured: shape (n, 2) [m/s], local east and north: the estimate after the update plus the residual; None where it is not stated.
         profiles: Number of profiles that it holds. Where several are combined, depths, innovations and residuals are means over them,
             ``nis`` and ``dof`` are sums, the gate's result is that of the first, and ``source`` is its message.
         totals: Of several profiles; None for one.
@@ -175,6 +176,7 @@ class Innovation:
     corrected_std: float = float("nan")
     estimated_std: float = float("nan")
     replayed_residual: Array | None = None
+    measured: Array | None = None
     profiles: int = 1
     totals: GroupTotals | None = None
 

@@ -88,15 +88,22 @@ class Column:
         Args:
             column: shape (..., q), the column's unknowns.
         """
+        known = [part.layout.known(self._off(part, column)) @ self.axes for part in self.parts]
+        return self._among(known, column.shape[:-1])
+
+    def measured(self, column: Array) -> Array:
+        """Return what measurements tell of the current: the estimate plus their misfit; argument and shape as in ``misfit``."""
+        values, each = self.screened.local(self.at)[0], list[Array]()
+        for part in self.parts:
+            estimated = values[part.at][:, part.used] - self._off(part, column)
+            each.append(estimated @ self.axes)
+        return self._among(each) + self.misfit(column)
+
+    def _off(self, part: Part, column: Array) -> Array:
+        """Return measured minus predicted values as they are, also where only differences are known, shape (..., n, m', c) [m/s]."""
         by_component = column.reshape(*column.shape[:-1], self.axes.shape[1], -1)
         predicted = (self.axes @ by_component).swapaxes(-1, -2)[..., None, :, :]
-        return self._among(
-            [
-                part.layout.known(part.about - part.layout.functions @ predicted) @ self.axes
-                for part in self.parts
-            ],
-            column.shape[:-1],
-        )
+        return np.asarray(part.about - part.layout.functions @ predicted)
 
     def predicted_variance(self, covariance: Array) -> Array:
         """Return the variance of values, shape (n, m, a) [m^2/s^2], for the covariance of the column, shape (q, q); NaN where not used."""

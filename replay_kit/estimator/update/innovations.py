@@ -73,7 +73,8 @@ def _innovation(update: Update, at: Indices) -> Innovation:
     first = group.unused(int(own[0]))
     means = np.stack([update.before, update.mean_after, np.zeros_like(update.before)])
     variances = column.predicted_variance(update.covariance), column.stated_variance()
-    each = np.stack([*column.misfit(means), *variances])[:, at]
+    measured = column.measured(update.mean_after)
+    each = np.stack([*column.misfit(means), *variances, measured])[:, at]
     mean, counts, totals, flags = each[:, 0], np.ones(1), None, first.flags
     dof = int((judgements.rows + judgements.left)[at].sum())
     if several:
@@ -84,7 +85,7 @@ def _innovation(update: Update, at: Indices) -> Innovation:
         before, left, against = np.nansum(each[:3] ** 2, axis=(1, 2, 3)).tolist()
         reasons = tuple(reasons_of(group.reasons[own], group.flags[own]))
         totals = GroupTotals(dof // 2, before, left, against, reasons)
-    innovation, residual, prior, of_estimate, of_noise = mean
+    innovation, residual, prior, of_estimate, of_noise, measured = mean
     estimated_std = np.nan
     if group.linear is not None and group.linear.label.mean is not None:
         variance = column.predicted_variance(update.covariance_after)
@@ -99,6 +100,7 @@ def _innovation(update: Update, at: Indices) -> Innovation:
         innovation_std=np.sqrt(of_estimate + of_noise / np.maximum(counts, 1)),
         residual=residual,
         prior_innovation=prior,
+        measured=measured,
         nis=float(judgements.nis[at].sum()),
         dof=dof,
         decision="rejected",

@@ -51,7 +51,6 @@ def layout_of(topics: Iterable[str]) -> dict[str, Any]:
         "3D!speed": _scene(has, "speed", _SPEED),
         **{f"3D!error_{axis}": _scene(has, f"{axis}_standard_error", _ERROR) for axis in "uv"},
         "Plot!innovations": _innovations(),
-        "Plot!vehicle": _at_vehicle(),
         "RosOut!log": {
             "topicToRender": "/log",
             "minLogLevel": 1,
@@ -65,7 +64,7 @@ def layout_of(topics: Iterable[str]) -> dict[str, Any]:
     }
     errors = _split("3D!error_u", "3D!error_v", "column", 50)
     pictures = _split("map!track", _split("3D!speed", errors, "row", 60), "row", 36)
-    plots = _split("Plot!innovations", "Plot!vehicle", "row", 50)
+    plots: Any = "Plot!innovations"
     if "/plan/outcome" in has:
         panels["Plot!surfacings"] = _surfacings()
         plots = _split(plots, "Plot!surfacings", "row", 66)
@@ -199,15 +198,6 @@ def _surfacings() -> dict[str, Any]:
     fields = ("distance", "delay")
     title = "Surfacings beside their predictions: distance [m], delay [s]"
     return _plot(title, [("/plan/outcome", field) for field in fields], lines=False)
-
-
-def _at_vehicle() -> dict[str, Any]:
-    fields = ("east", "north", "east_standard_error", "north_standard_error")
-    return _plot(
-        "Estimate at the vehicle [m/s]",
-        [("/flow/at_vehicle", field) for field in fields],
-        lines=True,
-    )
 
 
 def _plot(title: str, paths: Sequence[tuple[str, str]], lines: bool) -> dict[str, Any]:

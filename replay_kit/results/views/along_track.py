@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.results.measurements import Measured
+from replay_kit.results.innovations import Measured
 from replay_kit.results.views.history import EstimateHistory
 from replay_kit.results.views.track import Track, thinned
 
@@ -93,20 +93,16 @@ def bins_along_track(
     ]
     time_ns = used.index.to_numpy().astype("datetime64[ns]").astype(np.int64)
     east, north, distance = track.at(time_ns)
-    depth, residual = (
-        used["depth"].to_numpy(np.float64),
-        used[["residual_east", "residual_north"]].to_numpy(np.float64),
-    )
-    estimated = _estimated(history, time_ns, (east, north, depth))
+    depth, residual = used["depth"].to_numpy(np.float64), _pairs(used, "residual")
+    # those of earlier versions do not state what was measured
+    estimated = _pairs(used, "measured") - residual
+    if not np.isfinite(estimated).any():
+        estimated = _estimated(history, time_ns, (east, north, depth))
     error = np.full((depth.size, 2), np.nan)
     if estimate is not None and estimate.n_modes and depth.size and np.isfinite(east).all():
         error = estimate.standard_error(east, north, depth)
     # measured minus the residual before smoothing
-    replayed = (
-        estimated
-        + residual
-        - used[["replayed_residual_east", "replayed_residual_north"]].to_numpy(np.float64)
-    )
+    replayed = estimated + residual - _pairs(used, "replayed_residual")
     return BinsAlongTrack(
         time_ns,
         distance,
@@ -171,24 +167,22 @@ def mean_currents(held: Measured) -> MeanCurrents:
     values = bins.set_index("observation").loc[rows]
     dive = observations["dive"].to_numpy(np.int64)[rows]
     end = observations.index.to_numpy().astype("datetime64[ns]").astype(np.int64)[rows]
-    residual, error = (
-        values[[f"{name}_east", f"{name}_north"]].to_numpy(np.float64)
-        for name in ("residual", "innovation_std")
-    )
+    residual, error = (_pairs(values, name) for name in ("residual", "innovation_std"))
+    means = observations.iloc[rows]
     measured, corrected = (
-        _means(observations, f"{name}_east", f"{name}_north")[rows]
-        for name in ("measured", "corrected")
+        _pairs(means, f"mean_current_{name}") for name in ("measured", "corrected")
     )
-    errors = _means(
-        observations, *(f"{name}_standard_error" for name in ("measured", "corrected", "estimated"))
-    )[rows]
+    stated = [
+        f"mean_current_{name}_standard_error" for name in ("measured", "corrected", "estimated")
+    ]
+    errors = means[stated].to_numpy(np.float64)
     used = np.where(np.isfinite(corrected), corrected, measured)
     return MeanCurrents(end, dive, measured, corrected, used - residual, residual, error, errors)
 
 
-def _means(observations: pd.DataFrame, *names: str) -> Array:
-    """Return columns of the mean currents of observations, shape (n, k)."""
-    return np.asarray(observations[[f"mean_current_{name}" for name in names]].to_numpy(np.float64))
+def _pairs(table: pd.DataFrame, name: str) -> Array:
+    """Return the components of a column of a table, shape (n, 2)."""
+    return np.asarray(table[[f"{name}_east", f"{name}_north"]].to_numpy(np.float64))
 
 
 def _estimated(

@@ -11,7 +11,7 @@ from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection, Seabed
-from replay_kit.results.measurements import Measured
+from replay_kit.results.innovations import Measured
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.along_track import (

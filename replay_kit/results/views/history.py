@@ -1,8 +1,8 @@
-"""The estimate through time: after each measurement, from the weights that a replay published, and at a place."""
+"""The estimate through time: at the published times, from the unknowns that a replay published, and at a place."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import partial
 from itertools import chain, repeat
 from pathlib import Path
 
@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import FlowEstimate, with_potential
+from replay_kit.core.flow.estimate import FlowEstimate, Unknowns, with_potential
 from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
-from replay_kit.results.schemas import decode
-from replay_kit.results.topics import newest_messages, read_messages
+from replay_kit.results import earlier
+from replay_kit.results.messages import basis_of
+from replay_kit.results.schemas import decode, numbers
+from replay_kit.results.topics import read_messages
 from replay_kit.results.views.slices import CurrentSlices
 
 # Share of a depth within which a published one is the same.
@@ -25,54 +27,52 @@ _STEPS, _CHUNK = 24, 512
 
 
 class EstimateHistory:
-    """The mean of the estimate just after each measurement, from the weights that a replay published."""
+    """The mean of the estimate at the published times, from the unknowns that a replay published with its slices."""
 
     def __init__(self, path: Path, estimate: FlowEstimate | None) -> None:
-        """Read the weights of a result MCAP; without an estimate there is no basis, and every mean is None."""
+        """Take the last estimate of a result MCAP; without one there is no basis, and every mean is None."""
         self._path, self.estimate = path, estimate
 
     def after(self, times_ns: NDArray[np.int64]) -> Iterator[FlowEstimate | None]:
-        """Yield the mean of the estimate after the measurements up to each of some times; None when it is not known.
-
-        The weights of a long log do not fit into memory: those asked for are taken out while the file is read once.
+        """Yield the mean of the estimate as it was published last at each of some times; None when it is not known.
 
         Args:
             times_ns: [ns, UTC], increasing.
         """
-        estimate = self.estimate
-        if estimate is None:
+        if self.estimate is None or self.estimate.unknowns is None:
             yield from repeat(None, times_ns.size)
             return
-        messages, held = read_messages(self._path, "/flow/estimate"), None
-        following = next(messages, None)
+        latents, held = self._latents(self.estimate, self.estimate.unknowns), None
+        following = next(latents, None)
         for time_ns in times_ns.tolist():
             while following is not None and following[0] <= time_ns:
-                held, following = following, next(messages, None)
-            weights = np.empty(0) if held is None else _weights(held[1])
-            if held is None or weights.size != estimate.n_modes * estimate.levels.size:
+                held, following = following, next(latents, None)
+            if held is None:
                 yield None
             else:
-                latent = self._offset + self._change(weights)
-                yield replace(estimate.mean_flow(), latent=latent, time_ns=held[0])
+                yield replace(self.estimate.mean_flow(), latent=held[1](), time_ns=held[0])
 
-    @cached_property
-    def _offset(self) -> Array:
-        """Latent velocities of the flow whose weights are 0."""
-        estimate = self.estimate
-        assert estimate is not None
-        if estimate.unknowns is not None:
-            return estimate.unknowns.offset
-        _, last = next(newest_messages(self._path, "/flow/estimate"))
-        return estimate.latent - self._change(_weights(last))
+    def _latents(
+        self, estimate: FlowEstimate, unknowns: Unknowns
+    ) -> Iterator[tuple[int, Callable[[], Array]]]:
+        """Yield the times [ns, UTC] at which the estimate of this window was published, and what returns its latent values then."""
+        modes, messages = estimate.modes, read_messages(self._path, "/flow/estimate")
+        if (weights := earlier.weights(self._path, "/flow/estimate", messages)) is not None:
+            for time_ns, each in weights:
+                if each.size == modes.shape[1] * estimate.levels.size:
+                    by_level = each.reshape(estimate.levels.size, -1).T
+                    yield time_ns, partial(_sum, unknowns.offset, modes, by_level)
+            return
+        basis = basis_of(estimate)
+        for time_ns, data in messages:
+            message = decode("Estimate", data)
+            if message.basis == basis:
+                x = numbers("Estimate", message, "x").astype(np.float64)
+                yield time_ns, partial(replace(unknowns, x=x).latent, modes, time_ns)
 
-    def _change(self, weights: Array) -> Array:
-        assert self.estimate is not None
-        return self.estimate.modes @ weights.reshape(self.estimate.levels.size, -1).T
 
-
-def _weights(message: bytes) -> Array:
-    """Return the weights of ``replay_kit.FlowEstimate``, shape (rZ,)."""
-    return np.array(decode("FlowEstimate", message).weights)
+def _sum(offset: Array, modes: Array, weights: Array) -> Array:
+    return np.asarray(offset + modes @ weights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,8 +106,8 @@ def series_of(
 ) -> Series:
     """Return the current at a place through time.
 
-    At a depth that was not published it is made of the weights after each measurement, at the published times; the standard error is then
-    known of the last estimate alone. Without weights or an estimate it is that of the nearest published depth.
+    At a depth that was not published it is made of the unknowns published with the slices; the standard error is then known of the last
+    estimate alone. Without these or an estimate it is that of the nearest published depth.
 
     Args:
         slices: The published current.
@@ -118,16 +118,16 @@ def series_of(
     published, estimate = series_at(slices, projection, place), history.estimate
     if estimate is None or abs(published.depth - place[2]) <= _SAME_DEPTH * place[2]:
         return published
-    return _series_of_weights(history, estimate, slices.time_ns, place) or published
+    return _series_of_unknowns(history, estimate, slices.time_ns, place) or published
 
 
-def _series_of_weights(
+def _series_of_unknowns(
     history: EstimateHistory,
     estimate: FlowEstimate,
     time_ns: NDArray[np.int64],
     place: tuple[float, float, float],
 ) -> Series | None:
-    """Return the current at a place at some times from the weights before them, that of the last estimate at the last; None without any."""
+    """Return the current at a place at some times from the unknowns then, that of the last estimate at the last; None without any."""
     u, v, u_error, v_error = np.full((4, time_ns.size), np.nan)
     last = estimate.velocity_at(*place)
     if np.isfinite(last.u):
@@ -173,7 +173,7 @@ def series_at(
 def mean_to_depth(slices: CurrentSlices, history: EstimateHistory, depth: float) -> Array:
     """Return the mean current from the surface to a depth at the published times, shape (T, 4, J, I) [m/s] as ``CurrentSlices.fields``.
 
-    The velocity is that of all levels of the estimate where it is known after each measurement and the water is deep enough, elsewhere of
+    The velocity is that of all levels of the estimate where it is known at each time and the water is deep enough, elsewhere of
     the published depths. The error is the mean of the published ones: the mean current has at most this.
 
     Args:

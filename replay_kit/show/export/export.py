@@ -154,6 +154,8 @@ TABLES: Mapping[str, Callable[[Contents, Sequence[At]], pd.DataFrame]] = Mapping
 )
 
 
+#: The estimate in place of tables, as a file of ``--save-estimate``.
+ESTIMATE = "estimate"
 #: Endings of the files.
 ENDINGS = (".nc", ".csv", ".kml", ".geojson")
 
@@ -170,7 +172,7 @@ def export(
         contents: Of the result.
         path: The file; its ending says the form.
         places: Of ``series``.
-        table: One of ``TABLES``; None for all, in CSV for ``series`` where there are places, else for ``track``.
+        table: One of ``TABLES``, or ``ESTIMATE``; None for all tables, in CSV for ``series`` where there are places, else for ``track``.
 
     Raises:
         ConfigError: The ending or the table is not known, a series has no place, or the file cannot be written.
@@ -180,16 +182,22 @@ def export(
         raise ConfigError(
             f"{path}: expected a name that ends in one of {', '.join(ENDINGS)}, got '{path.suffix}'; choose another name"
         )
-    if table is not None and table not in TABLES:
-        raise ConfigError(f"table: expected one of {', '.join(TABLES)}, got '{table}'")
+    if table is not None and table not in (*TABLES, ESTIMATE):
+        raise ConfigError(f"table: expected one of {', '.join(TABLES)}, {ESTIMATE}, got '{table}'")
+    if table == ESTIMATE and ending == ".nc":
+        if contents.estimate is None:
+            raise ConfigError(contents.without_estimate)
+        contents.estimate.save(path)
+        return {ESTIMATE: 1}
     if table is None and ending == ".csv":
         table = "series" if places else "track"
     if table == "series" and not places:
         raise ConfigError("series: expected one or more places, got none; give --at LON,LAT,DEPTH")
     shown = list(TABLES) if ending == ".nc" else list(FEATURES)
-    if table is not None and ending in (".kml", ".geojson") and table not in FEATURES:
+    own = FEATURES if ending in (".kml", ".geojson") else TABLES
+    if table is not None and table not in own:
         raise ConfigError(
-            f"table: expected one of {', '.join(FEATURES)} in {ending}, got '{table}'; .nc and .csv hold the others"
+            f"table: expected one of {', '.join(own)} in {ending}, got '{table}'; .nc and .csv hold the others, {ESTIMATE} .nc alone"
         )
     names = shown if table is None else [table]
     tables = {name: _of_all(TABLES[name], contents, places) for name in names}

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from replay_kit.core.arrays import Array
-from replay_kit.results.measurements import Measured
+from replay_kit.results.innovations import Measured
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import (
     Calibration,

@@ -5,12 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import distance, heading_deg, rotate_to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import plan_legs
 from replay_kit.core.quantities import parse_time
-from replay_kit.results.flight_correction import mean_current_parts
 from replay_kit.show.status.held import Fix, Held
 
 _SECOND, _DAY = 1_000_000_000, 86_400.0
@@ -128,50 +130,40 @@ def far(fix: Fix, goal: tuple[float, float, float]) -> float:
 
 def dive_current(held: Held) -> DiveCurrent | None:
     """Return the current of the last dive beside the predicted one; None without a measurement."""
-    if not held.dive:
+    dive = held.dive
+    if dive is None:
         return None
-    means = [
-        one for one in held.dive if one.HasField("mean_current") and one.mean_current.kind == "dac"
-    ]
-    if means:
-        one = means[-1]
-        mean, at = one.mean_current, held.fixes[-1] if held.fixes else None
-        parts = (
-            *mean_current_parts(mean, held.metadata, held.settings),
-            (mean.predicted_east, mean.predicted_north),
+    last, means = dive["dive"].size - 1, np.flatnonzero(dive["mean_current_kind"] == "dac")
+    off = [dive[f"innovation_{end}"] for end in ("east", "north")]
+    if not means.size:
+        rms, expected = _rms(*off), _rms(dive["innovation_std_east"], dive["innovation_std_north"])
+        time_ns, number = int(dive["timestamp"][last]), int(dive["dive"][last])
+        return DiveCurrent(time_ns, number, None, None, None, rms, expected)
+    row, at = int(means[-1]), held.fixes[-1] if held.fixes else None
+    bin_of = int(dive["bins"][:row].sum())
+
+    def current(name: str) -> Current | None:
+        east, north, error = (
+            float(dive[f"mean_current_{name}_{end}"][row])
+            for end in ("east", "north", "standard_error")
         )
-        measured, corrected, predicted = (
-            None if part is None else _true(held.projection, at, *part) for part in parts
-        )
-        used = corrected or measured
-        assert used is not None
-        assert predicted is not None
-        known = predicted if math.isfinite(predicted.speed) else None
-        apart = math.hypot(used.east - predicted.east, used.north - predicted.north)
-        return DiveCurrent(
-            one.timestamp.ToNanoseconds(),
-            one.dive,
-            measured,
-            corrected,
-            known,
-            apart,
-            _expected([one]),
-        )
-    values = [
-        value
-        for one in held.dive
-        for part in (one.innovation_east, one.innovation_north)
-        for value in part
-    ]
-    known_values = [value for value in values if math.isfinite(value)]
-    rms = (
-        math.sqrt(sum(value**2 for value in known_values) / len(known_values))
-        if known_values
-        else math.nan
-    )
-    last = held.dive[-1]
+        return _true(held.projection, at, east, north, error) if math.isfinite(east) else None
+
+    measured, corrected = current("measured"), current("corrected")
+    east, north = (float(each[bin_of]) for each in off)
+    less, used = _true(held.projection, at, east, north), corrected or measured
+    assert used is not None
+    known = math.isfinite(less.speed)
+    predicted = Current(used.east - less.east, used.north - less.north) if known else None
+    expected = _rms(*(dive[f"innovation_std_{end}"][[bin_of]] for end in ("east", "north")))
     return DiveCurrent(
-        last.timestamp.ToNanoseconds(), last.dive, None, None, None, rms, _expected(held.dive)
+        int(dive["timestamp"][row]),
+        int(dive["dive"][row]),
+        measured,
+        corrected,
+        predicted,
+        less.speed,
+        expected,
     )
 
 
@@ -185,15 +177,11 @@ def _true(
     return Current(float(turned[0]), float(turned[1]), error)
 
 
-def _expected(measurements: Sequence[Any]) -> float:
-    values = [
-        value
-        for one in measurements
-        for part in (one.innovation_std_east, one.innovation_std_north)
-        for value in part
-    ]
-    known = [value for value in values if math.isfinite(value)]
-    return math.sqrt(sum(value**2 for value in known) / len(known)) if known else math.nan
+def _rms(east: NDArray[Any], north: NDArray[Any]) -> float:
+    """Return the RMS component of what is known of values; NaN of none."""
+    values = np.concatenate([east, north]).astype(np.float64)
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
 
 
 def last_plan(held: Held) -> tuple[Mapping[str, Any] | None, int]:

@@ -8,11 +8,13 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.grid import Projection
+from replay_kit.results.innovations import Columns, blocks_in, joined, rows_of
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.schemas import decode
 from replay_kit.results.topics import (
@@ -61,7 +63,7 @@ class Held:
         reckoned: The last position, if it is younger than the last measured one and dead reckoned.
         plans: The last two, ``replay_kit.Plan``.
         outcomes: The last surfacings beside their predictions, ``replay_kit.PlanOutcome``.
-        dive: Measurements of the last dive that has any, ``replay_kit.Innovation``.
+        dive: Measurements of the last dive that has any, the columns of ``replay_kit.Innovations``; None without any.
     """
 
     name: str
@@ -75,7 +77,7 @@ class Held:
     reckoned: Fix | None
     plans: Sequence[Any]
     outcomes: Sequence[Any]
-    dive: Sequence[Any]
+    dive: Columns | None
 
 
 def read_held(path: Path) -> Held:
@@ -108,7 +110,8 @@ def read_held(path: Path) -> Held:
     frame = metadata["frame map"]
     known = [
         *(fix.time_ns for fix in fixes),
-        *(one.timestamp.ToNanoseconds() for one in (*outcomes, *dive)),
+        *(one.timestamp.ToNanoseconds() for one in outcomes),
+        *([] if dive is None else dive["timestamp"].tolist()),
     ]
     return Held(
         name=path.name,
@@ -141,17 +144,20 @@ def _last(path: Path, topic: str, name: str, most: int) -> list[Any]:
     return [decode(name, data) for _, data in newest][::-1]
 
 
-def _last_dive(path: Path) -> list[Any]:
-    """Return the measurements of the last dive; those since the last fix of a vehicle that does not dive."""
-    dive: list[Any] = []
-    for _, data in newest_messages(path, "/flow/innovation"):
-        one = decode("Innovation", data)
-        if dive and one.dive != dive[-1].dive:
+def _last_dive(path: Path) -> Columns | None:
+    """Return the measurements of the last dive; the last ones of a vehicle that does not dive."""
+    kept: list[Columns] = []
+    for block in blocks_in(path, newest=True):
+        dive = (kept[0] if kept else block)["dive"][-1]
+        wanted = block["dive"] == dive
+        begin = 0 if wanted.all() else wanted.size - int(np.argmin(wanted[::-1]))
+        kept.insert(0, rows_of(block, begin))
+        if begin or (not dive and sum(one["dive"].size for one in kept) >= _OUTCOMES):
             break
-        dive.append(one)
-        if not one.dive and len(dive) == _OUTCOMES:
-            break
-    return dive[::-1]
+    found = joined(kept) if kept else None
+    if found is not None and not found["dive"][-1]:
+        found = rows_of(found, max(found["dive"].size - _OUTCOMES, 0))
+    return found
 
 
 def _positions(path: Path, schema: Any) -> tuple[list[Fix], Fix | None]:

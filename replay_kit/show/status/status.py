@@ -135,9 +135,9 @@ def _where(held: Held, now_ns: int) -> _Answer:
             "latitude": at.latitude,
             "time": time_text(at.time_ns),
         }
-    if held.dive and held.dive[-1].dive:
-        text.append(f"after dive {held.dive[-1].dive}")
-        values["dive"] = held.dive[-1].dive
+    if held.dive is not None and (number := int(held.dive["dive"][-1])):
+        text.append(f"after dive {number}")
+        values["dive"] = number
     return text, values, fix.time_ns
 
 

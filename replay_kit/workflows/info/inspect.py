@@ -130,7 +130,10 @@ class LogInfo:
     @property
     def is_result(self) -> bool:
         """Whether it is what a replay wrote."""
-        return any(topic.schema == "replay_kit.FlowEstimate" for topic in self.topics.values())
+        return any(
+            topic.schema in ("replay_kit.Innovations", "replay_kit.FlowEstimate")
+            for topic in self.topics.values()
+        )
 
     @property
     def missing(self) -> str:

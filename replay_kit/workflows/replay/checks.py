@@ -170,7 +170,7 @@ def _screened(
     ((one,),) = screened([(event,)], grid, relative=config.estimator.name == OWN)
     accepted = one.is_used or _in_later_window(event, forecasts)
     unused = replace(one.unused(), accepted=accepted)
-    return Assimilation(unused, unused.innovation, None)
+    return Assimilation(unused, unused.innovation)
 
 
 def _in_later_window(event: Measurement, forecasts: Forecasts) -> bool:

@@ -64,7 +64,7 @@ def conclude(
         if session.windows:
             first = session.vehicles[0].name
             notes += (
-                f"estimate.nc, --netcdf, --save-estimate and a score against a truth are of the window of {first}; the result holds all",
+                f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {first}; the result holds all",
             )
         notes += tuple(f"{one.name}: {text}" for one in job.vehicles for text in one.notes)
         summary = replace(

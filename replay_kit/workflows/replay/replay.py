@@ -210,13 +210,13 @@ def _prepare(
             )
             surface = own.measurements.surface_depth
             problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, goals, made)
-        levels, follows = ensemble.grid.levels, estimator
+        follows = estimator
         if vehicle.name in speeds_of:
             follows, speeds = (
                 estimator.of_vehicle(number, firsts[vehicle.name]),
                 speeds_of[vehicle.name],
             )
-        sessions.append(Session(follows, levels, own, problem, speeds, shared, vehicle.name))
+        sessions.append(Session(follows, own, problem, speeds, shared, vehicle.name))
     # without a goal nothing reads the bathymetry
     bathymetry = config.planner.bathymetry_path if any(one.problem for one in sessions) else None
     metadata = _metadata(job, forecasts, readers, prior_flow, bathymetry)

@@ -12,7 +12,7 @@ from itertools import groupby
 from typing import Any
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.arrays import Array, replace
+from replay_kit.core.arrays import replace
 from replay_kit.core.as_flown import FlownDive
 from replay_kit.core.block import Block
 from replay_kit.core.errors import Finding
@@ -41,6 +41,7 @@ from replay_kit.workflows.replay.stages.publishing import (
     Output,
     PublishingState,
     depth_slices,
+    publish_innovations,
     publish_step,
     publish_track,
     publish_windows,
@@ -101,7 +102,6 @@ class Session:
     def __init__(
         self,
         estimator: Estimator[Any],
-        levels: Array,
         config: RunConfig,
         problem: PlanningProblem | None = None,
         speeds: EnsembleSpeeds | None = None,
@@ -112,7 +112,6 @@ class Session:
 
         Args:
             estimator: Assimilates.
-            levels: shape (Z,) [m], of the weights.
             config: The run's settings.
             problem: What to plan; None plans nothing.
             speeds: Of the ensemble, with which those of the log are compared; None compares none.
@@ -125,7 +124,6 @@ class Session:
         self._problem = problem
         self._flown: tuple[tuple[FlownDive, ...], PlanningProblem | None] = ((), problem)
         self.writer: ResultWriter | None = None
-        self._levels = levels
         self._inputs = inputs_of(estimator)
         self.name = name
         self.shared = shared or SharedEstimate(Stopwatch())
@@ -266,9 +264,10 @@ class Session:
         self._write((lambda writer: writer.consistency(time_ns, named),))
 
     def after_steps(self, steps: Sequence[Step]) -> None:
-        """Count the steps of a block."""
+        """Count the steps of a block, and publish its innovations."""
         self.statistics = self.statistics.after_steps(steps)
         self.monitoring = consistency.with_gated(self.monitoring, steps)
+        self._write(publish_innovations(steps))
 
     def count_again(self, steps: Sequence[Step]) -> None:
         """Count the steps of an estimate that was rebuilt."""
@@ -310,7 +309,7 @@ class Session:
                 due_ns = self.shared.next_slices_ns.get(window)
                 self.publishing = replace(self.publishing, next_slices_ns=due_ns)
             self.publishing, outputs = publish_step(
-                self.publishing, step, self._levels, self.config.output, after
+                self.publishing, step, self.config.output, after
             )
             if pooled:
                 self.shared.next_slices_ns[window] = self.publishing.next_slices_ns

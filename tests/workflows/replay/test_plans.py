@@ -76,7 +76,7 @@ def asked(events, **planner):
     problem = PlanningProblem(
         planned, Place(152.6, -40.0, 0.0), config.planner, config.measurements.surface_depth
     )
-    session = Session(Still(), FLOW.levels, config, problem)
+    session = Session(Still(), config, problem)
     for event in events:
         session.take_message(event.time_ns, [(event, ())])
     session.shared.assimilate()
@@ -164,7 +164,7 @@ def test_the_plan_at_a_surfacing_where_the_log_ends_is_the_last_one_if_it_has_od
 ):
     planner, config = Counting(0.3, []), PlannerConfig(when="surfacing", **settings)
     problem = PlanningProblem(planner, Place(152.6, -40.0, 0.0), config, 5.0)
-    session = Session(Still(), FLOW.levels, RunConfig(planner=config), problem)
+    session = Session(Still(), RunConfig(planner=config), problem)
     for event in [fix(0, 0.0), profile(10), fix(20, 50.0), fix(90, 0.0), *more]:
         session.take_message(event.time_ns, [(event, ())])
     session.shared.assimilate()

@@ -51,7 +51,7 @@ def mean_current():
 
 
 def given(supports_path_means):
-    session = Session(Recorder(supports_path_means), GRID.levels, RunConfig())
+    session = Session(Recorder(supports_path_means), RunConfig())
     session.take_message(0, [(each, ()) for each in (PROFILE, mean_current(), PROFILE)])
     session.shared.assimilate()
     return session.state
@@ -80,7 +80,7 @@ def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_
     config = RunConfig(output={"interval": 60.0, "depths": (10.0,)})
     published, estimator = Published(), Recorder(False)
     estimator.flow = lambda state: SimpleNamespace(levels=GRID.levels)
-    session = Session(estimator, GRID.levels, config)
+    session = Session(estimator, config)
     session.writer = published
     for seconds in range(0, 250, 25):
         ping = replace(PROFILE, time_ns=seconds * 10**9)
@@ -96,7 +96,7 @@ def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_
 def test_windows_that_were_left_are_published_once_and_forgotten():
     of = sea(TINY)
     pings = mission(of, TINY, of.part(None, slice(TINY.members, None)), 25_000.0)
-    session = Session(windowed(of, TINY, pings[0], 25_000.0, QUICK), LEVELS, RunConfig())
+    session = Session(windowed(of, TINY, pings[0], 25_000.0, QUICK), RunConfig())
     session.writer = MagicMock()
     for ping in pings:
         session.take_message(ping.time_ns, [(ping, ())])

@@ -45,13 +45,11 @@ class Assimilation:
         innovation: Measured minus predicted, and the decision.
         dive_innovation: shape (n, 2) [m/s], measured minus predicted from all dives before the measurement's own; of a group all bins of
             all profiles.
-        weights: shape (r Z,), mean weights after the measurement; None for an estimator without weights of the run's basis.
         dive_std: shape (1, 2) [m/s], predicted, of ``dive_innovation`` of a dive's mean current; None for others.
     """
 
     innovation: Innovation
     dive_innovation: Array
-    weights: Array | None
     dive_std: Array | None = None
 
 
@@ -123,7 +121,7 @@ def assimilate(
                     std, of_dive = known.innovation_std, known.innovation
                 if of_dive is None or np.isnan(of_dive).all():
                     of_dive = estimator.innovation(start, some)
-                found = Assimilation(innovation, of_dive, estimator.weights(current), std)
+                found = Assimilation(innovation, of_dive, std)
                 steps.append((vehicle, Step(some, before, current, found)))
                 if std is not None and len(dives) > 1:
                     # of many vehicles each would keep the state that its last dive began with, tens of megabytes

@@ -8,7 +8,7 @@ from itertools import starmap
 import numpy as np
 
 from replay_kit.config.run import OutputConfig
-from replay_kit.core.arrays import Array, replace
+from replay_kit.core.arrays import replace
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
@@ -17,8 +17,6 @@ from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.stages.surface import SurfaceState, surface_step
 
-#: Log time between estimates at the vehicle, at least [ns]: each takes as long as an update.
-AT_VEHICLE_NS = 1800 * 10**9
 # A vehicle that moved less keeps its heading [m].
 _MOVED = 10.0
 
@@ -33,7 +31,6 @@ class PublishingState:
 
     Attributes:
         next_slices_ns: When the next depth slices are due [ns, UTC]; None before the first measurement.
-        next_at_vehicle_ns: When the next estimate at the vehicle is due [ns, UTC].
         projection: The local frame; None before the first position.
         position: The last one.
         turned: Local east and north [m] where the heading was found last, and the heading, clockwise from local north [rad].
@@ -43,7 +40,6 @@ class PublishingState:
     """
 
     next_slices_ns: int | None = None
-    next_at_vehicle_ns: int = 0
     projection: Projection | None = None
     position: VehicleState | None = None
     turned: tuple[float, float, float] | None = None
@@ -55,7 +51,6 @@ class PublishingState:
 def publish_step(
     state: PublishingState,
     step: Step,
-    levels: Array,
     settings: OutputConfig,
     flow_at: Callable[[int], FlowEstimate],
 ) -> tuple[PublishingState, tuple[Output, ...]]:
@@ -64,7 +59,6 @@ def publish_step(
     Args:
         state: Before the step.
         step: A position, or a measurement with its assimilation.
-        levels: shape (Z,) [m], of the weights.
         settings: Interval and depths of the slices.
         flow_at: Returns the estimate after the step for a time [ns, UTC].
     """
@@ -72,20 +66,7 @@ def publish_step(
         return publish_track(state, [step.event], flow_at)
     if step.assimilation is None:
         return state, ()
-    now_ns, (innovation, weights) = (
-        step.event.time_ns,
-        (step.assimilation.innovation, step.assimilation.weights),
-    )
-    outputs: list[Output] = [lambda writer: writer.innovation(innovation)]
-    if innovation.accepted and weights is not None:
-        outputs.append(lambda writer: writer.estimate(now_ns, weights, levels))
-    if (
-        innovation.accepted
-        and (position := state.position) is not None
-        and now_ns >= state.next_at_vehicle_ns
-    ):
-        state = replace(state, next_at_vehicle_ns=now_ns + AT_VEHICLE_NS)
-        outputs.append(at_vehicle(now_ns, position, flow_at(now_ns)))
+    now_ns, outputs = step.event.time_ns, list[Output]()
     if isinstance(step.event, LinearMeasurement) and (vectors := step.event.label.vectors):
         surface, found = surface_step(state.surface, vectors, flow_at(now_ns))
         state = replace(state, surface=surface)
@@ -95,6 +76,12 @@ def publish_step(
         state = replace(state, next_slices_ns=now_ns + int(settings.interval * 1e9))
         outputs.append(depth_slices(now_ns, flow_at(now_ns), settings))
     return state, tuple(outputs)
+
+
+def publish_innovations(steps: Sequence[Step]) -> tuple[Output, ...]:
+    """Return the innovations of a block of steps, which a result holds together."""
+    found = [one.innovation for step in steps if (one := step.assimilation) is not None]
+    return ((lambda writer: writer.innovations(found)),) if found else ()
 
 
 def publish_track(
@@ -120,22 +107,6 @@ def _placed(position: VehicleState, place: tuple[float, float, float], heading: 
         writer.vehicle(position.time_ns, place, heading)
 
     return write
-
-
-def at_vehicle(time_ns: int, position: VehicleState, flow: FlowEstimate) -> Output:
-    """Return an estimate at a vehicle's position, at the surface where its depth is unknown."""
-    east, north = to_local(flow.grid.projection, position.longitude, position.latitude)
-    depth = _depth(position)
-    velocity = flow.velocity(east, north, depth, true_axes=True)
-    variance = (
-        np.diag(flow.velocity_covariance(east, north, depth, true_axes=True))
-        if flow.n_modes
-        else np.full(2, np.nan)
-    )
-    error = np.sqrt(np.maximum(variance, 0.0))
-    place = (position.longitude, position.latitude, depth)
-    values = velocity.tolist(), error.tolist()
-    return lambda writer: writer.at_vehicle(time_ns, place, *values)
 
 
 def publish_windows(

@@ -58,7 +58,7 @@ class Checkpoint:
     measurement: tuple[Stream, ...]
     messages: int
     journal: Place
-    writer_state: tuple[int, float | None]
+    writer_state: float | None
     begun_ns: int | None = None
 
 

@@ -1,25 +1,48 @@
-"""The measurements of a result as tables: all of them, or of a long log sums over all and as many as a figure shows.
+"""The innovations of a result in columns: blocks of observations to messages and back, and as tables.
 
-A million measurements with their bins do not fit into memory beside what is made of them, so that views read them block by block.
+A block has a row for each observation and one behind the other the bins of all; each of its columns is a list of the message, which lies in
+it as an array does in memory. Of a long log not all rows fit into memory, so that views read some blocks after others.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.observation import Flag, Reason
-from replay_kit.results.columns import ListValues, SingleValues, table_of
+from replay_kit.core.observation import Flag, Innovation, Reason
+from replay_kit.results import earlier
+from replay_kit.results.schemas import ARRAYS, MESSAGES, decode, encode, numbers
+from replay_kit.results.topics import newest_messages, read_messages
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Measurements read at once, and the most measurements of profiles and bins that are kept for figures.
-_BLOCK, MOST, MOST_BINS = 2048, 20_000, 300_000
+TOPIC, _NAME = "/flow/innovation", "Innovations"
+_FIELDS = {field.name: field.type for field in MESSAGES[_NAME]}
+_BINS = [*_FIELDS][[*_FIELDS].index("depth") :]
+# What of an innovation its columns hold, where that has another name: single values, and pairs of the components east and north.
+_VALUES = {name: name for name in _FIELDS if not name.endswith(("_east", "_north"))} | {
+    "timestamp": "time_ns",
+    "source_time": "source.time_ns",
+    "source_input": "source.input",
+    "source_topic": "source.topic",
+    "source_position": "source.position",
+    "gate_threshold": "gate",
+    "mean_current_kind": "mean_kind",
+    "mean_current_measured_standard_error": "mean_std",
+    "mean_current_corrected_standard_error": "corrected_std",
+    "mean_current_estimated_standard_error": "estimated_std",
+    "bins": "depth.size",
+}
+_MEANS = {"mean_current_measured": "mean_current", "mean_current_corrected": "corrected_current"}
+_PAIRS = [name.removesuffix("_east") for name in _FIELDS if name.endswith("_east")]
+#: Rows of tables made at once, and the most profiles and bins that are kept for figures.
+ROWS, MOST, MOST_BINS = 2048, 20_000, 300_000
 _RMS = ("innovation", "residual", "prior_innovation")
 #: What measurements are summed by, and how each of their values is.
 _KEYS = ["dive", "source_topic", "mean_current_kind", "decision", "accepted"]
@@ -28,8 +51,123 @@ _SUMS = {
     **dict.fromkeys((f"square_{name}" for name in _RMS), "sum"),
     **{"first": "min", "last": "max"},
 }
+#: Columns of a block by their names.
+Columns = dict[str, NDArray[Any]]
 #: Measurements, a row each, and their bins; ``observation`` of a bin is the row of its measurement.
 Tables = tuple["pd.DataFrame", "pd.DataFrame"]
+
+
+def block_of(innovations: Sequence[Innovation]) -> bytes:
+    """Return ``replay_kit.Innovations``, without columns of which nothing is known."""
+    columns: dict[str, Any] = {}
+    for name, attributes in _VALUES.items():
+        held = [*map(attrgetter(attributes), innovations)]
+        columns[name] = np.concatenate(held) if name in _BINS else held
+    for name in _PAIRS:
+        found, mean = list[Any](), _MEANS.get(name)
+        for one in innovations:
+            pair = getattr(one, mean or name)
+            rows = 1 if mean else one.depth.size
+            found.append(np.full((rows, 2), np.nan) if pair is None else pair)
+        columns[f"{name}_east"], columns[f"{name}_north"] = np.vstack(found).T
+    known = {
+        name: values
+        for name, values in columns.items()
+        if _FIELDS[name] not in ("float", "double") or not np.isnan(values).all()
+    }
+    return encode(_NAME, known)
+
+
+def columns_of(block: bytes) -> Columns:
+    """Return the columns of ``replay_kit.Innovations``; those of which nothing is known are NaN."""
+    message, found = decode(_NAME, block), Columns()
+    for name, kind in _FIELDS.items():
+        found[name] = (
+            numbers(_NAME, message, name)
+            if kind in ARRAYS
+            else np.array(getattr(message, name), dtype=object)
+        )
+    sizes = found["timestamp"].size, found["depth"].size
+    for name, values in found.items():
+        if not values.size and (size := sizes[name in _BINS]):
+            found[name] = np.full(size, np.nan, values.dtype)
+    return found
+
+
+def blocks_in(path: Path, newest: bool = False) -> Iterator[Columns]:
+    """Yield the columns of the blocks of a result, also of one of an earlier version, by time or from the last one back."""
+    read = newest_messages if newest else read_messages
+    messages = (data for _, data in read(path, TOPIC))
+    if (old := earlier.innovations(path, TOPIC, messages)) is not None:
+        messages = (block_of([one]) for one in old)
+    return map(columns_of, messages)
+
+
+def joined(blocks: Sequence[Columns]) -> Columns:
+    """Return blocks as one; one at least."""
+    return {name: np.concatenate([one[name] for one in blocks]) for name in _FIELDS}
+
+
+def rows_of(columns: Columns, begin: int) -> Columns:
+    """Return the rows of a block from one on, with their bins."""
+    before = int(columns["bins"][:begin].sum())
+    return {name: each[before if name in _BINS else begin :] for name, each in columns.items()}
+
+
+def tables_in(path: Path, rows: int | None = None) -> Iterator[Tables]:
+    """Yield the tables of a result, of at least so many rows each, None for all; one without rows where it has no innovations."""
+    held, blocks, count, given = [_EMPTY], blocks_in(path), 0, False
+    for block in blocks:
+        held.append(block)
+        count += block["bins"].size
+        if rows is not None and count >= rows:
+            yield tables_of(joined(held))
+            held, count, given = [_EMPTY], 0, True
+    if len(held) > 1 or not given:
+        yield tables_of(joined(held))
+
+
+_EMPTY = columns_of(b"")
+
+
+def tables_of(columns: Columns) -> Tables:
+    """Return the tables of a block: single values, and of the means the predicted and the estimated one; bins."""
+    single = {name: _plain(name, each) for name, each in columns.items() if name not in _BINS}
+    counts, kinds = single.pop("bins"), single["mean_current_kind"]
+    rows, begins = np.repeat(np.arange(counts.size), counts), np.cumsum(counts) - counts
+    means = np.flatnonzero((kinds != "") & (counts > 0))
+    single["mean_current_kind"] = np.where(kinds == "", np.nan, kinds)
+    for name, less in (("predicted", "innovation"), ("estimated", "residual")):
+        for end in ("east", "north"):
+            measured, corrected = (single[f"{mean}_{end}"] for mean in _MEANS)
+            used, values = (
+                np.where(np.isnan(corrected), measured, corrected),
+                np.full(counts.size, np.nan),
+            )
+            values[means] = used[means] - columns[f"{less}_{end}"][begins[means]]
+            single[f"mean_current_{name}_{end}"] = values
+    dof = np.where(single["dof"] > 0, single["dof"], np.nan)
+    for name in _RMS:
+        pair = (columns[f"{name}_{end}"].astype(np.float64) for end in ("east", "north"))
+        squares = sum(np.nan_to_num(component) ** 2 for component in pair)
+        single[f"rms_{name}"] = np.sqrt(np.bincount(rows, squares, minlength=counts.size) / dof)
+    of_bins = {name: single[name][rows] for name in ("timestamp", "dive")} | {"observation": rows}
+    return table_of(single), table_of(of_bins | {name: columns[name] for name in _BINS})
+
+
+def _plain(name: str, values: NDArray[Any]) -> NDArray[Any]:
+    """Return a column of single values with the type of a table: times, and counts as signed numbers."""
+    if name in ("timestamp", "source_time"):
+        return values.astype("datetime64[ns]")
+    return values.astype(np.int64) if values.dtype.kind == "u" else values
+
+
+def table_of(columns: Columns) -> "pd.DataFrame":
+    """Return columns as a table over the same memory, with the first, times, as its index ``time``."""
+    import pandas as pd
+
+    (_, times), *others = columns.items()
+    return pd.DataFrame(dict(others), index=pd.DatetimeIndex(times, name="time"), copy=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,49 +212,11 @@ class Measured:
         return {name: count for name, count in counts.items() if count}
 
 
-def measurement_tables(
-    messages: Iterable[Any], named: Callable[[dict[str, Any]], dict[str, Any]]
-) -> Tables:
-    """Return ``replay_kit.Innovation`` as tables.
-
-    Args:
-        messages: Decoded.
-        named: Returns the columns of single values as this version of the contract names them.
-    """
-    values, lists = SingleValues("Innovation"), ListValues("Innovation", "depth")
-    for message in messages:
-        values.add(message)
-        lists.add(message)
-    single, (counts, columns) = named(values.columns()), lists.columns()
-    dof = np.where(single["dof"] > 0, single["dof"], np.nan)
-    rows, rms = np.repeat(np.arange(counts.size), counts), {}
-    for name in _RMS:
-        squares = np.nan_to_num(columns[f"{name}_east"] ** 2 + columns[f"{name}_north"] ** 2)
-        rms[f"rms_{name}"] = np.sqrt(np.bincount(rows, squares, minlength=counts.size) / dof)
-    of_bins = {
-        "timestamp": np.repeat(single["timestamp"], counts),
-        "observation": rows,
-        "dive": np.repeat(single["dive"], counts),
-    }
-    return table_of(single | rms), table_of(of_bins | columns)
-
-
-def measurement_blocks(
-    messages: Iterable[Any], named: Callable[[dict[str, Any]], dict[str, Any]]
-) -> Iterator[Tables]:
-    """Yield ``measurement_tables`` of some messages after others; one block without rows where there are no messages."""
-    left = iter(messages)
-    block = measurement_tables(islice(left, _BLOCK), named)
-    yield block
-    while len((block := measurement_tables(islice(left, _BLOCK), named))[0]):
-        yield block
-
-
 def measured_of(blocks: Iterable[Tables], most: int = MOST, most_bins: int = MOST_BINS) -> Measured:
     """Return measurements as far as figures need them.
 
     Args:
-        blocks: Of ``measurement_blocks``.
+        blocks: Of ``tables_in``.
         most: Number of measurements of profiles from which on only every second is kept, then every fourth, and so on.
         most_bins: The same of their bins.
     """
