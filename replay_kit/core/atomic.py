@@ -121,8 +121,10 @@ def claimed(lock: Path, path: Path) -> Iterator[None]:
         yield
 
 
-def open_part(path: Path) -> BinaryIO:
+def open_part(path: Path, kept: bool = False) -> BinaryIO:
     """Return the part of an output, a new file that is open for writing and locked; one left over by an interrupted run is replaced.
+
+    Or it is kept, to be written over from its beginning.
 
     Links are not followed, and what is no file is not written to: who may write in the folder may not choose what else is overwritten.
 
@@ -142,8 +144,10 @@ def open_part(path: Path) -> BinaryIO:
                 )
             with part.open("rb") as left:
                 claim(left, path)
-                part.unlink()
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+                if not kept:
+                    part.unlink()
+        flags = os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
+        flags |= 0 if kept else os.O_CREAT | os.O_EXCL
         file = os.fdopen(os.open(part, flags, 0o666), "wb")
         claim(file, path)
         # one that began at the same time may have taken it for a part left over

@@ -6,7 +6,6 @@ from replay_kit.core.extensions import on_demand
 
 if TYPE_CHECKING:
     from replay_kit.results.compare import Difference, Recorded, first_difference, read_recorded
-    from replay_kit.results.journal import Journal, read_journal
     from replay_kit.results.mcap_writer import ResultWriter
     from replay_kit.results.readback import read_estimate
     from replay_kit.results.schemas import CONTRACT_VERSION
@@ -16,12 +15,10 @@ __all__ = [
     "CONTRACT_VERSION",
     "Difference",
     "Digest",
-    "Journal",
     "Recorded",
     "ResultWriter",
     "first_difference",
     "read_estimate",
-    "read_journal",
     "read_recorded",
 ]
 

@@ -1,27 +1,31 @@
 """The file of a result: messages, attachments and metadata as they come, under a temporary name until it is complete.
 
-Everything written is also appended to a journal, if there is one, from which the file can be written again byte for byte.
+A digest of the messages so far ends a chunk, in every run at the same places. What an unfinished file, or the result of a log that has
+grown, holds between its first digest and a later one is written again record by record: the same calls give the same bytes.
 """
 
 import hashlib
 import os
+import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import NamedTuple, Self
 
+import zstandard
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
+from mcap.stream_reader import CRCValidationError, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from replay_kit.core.atomic import open_part, part_of, sync
-from replay_kit.core.errors import ConfigError, ReplayKitError
+from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
 from replay_kit.core.message import OutChannels, RawChannel, RawMessage
-from replay_kit.results.journal import Journal
-from replay_kit.results.readback import check_written
-from replay_kit.results.topics import Digest
+from replay_kit.results.readback import Records, check_written
+from replay_kit.results.topics import DIGEST_NAME, Digest
 
 #: Name, encoding and definition of a schema.
 Definition = tuple[str, str, bytes]
@@ -31,6 +35,20 @@ _OURS = -1
 #: Topics of the result itself, and the beginnings of others.
 _OWN_TOPICS = ("/tf", "/vehicle/fix", "/log")
 _OWN_FOLDERS = ("/flow/", "/plan/")
+
+
+class Written(NamedTuple):
+    """What a result holds up to a digest.
+
+    Attributes:
+        digests: Number of digests.
+        sha256: The last one.
+        held: Messages that wait for the end: topic, definition, data, time [ns, UTC].
+    """
+
+    digests: int
+    sha256: str
+    held: tuple[tuple[str, Definition, bytes, int], ...]
 
 
 class ResultFile:
@@ -44,13 +62,13 @@ class ResultFile:
         last_time_ns: Latest time of a message [ns, UTC].
     """
 
-    def __init__(self, path: Path, overwrite: bool, journal: Journal | None) -> None:
+    def __init__(self, path: Path, overwrite: bool, goes_on: bool = False) -> None:
         """Open ``path`` + ``.part``; one left over by an interrupted run is replaced.
 
         Args:
             path: The result file.
             overwrite: Replace an existing result.
-            journal: Records everything that is written.
+            goes_on: Keep what an interrupted run left over until ``restore`` writes the same bytes over it.
 
         Raises:
             ConfigError: The result exists and may not be replaced, or its folder does not exist or cannot be written.
@@ -59,7 +77,7 @@ class ResultFile:
         self.part = part_of(self.path)
         self._overwrite = overwrite
         self._check_target()
-        self._file = open_part(self.path)
+        self._file = open_part(self.path, goes_on)
         # keeps its lock until it has its name
         self._lock = os.dup(self._file.fileno())
         self._writer = Writer(
@@ -69,13 +87,11 @@ class ResultFile:
         self._writer.start(profile="replay-kit", library="replay-kit")
         self._out = OutChannels(self._writer)
         self._channels: dict[str, int] = {}
-        self._held: dict[str, tuple[Callable[[], Definition], bytes, int]] = {}
+        self._held: dict[str, tuple[Definition, bytes, int]] = {}
         self._counts: Counter[str] = Counter()
-        self._attachments = 0
+        self._attachments = self._digests = 0
         self.last_time_ns = 0
         self._digest = hashlib.sha256()
-        self._journal = journal
-        self._recording = True
         self._open = True
 
     def __enter__(self) -> Self:
@@ -113,15 +129,9 @@ class ResultFile:
                 number = self._channels[topic] = self._out.number(
                     _OURS, RawChannel(0, topic, "protobuf", (), (name, encoding, definition))
                 )
-                self._record(
-                    {"kind": "schema", "topic": topic, "name": name, "encoding": encoding},
-                    definition,
-                )
             self._writer.add_message(number, time_ns, data, time_ns, self._counts[topic])
         except OSError as error:
             raise self._full("write", error) from error
-        if self._journal is not None:
-            self._record({"kind": "message", "topic": topic, "time_ns": time_ns}, data)
         self._digest.update(f"{topic}\0{time_ns}\0{len(data)}\0".encode() + data)
         self._counts[topic] += 1
         self.last_time_ns = max(self.last_time_ns, time_ns)
@@ -137,11 +147,7 @@ class ResultFile:
             data: As of ``write_message``.
             time_ns: As of ``write_message``.
         """
-        self._held[topic] = schema, data, time_ns
-        name, encoding, definition = schema()
-        head = {"kind": "schema", "topic": topic, "name": name, "encoding": encoding}
-        self._record(head, definition)
-        self._record({"kind": "held", "topic": topic, "time_ns": time_ns}, data)
+        self._held[topic] = schema(), data, time_ns
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -154,16 +160,12 @@ class ResultFile:
             self._writer.add_attachment(
                 create_time=time_ns, log_time=time_ns, name=name, media_type=media_type, data=data
             )
-        self._record(
-            {"kind": "attachment", "time_ns": time_ns, "name": name, "media_type": media_type}, data
-        )
         self._attachments += 1
 
     def write_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record."""
         with self._storing(f"write the metadata {name}"):
             self._writer.add_metadata(name, dict(values))
-        self._record({"kind": "metadata", "name": name, "values": dict(values)}, b"")
 
     def copy(self, source: Iterator[RawMessage]) -> None:
         """Write an input's messages unchanged; ``/input`` is put before a topic that is also one of the result's own.
@@ -171,7 +173,6 @@ class ResultFile:
         Args:
             source: The messages of all logs.
         """
-        self._record({"kind": "copies"}, b"")
         renamed: dict[RawChannel, RawChannel] = {}
         with self._storing("copy the inputs"):
             for message in source:
@@ -189,45 +190,79 @@ class ResultFile:
         with self._storing("write"):
             self._writer.flush()  # type: ignore[no-untyped-call]
             os.fsync(self._file.fileno())
-        self._record({"kind": "checkpoint"}, b"")
 
     def current_digest(self, time_ns: int) -> Digest:
         """Return the digest of the messages so far."""
         return Digest(time_ns, self._counts.total(), self._digest.hexdigest())
 
-    def write_entries(
-        self, entries: Iterable[tuple[dict[str, Any], bytes]], copy_inputs: Callable[[], None]
-    ) -> None:
-        """Write what is recorded in a journal.
+    def digest(self, time_ns: int) -> Digest:
+        """End the chunk, and write the digest of the messages so far as a metadata record: ``verify`` compares it as a repeated run goes.
 
         Args:
-            entries: Of the journal; they are not recorded again.
-            copy_inputs: Copies the inputs, which the journal does not hold.
+            time_ns: Of the record [ns, UTC].
         """
-        journal, self._journal = self._journal, None
-        schemas: dict[str, Definition] = {}
-        for head, data in entries:
-            if head["kind"] == "schema":
-                schemas[head["topic"]] = (head["name"], head["encoding"], data)
-            elif head["kind"] == "message":
-                self.write_message(
-                    head["topic"],
-                    partial(schemas.__getitem__, head["topic"]),
-                    data,
-                    head["time_ns"],
-                )
-            elif head["kind"] == "held":
-                schema = partial(schemas.__getitem__, head["topic"])
-                self.hold_message(head["topic"], schema, data, head["time_ns"])
-            elif head["kind"] == "attachment":
-                self.attach(head["time_ns"], head["name"], head["media_type"], data)
-            elif head["kind"] == "copies":
-                copy_inputs()
-            elif head["kind"] == "checkpoint":
-                self.flush()
-            else:
-                self.write_metadata(head["name"], head["values"])
-        self._journal = journal
+        self.flush()
+        value = self.current_digest(time_ns)
+        text = {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256}
+        self.write_metadata(DIGEST_NAME, text)
+        self._digests += 1
+        return value
+
+    @property
+    def written(self) -> Written:
+        """What ``restore`` needs to write the file up to its last digest again."""
+        held = tuple((topic, *each) for topic, each in self._held.items())
+        return Written(self._digests, self._digest.hexdigest(), held)
+
+    def restore(self, source: Path, written: Written) -> None:
+        """Write what a result, or the part of one, holds after its first digest and up to another, after what precedes the first.
+
+        Args:
+            source: The file; it may be this one's own part.
+            written: The last digest.
+
+        Raises:
+            LogError: The file does not hold it.
+        """
+        try:
+            with source.open("rb") as file:
+                self._write_again(Records(file, emit_chunks=True, validate_crcs=True), written)
+        except (
+            *(OSError, McapError, CRCValidationError, zstandard.ZstdError),
+            *(struct.error, ValueError, LookupError, OverflowError),
+        ) as error:
+            raise LogError(f"{source}: what the run had written is damaged: {error!r}") from error
+        if (self._digests, self._digest.hexdigest()) != written[:2]:
+            raise LogError(f"{source}: is not what the run had written")
+        self._held = {topic: (definition, data, ns) for topic, definition, data, ns in written.held}
+        self._file.flush()
+        self._file.truncate()
+
+    def _write_again(self, source: Records, written: Written) -> None:
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, tuple[str, Callable[[], Definition]]] = {}
+        begun = False
+        for record in source.records:
+            if isinstance(record, Chunk):
+                for one in breakup_chunk(record, validate_crc=True):
+                    if isinstance(one, Schema):
+                        schemas[one.id] = one
+                    elif isinstance(one, Channel) and one.schema_id:
+                        schema = schemas[one.schema_id]
+                        definition = schema.name, schema.encoding, schema.data
+                        channels[one.id] = one.topic, _giving(definition)
+                    elif isinstance(one, Message) and begun:
+                        self.write_message(*channels[one.channel_id], one.data, one.log_time)
+            elif isinstance(record, Metadata) and record.name == DIGEST_NAME:
+                if begun:
+                    self.digest(int(record.metadata["time_ns"]))
+                begun = True
+                if self._digests == written.digests:
+                    return
+            elif isinstance(record, Metadata) and begun:
+                self.write_metadata(record.name, record.metadata)
+            elif isinstance(record, Attachment) and begun:
+                self.attach(record.log_time, record.name, record.media_type, record.data)
 
     def close(self) -> None:
         """Complete the file, read it back and give it its name; a second call does nothing.
@@ -239,8 +274,8 @@ class ResultFile:
         if not self._open:
             return
         try:
-            for topic, (schema, data, time_ns) in self._held.items():
-                self.write_message(topic, schema, data, time_ns)
+            for topic, (definition, data, time_ns) in self._held.items():
+                self.write_message(topic, _giving(definition), data, time_ns)
             self._end()
             check_written(self.part, self._counts, self._attachments)
             self._check_target()
@@ -276,19 +311,6 @@ class ResultFile:
                 self._file.close()
 
     @contextmanager
-    def unrecorded(self) -> Iterator[None]:
-        """Record nothing in the journal but schemas, which later messages need: for what is written anew each time."""
-        self._recording = False
-        try:
-            yield
-        finally:
-            self._recording = True
-
-    def _record(self, head: dict[str, Any], data: bytes) -> None:
-        if self._journal is not None and (self._recording or head["kind"] == "schema"):
-            self._journal.append(head, data)
-
-    @contextmanager
     def _storing(self, what: str) -> Iterator[None]:
         try:
             yield
@@ -309,6 +331,10 @@ class ResultFile:
             raise ConfigError(
                 f"{self.path}: exists already; pass --overwrite to replace it, or write elsewhere"
             )
+
+
+def _giving(definition: Definition) -> Callable[[], Definition]:
+    return lambda: definition
 
 
 def _renamed(channel: RawChannel) -> RawChannel:

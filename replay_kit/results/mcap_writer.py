@@ -5,7 +5,7 @@ are those of the events, never of the writing, so that the same run gives the sa
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
@@ -22,9 +22,8 @@ from replay_kit.core.surfacing import DiveOutcome, SurfacingOutcome
 from replay_kit.core.version import __version__
 from replay_kit.results import messages
 from replay_kit.results.innovations import TOPIC, block_of
-from replay_kit.results.journal import Journal
 from replay_kit.results.layout.layout import layout_of, layout_text
-from replay_kit.results.mcap_file import ResultFile
+from replay_kit.results.mcap_file import ResultFile, Written
 from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
 from replay_kit.results.slices import (
     Slice,
@@ -36,7 +35,6 @@ from replay_kit.results.slices import (
 )
 from replay_kit.results.topics import (
     CONFIG_NAME,
-    DIGEST_NAME,
     ESTIMATE_NAME,
     LAYOUT_NAME,
     SUMMARY_NAME,
@@ -62,7 +60,7 @@ class ResultWriter(ResultFile):
         path: Path,
         overwrite: bool = False,
         on_digest: Callable[[Digest], None] | None = None,
-        journal: Journal | None = None,
+        goes_on: bool = False,
     ) -> None:
         """Open ``path`` + ``.part``; one left over by an interrupted run is replaced.
 
@@ -70,12 +68,12 @@ class ResultWriter(ResultFile):
             path: The result file.
             overwrite: Replace an existing result.
             on_digest: Called with each digest written.
-            journal: Records everything that is written.
+            goes_on: As of ``ResultFile``.
 
         Raises:
             ConfigError: The result exists and may not be replaced, or its folder does not exist or cannot be written.
         """
-        super().__init__(path, overwrite, journal)
+        super().__init__(path, overwrite, goes_on)
         self._arrow_scale: float | None = None
         self._on_digest = on_digest
         self._vehicle = ""
@@ -208,36 +206,22 @@ class ResultWriter(ResultFile):
         """Write an event to ``/log``."""
         self._log("/log", messages.log_message(time_ns, level, text), time_ns)
 
-    def digest(self, time_ns: int) -> None:
-        """Write the digest of the messages so far as a metadata record, with which ``verify`` compares a repeated run as it goes."""
-        value = self.current_digest(time_ns)
-        self.write_metadata(
-            DIGEST_NAME,
-            {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256},
-        )
+    def digest(self, time_ns: int) -> Digest:
+        """Write a digest, and tell it; as ``ResultFile``."""
+        value = super().digest(time_ns)
         if self._on_digest is not None:
             self._on_digest(value)
+        return value
 
     @property
-    def state(self) -> float | None:
-        """What the writer remembers beside the file: the arrow scale."""
-        return self._arrow_scale
+    def state(self) -> tuple[Written, float | None]:
+        """What is to be known to go on: what is written, and the arrow scale."""
+        return self.written, self._arrow_scale
 
-    def replay_journal(
-        self,
-        entries: Iterable[tuple[dict[str, Any], bytes]],
-        state: float | None,
-        copy_inputs: Callable[[], None],
-    ) -> None:
-        """Write what an interrupted run had written.
-
-        Args:
-            entries: Of its journal; they are not recorded again.
-            state: Its ``state``.
-            copy_inputs: Copies the inputs, which the journal does not hold.
-        """
-        self.write_entries(entries, copy_inputs)
-        self._arrow_scale = state
+    def resume(self, source: Path, state: tuple[Written, float | None]) -> None:
+        """Write what a run had written up to a state; as ``restore``."""
+        written, self._arrow_scale = state
+        self.restore(source, written)
 
     def summary(self, time_ns: int, summary: Mapping[str, Any]) -> None:
         """Attach the summary of the run as ``summary.json``, for the report; wall times do not belong there.

@@ -54,7 +54,7 @@ def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> 
     try:
         found = _Found()
         with path.open("rb") as file:
-            for record in _Records(
+            for record in Records(
                 file, emit_chunks=True, validate_crcs=True, record_size_limit=path.stat().st_size
             ).records:
                 found.add(record)
@@ -117,7 +117,7 @@ def _crc(file: BinaryIO, length: int) -> int:
     return crc
 
 
-class _Records(StreamReader):
+class Records(StreamReader):
     """The records of a file without the message indexes, whose entries the library would parse one by one."""
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:

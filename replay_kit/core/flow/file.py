@@ -3,11 +3,12 @@
 CF-1.8 has no 64-bit integers, and no floating-point number of seconds since 1970 holds nanoseconds. Times are therefore in float64 seconds,
 for any reader, and the attribute ``nanoseconds_since_1970`` holds them exactly, as decimal digits, for this one.
 
-The file ends with the SHA-256 of all bytes before it (``sealed.py``), which other readers of NetCDF pass over.
+The file ends with the SHA-256 of all bytes before it (the seal), which other readers of NetCDF pass over.
 """
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 from collections.abc import Callable, Mapping
@@ -38,7 +39,6 @@ from replay_kit.core.inputs import (
     plain_attribute,
 )
 from replay_kit.core.paths import as_path
-from replay_kit.core.sealed import sealed, unsealed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 FORMAT, FORMAT_VERSION = "replay_kit.FlowEstimate", 7
 # a flow without uncertainty has the same form there
 _EARLIER = 6
+_SEAL = b"\nreplay-kit sha256 "
+_SEAL_BYTES = len(_SEAL) + 65
 _EXACT_TIME = "nanoseconds_since_1970"
 _KINDS: dict[str, type] = {
     "node kernel": NodeKernel,
@@ -183,6 +185,25 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
     return described(dataset, "Ocean current estimate without loss", "save", flow.about)
 
 
+def sealed(data: bytes) -> bytes:
+    """Return bytes with their seal, a last line with their SHA-256."""
+    return data + _SEAL + hashlib.sha256(data).hexdigest().encode() + b"\n"
+
+
+def _unsealed(data: bytes) -> bytes | None:
+    """Return sealed bytes without their seal; None when they end without one.
+
+    Raises:
+        ValueError: They are not the bytes that were sealed.
+    """
+    content, seal = data[:-_SEAL_BYTES], data[-_SEAL_BYTES:]
+    if not seal.startswith(_SEAL):
+        return None
+    if sealed(content) != data:
+        raise ValueError("it is damaged: its checksum does not match")
+    return content
+
+
 def save_bytes(flow: FlowEstimate) -> bytes:
     """Return the bytes of a saved flow, with their seal; the same flow and libraries give the same bytes."""
     return sealed(netcdf_bytes(to_lossless(flow)))
@@ -215,7 +236,7 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
         ForecastError: As for ``load``.
     """
     try:
-        content = unsealed(data)
+        content = _unsealed(data)
         # by the HDF5 library alone: xarray takes longer to load than a mission to plan
         with h5py.File(io.BytesIO(data if content is None else content)) as file:
             attrs = _attributes(file)

@@ -92,10 +92,6 @@ def load_fleet(path: Path) -> FleetTable:
         raise ConfigError(explain(error, FleetTable, path, {})) from error
 
 
-#: Folder of the built estimators in that of the results.
-STORE = "basis"
-
-
 @dataclass(frozen=True, slots=True)
 class Mission:
     """One replay of a fleet.
@@ -278,6 +274,5 @@ def _job(
         out / f"{name}.mcap",
         goal=None if entry.goal is None else Place(*entry.goal),
         truth=truth,
-        basis_store=out / STORE,
         vehicles=vehicles if len(vehicles) > 1 else (),
     )

@@ -17,7 +17,7 @@ from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.workflows.fleet.cluster import Cluster
-from replay_kit.workflows.fleet.missions import STORE, Mission
+from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.provenance import (
     file_hash,
@@ -67,7 +67,7 @@ def run_fleet(
         UnreachableError: The scheduler was lost; what is done is kept.
     """
     out = missions[0].result.parent
-    (out / STORE).mkdir(parents=True, exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
     if overwrite:
         for mission in missions:
             mission.record.unlink(missing_ok=True)

@@ -301,6 +301,7 @@ class Follower:
             job,
             following=Following(self._options.states, record, self._memory.goals[1:], self._made),
             estimator=partial(self._estimator, job),
+            tell=self._options.tell,
         )
         summary, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
         self._summary, (self._held, self._outcome) = summary, read_each(self._out)

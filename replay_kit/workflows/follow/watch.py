@@ -11,8 +11,10 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from replay_kit.config.run import LogConfig
+from replay_kit.core.atomic import write_whole
+from replay_kit.core.errors import LogError
+from replay_kit.core.inputs import open_input
 from replay_kit.core.plan import Place
-from replay_kit.core.sealed import Kind, read_store, unusable, write_store
 from replay_kit.core.text import some_text
 from replay_kit.show.status.alarms import Alarm
 from replay_kit.show.status.status import Status
@@ -27,7 +29,6 @@ from replay_kit.workflows.follow.sources import (
 )
 
 _NAME = "mission"
-_KIND = Kind("memory of a followed mission", 1, "delete its folder to begin anew")
 # Sentences kept for the record.
 _SAID = 500
 
@@ -70,19 +71,21 @@ def read_memory(folder: Path) -> Memory:
     Raises:
         LogError: It cannot be used: without the goals and the forecast so far the result would be another.
     """
-    if not (folder / _NAME).exists():
+    if not (path := folder / _NAME).exists():
         return Memory()
-    _, (body,) = read_store(folder / _NAME, _KIND)
     try:
-        return _FORM.validate_json(bytes(body))
-    except ValueError as error:
-        raise unusable(folder / _NAME, _KIND, error) from error
+        with open_input(path) as file:
+            return _FORM.validate_json(file.read())
+    except (OSError, ValueError) as error:
+        why = " ".join(str(error).split())[:200]
+        raise LogError(
+            f"{path}: the memory of a followed mission cannot be used: {why}; delete its folder to begin anew"
+        ) from error
 
 
 def write_memory(folder: Path, memory: Memory) -> None:
     """Write what is to be remembered, whole or not at all."""
-    held = replace(memory, said=memory.said[-_SAID:])
-    write_store(folder / _NAME, _KIND, {}, [_FORM.dump_json(held)])
+    write_whole(folder / _NAME, _FORM.dump_json(replace(memory, said=memory.said[-_SAID:])))
 
 
 @dataclass(frozen=True, slots=True)

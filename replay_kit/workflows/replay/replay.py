@@ -6,15 +6,15 @@ go to the summary only.
 
 import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
+from replay_kit.core.atomic import part_of
 from replay_kit.core.errors import (
     ConfigError,
     LogError,
@@ -40,6 +40,7 @@ from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.topics import Digest
 from replay_kit.results.vehicles import VEHICLES_RECORD
 from replay_kit.workflows.replay.array import END, ArraySession, streams
+from replay_kit.workflows.replay.checkpoint import Checkpoint, States, run_identity
 from replay_kit.workflows.replay.checks import check_goal, with_planner_kind
 from replay_kit.workflows.replay.conclude import conclude, counted, findings_so_far
 from replay_kit.workflows.replay.inputs.estimator import built
@@ -73,14 +74,7 @@ from replay_kit.workflows.replay.shared import SharedEstimate
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
-from replay_kit.workflows.replay.store.checkpoint import (
-    Checkpoint,
-    CheckpointFile,
-    StateStore,
-    resuming,
-    run_identity,
-)
-from replay_kit.workflows.replay.store.followed import FollowedStates
+from replay_kit.workflows.replay.state_file import StateError
 
 # Of one vehicle, or of several.
 AnySession = Session | ArraySession
@@ -116,7 +110,7 @@ def replay(
     check_against(job)
     check_outputs(job)
     threads = threadpool_limits(limits=config.output.threads)
-    with threads, _collecting_seldom(), resuming(job.checkpoint):
+    with threads, _collecting_seldom():
         job = identified(job, config)
         try:
             return _replay(job, config, planner_of, progress, on_digest, forecasts)
@@ -151,14 +145,21 @@ def _replay(
     # before the run itself: a forecast that cannot be used should cost no result
     others = tuple(rivals(job, lambda each: _replay(each, config, None, progress, None, None)[0]))
     session, inputs = _prepare(job, config, planner_of, progress, forecasts)
-    checkpoints = _checkpoints(session, inputs)
+    states = _states(session, inputs)
     try:
-        stream = _stream(inputs, session.config, checkpoints)
-        _open_result(session, inputs, checkpoints, stream.checkpoint, on_digest)
-        _loop(session, inputs, checkpoints, stream, reading(inputs.readers, progress, "replaying"))
+        stream = _stream(inputs, session.config, states)
+        _open_result(session, inputs, states, stream.checkpoint, on_digest)
+        _loop(session, inputs, states, stream, reading(inputs.readers, progress, "replaying"))
         check_unchanged(read, may_grow=job.following is not None)
         progress(0, 1, "writing the results")
         summary, flow = conclude(session, inputs, others)
+    except StateError as error:
+        if session.writer is not None:
+            session.writer.abandon()
+        assert states is not None, "a run without a state reads none"
+        job.tell(f"{error}; the replay begins anew")
+        states.path.unlink()
+        return _replay(job, config, planner_of, progress, on_digest, inputs.forecasts)
     except BaseException as error:
         # an unusable input has no result worth keeping; anything else, as an interrupt, leaves OUT.part with every whole chunk
         unusable = isinstance(error, ConfigError | MeasurementError | LogError | PlanError)
@@ -168,11 +169,8 @@ def _replay(
             error.findings = error.findings or findings_so_far(session)
             error.answer = failed(error, counted(session, inputs)).to_json()
         raise
-    finally:
-        if checkpoints is not None:
-            checkpoints.close()
-    if checkpoints is not None:
-        checkpoints.remove()
+    if states is not None:
+        states.end()
     return summary, flow
 
 
@@ -286,22 +284,16 @@ def _metadata(
     return metadata
 
 
-def _checkpoints(session: AnySession, inputs: Prepared) -> StateStore | None:
-    """Return where the states of a replay are kept; None where they are not."""
-    job, settings = inputs.job, run_settings_toml(session.config)
+def _states(session: AnySession, inputs: Prepared) -> States | None:
+    """Return where the state of a replay is kept; None where it is not."""
+    job, config = inputs.job, session.config
+    settings, interval = run_settings_toml(config), config.output.checkpoint_interval
     if job.following is not None:
-        return FollowedStates(
-            job.following.states, run_identity(lasting(inputs.metadata), settings)
-        )
+        run = run_identity(lasting(inputs.metadata), settings)
+        return States(job.following.states / "state", run, interval, config.logs.reorder_window)
     if job.checkpoint is None:
         return None
-    interval = session.config.output.checkpoint_interval
-    return CheckpointFile(
-        job.checkpoint,
-        run_identity(inputs.metadata, settings),
-        interval,
-        inputs.forecasts.region,
-    )
+    return States(job.checkpoint, run_identity(inputs.metadata, settings), interval, None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -319,7 +311,7 @@ class _Stream:
     checkpoint: Checkpoint | None = None
 
 
-def _stream(inputs: Prepared, config: RunConfig, checkpoints: StateStore | None) -> _Stream:
+def _stream(inputs: Prepared, config: RunConfig, states: States | None) -> _Stream:
     logs = config.logs
     merged = [
         merge(readers, logs.reorder_window, logs.start_ns, logs.end_ns)
@@ -331,36 +323,32 @@ def _stream(inputs: Prepared, config: RunConfig, checkpoints: StateStore | None)
         each = [iter(one) for one in merged]
         return streams(each, firsts) if inputs.job.vehicles else each[0]
 
-    if checkpoints is None:
+    if states is None:
         return _Stream(merged, begin())
-    checkpoint, messages = checkpoints.resume(begin)
+    checkpoint, messages = states.resume(begin)
     return _Stream(merged, messages, checkpoint)
 
 
 def _open_result(
     session: AnySession,
     inputs: Prepared,
-    checkpoints: StateStore | None,
+    states: States | None,
     checkpoint: Checkpoint | None,
     on_digest: Callable[[Digest], None] | None,
 ) -> None:
-    """Open the result, and let the session continue from the checkpoint if there is one."""
+    """Open the result, and let the session go on from the checkpoint if there is one."""
     if (job := inputs.job).out is None:
         return
-    journal = None if checkpoints is None else checkpoints.open_journal(checkpoint)
-    session.writer = ResultWriter(job.out, job.overwrite, on_digest, journal)
-    if checkpoints is not None and checkpoint is not None:
-        session.restore(checkpoint.state)
-        copy = partial(copy_inputs, session.writer, job, session.config.logs)
-        checkpoints.restore_result(
-            session.writer, checkpoint, copy, partial(_begin_result, session, inputs)
-        )
+    goes_on = checkpoint is not None and job.following is None and part_of(job.out).exists()
+    writer = session.writer = ResultWriter(job.out, job.overwrite, on_digest, goes_on)
+    if states is not None and checkpoint is not None:
+        states.restore(session, writer, checkpoint, partial(_begin_result, session, inputs))
 
 
 def _loop(
     session: AnySession,
     inputs: Prepared,
-    checkpoints: StateStore | None,
+    keeper: States | None,
     stream: _Stream,
     on_message: Callable[[], None],
 ) -> None:
@@ -373,8 +361,7 @@ def _loop(
     measurements = for_region(session.config, inputs.forecasts.ensemble).measurements
     while True:
         with session.clock.stage("read"):
-            due_ns = np.inf if checkpoints is None else checkpoints.next_ns
-            block = next_block(stream.messages, due_ns)
+            block = next_block(stream.messages, session.config.output.checkpoint_interval)
         if not block:
             check_span(inputs.job.logs, session.config, session.last_ns if count else None)
             break
@@ -387,10 +374,10 @@ def _loop(
             if message.schema == END:
                 session.shared.end(number)
             on_message()
-        if checkpoints is not None:
-            checkpoints.write_when_due(session, tuple(states), count)
-    if checkpoints is not None:
-        checkpoints.write_last()
+        if session.writer is not None:
+            session.writer.digest(session.last_ns)
+        if keeper is not None:
+            keeper.keep(session, states, count, block)
     if not inputs.job.vehicles:
         _, rest = taken(states[0], [], measurements, last=True)
         for events in sessions[0].take_block(rest).values():
@@ -435,9 +422,7 @@ def _begin_result(session: AnySession, inputs: Prepared, time_ns: int) -> None:
     """Write what precedes the messages of a result: metadata, notes on the forecast, and the inputs' messages if asked for."""
     if (writer := session.writer) is None:
         return
-    # of growing logs what names them is written anew each time
-    recorded = nullcontext() if inputs.job.following is None else writer.unrecorded()
-    with session.clock.stage("write"), recorded:
+    with session.clock.stage("write"):
         writer.start(
             inputs.prior_flow.grid.projection,
             time_ns,
@@ -451,3 +436,4 @@ def _begin_result(session: AnySession, inputs: Prepared, time_ns: int) -> None:
                 writer.seabed(time_ns, seabed)
                 break
         copy_inputs(writer, inputs.job, session.config.logs)
+        writer.digest(time_ns)

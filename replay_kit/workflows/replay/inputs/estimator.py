@@ -1,43 +1,21 @@
-"""The estimator of a run, built from its forecast and settings: static, through time, or a baseline; or kept in a folder.
+"""The estimator of a run, built from its forecast and settings: static, through time, or a baseline."""
 
-Built estimators may be kept in a folder that several replays share: the basis of an ensemble is made once and read by all. A file is named
-after the SHA-256 of all that an estimator is built from. Its arrays are mapped into memory, which processes of one machine share. It is
-written under another name and renamed, so that two replays that make the same basis do not disturb each other.
-"""
-
-import hashlib
-import io
-import json
-import os
-import pickle
-import uuid
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, Literal
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.atomic import part_of
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.region import Region
-from replay_kit.core.sealed import Kind, read_store, unusable, write_store
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator import build as build_reduced
 from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.windows.filter import WindowedEstimator
-from replay_kit.forecast import ensemble_files
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.provenance import file_hash, package_versions
 from replay_kit.workflows.replay.inputs.region import FoundRegion
-from replay_kit.workflows.replay.store.pickling import dump, load
-
-_KIND = Kind("basis", 2, "delete the file, and run again")
-# Sections of the settings that an estimator is built from.
-_SECTIONS = {"forecast", "estimator", "time", "gating"}
 
 
 def build(forecasts: Forecasts, config: RunConfig, vehicles: int = 1) -> Estimator[Any]:
@@ -104,86 +82,7 @@ def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate
 
 
 def built(forecasts: Forecasts, config: RunConfig, job: ReplayJob) -> Estimator[Any]:
-    """Return the estimator of a run: from the job's store of them, where it has one, and made for it where it is not there yet.
-
-    Args:
-        forecasts: What it is built from.
-        config: The run's settings.
-        job: With the goal, and the folder of the store.
-
-    Raises:
-        LogError: A file of the store is damaged, or of another version.
-        ReplayKitError: As of ``build``; or the store cannot be written.
-    """
+    """Return the estimator of a job: its own, or that of the settings; errors are those of ``build``."""
     if job.estimator is not None:
         return job.estimator(forecasts, config)
-    if job.basis_store is None or forecasts.read is not None:
-        # windows are begun as vehicles go on
-        return build(forecasts, config, len(job.each_vehicle))
-    path = job.basis_store / f"{_identity(forecasts, config, job)}.basis"
-    if not path.exists():
-        with _locked(path.with_suffix(".lock")) as alone:
-            # of processes that were killed as they wrote
-            for left in path.parent.glob(f"{path.stem}-*.new*") if alone else ():
-                left.unlink(missing_ok=True)
-            if not path.exists():
-                _write(path, build(forecasts, config))
-    # read also by who made it: all replays have the same value
-    return _read(path)
-
-
-def _identity(forecasts: Forecasts, config: RunConfig, job: ReplayJob) -> str:
-    """Return the SHA-256 of what an estimator is built from: files, settings, the part of the forecast that is used, versions."""
-    settings = config.model_dump(mode="json", include=_SECTIONS)
-    files = [file_hash(path) for path in ensemble_files(job.ensemble)]
-    text = json.dumps(
-        [settings, files, config.output.threads, forecasts.evolves, package_versions()],
-        sort_keys=True,
-    )
-    digest = hashlib.sha256(text.encode())
-    dump(
-        [(forecast.grid, forecast.time_ns, forecast.members) for forecast in forecasts.series],
-        part := io.BytesIO(),
-    )
-    digest.update(part.getvalue())
-    return digest.hexdigest()
-
-
-def _write(path: Path, estimator: Estimator[Any]) -> None:
-    arrays: list[pickle.PickleBuffer] = []
-    body = io.BytesIO()
-    dump(estimator, body, on_array=arrays.append)
-    unique = path.with_name(f"{path.stem}-{uuid.uuid4().hex}.new")
-    try:
-        write_store(unique, _KIND, {}, [body.getvalue(), *(array.raw() for array in arrays)])
-        os.replace(unique, path)
-    finally:
-        for left in (unique, part_of(unique)):
-            left.unlink(missing_ok=True)
-
-
-def _read(path: Path) -> Estimator[Any]:
-    """Return the estimator of a file; its arrays are mapped and cannot be written to."""
-    _, (body, *arrays) = read_store(path, _KIND)
-    try:
-        estimator: Estimator[Any] = load(io.BytesIO(body), arrays=arrays)
-    # pickle states no end to what it raises on bytes that are not its own
-    except Exception as error:
-        raise unusable(path, _KIND, error) from error
-    return estimator
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[bool]:
-    """Let one process at a time through, and say whether it is the only one; the lock of one that is killed is free again.
-
-    Where the file system has no locks, a basis may be made more than once, to the same bytes.
-    """
-    import fcntl
-
-    with path.open("wb") as file:
-        alone = False
-        with suppress(OSError):
-            fcntl.flock(file, fcntl.LOCK_EX)
-            alone = True
-        yield alone
+    return build(forecasts, config, len(job.each_vehicle))

@@ -20,7 +20,7 @@ from replay_kit.logs import open_logs
 from replay_kit.logs.registry import logs_in
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
-from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region, recorded_region
+from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region
 from replay_kit.workflows.replay.inputs.scan import look_ahead, open_readers
 from replay_kit.workflows.replay.stages.planner import MadePlans
 
@@ -40,6 +40,9 @@ class Following:
     record: Mapping[str, str] = field(default_factory=dict)
     goals: tuple[tuple[int, Place], ...] = ()
     made: MadePlans | None = None
+
+
+def _silent(text: str) -> None: ...
 
 
 #: Another ensemble: a file, folder or pattern, or files that belong together.
@@ -86,10 +89,10 @@ class ReplayJob:
         following: For logs that may grow, without a checkpoint; None for finished ones.
         region: The part of the forecast that an earlier run of the job found; None finds it, where the settings do not state it.
         against: Other ensembles under which the log's evidence is computed too.
-        basis_store: Folder of built estimators that replays share; None builds one for this replay alone.
         estimator: Makes the estimator of the forecasts and settings; None for that of the settings.
         provided: Names of the parts that a script gives in place of the settings' own.
         vehicles: Those that the logs are of, in the order of their names, and the logs in theirs; none where the logs are of one vehicle.
+        tell: Called with what a person should read during the run.
     """
 
     logs: tuple[Path, ...]
@@ -106,10 +109,10 @@ class ReplayJob:
     following: Following | None = None
     region: FoundRegion | None = None
     against: tuple[Against, ...] = ()
-    basis_store: Path | None = None
     estimator: Callable[[Forecasts, RunConfig], Estimator[Any]] | None = None
     provided: tuple[str, ...] = ()
     vehicles: tuple[Vehicle, ...] = ()
+    tell: Callable[[str], None] = _silent
 
     @property
     def each_vehicle(self) -> tuple[Vehicle, ...]:
@@ -140,7 +143,7 @@ def check_outputs(
         inputs,
         (job.out, job.netcdf, job.save_estimate, *also_written),
         job.overwrite,
-        checkpoint_files(job.checkpoint),
+        () if job.checkpoint is None else (job.checkpoint,),
     )
 
 
@@ -155,11 +158,6 @@ def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
     return stamps_of(
         [*logs, *ensemble_files(job.ensemble), *rivals, *filter(None, [truth_path(job.truth)])]
     )
-
-
-def checkpoint_files(path: Path | None) -> tuple[Path, ...]:
-    """Return the files of a checkpoint: the checkpoint itself, and the journal beside it."""
-    return () if path is None else (path, path.with_name(path.name + ".journal"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,11 +227,7 @@ def forecasts_of(job: ReplayJob, config: RunConfig) -> Forecasts:
         ConfigError: An estimator that knows no time is asked for what needs it.
     """
     place_at, near_ns = look_ahead(job.logs, config)
-    region = (
-        job.region
-        or recorded_region(job.checkpoint)
-        or find_region(job.logs, job.ensemble, config, near_ns, job.goals)
-    )
+    region = job.region or find_region(job.logs, job.ensemble, config, near_ns, job.goals)
     return read_forecasts(job.ensemble, config, near_ns, place_at, region)
 
 

@@ -22,7 +22,6 @@ from replay_kit.core.region import (
     text,
     width,
 )
-from replay_kit.core.sealed import Kind, read_head
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.placing import moved_into
 from replay_kit.forecast.describe import Extent, open_extent
@@ -32,8 +31,6 @@ from replay_kit.workflows.replay.inputs.scan import reach_of
 REGION_RECORD = "replay_kit.found_region"
 #: Correlation lengths between the log's positions and the side of the region found from them.
 MARGIN_LENGTHS = 4.0
-#: The states of a run; the head has the part of the forecast that was found, so that the continued run reads the same.
-CHECKPOINT = Kind("checkpoint", 13, "delete it to begin anew")
 # Points a level of a forecast that is taken whole, and the share of a larger one from which on it is.
 _SMALL, _MOST = 1200, 2.0 / 3.0
 # Side of a window in correlation lengths, and its points at least, where the settings state none.
@@ -66,7 +63,7 @@ class FoundRegion:
         return moved_into(self.bounds, place, 0.5 * size)
 
     def to_record(self) -> dict[str, str]:
-        """Return it as a result and a checkpoint keep it."""
+        """Return it as a result keeps it."""
         return {
             "region": ",".join(map(repr, self.region)),
             "margin": repr(self.margin),
@@ -91,18 +88,6 @@ def from_record(record: Mapping[str, str]) -> FoundRegion:
 def _numbers(text: str) -> Region:
     west, south, east, north = (float(part) for part in text.split(","))
     return west, south, east, north
-
-
-def recorded_region(path: Path | None) -> FoundRegion | None:
-    """Return the part of the forecast that a checkpoint's run found; None without a checkpoint, or where it found none.
-
-    What cannot be read is None too: the checkpoint's own reading says what is wrong with it.
-    """
-    try:
-        record = None if path is None else (read_head(path, CHECKPOINT) or {}).get("region")
-        return None if record is None else from_record(record)
-    except (ValueError, LookupError, TypeError, AttributeError):
-        return None
 
 
 def find_region(

@@ -155,12 +155,12 @@ def _placed(
             yield message.time_ns, events.get(first + k, []) if counts else []
 
 
-def next_block(messages: Iterator[Message], until_ns: float = np.inf) -> list[Message]:
-    """Return the messages of the next block, which ends with the first at a time or after it [ns, UTC]; none at the end."""
+def next_block(messages: Iterator[Message], longest_s: float = np.inf) -> list[Message]:
+    """Return the messages of the next block, which ends with the first so long after its beginning [s]; none at the end."""
     found: list[Message] = []
     for message in islice(messages, _BLOCK):
         found.append(message)
-        if message.schema == _LARGE or message.time_ns >= until_ns:
+        if message.schema == _LARGE or message.time_ns - found[0].time_ns >= 1e9 * longest_s:
             break
     return found
 

@@ -1,0 +1,196 @@
+"""The state from which a run goes on to the bytes of one that was not interrupted: of a replay, or of a mission that is followed.
+
+A state is of all stages after a block of messages, where every run ends a chunk of its result. What had been written before is taken from
+the unfinished result, or from the last one of a mission. A followed log may grow within its reordering window, so that its state is older,
+and has a digest of all messages before it: whatever happened to the files shows in the messages and in nothing else.
+"""
+
+import hashlib
+import json
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from replay_kit.core.errors import LogError
+from replay_kit.core.message import Message
+from replay_kit.measurements.observed import Stream
+from replay_kit.results.mcap_file import Written
+from replay_kit.results.mcap_writer import ResultWriter
+from replay_kit.workflows.replay.array import END, ArraySession
+from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.state_file import read_state, unusable, write_state
+
+# What stages raise on a state whose parts are of other kinds or sizes.
+_FOREIGN_STATE = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Checkpoint:
+    """Where a run goes on.
+
+    Attributes:
+        state: Of all stages, or of those of several vehicles.
+        measurement: Of the measurement step, vehicle by vehicle.
+        messages: Number of messages read before.
+        begun_ns: Time of the first of them [ns, UTC].
+        last_ns: Time of the last [ns, UTC].
+        digest: Of them, where the logs may grow.
+        writer: Of the result's writer.
+    """
+
+    state: Any
+    measurement: tuple[Stream, ...]
+    messages: int
+    begun_ns: int
+    last_ns: int
+    digest: str
+    writer: tuple[Written, int, float | None]
+
+
+def run_identity(metadata: Mapping[str, Mapping[str, str]], settings_toml: str) -> str:
+    """Return what a run must have in common with a state: inputs, options, region, versions, configuration."""
+    text = json.dumps([metadata, settings_toml], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class States:
+    """The state of one run on the disk: mutable, as the run goes on."""
+
+    def __init__(
+        self, path: Path, identity: str, interval_s: float, window_s: float | None
+    ) -> None:
+        """Bind the file to a run.
+
+        Args:
+            path: The file.
+            identity: Of the run; the state of another is refused.
+            interval_s: Between states, where the logs are finished [s, in the log's time].
+            window_s: Within which logs that may grow are reordered [s]; None for finished ones.
+        """
+        self.path, self._identity = path, identity
+        self._interval_ns, self._grows = int(1e9 * interval_s), window_s is not None
+        self._window_ns = int(1e9 * (window_s or 0.0))
+        self._digest, self._begun_ns, self._written_ns = hashlib.sha256(), 0, 0
+        self._waiting: list[Checkpoint] = []
+        self._ready: Checkpoint | None = None
+        self._ended = False
+
+    def resume(
+        self, messages: Callable[[], Iterator[Message]]
+    ) -> tuple[Checkpoint | None, Iterator[Message]]:
+        """Return the state from which the run goes on, None when it begins, and the messages after it.
+
+        Raises:
+            LogError: The file is none of this program's.
+            StateError: It is damaged, of another run, or the logs have changed before it.
+        """
+        stream = self._counted(messages())
+        if not self.path.exists():
+            return None, stream
+        checkpoint = read_state(self.path, self._identity)
+        if not isinstance(checkpoint, Checkpoint):
+            raise unusable(self.path, "it is no checkpoint")
+        deque(islice(stream, checkpoint.messages), 0)
+        if self._grows and self._digest.hexdigest() != checkpoint.digest:
+            raise unusable(self.path, "the logs have changed before it")
+        self._written_ns, self._ready = checkpoint.last_ns, checkpoint if self._grows else None
+        return checkpoint, stream
+
+    def restore(
+        self,
+        session: Session | ArraySession,
+        writer: ResultWriter,
+        checkpoint: Checkpoint,
+        begin: Callable[[int], None],
+    ) -> None:
+        """Let stages and result go on.
+
+        Args:
+            session: Of the stages.
+            writer: Of the result.
+            checkpoint: Where they go on.
+            begin: Writes what precedes the messages of a result, whose first is of a time [ns, UTC].
+
+        Raises:
+            StateError: What had been written is no longer there, or the state is no run's.
+        """
+        try:
+            session.restore(checkpoint.state)
+            begin(checkpoint.begun_ns)
+            writer.resume(writer.path if self._grows else writer.part, checkpoint.writer)
+        except (LogError, *_FOREIGN_STATE) as error:
+            raise unusable(self.path, str(error)) from error
+
+    def _counted(self, messages: Iterator[Message]) -> Iterator[Message]:
+        """Yield messages after they went into the digest."""
+        for number, message in enumerate(messages):
+            if not number:
+                self._begun_ns = self._written_ns = message.time_ns
+            if self._grows:
+                self._digest.update(_bytes_of(message))
+            yield message
+
+    def keep(
+        self,
+        session: Session | ArraySession,
+        measurement: Sequence[Stream],
+        count: int,
+        block: Sequence[Message],
+    ) -> None:
+        """Write a state when it is time, or remember that of a log which may grow.
+
+        Args:
+            session: The replay.
+            measurement: States of the measurement step, vehicle by vehicle.
+            count: Number of messages read.
+            block: The last of them.
+        """
+        due = self._grows or session.last_ns >= self._written_ns + self._interval_ns
+        if session.writer is None or self._ended or not due:
+            return
+        if self._grows:
+            # where the log of a vehicle ends more of it may come
+            ends = [message.time_ns for message in block if message.schema == END]
+            before_ns, self._ended = min(ends, default=session.last_ns), bool(ends)
+            while self._waiting and self._waiting[0].last_ns + self._window_ns < before_ns:
+                self._ready = self._waiting.pop(0)
+        checkpoint = Checkpoint(
+            session.state,
+            tuple(measurement),
+            count,
+            self._begun_ns,
+            session.last_ns,
+            self._digest.hexdigest() if self._grows else "",
+            session.writer.state,
+        )
+        if self._grows:
+            self._waiting.append(checkpoint)
+        else:
+            self._write(checkpoint)
+            self._written_ns = session.last_ns
+
+    def end(self) -> None:
+        """Write the state of logs that may grow; delete that of finished ones, whose result is complete."""
+        if not self._grows:
+            self.path.unlink(missing_ok=True)
+        elif self._ready is not None:
+            self._write(self._ready)
+
+    def _write(self, checkpoint: Checkpoint) -> None:
+        write_state(self.path, self._identity, checkpoint)
+
+
+def _bytes_of(message: Message) -> bytes:
+    """Return what tells a message from any other: its time, topic, place in the logs and content."""
+    options = orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS
+    return orjson.dumps(tuple(message), default=_plain, option=options)
+
+
+def _plain(value: Any) -> Any:
+    """Return what JSON has no form for: bytes as text, whatever else as its representation."""
+    return value.hex() if isinstance(value, bytes | bytearray | memoryview) else repr(value)

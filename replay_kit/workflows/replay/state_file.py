@@ -1,0 +1,205 @@
+"""The file of a run's state: one npz, whole or not at all, from which nothing but values of this program is made.
+
+Frozen values, tuples, mappings and numbers are one tree of JSON. Their arrays lie one behind the other in a member for each type, each
+once however often it occurs; the zeros among real numbers, as above the diagonal of a covariance, are left out by a mask. Classes are
+those of this program that do no more than hold values; they are filled without a call. No member takes more memory than it has bytes, but
+the mask, which gives a number for each of its bits.
+"""
+
+import importlib
+import json
+import math
+import struct
+import zipfile
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replay_kit.core.atomic import atomic_file
+from replay_kit.core.errors import LogError
+from replay_kit.core.inputs import open_input
+
+# The first member: the version of the form is in its name, which lies after the fixed part of its entry.
+_TREE, _ENTRY = "replay-kit state 14", 30
+_REAL, _MASK = "<f8", "nonzero"
+_PLAIN = (type(None), bool, int, float, str)
+
+
+class StateError(LogError):
+    """A state that cannot be used: the run begins anew."""
+
+
+def write_state(path: Path, run: str, value: Any) -> None:
+    """Write the state of a run, whole or not at all.
+
+    Args:
+        path: The file; one that exists is replaced.
+        run: What tells the run from others.
+        value: The state.
+
+    Raises:
+        TypeError: It holds what is no value.
+        ConfigError, ReplayKitError: As of ``atomic_file``.
+    """
+    packed = _Packed()
+    tree = json.dumps([run, packed.tree(value)]).encode()
+    members: Any = {_TREE: np.frombuffer(tree, np.uint8), **packed.members()}
+    with atomic_file(path) as file:
+        np.savez(file, allow_pickle=False, **members)
+
+
+def read_state(path: Path, run: str) -> Any:
+    """Return the value that ``write_state`` wrote for a run.
+
+    Raises:
+        LogError: The file is none of this program's.
+        StateError: It is of another run or version, cut or damaged.
+    """
+    try:
+        with open_input(path) as file:
+            if _TREE[:16].encode() not in file.read(_ENTRY + 16)[_ENTRY:]:
+                raise LogError(f"{path}: exists and is no state of a run; choose another name")
+            members = _members(file, path.stat().st_size)
+        of, tree = json.loads(members.pop(_TREE).tobytes())
+        if of == run:
+            return _value(tree, members)
+    except (
+        *(OSError, ValueError, LookupError, TypeError, AttributeError, ImportError),
+        *(RecursionError, MemoryError, EOFError, struct.error, zipfile.BadZipFile),
+    ) as error:
+        raise unusable(path, repr(error)) from error
+    raise unusable(path, "it is of another run: inputs, options, versions or settings differ")
+
+
+def unusable(path: Path, why: str) -> StateError:
+    """Return the error that names a state and why it cannot be used."""
+    return StateError(f"{path}: the run cannot go on from it: {' '.join(why.split())[:200]}")
+
+
+def _members(file: Any, size: int) -> dict[str, Any]:
+    """Return the arrays of an npz of some size, flat, and the real numbers with their zeros."""
+    found: dict[str, Any] = {}
+    with zipfile.ZipFile(file) as archive:
+        if sum(entry.file_size for entry in archive.infolist()) > size:
+            raise ValueError("its members are larger than the file")
+        for entry in archive.infolist():
+            data = archive.read(entry)
+            at = BytesIO(data)
+            np.lib.format.read_magic(at)
+            _, _, kind = np.lib.format.read_array_header_1_0(at)
+            # a copy may be written to
+            array = np.frombuffer(data, kind, offset=at.tell()).copy()
+            found[entry.filename.removesuffix(".npy")] = array
+    held = np.unpackbits(found[_MASK]).astype(bool)
+    real = np.zeros(held.size)
+    real[held] = found[_REAL]
+    return found | {_REAL: real}
+
+
+class _Packed:
+    """The arrays of a value: mutable, as they are gathered."""
+
+    def __init__(self) -> None:
+        self._parts: dict[str, list[Any]] = {_REAL: [np.zeros(0)]}
+        self._ends: dict[str, int] = {}
+        self._known: dict[tuple[Any, ...], list[Any]] = {}
+
+    def members(self) -> dict[str, Any]:
+        """Return the arrays of the file."""
+        found: dict[str, Any] = {kind: np.concatenate(of) for kind, of in self._parts.items()}
+        # by their bits, as -0.0 is a number too
+        held = found[_REAL].view(np.int64) != 0
+        return found | {_REAL: found[_REAL][held], _MASK: np.packbits(held)}
+
+    def tree(self, value: Any) -> Any:
+        """Return a value as JSON has it, with the places of its arrays."""
+        kind = type(value)
+        if kind in _PLAIN:
+            return value
+        if kind is tuple:
+            return list(map(self.tree, value))
+        if kind is bytes:
+            return {"bytes": value.hex()}
+        if isinstance(value, Mapping):
+            return {"mapping": [[self.tree(key), self.tree(each)] for key, each in value.items()]}
+        if isinstance(value, np.ndarray | np.generic):
+            array = np.asarray(value)
+            if array.dtype.hasobject:
+                return {"objects": [list(array.shape), list(map(self.tree, array.flat))]}
+            return {"array": self._placed(array)}
+        held = (
+            value.name
+            if isinstance(value, Enum)
+            else [self.tree(getattr(value, name)) for name in _names(kind)]
+        )
+        return {f"{kind.__module__}:{kind.__name__}": held}
+
+    def _placed(self, array: Any) -> list[Any]:
+        """Return type, beginning, shape and order of an array among those of its type."""
+        order, kind = "F" if array.flags.fnc else "C", array.dtype.str
+        flat = array.ravel(order)
+        key = order, kind, array.shape, flat.tobytes()
+        if key not in self._known:
+            start = self._ends.get(kind, 0)
+            self._known[key] = [kind, start, list(array.shape), order]
+            self._ends[kind] = start + flat.size
+            self._parts.setdefault(kind, []).append(flat)
+        return self._known[key]
+
+
+def _value(tree: Any, members: Mapping[str, Any]) -> Any:
+    """Return the value of a tree and of the arrays beside it; neither a constructor nor another method of a class is called."""
+    if isinstance(tree, list):
+        return tuple(_value(each, members) for each in tree)
+    if not isinstance(tree, dict):
+        return tree
+    ((name, held),) = tree.items()
+    if name == "bytes":
+        return bytes.fromhex(held)
+    if name == "mapping":
+        return {_value(key, members): _value(each, members) for key, each in held}
+    if name == "objects":
+        shape, each = held
+        return np.fromiter(_value(each, members), object, len(each)).reshape(shape)
+    if name == "array":
+        kind, start, shape, order = held
+        flat = members[kind][slice(start, start + math.prod(shape))]
+        return flat.reshape(shape, order=order)[()]
+    kind = _class(name)
+    if issubclass(kind, Enum):
+        return kind[held]
+    own = dict(zip(_names(kind), _value(held, members), strict=True))
+    if issubclass(kind, tuple):
+        return tuple.__new__(kind, own.values())
+    made = object.__new__(kind)
+    for field, each in own.items():
+        object.__setattr__(made, field, each)
+    return made
+
+
+def _names(kind: Any) -> tuple[str, ...]:
+    """Return the names of what a class of this program holds; TypeError for one that is no value."""
+    own = kind.__module__.startswith(("replay_kit.", "planners."))
+    if own and is_dataclass(kind):
+        return tuple(each.name for each in fields(kind))
+    if own and issubclass(kind, tuple):
+        return tuple(kind._fields)
+    raise TypeError(
+        f"it holds {kind.__module__}.{kind.__name__}, which is no value of this program"
+    )
+
+
+def _class(name: str) -> Any:
+    """Return the class of a name."""
+    module, _, own = name.partition(":")
+    if not module.startswith(("replay_kit.", "planners.")) or "__" in name:
+        raise TypeError(f"it holds {name}, which is no value of this program")
+    found = getattr(importlib.import_module(module), own)
+    if not isinstance(found, type) or found.__module__ != module:
+        raise TypeError(f"it holds {name}, which is no value of this program")
+    return found
