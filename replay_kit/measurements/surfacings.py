@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from replay_kit.core.arrays import replace
-from replay_kit.core.observation import Measurement, Observation, VehicleState
+from replay_kit.core.observation import Measurement, Observation, Profiles, VehicleState
 from replay_kit.measurements.dives import dive_begins
 
 
@@ -45,7 +45,7 @@ def detect_surfacing(
         if state.submerged:
             return SurfacingState(False, state.dive), event
         return replace(state, fix=event), None
-    if not isinstance(event, Observation) or event.dive <= state.dive:
+    if not isinstance(event, Observation | Profiles) or event.dive <= state.dive:
         return state, None
     unseen = None if state.reported else state.fix
     return SurfacingState(state.submerged, event.dive, False), unseen

@@ -5,7 +5,7 @@
         now.feed([message])
     now.estimate.velocity_at(152.6, -40.0, 150.0)
 
-It is the replay's own session, so that after the same messages the estimate is that of a replay, to the last bit.
+It is the replay's own run, so that after the same messages the estimate is that of a replay, to the last bit.
 """
 
 # keeps the signatures in help() short: the names of types, not what they stand for
@@ -20,12 +20,12 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.paths import Paths, as_groups
 from replay_kit.core.plan import Place, Plan
-from replay_kit.measurements.observed import begun, taken
+from replay_kit.core.progress import Stopwatch
 from replay_kit.measurements.region import for_region
 from replay_kit.workflows.library import At, Settings, plan, settings_of
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
-from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.run import END, Run, Setup
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
 
 
@@ -48,11 +48,9 @@ class Live:
     def __init__(self, ensemble: Paths, config: RunConfig) -> None:
         """Read the forecast and make the prior of it."""
         forecasts = read_forecasts(ensemble, config, None, None)
-        estimator = build(forecasts, config)
         speeds = checked_speeds(forecasts.ensemble, config)
-        self._session = Session(estimator, config, speeds=speeds)
-        self._config = for_region(config, forecasts.ensemble).measurements
-        self._stream = begun(config.logs.system, config.logs.component)
+        setup = Setup(build(forecasts, config), config, speeds=speeds)
+        self._run = Run([setup], for_region(config, forecasts.ensemble).measurements, Stopwatch())
 
     def feed(self, messages: Iterable[Message], *, last: bool = False) -> None:
         """Take messages, in the order of their times.
@@ -64,35 +62,26 @@ class Live:
         Raises:
             MeasurementError: They cannot be used, or contradict each other and ``consistency.on_failure`` is ``stop``.
         """
-        block, first, session = list(messages), self._stream.order, self._session
-        self._stream, found = taken(self._stream, block, self._config, last)
-        given = session.take_block(found)
-        for number, message in enumerate(block, first):
-            session.take_message(message.time_ns, given.pop(number, ()))
-        for rest in given.values():
-            session.take_message(session.last_ns, rest)
+        block, last_ns = list(messages), self._run.last_ns
+        if last:
+            last_ns = block[-1].time_ns if block else last_ns
+            block.append(Message(last_ns, "", END, {}, 0, 0))
+        self._run.take(block)
 
     @property
     def estimate(self) -> FlowEstimate:
         """The estimate of the current at the time of the last message, with the measurements that wait for others of their group."""
-        return self._session.flow_now()
+        return self._run.flow_now()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What contradicts each other so far."""
-        found: tuple[Finding, ...] = self._session.monitoring.findings
-        return found
+        return self._run.of[0].monitoring.findings
 
     @property
     def position(self) -> VehicleState | None:
         """The last position of the vehicle; None before one."""
-        waiting = (event for _, event in self._session.shared.queued.waiting)
-        last = self._session.statistics.profiles.last_position
-        return max(
-            (one for one in (last, *waiting) if isinstance(one, VehicleState)),
-            key=lambda one: one.time_ns,
-            default=None,
-        )
+        return self._run.position
 
     def plan(self, goal: At, *, start: At | None = None) -> Plan:
         """Return the best way to a goal on the estimate as it is now; as ``replay_kit.plan``.
@@ -112,4 +101,4 @@ class Live:
                 )
             start = Place(at.longitude, at.latitude, at.depth)
         estimate = self.estimate
-        return plan(estimate, start, goal, time=estimate.time_ns, settings=self._session.config)
+        return plan(estimate, start, goal, time=estimate.time_ns, settings=self._run.config)

@@ -6,8 +6,8 @@ the replay's stands beside it. Innovations, NIS and the gate's decisions stay th
 the replay, which did not know later measurements.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import reduce
 from typing import Any, TypeGuard
 
@@ -15,31 +15,28 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.as_flown import AS_FLOWN, AsFlown, FlownDive
+from replay_kit.core.as_flown import AS_FLOWN, AsFlown
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.message import Message
-from replay_kit.core.observation import Innovation, Measurement, PathMean, VehicleState
+from replay_kit.core.observation import Innovation
 from replay_kit.core.progress import Progress, Stopwatch, silent
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator import smooth as smoothed
 from replay_kit.forecast import find_sources
-from replay_kit.logs import merge
 from replay_kit.logs.reader import reading
 from replay_kit.measurements.checks.place import LogTracks
-from replay_kit.measurements.observed import begun, blocks, rows
-from replay_kit.measurements.region import for_region
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.run import ReplaySummary
-from replay_kit.workflows.replay.inputs.estimator import build, flow_at
+from replay_kit.workflows.replay.events import Aside, Track
+from replay_kit.workflows.replay.inputs.estimator import build, flow_at, with_window
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, forecasts_of
 from replay_kit.workflows.replay.inputs.provenance import run_metadata, run_settings_toml
-from replay_kit.workflows.replay.inputs.scan import open_readers
+from replay_kit.workflows.replay.inputs.scan import next_block
+from replay_kit.workflows.replay.prepare import Prepared, prepare
+from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.stages.consistency import MonitoringState, require_one_vehicle
-from replay_kit.workflows.replay.stages.estimation import EstimationState, assimilate, inputs_of
+from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.stages.publishing import depth_slices
-from replay_kit.workflows.replay.statistics import RunStatistics
-from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used
 from replay_kit.workflows.replay.surfacings.forecasts import flown_of
 
 _NS = 1_000_000_000
@@ -47,36 +44,6 @@ _NS = 1_000_000_000
 _BLOCK = 16
 #: Said in a result whose estimate is static.
 STATIC = "the estimate does not change with time: smoothed, it is the last estimate at all times"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Read:
-    """What the logs hold.
-
-    Attributes:
-        events: Positions and measurements, in order.
-        statistics: Of what is read, and later of what is used.
-        flight: What is known of the flight model at the end.
-        as_flown: How the vehicle flew; None where no mean current shows it.
-    """
-
-    events: Sequence[VehicleState | Measurement]
-    statistics: RunStatistics
-    flight: FlightState
-    as_flown: AsFlown | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Forward(_Read):
-    """The replay of the logs.
-
-    Attributes:
-        innovations: Of the events; None of positions.
-        state: The estimator's last state.
-    """
-
-    innovations: Sequence[Innovation | None]
-    state: Any
 
 
 def smooth(
@@ -110,32 +77,29 @@ def smooth(
             check_smoothable(forecasts)
             estimator = build(forecasts, config)
         with clock.stage("estimate"):
-            readers = open_readers(job.logs, config)
-            read = _events(readers, estimator, for_region(config, forecasts.ensemble), progress)
+            run, inputs, done = _forward(job, config, estimator, forecasts, progress)
+            reports = [reader.report() for reader in inputs.by_vehicle[0]]
             if config.consistency.on_failure != "ignore":
-                positions = (event for event in read.events if isinstance(event, VehicleState))
-                require_one_vehicle(
-                    MonitoringState(tracks=reduce(LogTracks.after, positions, LogTracks())),
-                    [log.path for log in readers],
-                )
-            forward = _replayed(estimator, read)
-            reports = [reader.report() for reader in readers]
-            forward.statistics.require_usable(reports, forecasts.ensemble.grid)
+                each = (event.columns for event, _ in done if isinstance(event, Track))
+                tracks = reduce(LogTracks.after, each, LogTracks())
+                names = [report.path for report in reports]
+                require_one_vehicle(MonitoringState(tracks=tracks), names)
+            of = run.of[0]
+            of.statistics.require_usable(reports, forecasts.ensemble.grid)
         progress(0, 0, "smoothing")
         with clock.stage("smooth"):
-            _write(job, config, forecasts, estimator, forward)
+            _write(job, config, forecasts, estimator, run, done)
     notes = (
         *forecasts.notes,
-        *forward.statistics.notes(reports),
+        *of.statistics.notes(reports),
         *estimator.notes(),
         *_notes(estimator),
     )
-    correction = forward.flight.correction(forward.statistics.profiles.corrections)
     return replace(
-        forward.statistics.summary(reports),
+        of.statistics.summary(reports),
         seconds=dict(clock.seconds),
         notes=notes,
-        flight_correction=correction,
+        flight_correction=of.flight.correction(of.statistics.profiles.corrections),
     )
 
 
@@ -164,50 +128,34 @@ def _notes(estimator: Estimator[Any]) -> list[str]:
     return [] if changes(estimator) else [STATIC]
 
 
-def _events(
-    readers: Any, estimator: Estimator[Any], config: RunConfig, progress: Progress
-) -> _Read:
-    """Return what the logs hold, with the statistics of all but positions and measurements."""
-    kinds = inputs_of(estimator)
-    settings, advance = config.logs, reading(readers, progress, "reading the logs")
-    merged = merge(readers, settings.reorder_window, settings.start_ns, settings.end_ns)
-    kept: list[VehicleState | Measurement] = []
-    statistics, flight, dives = RunStatistics(), FlightState(), list[FlownDive]()
-    stream = begun(settings.system, settings.component)
-    for block in blocks(_each(merged, advance), config.measurements, stream=stream):
-        statistics = statistics.after_messages(block.counts())
-        for stated in rows(block):
-            if isinstance(stated, PathMean) and (dive := flown_of(stated)) is not None:
-                dives.append(dive)
-            flight, event = as_used(flight, stated, config.measurements)
-            if isinstance(event, kinds) and (
-                config.measurements.flight_bias
-                or not (isinstance(event, PathMean) and event.beside_profiles)
-            ):
-                kept.append(event)
-            elif isinstance(event, Measurement) and not isinstance(event, kinds):
-                statistics = statistics.with_unsupported(event)
-    return _Read(kept, statistics.with_order(merged), flight, AsFlown.of(dives))
+def _forward(
+    job: ReplayJob,
+    config: RunConfig,
+    estimator: Estimator[Any],
+    forecasts: Forecasts,
+    progress: Progress,
+) -> tuple[Run, Prepared, list[tuple[Any, Innovation | None]]]:
+    """Return the replay of the logs, each profile alone and all as stated, and its events with their innovations; None of positions."""
+    unchecked = config.consistency.model_copy(update={"on_failure": "ignore"})
+    config = config.model_copy(update={"consistency": unchecked})
+    job = replace(job, out=None, truth=None, goal=None)
+    run, inputs = prepare(job, config, None, silent, forecasts, with_window(estimator, 0.0))
+    done = list[tuple[Any, Innovation | None]]()
 
+    def keep(number: int, step: Step) -> None:
+        if not isinstance(step.event, Aside):
+            found = step.assimilation
+            done.append((step.event, None if found is None else found.innovation))
 
-def _each(messages: Iterable[Message], advance: Callable[[], None]) -> Iterator[Message]:
-    """Yield messages, and say so."""
-    for message in messages:
-        advance()
-        yield message
-
-
-def _replayed(estimator: Estimator[Any], read: _Read) -> _Forward:
-    """Return the replay of events, in blocks: the states of all steps at once would take too much memory."""
-    prior, events, statistics = estimator.initial(), read.events, read.statistics
-    state, innovations = EstimationState(prior, prior), []
-    for begin in range(0, len(events), estimator.block_size):
-        state, steps = assimilate(estimator, state, events[begin : begin + estimator.block_size])
-        statistics = statistics.after_steps(steps)
-        innovations += [
-            None if step.assimilation is None else step.assimilation.innovation for step in steps
-        ]
-    return _Forward(events, statistics, read.flight, read.as_flown, innovations, state.current)
+    run.follow_up = keep
+    messages = inputs.messages()
+    advance = reading(inputs.by_vehicle[0], progress, "reading the logs")
+    while block := next_block(messages):
+        run.take(block)
+        for _ in block:
+            advance()
+    run.finish(inputs.merged, [0])
+    return run, inputs, done
 
 
 def _write(
@@ -215,15 +163,19 @@ def _write(
     config: RunConfig,
     forecasts: Forecasts,
     estimator: Estimator[Any],
-    forward: _Forward,
+    run: Run,
+    done: Sequence[tuple[Any, Innovation | None]],
 ) -> None:
     """Write the result."""
-    measured = [event for event in forward.events if isinstance(event, Measurement)]
-    times = [event.time_ns for event in forward.events]
+    measured = [event for event, innovation in done if innovation is not None]
+    times = [event.time_ns for event in measured]
+    for event, _ in done:
+        if isinstance(event, Track):
+            times += [int(event.columns["time"].min()), int(event.columns["time"].max())]
     published = published_times(
         min(event.time_ns for event in measured), max(times), config.output.interval
     )
-    states = [forward.state] * len(published)
+    states = [run.current] * len(published)
     if changes(estimator):
         states = smoothed(estimator, measured, published)
     prior = estimator.flow(estimator.initial())
@@ -241,13 +193,13 @@ def _write(
         for note in _notes(estimator):
             writer.log(min(times), "info", note)
         due, block = 0, list[Innovation]()
-        for event, innovation in zip(forward.events, forward.innovations, strict=True):
+        for event, innovation in _one_by_one(done):
             while due < len(published) and published[due] <= event.time_ns:
                 flow = flow_at(estimator, states[due], published[due])
                 depth_slices(published[due], flow, config.output)(writer)
                 due += 1
             if innovation is None:
-                writer.fix(event)  # type: ignore[arg-type]  # a measurement has an innovation
+                writer.fix(event)
             else:
                 state = estimator.predict(states[max(due - 1, 0)], event.time_ns)
                 block.append(_smoothed(estimator, state, event, innovation))
@@ -256,13 +208,22 @@ def _write(
                     block = []
         if block:
             writer.innovations(block)
-        if forward.as_flown is not None:
-            writer.write_metadata(AS_FLOWN, forward.as_flown.to_record())
+        dives = [dive for mean in run.of[0].monitoring.means if (dive := flown_of(mean))]
+        if (flown := AsFlown.of(dives)) is not None:
+            writer.write_metadata(AS_FLOWN, flown.to_record())
         flow = flow_at(estimator, states[-1], published[-1])
         writer.finish(replace(flow, span_ns=(min(times), max(times))))
     except BaseException:
         writer.abandon()
         raise
+
+
+def _one_by_one(
+    done: Sequence[tuple[Any, Innovation | None]],
+) -> Iterator[tuple[Any, Innovation | None]]:
+    """Yield measurements with their innovations, and positions one by one."""
+    for event, innovation in done:
+        yield from ((one, None) for one in event) if innovation is None else ((event, innovation),)
 
 
 def _smoothed(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from replay_kit.core.arrays import Mask
-from replay_kit.core.observation import VehicleState
+from replay_kit.core.table import Columns
 from replay_kit.core.text import place_text, time_text
 from replay_kit.measurements.checks.fold import Found, Judged, Memory, Rows
 from replay_kit.measurements.reach import COLUMNS, Place, places, short_steps
@@ -164,14 +164,32 @@ class LogTracks:
     speed: float = 0.0
     passages: Mapping[tuple[int, int], Passages] = field(default_factory=dict)
 
-    def after(self, vehicle: VehicleState) -> "LogTracks":
-        """Return the tracks after a position; one that a receiver repeats to the last digit says nothing."""
-        log, time_ns, reckoned = vehicle.source.input, vehicle.time_ns, vehicle.dead_reckoned
-        here = Place(time_ns, vehicle.longitude, vehicle.latitude, reckoned, log)
+    def after(self, positions: Columns) -> "LogTracks":
+        """Return the tracks after positions, columns ``COLUMNS``; one that a receiver repeats to the last digit says nothing.
+
+        Of a log's positions in a row only the first, the last and those that show its speed are looked at.
+        """
+        tracks, time, every = self, positions["time"], places(positions)
+        ends = np.append(np.flatnonzero(np.diff(positions["input"])) + 1, len(time))
+        measured, begin = ~positions["dead_reckoned"], 0
+        for end in ends.tolist():
+            at: int | None = begin
+            while at is not None:
+                tracks = tracks._after(every(at))
+                fix = tracks.fixes.get(every(begin).log)
+                since_ns = time[at] if fix is None else fix.time_ns + _LEAST_TIME * 1e9
+                left = slice(at + 1, end)
+                due = (measured[left] & (fix is None or time[left] >= since_ns)).nonzero()[0]
+                at = int(due[0]) + at + 1 if due.size else None
+            tracks, begin = tracks._after(every(end - 1)), end
+        return tracks
+
+    def _after(self, here: Place) -> "LogTracks":
+        log = here.log
         fix, last, tracks = self.fixes.get(log), self.last, replace(self, last=here)
         if fix and (fix.longitude, fix.latitude) == (here.longitude, here.latitude):
             return self
-        if not reckoned and (not fix or fix.seconds(here) >= _LEAST_TIME):
+        if not here.reckoned and (not fix or fix.seconds(here) >= _LEAST_TIME):
             shown = fix.way(here) / fix.seconds(here) if fix else 0.0
             speed = max(self.speed, shown)
             tracks = replace(tracks, fixes={**self.fixes, log: here}, speed=speed)

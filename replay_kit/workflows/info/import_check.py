@@ -28,7 +28,7 @@ from replay_kit.core.errors import (
 )
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Flag, Observation, Reason, VehicleState, usable
+from replay_kit.core.observation import Flag, Observation, Profiles, Reason, VehicleState, usable
 from replay_kit.estimator import ReducedBasisEstimator, build
 from replay_kit.estimator.update.screening import screen
 from replay_kit.forecast import read_ensemble
@@ -294,7 +294,8 @@ def _usable(observation: Observation, estimator: ReducedBasisEstimator) -> NDArr
         & np.isfinite(observation.velocity).all(axis=1)
         & (observation.depth >= 0.0)
     )
-    (flags,), _ = screen([_offered(observation, possible)], estimator.grid, relative=False)
+    offered = Profiles.of([_offered(observation, possible)])
+    (flags,), _ = screen(offered.columns, estimator.grid, relative=False)
     return np.flatnonzero(flags == Flag.GOOD)
 
 

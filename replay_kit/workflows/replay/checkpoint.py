@@ -18,11 +18,8 @@ import orjson
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
-from replay_kit.measurements.observed import Stream
 from replay_kit.results.mcap_file import Written
-from replay_kit.results.mcap_writer import ResultWriter
-from replay_kit.workflows.replay.array import END, ArraySession
-from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.run import END, Run, RunState
 from replay_kit.workflows.replay.state_file import read_state, unusable, write_state
 
 # What stages raise on a state whose parts are of other kinds or sizes.
@@ -34,22 +31,16 @@ class Checkpoint:
     """Where a run goes on.
 
     Attributes:
-        state: Of all stages, or of those of several vehicles.
-        measurement: Of the measurement step, vehicle by vehicle.
-        messages: Number of messages read before.
-        begun_ns: Time of the first of them [ns, UTC].
-        last_ns: Time of the last [ns, UTC].
-        digest: Of them, where the logs may grow.
+        state: Of all stages.
+        begun_ns: Time of the first message [ns, UTC].
+        digest: Of the messages before, where the logs may grow.
         writer: Of the result's writer.
     """
 
-    state: Any
-    measurement: tuple[Stream, ...]
-    messages: int
+    state: RunState
     begun_ns: int
-    last_ns: int
     digest: str
-    writer: tuple[Written, int, float | None]
+    writer: tuple[Written, float | None]
 
 
 def run_identity(metadata: Mapping[str, Mapping[str, str]], settings_toml: str) -> str:
@@ -95,24 +86,18 @@ class States:
         checkpoint = read_state(self.path, self._identity)
         if not isinstance(checkpoint, Checkpoint):
             raise unusable(self.path, "it is no checkpoint")
-        deque(islice(stream, checkpoint.messages), 0)
+        deque(islice(stream, checkpoint.state.messages), 0)
         if self._grows and self._digest.hexdigest() != checkpoint.digest:
             raise unusable(self.path, "the logs have changed before it")
-        self._written_ns, self._ready = checkpoint.last_ns, checkpoint if self._grows else None
+        self._written_ns = checkpoint.state.last_ns
+        self._ready = checkpoint if self._grows else None
         return checkpoint, stream
 
-    def restore(
-        self,
-        session: Session | ArraySession,
-        writer: ResultWriter,
-        checkpoint: Checkpoint,
-        begin: Callable[[int], None],
-    ) -> None:
+    def restore(self, run: Run, checkpoint: Checkpoint, begin: Callable[[int], None]) -> None:
         """Let stages and result go on.
 
         Args:
-            session: Of the stages.
-            writer: Of the result.
+            run: The stages, with the result's writer.
             checkpoint: Where they go on.
             begin: Writes what precedes the messages of a result, whose first is of a time [ns, UTC].
 
@@ -120,9 +105,10 @@ class States:
             StateError: What had been written is no longer there, or the state is no run's.
         """
         try:
-            session.restore(checkpoint.state)
+            run.state = checkpoint.state
             begin(checkpoint.begun_ns)
-            writer.resume(writer.path if self._grows else writer.part, checkpoint.writer)
+            if (writer := run.writer) is not None:
+                writer.resume(writer.path if self._grows else writer.part, checkpoint.writer)
         except (LogError, *_FOREIGN_STATE) as error:
             raise unusable(self.path, str(error)) from error
 
@@ -135,44 +121,29 @@ class States:
                 self._digest.update(_bytes_of(message))
             yield message
 
-    def keep(
-        self,
-        session: Session | ArraySession,
-        measurement: Sequence[Stream],
-        count: int,
-        block: Sequence[Message],
-    ) -> None:
+    def keep(self, run: Run, block: Sequence[Message]) -> None:
         """Write a state when it is time, or remember that of a log which may grow.
 
         Args:
-            session: The replay.
-            measurement: States of the measurement step, vehicle by vehicle.
-            count: Number of messages read.
-            block: The last of them.
+            run: The replay.
+            block: The last messages read.
         """
-        due = self._grows or session.last_ns >= self._written_ns + self._interval_ns
-        if session.writer is None or self._ended or not due:
+        due = self._grows or run.last_ns >= self._written_ns + self._interval_ns
+        if run.writer is None or self._ended or not due:
             return
         if self._grows:
             # where the log of a vehicle ends more of it may come
             ends = [message.time_ns for message in block if message.schema == END]
-            before_ns, self._ended = min(ends, default=session.last_ns), bool(ends)
-            while self._waiting and self._waiting[0].last_ns + self._window_ns < before_ns:
+            before_ns, self._ended = min(ends, default=run.last_ns), bool(ends)
+            while self._waiting and self._waiting[0].state.last_ns + self._window_ns < before_ns:
                 self._ready = self._waiting.pop(0)
-        checkpoint = Checkpoint(
-            session.state,
-            tuple(measurement),
-            count,
-            self._begun_ns,
-            session.last_ns,
-            self._digest.hexdigest() if self._grows else "",
-            session.writer.state,
-        )
+        digest = self._digest.hexdigest() if self._grows else ""
+        checkpoint = Checkpoint(run.state, self._begun_ns, digest, run.writer.state)
         if self._grows:
             self._waiting.append(checkpoint)
         else:
             self._write(checkpoint)
-            self._written_ns = session.last_ns
+            self._written_ns = run.last_ns
 
     def end(self) -> None:
         """Write the state of logs that may grow; delete that of finished ones, whose result is complete."""

@@ -1,96 +1,104 @@
 """The end of a replay: its summary, its estimate, and the score against a truth."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+import numpy as np
+
+from replay_kit.config.run import OutputConfig, RunConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AS_FLOWN
 from replay_kit.core.errors import Finding, MeasurementError, PlanError
 from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble
+from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.message import LogReader
+from replay_kit.core.observation import Profiles
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import logs_in
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
+from replay_kit.results.slices import depth_slice
 from replay_kit.results.topics import WINDOWS_RECORD
-from replay_kit.workflows.replay.array import ArraySession, value_of_each
-from replay_kit.workflows.replay.checks import require_usable
-from replay_kit.workflows.replay.inputs.job import Prepared, ReplayJob, open_truth
+from replay_kit.workflows.replay.inputs.estimator import flow_at
+from replay_kit.workflows.replay.inputs.job import ReplayJob, open_truth
 from replay_kit.workflows.replay.inputs.provenance import cited
+from replay_kit.workflows.replay.prepare import Prepared
+from replay_kit.workflows.replay.run import OfVehicle, Run
 from replay_kit.workflows.replay.scoring import name_of, rival_inputs, score_against_truth
-from replay_kit.workflows.replay.session import Session
-from replay_kit.workflows.replay.stages.consistency import conclusions
+from replay_kit.workflows.replay.stages.consistency import conclusions, require_one_vehicle
 from replay_kit.workflows.replay.stages.forecast_file import check_file
 from replay_kit.workflows.replay.stages.planner import PlanQuery
+from replay_kit.workflows.replay.stages.publishing import published_depths
 from replay_kit.workflows.replay.statistics import pooled
 from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
 
+# Measurements times vehicles up to which the estimate is made without each: it takes as many updates.
+_MOST_DENIED = 20_000
 _NOT_DENIED = (
     "the estimate without each vehicle was not made: there are too many vehicles and measurements"
 )
 
 
 def conclude(
-    session: Session | ArraySession, inputs: Prepared, others: tuple[Rival, ...] = ()
+    run: Run, inputs: Prepared, others: tuple[Rival, ...] = ()
 ) -> tuple[ReplaySummary, FlowEstimate]:
     """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result.
 
     Args:
-        session: After the last message.
+        run: After the last message.
         inputs: What was read.
         others: The log evidence under other forecasts.
     """
-    job, useless = inputs.job, _useless(session, inputs)
+    job, useless = inputs.job, useless_of(run, inputs)
     logs = [file for path in job.logs for file in logs_in(path)]
-    about = cited((*logs, *ensemble_files(job.ensemble)), session.vehicles[0].config)
-    flow = session.conclude(about)
-    flows = session.flows if isinstance(session, ArraySession) else {}
-    each = {
-        one.name: _summary(one, readers, inputs, flows.get(one.name, flow), others)
-        for one, readers in zip(session.vehicles, inputs.by_vehicle, strict=True)
-    }
-    summary = next(iter(each.values()))
-    if isinstance(session, ArraySession):
-        value = value_of_each(session)
+    about = cited((*logs, *ensemble_files(job.ensemble)), run.config)
+    flows, windows = _last_flows(run, about)
+    flow = flows[0]
+    each = [_summary(run, number, inputs, own, others) for number, own in enumerate(flows)]
+    summary = each[0]
+    if job.vehicles:
+        names = [one.name for one in run.setups]
+        value = value_of_each(run, flows)
         unused = {one.name: one.why_not for one in job.vehicles if one.why_not} | useless
-        notes = (*_notes(session, inputs, flow, ()), *map(": ".join, unused.items()))
+        notes = (*_notes(run, inputs, flow, ()), *map(": ".join, unused.items()))
         if not value:
             notes += (_NOT_DENIED,)
-        if session.windows:
-            first = session.vehicles[0].name
+        if windows:
             notes += (
-                f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {first}; the result holds all",
+                f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {names[0]}; the result holds all",
             )
         notes += tuple(f"{one.name}: {text}" for one in job.vehicles for text in one.notes)
         summary = replace(
-            counted(session, inputs),
-            vehicles=each,
+            counted(run, inputs),
+            vehicles=dict(zip(names, each, strict=True)),
             value=value,
             unused=unused,
             notes=notes,
             findings=tuple(
                 replace(found, name=f"{name}: {found.name}")
-                for name, one in each.items()
+                for name, one in zip(names, each, strict=True)
                 for found in one.findings
             ),
             outside=_outside(inputs),
             inputs=_inputs(job),
         )
-    with session.clock.stage("write"):
-        if session.writer is not None:
-            for one in session.vehicles:
-                with session.writer.of(one.name):
-                    _record(session.writer, one, each[one.name])
-            if isinstance(session, ArraySession):
-                session.writer.summary(session.last_ns, outcome_of(summary).to_record())
-            if windows := _windows(session):
-                session.writer.write_metadata(WINDOWS_RECORD, windows)
-            session.writer.finish(flow)
+    with run.clock.stage("write"):
+        if (writer := run.writer) is not None:
+            for number, (setup, one) in enumerate(zip(run.setups, each, strict=True)):
+                with writer.of(setup.name):
+                    _record(writer, run, number, one)
+            if job.vehicles:
+                writer.summary(run.last_ns, outcome_of(summary).to_record())
+            withdrawn = run.of[0].publishing.withdrawn
+            stated = {"withdrawn": str(withdrawn)} if withdrawn else {}
+            stated |= {"vehicles": json.dumps(windows)} if windows else {}
+            if stated:
+                writer.write_metadata(WINDOWS_RECORD, stated)
+            writer.finish(flow)
         if job.netcdf is not None:
             write_grid(flow, job.netcdf)
         if job.save_estimate is not None:
@@ -98,90 +106,166 @@ def conclude(
     said = [*summary.notes]
     score = None
     if inputs.truth is not None:
-        with session.clock.stage("score"):
-            score, failures = _score(session, inputs, inputs.truth, flow)
+        with run.clock.stage("score"):
+            score, failures = _score(run, inputs, inputs.truth, flow)
             said += failures
-    return replace(
-        summary, seconds=dict(session.clock.seconds), truth=score, notes=tuple(said)
-    ), flow
+    return replace(summary, seconds=dict(run.clock.seconds), truth=score, notes=tuple(said)), flow
 
 
-def counted(session: Session | ArraySession, inputs: Prepared) -> ReplaySummary:
+def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate], dict[str, int]]:
+    """Finish surfacings, plan for each vehicle, publish the last slices and others' windows.
+
+    Returns:
+        The last estimate of each vehicle, with its citation, those of one window the same; and the numbers of the windows of vehicles that
+        are in another one than the first.
+    """
+    held, flows = dict[Hashable, FlowEstimate](), list[FlowEstimate]()
+    begun = [of.first_ns for of in run.of if of.first_ns is not None]
+    span_ns = (min(begun, default=run.last_ns), run.last_ns)
+    for number, setup in enumerate(run.setups):
+        planned_on, window = run.end(number), setup.estimator.window(run.current)
+        if window not in held:
+            own = (
+                flow_at(setup.estimator, run.current, run.last_ns) if run.is_pooled else planned_on
+            )
+            dated = replace(own, span_ns=span_ns) if run.is_pooled else run.dated(own)
+            held[window] = replace(dated, about=about)
+        flows.append(held[window])
+    _, *others = held.values()
+    numbers = dict(zip(map(id, others), run.publish_windows(iter(others)), strict=True))
+    for one in (*others, flows[0]):
+        run.publish(one, run.last_ns)
+    each = zip(run.setups, flows, strict=True)
+    return flows, {setup.name: numbers[id(own)] for setup, own in each if id(own) in numbers}
+
+
+def value_of_each(
+    run: Run, flows: Sequence[FlowEstimate]
+) -> dict[str, Mapping[str, float | int | None]]:
+    """Return what each vehicle gives to the estimate, after all: what it would be without the vehicle's measurements (data denial)."""
+    found: dict[str, Mapping[str, float | int | None]] = {}
+    if len(run.setups) * len(run.kept) > _MOST_DENIED:
+        return found
+    with run.clock.stage("value"):
+        # vehicles of different windows
+        windows = {id(flow): number for number, flow in enumerate(flows)}.values()
+        pooled = _on_slices([flows[number] for number in windows], run.config.output)
+        for number, setup in enumerate(run.setups):
+            state = run.without(number)
+            of_windows = [flow_at(run.setups[k].estimator, state, run.last_ns) for k in windows]
+            without = _on_slices(of_windows, run.config.output)
+            error, error_without = (_rms(one[1]) for one in (pooled, without))
+            own = [event for of, event in run.kept if of == number]
+            found[setup.name] = {
+                "measurements": sum(len(e) if isinstance(e, Profiles) else 1 for e in own),
+                "rms_change": _rms(np.hypot(*np.moveaxis(without[0] - pooled[0], -1, 0))),
+                "standard_error": error,
+                "standard_error_without": error_without,
+            }
+    return found
+
+
+def _on_slices(flows: Sequence[FlowEstimate], settings: OutputConfig) -> tuple[Array, Array]:
+    """Return the velocity at the published depths, shape (n, 2), and the length of its standard error, shape (n,) [m/s]."""
+    depths = published_depths(flows[0], settings)
+    each = [depth_slice(flow, depth) for flow in flows for depth in depths]
+    velocity = np.concatenate([one.velocity.reshape(-1, 2) for one in each])
+    known = [one.standard_error for one in each if one.standard_error is not None]
+    errors = (
+        np.concatenate([np.hypot(*np.moveaxis(one, -1, 0)).ravel() for one in known])
+        if known
+        else np.full(len(velocity), np.nan)
+    )
+    return velocity, errors
+
+
+def _rms(values: Array) -> float | None:
+    """Return the RMS of the values that are known; None without any."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else None
+
+
+def counted(run: Run, inputs: Prepared) -> ReplaySummary:
     """Return the summary of what was counted so far, of all vehicles together."""
     each = {
-        one.name: (one.statistics, [reader.report() for reader in readers])
-        for one, readers in zip(session.vehicles, inputs.by_vehicle, strict=True)
+        setup.name: (of.statistics, [reader.report() for reader in readers])
+        for setup, of, readers in zip(run.setups, run.of, inputs.by_vehicle, strict=True)
     }
-    if isinstance(session, ArraySession):
+    if inputs.job.vehicles:
         return pooled(each)
-    statistics, reports = each[session.name]
+    ((statistics, reports),) = each.values()
     summary: ReplaySummary = statistics.summary(reports)
     return summary
 
 
-def findings_so_far(session: Session | ArraySession) -> tuple[Finding, ...]:
+def findings_so_far(run: Run) -> tuple[Finding, ...]:
     """Return the contradictions found so far, of all vehicles."""
-    return tuple(found for one in session.vehicles for found in one.monitoring.findings)
+    return tuple(found for of in run.of for found in of.monitoring.findings)
 
 
-def _useless(session: Session | ArraySession, inputs: Prepared) -> dict[str, str]:
+def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
     """Return why vehicles gave nothing to the estimate, by their names.
 
     Raises:
         MeasurementError: The only vehicle gave nothing, or none of several.
     """
     useless, last = dict[str, str](), None
-    for one, readers in zip(session.vehicles, inputs.by_vehicle, strict=True):
-        reports, grid = [reader.report() for reader in readers], inputs.forecasts.ensemble.grid
+    for setup, of, readers in zip(run.setups, run.of, inputs.by_vehicle, strict=True):
         try:
-            first = readers[0].input
-            require_usable(one.monitoring, one.statistics, reports, grid, one.config, first)
+            _require_usable(of, readers, inputs.forecasts.ensemble.grid, setup.config)
         except MeasurementError as error:
-            if isinstance(session, Session) or error.findings:
+            if not inputs.job.vehicles or error.findings:
                 raise
-            useless[one.name], last = str(error), error
-    if last is not None and len(useless) == len(session.vehicles):
+            useless[setup.name], last = str(error), error
+    if last is not None and len(useless) == len(run.setups):
         raise last
     return useless
 
 
+def _require_usable(
+    of: OfVehicle, readers: Sequence[LogReader], grid: Grid, config: RunConfig
+) -> None:
+    reports = [reader.report() for reader in readers]
+    names = [report.path for report in reports]
+    require_one_vehicle(of.monitoring, [*[""] * readers[0].input, *names])
+    if not of.monitoring.explains_no_profile:
+        of.statistics.require_usable(reports, grid)
+    of.statistics.require_left_out(config.measurements.without)
+
+
 def _summary(
-    session: Session,
-    readers: Sequence[LogReader],
-    inputs: Prepared,
-    flow: FlowEstimate,
-    others: tuple[Rival, ...],
+    run: Run, number: int, inputs: Prepared, flow: FlowEstimate, others: tuple[Rival, ...]
 ) -> ReplaySummary:
     """Return the summary of one vehicle."""
-    job, reports = inputs.job, [reader.report() for reader in readers]
-    of_logs = session.statistics.notes(reports) + session.publishing.surface.notes
-    planning = session.planning
+    job, setup, of = inputs.job, run.setups[number], run.of[number]
+    reports = [reader.report() for reader in inputs.by_vehicle[number]]
+    of_logs = of.statistics.notes(reports) + of.publishing.surface.notes
     found, blind = conclusions(
-        session.monitoring,
-        session.statistics.profiles,
-        session.config,
-        session.statistics.messages.skipped,
-        check_file(session.built, session.monitoring.means),
+        of.monitoring,
+        of.statistics.profiles,
+        setup.config,
+        of.statistics.messages.skipped,
+        check_file(setup.estimator, of.monitoring.means),
     )
-    summary: ReplaySummary = session.statistics.summary(reports)
-    told = session.config.planner.depth
+    summary: ReplaySummary = of.statistics.summary(reports)
+    told = setup.config.planner.depth
     depth = told if isinstance(told, float) else None
     return replace(
         summary,
-        plan=None if planning.result is None else planning.result.plan,
-        plan_note=planning.failure,
-        outcomes=planning.outcomes,
-        surfacings=session.forecasts.outcomes,
-        next_surfacing=next_surfacing(session.forecasts, flow, depth),
+        plan=None if of.planning.result is None else of.planning.result.plan,
+        plan_note=of.planning.failure,
+        outcomes=of.planning.outcomes,
+        surfacings=of.forecasts.outcomes,
+        next_surfacing=next_surfacing(of.forecasts, flow, depth),
         ensemble=name_of(job.ensemble) if others else "",
         rivals=others,
         # what is not of the vehicle is said once, of all
-        notes=tuple(of_logs if job.vehicles else _notes(session, inputs, flow, of_logs)),
+        notes=tuple(of_logs if job.vehicles else _notes(run, inputs, flow, of_logs)),
         findings=found,
         doubts=blind,
         outside=_outside(inputs),
         inputs=_inputs(job),
-        flight_correction=session.flight.correction(session.statistics.profiles.corrections),
+        flight_correction=of.flight.correction(of.statistics.profiles.corrections),
     )
 
 
@@ -194,28 +278,17 @@ def _outside(inputs: Prepared) -> tuple[str, ...]:
     return tuple(note for note in notes if "outside" in note or "is no forecast" in note)
 
 
-def _record(writer: ResultWriter, session: Session, summary: ReplaySummary) -> None:
+def _record(writer: ResultWriter, run: Run, number: int, summary: ReplaySummary) -> None:
     """Write what is found of one vehicle at the end."""
-    writer.consistency(session.last_ns, summary.findings)
-    writer.summary(session.last_ns, outcome_of(summary).to_record())
-    if (flown := session.forecasts.as_flown) is not None:
+    writer.consistency(run.last_ns, summary.findings)
+    writer.summary(run.last_ns, outcome_of(summary).to_record())
+    if (flown := run.of[number].forecasts.as_flown) is not None:
         writer.record(AS_FLOWN, flown.to_record())
 
 
-def _windows(session: Session | ArraySession) -> dict[str, str]:
-    """Return what a result states of its windows: how many do not count, and of vehicles whose is not the last one which it is."""
-    withdrawn = session.vehicles[0].publishing.withdrawn
-    own = session.windows if isinstance(session, ArraySession) else {}
-    return ({"withdrawn": str(withdrawn)} if withdrawn else {}) | (
-        {"vehicles": json.dumps(own)} if own else {}
-    )
-
-
-def _notes(
-    session: Session | ArraySession, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str]
-) -> list[str]:
+def _notes(run: Run, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
     """Return what the user should know of the forecast, the logs, the basis, the prior and the instrument, as sentences."""
-    kernel, estimator = flow.horizontal.kernel, session.estimator
+    kernel, estimator = flow.horizontal.kernel, run.setups[0].estimator
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
     no_goal = (
@@ -224,33 +297,28 @@ def _notes(
         else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
     )
     # biases are one instrument's
-    biases = estimator.remarks(_state(session))
+    biases = estimator.remarks(run.current)
     return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *no_goal]
 
 
-def _state(session: Session | ArraySession) -> Any:
-    """Return the estimator's state."""
-    return session.vehicles[0].estimation.current
-
-
 def _score(
-    session: Session | ArraySession, inputs: Prepared, truth: Ensemble, flow: FlowEstimate
+    run: Run, inputs: Prepared, truth: Ensemble, flow: FlowEstimate
 ) -> tuple[TruthScore | None, list[str]]:
     """Return the score, or as much of it as there is, and why the rest is missing."""
     job, forecasts, prior_flow, config = (
         inputs.job,
         inputs.forecasts,
         inputs.prior_flow,
-        session.config,
+        run.config,
     )
     if forecasts.evolves:
         # the estimate is of the log's end, and so is what it is compared with
         truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
-        prior_flow = prior_flow.moved(session.last_ns)
+        prior_flow = prior_flow.moved(run.last_ns)
     if forecasts.read is not None:
         forecasts, box = forecasts.in_last_window(flow.grid)
         truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
-    positions = [place for one in session.vehicles for place in one.statistics.profiles.positions]
+    positions = [place for of in run.of for place in of.statistics.profiles.positions]
     ensemble = forecasts.nearest(flow.time_ns)
     try:
         score, truth_flow = score_against_truth(
@@ -258,10 +326,10 @@ def _score(
         )
     except MeasurementError as error:
         return None, [f"no score: {error}"]
-    if isinstance(session, ArraySession):
+    if job.vehicles:
         # each vehicle has a plan of its own
         return score, []
-    problem, result = session.problem, session.planning.result
+    problem, result = run.problem(0), run.of[0].planning.result
     if problem is None or result is None or result.plan.status == "failed":
         return score, []
     plan = result.plan

@@ -60,9 +60,9 @@ class Track:
     def __getitem__(self, i: int) -> VehicleState:
         """Return one of them."""
         one = {name: self.columns[name][i].item() for name in _OF_POSITION}
-        source = Source(one["input"], self.topics[one["topic"]], one["ordinal"], one["time"])
-        place = (one[name] for name in ("longitude", "latitude", "depth"))
-        return VehicleState(one["time"], *place, one["dead_reckoned"], source)
+        topic = self.topics[one.pop("topic")]
+        source = Source(one.pop("input"), topic, one.pop("ordinal"), one["time"])
+        return VehicleState(time_ns=one.pop("time"), source=source, **one)
 
     def __iter__(self) -> Iterator[VehicleState]:
         """Yield them one by one."""
@@ -135,7 +135,9 @@ class Events:
             if columns:
                 time[kind == number] = columns["time"]
         time[kind == LINEAR] = [one.time_ns for one in others]
-        return Events(time, np.maximum.accumulate(time), kind, position, ping, (*others,), block.topics)
+        return Events(
+            time, np.maximum.accumulate(time), kind, position, ping, (*others,), block.topics
+        )
 
     def __len__(self) -> int:
         """Return their number."""
@@ -160,21 +162,20 @@ class Events:
             more = replace(more, due=np.maximum(more.due, due_ns))
         if not len(self):
             return more
-        own = (
+        time, due, kind = (
             np.concatenate([getattr(self, name), getattr(more, name)])
             for name in ("time", "due", "kind")
         )
         position, ping = (
             _joined(*both) for both in ((self.position, more.position), (self.ping, more.ping))
         )
-        return Events(*own, position, ping, self.others + more.others, more.topics)
+        others = self.others + more.others
+        return Events(time, due, kind, position, ping, others, more.topics)
 
     def without(self, unused: NDArray[np.bool_]) -> "Events":
         """Return these but some, shape (N,)."""
         kept = ~unused
-        position, ping, others = (
-            kept[self.kind == number] for number in (POSITION, PING, LINEAR)
-        )
+        position, ping, others = (kept[self.kind == number] for number in (POSITION, PING, LINEAR))
         return Events(
             self.time[kept],
             self.due[kept],
@@ -273,7 +274,8 @@ def items(
                 Item(due[k], vehicle, vehicle, events.track(row, row + 1)) for k, row in at_each
             )
         elif number > first:
-            found.append(Item(*(at or (due[end - 1], vehicle)), vehicle, events.track(first, number)))
+            due_ns, of = at or (due[end - 1], vehicle)
+            found.append(Item(due_ns, of, vehicle, events.track(first, number)))
 
     while i < n:
         if kind[i] == POSITION:
@@ -326,7 +328,9 @@ def _group_end(events: Events, grouping: Grouping, begin: int, row: Indices) -> 
         kind, number = events.kind[at], row[at] - row[begin]
         goes_on = (kind == POSITION) & grouping.lasts((events.time[at] - events.time[begin]) / _NS)
         ping = kind == PING
-        goes_on[ping] = grouping.fit(events.ping, np.array([first]), row[at[ping]] - 1, number[ping])
+        goes_on[ping] = grouping.fit(
+            events.ping, np.array([first]), row[at[ping]] - 1, number[ping]
+        )
         ends = np.flatnonzero(~goes_on)
         if ends.size or at.size < looked:
             return int(at[ends[0]]) if ends.size else n

@@ -10,16 +10,15 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import groupby
 from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
-from replay_kit.core.arrays import Array, replace
+from replay_kit.core.arrays import replace
 from replay_kit.core.as_flown import FlownDive
-from replay_kit.core.block import LINEAR, MEAN, PING, Block
+from replay_kit.core.block import LINEAR, MEAN, PING, POSITION, Block
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
@@ -27,14 +26,14 @@ from replay_kit.core.observation import LinearMeasurement, PathMean, Profiles, V
 from replay_kit.core.progress import Stopwatch
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
+from replay_kit.logs.merge import Merge
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.observed import Stream, begun, path_mean, taken
 from replay_kit.results.mcap_writer import ResultWriter
-from replay_kit.workflows.replay.events import Event, Events, Item, Track, items
+from replay_kit.workflows.replay.events import Aside, Event, Events, Item, Track, items
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.stages import consistency, plans
 from replay_kit.workflows.replay.stages.consistency import FoundWith, MonitoringState
-from replay_kit.workflows.replay.stages.counts import increment_rejected
 from replay_kit.workflows.replay.stages.estimation import (
     Dive,
     Given,
@@ -50,13 +49,14 @@ from replay_kit.workflows.replay.stages.publishing import (
     Output,
     PublishingState,
     depth_slices,
+    publish_innovations,
     publish_step,
     publish_track,
     publish_windows,
     withdraw_windows,
 )
 from replay_kit.workflows.replay.statistics import RunStatistics
-from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used, with_profiles
+from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, corrected, with_block
 from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,
     forecast_end,
@@ -81,21 +81,17 @@ class Setup:
 
     Attributes:
         estimator: Assimilates what it measures.
-        levels: shape (Z,) [m], of the weights.
         config: The run's settings.
         problem: What to plan; None plans nothing.
         speeds: Of the ensemble, with which those of the log are compared; None compares none.
         name: Where it is one of several; empty for the only one.
-        first_input: The first of its logs among those of all.
     """
 
     estimator: Estimator[Any]
-    levels: Array
     config: RunConfig
     problem: PlanningProblem | None = None
     speeds: EnsembleSpeeds | None = None
     name: str = ""
-    first_input: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,6 +157,7 @@ class Run:
         setups: Of each vehicle, in the order of their names.
         clock: Wall time of each stage so far.
         writer: Of the result; None where nothing is written.
+        follow_up: Called with the number of a vehicle and each step of its own: publishes it, and what follows from it.
         of: The states of each vehicle.
     """
 
@@ -181,6 +178,7 @@ class Run:
         """
         self.setups, self.clock = tuple(setups), clock
         self.writer: ResultWriter | None = None
+        self.follow_up: Callable[[int, Step], None] = self._follow_up
         self._measured_by, self._owners = measured_by, owners
         self._flown = dict[int, tuple[tuple[FlownDive, ...], PlanningProblem | None]]()
         prior, logs = setups[0].estimator.initial(), setups[0].config.logs
@@ -206,7 +204,12 @@ class Run:
         self._waiting, self.kept = list(state.waiting), list(state.kept)
         self._next_slices_ns = dict(state.next_slices_ns)
         self.messages, self.last_ns = state.messages, state.last_ns
-        self._n_waiting = [self._weight(number, event) for number, event in self._waiting]
+        self._n_waiting = sum(self._weight(number, event) for number, event in self._waiting)
+
+    @property
+    def config(self) -> RunConfig:
+        """The run's settings."""
+        return self.setups[0].config
 
     @property
     def is_pooled(self) -> bool:
@@ -215,7 +218,10 @@ class Run:
 
     def estimator(self, number: int) -> Estimator[Any]:
         """Return the estimator of a vehicle, whose gate rejects neither of two sources that contradict each other."""
-        return consistency.trusting(self.setups[number].estimator, self.of[number].monitoring)
+        found: Estimator[Any] = consistency.trusting(
+            self.setups[number].estimator, self.of[number].monitoring
+        )
+        return found
 
     @property
     def _estimators(self) -> list[Estimator[Any]]:
@@ -256,13 +262,13 @@ class Run:
             measured[number] = block, places_of
             cuts += [(places_of[event], number, event, each) for event, each in found.items()]
         given = dict.fromkeys(measured, 0)
-        for place, number, event, found in sorted(cuts, key=itemgetter(0, 1, 2)):
+        for place, number, event, told in sorted(cuts, key=itemgetter(0, 1, 2)):
             for other, (block, places_of) in measured.items():
                 end = event if other == number else bisect_right(places_of, place - 1)
                 self._give(other, block, given[other], end)
                 given[other] = max(end, given[other])
                 self._reach(other, [messages[k] for k in at[other] if k < place])
-            self._act_on(number, found, messages[place].time_ns)
+            self._act_on(number, told, messages[place].time_ns)
         for number, (block, _) in measured.items():
             self._give(number, block, given[number], len(block.events))
             self._reach(number, [messages[k] for k in at[number]])
@@ -317,26 +323,24 @@ class Run:
             is_mean = isinstance(event, PathMean)
             if is_mean:
                 if bias:
-                    flight = with_profiles(flight, block, rows[before:k][is_ping[before:k], 2])
+                    flight = with_block(flight, block, rows[before:k][is_ping[before:k], 2])
                     (flight, event), before = corrected(flight, event), k
                 monitoring = replace(monitoring, means=(*monitoring.means, event))
             beside = is_mean and event.beside_profiles
-            if monitoring.left_out or (isinstance(event, kinds) and (bias or not beside)):
-                pass
-            elif not beside:
+            fits = isinstance(event, kinds) and (bias or not beside)
+            if not (fits or beside or monitoring.left_out):
                 # one beside profiles that were computed from it is no loss
                 statistics = statistics.with_unsupported(event)
-            if isinstance(event, kinds) and not monitoring.left_out and (bias or not beside):
+            if fits and not monitoring.left_out:
                 others.append(event)
             elif is_mean:
                 others.append(Aside(event))
             else:
                 unused[k] = True
         if bias:
-            flight = with_profiles(flight, block, rows[before:][is_ping[before:], 2])
+            flight = with_block(flight, block, rows[before:][is_ping[before:], 2])
         if monitoring.left_out:
-            rejected = int(np.count_nonzero(is_ping | (rows[:, 1] == MEAN) | (rows[:, 1] == LINEAR)))
-            statistics = statistics.with_rejected(rejected)
+            statistics = statistics.with_rejected(int(np.count_nonzero(rows[:, 1] != POSITION)))
             unused |= is_ping
         events = Events.of(replace(block, events=rows[~unused]), others)
         waiting = of.waiting.followed_by(events, of.due_ns)
@@ -441,9 +445,9 @@ class Run:
         """
         for item in self._released(close):
             self._waiting.append((item.vehicle, item.event))
-            self._n_waiting.append(self._weight(*self._waiting[-1]))
+            self._n_waiting += self._weight(item.vehicle, item.event)
             size = self.setups[item.vehicle].estimator.block_size
-            if sum(self._n_waiting) >= size or len(self._waiting) >= _BUFFERED:
+            if self._n_waiting >= size or len(self._waiting) >= _BUFFERED:
                 self._assimilate()
 
     def _released(self, close: bool) -> list[Item]:
@@ -483,7 +487,7 @@ class Run:
 
     def _assimilate(self) -> None:
         """Assimilate what waits, then let the vehicles publish everything in the order of the events."""
-        given, self._waiting, self._n_waiting = self._waiting, [], []
+        given, self._waiting, self._n_waiting = self._waiting, [], 0
         with self.clock.stage("estimate"):
             self.current, dives, steps = assimilate(
                 self._estimators, self.current, [of.dive for of in self.of], given
@@ -502,8 +506,9 @@ class Run:
                 statistics=of.statistics.after_steps(own) if own else of.statistics,
                 monitoring=consistency.with_gated(of.monitoring, own),
             )
+            self._write(number, publish_innovations(own))
         for number, step in steps:
-            self._follow_up(number, step)
+            self.follow_up(number, step)
         if self.writer is not None:
             left = self.estimator(0).left_flows(self.current)
             self.publish_windows(map(self.dated, left))
@@ -558,16 +563,14 @@ class Run:
                 window = self.estimator(number).window(step.after)
                 publishing = replace(publishing, next_slices_ns=self._next_slices_ns.get(window))
             publishing, outputs = publish_step(
-                publishing, event, step.assimilation, setup.levels, setup.config.output, after
+                publishing, event, step.assimilation, setup.config.output, after
             )
             if self.is_pooled:
                 self._next_slices_ns[window] = publishing.next_slices_ns
             self._put(number, publishing=publishing)
             self._write(number, outputs)
         depth, forecasts = setup.config.measurements.surface_depth, self.of[number].forecasts
-        self._expect(
-            number, forecast_step(forecasts, event, step.assimilation, before, depth)
-        )
+        self._expect(number, forecast_step(forecasts, event, step.assimilation, before, depth))
         self._plan(number, plans.after_event, event, after)
 
     def publish_windows(self, flows: Iterator[FlowEstimate]) -> list[int]:
@@ -578,12 +581,14 @@ class Run:
         self._write(0, windows)
         return list(range(before.windows + 1, publishing.windows + 1))
 
-    def end(self) -> None:
-        """Pass on all that waits; then finish a surfacing of each vehicle, and plan from its last position."""
+    def finish(self, merged: Sequence[Merge[Message]], first_inputs: Sequence[int]) -> None:
+        """Pass on all that waits, and take up what merging the logs found; arguments of each vehicle as of ``RunStatistics.with_order``."""
         self._release(close=True)
         self._assimilate()
+        for number, ordered in enumerate(zip(merged, first_inputs, strict=True)):
+            self._put(number, statistics=self.of[number].statistics.with_order(*ordered))
 
-    def end_of(self, number: int) -> FlowEstimate:
+    def end(self, number: int) -> FlowEstimate:
         """Finish a surfacing of a vehicle and plan from its last position; return the estimate that was planned on."""
         at = partial(self._flow, number, self.current)
         self._expect(number, forecast_end(self.of[number].forecasts))
@@ -597,7 +602,10 @@ class Run:
 
     def _flow(self, number: int, state: Any, time_ns: int) -> FlowEstimate:
         """Return the estimate of a state for a time [ns, UTC], with the current beside it as the dives so far show it."""
-        flow, local = flow_at(self.estimator(number), state, time_ns), self.of[number].forecasts.local
+        flow, local = (
+            flow_at(self.estimator(number), state, time_ns),
+            self.of[number].forecasts.local,
+        )
         return flow if local is None else replace(flow, local=local)
 
     def flow_now(self) -> FlowEstimate:
@@ -640,9 +648,7 @@ class Run:
             self._put(number, planning=planning)
             self._write(number, outputs)
 
-    def _expect(
-        self, number: int, expected: tuple[ForecastState, tuple[DiveOutcome, ...]]
-    ) -> None:
+    def _expect(self, number: int, expected: tuple[ForecastState, tuple[DiveOutcome, ...]]) -> None:
         """Take up the state of the forecasts of surfacings, and write the outcomes of those that came."""
         forecasts, outcomes = expected
         if forecasts is not self.of[number].forecasts:

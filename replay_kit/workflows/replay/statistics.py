@@ -119,6 +119,11 @@ class RunStatistics:
         unsupported = increment(self.messages.unsupported, [kind_of(event)])
         return RunStatistics(replace(self.messages, unsupported=unsupported), self.profiles)
 
+    def with_rejected(self, number: int) -> "RunStatistics":
+        """Return the statistics with more measurements that are not used."""
+        profiles = replace(self.profiles, rejected=self.profiles.rejected + number)
+        return RunStatistics(self.messages, profiles)
+
     def after_steps(self, steps: Sequence[Step]) -> "RunStatistics":
         """Return the statistics with more positions and measurements."""
         return RunStatistics(self.messages, self.profiles.after(steps))

@@ -7,7 +7,6 @@ from typing import Any
 
 from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.inputs import Stamp, stamps_of
 from replay_kit.core.message import LogReader
@@ -158,37 +157,6 @@ def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
     return stamps_of(
         [*logs, *ensemble_files(job.ensemble), *rivals, *filter(None, [truth_path(job.truth)])]
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
-    """What a replay has read before its first message.
-
-    Attributes:
-        job: Inputs and outputs.
-        by_vehicle: The opened logs of each vehicle.
-        forecasts: The forecast that the estimator is built from.
-        prior_flow: The estimate before any observation.
-        truth: What the estimate is scored against; None without.
-        metadata: Records of the result: inputs, options, versions, region.
-    """
-
-    job: ReplayJob
-    by_vehicle: Sequence[Sequence[LogReader]]
-    forecasts: Forecasts
-    prior_flow: FlowEstimate
-    truth: Ensemble | None
-    metadata: Mapping[str, Mapping[str, str]]
-
-    @property
-    def readers(self) -> list[LogReader]:
-        """The opened logs."""
-        return flat(self.by_vehicle)
-
-    @property
-    def owners(self) -> list[int]:
-        """Of each log the number of its vehicle."""
-        return [number for number, logs in enumerate(self.by_vehicle) for _ in logs]
 
 
 def open_each(job: ReplayJob, config: RunConfig) -> list[list[LogReader]]:

@@ -6,6 +6,8 @@ from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
+import numpy as np
+
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import VehicleState
@@ -15,6 +17,7 @@ from replay_kit.logs.reader import LogFile
 from replay_kit.logs.registry import logs_in
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.place import LogTracks
+from replay_kit.measurements.reach import COLUMNS
 from replay_kit.results.vehicles import RESERVED
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
@@ -235,9 +238,12 @@ def by_tracks(job: ReplayJob, config: RunConfig, error: MeasurementError) -> tup
 
 def _are_one(one: Sequence[VehicleState], other: Sequence[VehicleState]) -> bool:
     """Return whether one vehicle can have been on two tracks."""
-    tracks = LogTracks()
-    for place in sorted((*one, *other), key=lambda place: place.time_ns):
-        tracks = tracks.after(place)
+    rows = [
+        (each.time_ns, each.longitude, each.latitude, each.dead_reckoned, each.source.input)
+        for each in sorted((*one, *other), key=lambda place: place.time_ns)
+    ]
+    columns = map(np.array, zip(*rows, strict=True))
+    tracks = LogTracks().after(dict(zip(COLUMNS, columns, strict=True)))
     number, beyond = (
         sum(getattr(passages, name) for passages in tracks.passages.values())
         for name in ("number", "beyond")

@@ -6,10 +6,11 @@ from typing import Any
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import replace
-from replay_kit.core.block import Block
+from replay_kit.core.block import POSITION, Block
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Measurement, PathMean, VehicleState, kind_of
+from replay_kit.core.observation import PathMean, kind_of
+from replay_kit.core.table import Integers
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.check import Checked, check, unknowable
 from replay_kit.measurements.checks.pairs import SCALE
@@ -23,8 +24,9 @@ from replay_kit.measurements.checks.profile import (
     odd_ensemble_speeds,
 )
 from replay_kit.measurements.means import TOO_FAST
+from replay_kit.measurements.reach import COLUMNS
 from replay_kit.workflows.replay.stages.counts import ProfileCounts
-from replay_kit.workflows.replay.stages.estimation import EstimationState, Step, assimilate
+from replay_kit.workflows.replay.stages.estimation import Dive, Step, assimilate
 from replay_kit.workflows.replay.stages.forecast_file import FileCheck
 
 _UNDETERMINED = "nothing here can tell whether directions are right"
@@ -58,7 +60,7 @@ class MonitoringState:
     findings: tuple[Finding, ...] = ()
     contradict: bool = False
     means: tuple[PathMean, ...] = ()
-    gated: tuple[Measurement, ...] = ()
+    gated: tuple[Any, ...] = ()
     tracks: LogTracks = field(default_factory=LogTracks)
     decisions: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     left_out: bool = False
@@ -97,23 +99,21 @@ def checked(
     return replace(state, checks=checks), block, found
 
 
-def noted(
-    state: MonitoringState,
-    event: VehicleState | Measurement,
-    found: FoundWith,
-    config: RunConfig,
-) -> MonitoringState:
-    """Return the state after an event, and what was found with it.
+def tracked(state: MonitoringState, block: Block, events: Integers) -> MonitoringState:
+    """Return the state after the positions among some events of a block, as of ``Block.events``."""
+    rows = events[events[:, 1] == POSITION, 2]
+    if not rows.size:
+        return state
+    positions = {name: block.position[name][rows] for name in COLUMNS}
+    return replace(state, tracks=state.tracks.after(positions))
+
+
+def noted(state: MonitoringState, found: FoundWith, config: RunConfig) -> MonitoringState:
+    """Return the state after what was found with an event.
 
     Raises:
         MeasurementError: The log cannot be used, or a contradiction is to stop the run.
     """
-    if isinstance(event, PathMean):
-        state = replace(state, means=(*state.means, event))
-    elif isinstance(event, VehicleState) and config.consistency.on_failure != "ignore":
-        state = replace(state, tracks=state.tracks.after(event))
-    if not found:
-        return state
     named = state.findings + tuple(finding for finding, _ in found)
     for finding, _ in found:
         stops = finding.severity == "inconsistent" and config.consistency.on_failure == "stop"
@@ -131,7 +131,8 @@ def require_one_vehicle(state: MonitoringState, names: Sequence[str]) -> None:
 
 def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState:
     """Return the state that remembers what the gate did in some steps."""
-    done = [
+    # Any: what has an innovation is a measurement
+    done: list[Any] = [
         (step.event, step.assimilation.innovation)
         for step in steps
         if step.assimilation is not None
@@ -139,12 +140,12 @@ def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState
     gated = [
         event for event, found in done if found.gate_statistic > found.gate and not found.accepted
     ]
-    more = tuple(event for event in gated if isinstance(event, Measurement))
+    more = tuple(gated)
     decisions = dict(state.decisions)
     for event, found in done:
         if found.decision == "unusable":
             continue
-        kind = kind_of(event) if isinstance(event, Measurement) else "profiles"
+        kind = kind_of(event)
         asked, rejected = decisions.get(kind, (0, 0))
         decisions[kind] = asked + found.profiles, rejected + found.profiles * (not found.accepted)
     if not done:
@@ -154,24 +155,24 @@ def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState
 
 
 def readmitted(
-    estimator: Any, estimation: EstimationState, state: MonitoringState, counts: ProfileCounts
-) -> tuple[EstimationState, MonitoringState, ProfileCounts]:
+    estimator: Any, current: Any, state: MonitoringState, counts: ProfileCounts
+) -> tuple[Any, MonitoringState, ProfileCounts]:
     """Return estimate, state and counts with the measurements that the gate had rejected, once two sources contradict each other.
 
     Args:
         estimator: Its gate rejects neither.
-        estimation: Before.
+        current: Its state before.
         state: With the measurements.
         counts: Of the run.
     """
     if not (state.contradict and state.gated):
-        return estimation, state, counts
-    after, steps = assimilate(estimator, estimation, state.gated)
+        return current, state, counts
+    given = [(0, event) for event in state.gated]
+    # they belong to dives before this one
+    after, _, steps = assimilate([estimator], current, [Dive(current)], given)
     again = len(state.gated)
     before = replace(counts, rejected=counts.rejected - again, gated=counts.gated - again)
-    # they belong to dives before this one
-    estimation = replace(estimation, current=after.current)
-    return estimation, replace(state, gated=()), before.after(steps)
+    return after, replace(state, gated=()), before.after([step for _, step in steps])
 
 
 def _as_stated(finding: Finding, config: RunConfig) -> Finding:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -11,14 +11,13 @@ from replay_kit.core.evidence import BlockEvidence, block_of
 from replay_kit.core.observation import (
     Innovation,
     LinearMeasurement,
-    Measurement,
-    Observation,
     PathMean,
+    Profiles,
     Reason,
     VehicleState,
     reasons_of,
 )
-from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.workflows.replay.events import Event, Track
 from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 
 Key = TypeVar("Key")
@@ -148,11 +147,7 @@ class ProfileCounts:
         """Return the counts after some steps."""
         done = [(step.event, step.assimilation) for step in steps if step.assimilation is not None]
         innovations = [assimilation.innovation for _, assimilation in done]
-        used = [
-            (event, found)
-            for event, found in done
-            if found.innovation.accepted and not isinstance(event, VehicleState)
-        ]
+        used = [(event, found) for event, found in done if found.innovation.accepted]
         total, dives = self.total, dict(self.dives)
         for event, found in used:
             total = total.with_profile(found.innovation, found.dive_innovation)
@@ -160,9 +155,9 @@ class ProfileCounts:
                 dives[dive] = dives.get(dive, Sums()).with_profile(
                     found.innovation, found.dive_innovation
                 )
-        profiles = [profile for event, _ in used for profile in _profiles(event)]
-        far = [profile.position_std for profile in profiles if profile.position_std > 0.0]
-        vehicles = [step.event for step in steps if isinstance(step.event, VehicleState)]
+        std = [event["position_std"] for event, _ in used if isinstance(event, Profiles)]
+        far = [each for one in std for each in one[one > 0.0].tolist()]
+        tracks = [step.event for step in steps if isinstance(step.event, Track)]
         return ProfileCounts(
             self.rejected + len(done) - len(used),
             _added(
@@ -174,7 +169,7 @@ class ProfileCounts:
             total,
             dives,
             self.positions + tuple(_place_of(event) for event, _ in used),
-            vehicles[-1] if vehicles else self.last_position,
+            tracks[-1][-1] if tracks else self.last_position,
             self.interpolated + len(far),
             max([self.position_std, *far]),
             increment(
@@ -218,7 +213,7 @@ class ProfileCounts:
 
 def _with_sources(
     sources: Mapping[str, SourceCounts],
-    done: Sequence[tuple[VehicleState | Measurement | ProfileGroup, Assimilation]],
+    done: Sequence[tuple[Event, Assimilation]],
 ) -> Mapping[str, SourceCounts]:
     """Return the counts of other sources with more measurements."""
     out = sources
@@ -262,13 +257,6 @@ def _is_repeat(innovation: Innovation) -> bool:
     return innovation.decision == "rejected" and bool((innovation.reasons & repeats).any())
 
 
-def _profiles(measurement: Measurement | ProfileGroup) -> tuple[Observation, ...]:
-    """Return the profiles in a measurement or a group."""
-    if isinstance(measurement, ProfileGroup):
-        return measurement.profiles
-    return (measurement,) if isinstance(measurement, Observation) else ()
-
-
 def _reasons(innovation: Innovation) -> list[tuple[str, int]]:
     """Return the reasons for which bins were not used, and how many bins."""
     if innovation.totals is not None:
@@ -281,7 +269,7 @@ def _correction(mean: PathMean) -> float:
     return abs(complex(*mean.used) - complex(*mean.velocity))
 
 
-def _place_of(measurement: Measurement | ProfileGroup) -> tuple[float, float]:
+def _place_of(measurement: Any) -> tuple[float, float]:
     last = (np.ravel(along)[-1] for along in (measurement.longitude, measurement.latitude))
     longitude, latitude = map(float, last)
     return longitude, latitude

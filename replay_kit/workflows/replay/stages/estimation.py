@@ -83,7 +83,10 @@ def inputs_of(
 
 
 def assimilate(
-    estimators: Sequence[Estimator[Any]], current: Any, dives: Sequence[Dive], given: Sequence[Given]
+    estimators: Sequence[Estimator[Any]],
+    current: Any,
+    dives: Sequence[Dive],
+    given: Sequence[Given],
 ) -> tuple[Any, list[Dive], list[tuple[int, Step]]]:
     """Return the estimator's state and the dives of all vehicles after events, and the step of each.
 
@@ -107,6 +110,8 @@ def assimilate(
                 continue
             left = len(event) if isinstance(event, Profiles) else 1
             while left:
+                # Any: the event is, or is of, what was given
+                some: Any
                 some, before, current, innovation, against = results.popleft()
                 left -= len(some) if isinstance(some, Profiles) else 1
                 if some.dive != dives[vehicle].number:

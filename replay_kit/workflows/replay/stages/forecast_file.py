@@ -73,10 +73,11 @@ def _under_prior(
     estimator: ReducedBasisEstimator, dives: Sequence[PathMean]
 ) -> tuple[Array, Array, Array, Array]:
     """Return measured and predicted currents, shape (2 k,) [m/s], the covariance of the latter, and the variances of the former."""
-    columns = estimator.observer.columns(screened([(mean,) for mean in dives], estimator.grid))
+    columns = estimator.observer.columns(screened(dives, estimator.grid)[0])
     design = np.concatenate([column.design for column in columns])
-    innovation = np.concatenate([column.about[0].ravel() for column in columns])
-    variance = np.repeat([column.layouts[0].std[0] ** 2 for column in columns], 2)
+    parts = [column.parts[0] for column in columns]
+    innovation = np.concatenate([part.about[0].ravel() for part in parts])
+    variance = np.repeat([part.layout.std[0] ** 2 for part in parts], 2)
     measured = np.concatenate([mean.used for mean in dives])
     return measured, measured - innovation, design @ design.T, variance
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +14,7 @@ from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Surfacing, SurfacingOutcome, surfacing_outcome
-from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
-from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.stages.planner import MadePlans, Planner, PlanQuery, PlanResult
 from replay_kit.workflows.replay.stages.publishing import Output
 
@@ -96,43 +95,42 @@ class PlanningState:
     next_plan_ns: int | None = None
 
 
-def before_step(
-    problem: PlanningProblem, state: PlanningState, step: Step, flow_at: FlowAt
+def before_event(
+    problem: PlanningProblem, state: PlanningState, event: Any, flow_at: FlowAt
 ) -> tuple[PlanningState, tuple[Output, ...]]:
-    """Return the state before a step: a surfacing is finished once everything that came with it is assimilated.
+    """Return the state before an event: a surfacing is finished once everything that came with it is assimilated.
 
     Args:
         problem: What stays the same.
-        state: After the step before.
-        step: The next one.
+        state: After the event before.
+        event: The next one.
         flow_at: The estimate before it.
     """
-    if state.surfaced is None or step.event.time_ns <= state.surfaced.time_ns:
+    if state.surfaced is None or event.time_ns <= state.surfaced.time_ns:
         return state, ()
     return finish_surfacing(problem, state, flow_at)
 
 
-def after_step(
-    problem: PlanningProblem, state: PlanningState, step: Step, flow_at: FlowAt
+def after_event(
+    problem: PlanningProblem, state: PlanningState, event: Any, flow_at: FlowAt
 ) -> tuple[PlanningState, tuple[Output, ...]]:
-    """Return the state after a step: planned at a measurement when a plan is due; a surfacing is detected.
+    """Return the state after an event: planned at a measurement when a plan is due; a surfacing is detected.
 
     Args:
         problem: What stays the same.
-        state: Before the step.
-        step: A position, or a measurement with its assimilation.
+        state: Before the event.
+        event: A position or a measurement.
         flow_at: The estimate after it.
     """
     outputs: tuple[Output, ...] = ()
-    if isinstance(step.event, VehicleState):
-        state = replace(state, position=step.event)
+    if isinstance(event, VehicleState):
+        state = replace(state, position=event)
     else:
-        now_ns, due_ns = step.event.time_ns, state.next_plan_ns
+        now_ns, due_ns = event.time_ns, state.next_plan_ns
         if due_ns is None or now_ns >= due_ns + problem.waits_ns:
             state = replace(state, next_plan_ns=now_ns + problem.interval_ns)
         if due_ns is not None and now_ns >= due_ns + problem.waits_ns:
             state, outputs = make_plan(problem, state, flow_at(now_ns), now_ns)
-    event = step.event.profiles[0] if isinstance(step.event, ProfileGroup) else step.event
     detection, fix = detect_surfacing(state.detection, event, problem.surface_depth)
     return replace(state, detection=detection, surfaced=fix or state.surfaced), outputs
 

@@ -1,9 +1,10 @@
 """The publishing stage: what is published of each step, and when the depth slices are due."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import starmap
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import LinearMeasurement, VehicleState
 from replay_kit.results.mcap_writer import ResultWriter
-from replay_kit.workflows.replay.stages.estimation import Step
+from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 from replay_kit.workflows.replay.stages.surface import SurfaceState, surface_step
 
 # A vehicle that moved less keeps its heading [m].
@@ -50,24 +51,26 @@ class PublishingState:
 
 def publish_step(
     state: PublishingState,
-    step: Step,
+    event: Any,
+    assimilation: Assimilation | None,
     settings: OutputConfig,
     flow_at: Callable[[int], FlowEstimate],
 ) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after a step, and what is published of it.
+    """Return the state after an event, and what is published of it.
 
     Args:
-        state: Before the step.
-        step: A position, or a measurement with its assimilation.
+        state: Before it.
+        event: A position or a measurement.
+        assimilation: Of the measurement.
         settings: Interval and depths of the slices.
-        flow_at: Returns the estimate after the step for a time [ns, UTC].
+        flow_at: Returns the estimate after it for a time [ns, UTC].
     """
-    if isinstance(step.event, VehicleState):
-        return publish_track(state, [step.event], flow_at)
-    if step.assimilation is None:
+    if isinstance(event, VehicleState):
+        return publish_track(state, [event], flow_at)
+    if assimilation is None:
         return state, ()
-    now_ns, outputs = step.event.time_ns, list[Output]()
-    if isinstance(step.event, LinearMeasurement) and (vectors := step.event.label.vectors):
+    now_ns, outputs = event.time_ns, list[Output]()
+    if isinstance(event, LinearMeasurement) and (vectors := event.label.vectors):
         surface, found = surface_step(state.surface, vectors, flow_at(now_ns))
         state = replace(state, surface=surface)
         if found is not None:
@@ -85,9 +88,10 @@ def publish_innovations(steps: Sequence[Step]) -> tuple[Output, ...]:
 
 
 def publish_track(
-    state: PublishingState, track: Sequence[VehicleState], flow_at: Callable[[int], FlowEstimate]
+    state: PublishingState, track: Iterable[VehicleState], flow_at: Callable[[int], FlowEstimate]
 ) -> tuple[PublishingState, tuple[Output, ...]]:
     """Return the state after positions in a row, and each with the vehicle's frame, which looks along its way; see ``publish_step``."""
+    track = list(track)
     projection = state.projection or flow_at(track[0].time_ns).grid.projection
     degrees = np.array([(each.longitude, each.latitude) for each in track])
     local = (each.tolist() for each in to_local(projection, *degrees.T))

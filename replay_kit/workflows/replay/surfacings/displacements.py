@@ -8,8 +8,9 @@ region, the velocities over ground themselves are what stays.
 A dive is concluded when the next one begins: until then a log may still state its mean current.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from replay_kit.core.as_flown import FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Fix, Measurement, Observation, VehicleState
+from replay_kit.core.observation import Fix, Profiles, VehicleState
 from replay_kit.core.surfacing import Basis, DiveForecast, DiveOutcome, forecast_place
 from replay_kit.estimator.next_dive.mixture import Persistence
 from replay_kit.estimator.next_dive.process import (
@@ -27,9 +28,9 @@ from replay_kit.estimator.next_dive.process import (
     MeanCurrentProcess,
     ProcessState,
 )
-from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.measurements.means import Path, Spot, begun, extended, path_mean
 from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
+from replay_kit.workflows.replay.events import Track
 from replay_kit.workflows.replay.surfacings.outcomes import Before
 
 _NO_DEPTH = np.empty(0)
@@ -121,7 +122,7 @@ class GroundState:
 
 def ground_step(
     state: GroundState,
-    event: VehicleState | Measurement | ProfileGroup,
+    event: Any,
     flow_at: FlowAt,
     surface_depth: float,
 ) -> tuple[GroundState, tuple[DiveOutcome, ...]]:
@@ -133,16 +134,16 @@ def ground_step(
         flow_at: The estimate before the event.
         surface_depth: [m], shallower than this the vehicle is at the surface.
     """
-    first = event.profiles[0] if isinstance(event, ProfileGroup) else event
-    if not isinstance(first, VehicleState | Observation):
+    if not isinstance(event, VehicleState | Profiles):
         return state, ()
-    if state.surfaced is not None and first.time_ns > state.surfaced[1].time_ns:
+    first_ns = int(event["time"][0]) if isinstance(event, Profiles) else event.time_ns
+    if state.surfaced is not None and first_ns > state.surfaced[1].time_ns:
         state = concluded(state)
-    detection, end = detect_surfacing(state.detection, first, surface_depth)
+    detection, end = detect_surfacing(state.detection, event, surface_depth)
     begins = _in_dive(detection) and (end is not None or not _in_dive(state.detection))
     if end is not None:
         # a dive's profiles may have waited for the fix after it
-        number = detection.dive if first.time_ns <= end.time_ns else state.detection.dive
+        number = detection.dive if first_ns <= end.time_ns else state.detection.dive
         surfaced = (
             None
             if state.path is None or end.time_ns <= state.path.start.time
@@ -154,15 +155,13 @@ def ground_step(
         state = concluded(state)
         outcomes = () if state.concluded is None else (state.concluded,)
         state = _begun(state, flow_at)
-    latest, path = _moved(state, first, surface_depth)
+    latest, path = _moved(state, event, surface_depth)
     return replace(state, detection=detection, latest=latest, path=path), outcomes
 
 
-def adrift(
-    state: GroundState, track: Sequence[VehicleState], surface_depth: float
-) -> GroundState | None:
+def adrift(state: GroundState, track: Track, surface_depth: float) -> GroundState | None:
     """Return the state after fixes at the surface between dives, as of ``ground_step``; None where these are anything else."""
-    below = any(fix.dead_reckoned or fix.depth > surface_depth for fix in track)
+    below = track.columns["dead_reckoned"].any() or (track.columns["depth"] > surface_depth).any()
     if below or state.surfaced is not None or _in_dive(state.detection):
         return None
     return replace(state, detection=replace(state.detection, fix=track[-1]), latest=track[-1])
@@ -257,13 +256,13 @@ def _begun(state: GroundState, flow_at: FlowAt) -> GroundState:
 
 
 def _moved(
-    state: GroundState, event: VehicleState | Observation, surface_depth: float
+    state: GroundState, event: VehicleState | Profiles, surface_depth: float
 ) -> tuple[VehicleState | None, Path | None]:
     """Return fix and path after a position, or after the depth of a profile's first bin where positions have none."""
     latest, path = state.latest, state.path
-    if isinstance(event, Observation):
+    if isinstance(event, Profiles):
         if path is not None and not path.reckoned:
-            known = event.depth[np.isfinite(event.depth)]
+            known = event["depth"][0][np.isfinite(event["depth"][0])]
             path = extended(path, _NOWHERE, known.min(keepdims=True)) if known.size else path
     elif not event.dead_reckoned and not event.depth > surface_depth:
         latest = event

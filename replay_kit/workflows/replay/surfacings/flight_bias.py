@@ -17,12 +17,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.arrays import Indices
 from replay_kit.core.as_flown import FlightCorrection
-from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
+from replay_kit.core.block import Block
+from replay_kit.core.observation import PathMean, Profiles
 from replay_kit.estimator.next_dive.flight import FlightBias
 from replay_kit.estimator.next_dive.process import DiveMean
-from replay_kit.workflows.replay.surfacings.forecasts import ForecastState, dive_mean, with_profile
+from replay_kit.workflows.replay.surfacings.forecasts import ForecastState, dive_mean, with_profiles
+
+# Columns of profiles that tell of the flight model.
+_OF_DIVE = "dive", "common_std", "depth", "velocity", "flags"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,22 +86,10 @@ def _with_correction(mean: PathMean, dive: DiveMean, bias: FlightBias) -> PathMe
     return replace(mean, corrected=velocity, flight_std=flight_std)
 
 
-def as_used(
-    state: FlightState, event: VehicleState | Measurement, config: MeasurementConfig
-) -> tuple[FlightState, VehicleState | Measurement]:
-    """Return the state after an event of the log, and the event as the estimate is given it."""
-    if not config.flight_bias:
-        return state, event
-    if isinstance(event, PathMean):
-        return corrected(state, event)
-    return (
-        (with_dive_profile(state, event), event)
-        if isinstance(event, Observation)
-        else (state, event)
-    )
-
-
-def with_dive_profile(state: FlightState, profile: Observation) -> FlightState:
-    """Return the state after a profile of a dive."""
-    gathered = with_profile(state.gathered, profile)
+def with_block(state: FlightState, block: Block, rows: Indices) -> FlightState:
+    """Return the state after some profiles of a block."""
+    if not rows.size:
+        return state
+    profiles = Profiles({name: block.ping[name][rows] for name in _OF_DIVE}, block.topics)
+    gathered = with_profiles(state.gathered, profiles)
     return state if gathered is state.gathered else replace(state, gathered=gathered)

@@ -4,9 +4,9 @@ The dive's way through the water is taken as its flight model states it after th
 forecast of that dive is made. Of a log without mean currents dives are expected from their displacements (``displacements.py``).
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -16,13 +16,13 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Observation, PathMean, VehicleState, usable
+from replay_kit.core.observation import PathMean, Profiles, usable
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome
 from replay_kit.estimator.next_dive.local import local_step
 from replay_kit.estimator.next_dive.mixture import Persistence
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessState
-from replay_kit.estimator.update.grouping import ProfileGroup
-from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
+from replay_kit.workflows.replay.events import Track
+from replay_kit.workflows.replay.stages.estimation import Assimilation
 from replay_kit.workflows.replay.surfacings.displacements import (
     FlowAt,
     GroundState,
@@ -74,34 +74,31 @@ class ForecastState:
 
 
 def forecast_step(
-    state: ForecastState, step: Step, flow_at: FlowAt, surface_depth: float
+    state: ForecastState,
+    event: Any,
+    assimilation: Assimilation | None,
+    flow_at: FlowAt,
+    surface_depth: float,
 ) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state after a step of the estimate, and the outcome of the dive that it ends.
+    """Return the state after an event, and the outcome of the dive that it ends.
 
     Args:
         state: Before it.
-        step: A position, or a measurement with its assimilation.
-        flow_at: The estimate before the step, for a time [ns, UTC].
+        event: A position or a measurement.
+        assimilation: Of the measurement.
+        flow_at: The estimate before the event, for a time [ns, UTC].
         surface_depth: [m], shallower than this the vehicle is at the surface.
     """
-    state, ended = _over_ground(state, step, flow_at, surface_depth)
-    if isinstance(step.event, PathMean):
-        state = _beside_estimate(state, step.event, step.assimilation)
-        return forecast_mean(
-            state,
-            step.event,
-            None if step.assimilation is None else _backgrounds(step.event, step.assimilation),
-        )
-    if isinstance(step.event, Observation):
-        return with_profile(state, step.event), ended
-    if isinstance(step.event, ProfileGroup):
-        for profile in step.event.profiles:
-            state = with_profile(state, profile)
-    return state, ended
+    state, ended = _over_ground(state, event, flow_at, surface_depth)
+    if isinstance(event, PathMean):
+        state = _beside_estimate(state, event, assimilation)
+        known = None if assimilation is None else _backgrounds(event, assimilation)
+        return forecast_mean(state, event, known)
+    return (with_profiles(state, event) if isinstance(event, Profiles) else state), ended
 
 
 def forecast_track(
-    state: ForecastState, track: Sequence[VehicleState], surface_depth: float
+    state: ForecastState, track: Track, surface_depth: float
 ) -> ForecastState | None:
     """Return the state after positions in a row that no forecast is made or judged by; None where ``forecast_step`` must look at each."""
     if state.model is not None:
@@ -118,12 +115,12 @@ def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome
 
 
 def _over_ground(
-    state: ForecastState, step: Step, flow_at: FlowAt, surface_depth: float
+    state: ForecastState, event: Any, flow_at: FlowAt, surface_depth: float
 ) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
     if state.model is not None:
         # the log states mean currents
         return state, ()
-    return _with_ground(state, *ground_step(state.ground, step.event, flow_at, surface_depth))
+    return _with_ground(state, *ground_step(state.ground, event, flow_at, surface_depth))
 
 
 def _with_ground(
@@ -233,19 +230,21 @@ def flown_of(mean: PathMean, dive: DiveMean | None = None) -> FlownDive | None:
     return flown_dive(dive.seconds, dive.way, mean.depth, mean.deepest, mean.fixes[0].time_ns)
 
 
-def with_profile(state: ForecastState, profile: Observation) -> ForecastState:
-    """Return the state after an absolute profile of a dive; others change nothing."""
-    if profile.dive == 0 or not math.isfinite(profile.common_std):
-        return state
-    used = usable(profile.flags) & np.isfinite(profile.velocity).all(axis=1)
-    if not used.any():
-        return state
-    sums = state.sums if profile.dive == state.dive else np.zeros((0, 3))
-    cell = (np.maximum(profile.depth[used], 0.0) // _CELL).astype(np.int64)
-    more = max(int(cell.max()) + 1 - len(sums), 0)
-    sums = np.vstack([sums, np.zeros((more, 3))])
-    np.add.at(sums, cell, np.column_stack([np.ones(cell.size), profile.velocity[used]]))
-    return replace(state, dive=profile.dive, sums=sums)
+def with_profiles(state: ForecastState, profiles: Profiles) -> ForecastState:
+    """Return the state after absolute profiles of dives; others change nothing."""
+    dives, absolute = profiles["dive"], np.isfinite(profiles["common_std"])
+    used = usable(profiles["flags"]) & np.isfinite(profiles["velocity"]).all(axis=2)
+    used &= ((dives != 0) & absolute)[:, None]
+    for dive in dict.fromkeys(dives[used.any(axis=1)].tolist()):
+        own = used & (dives == dive)[:, None]
+        sums = state.sums if dive == state.dive else np.zeros((0, 3))
+        cell = (np.maximum(profiles["depth"][own], 0.0) // _CELL).astype(np.int64)
+        more = max(int(cell.max()) + 1 - len(sums), 0)
+        sums = np.vstack([sums, np.zeros((more, 3))])
+        each = np.column_stack([np.ones(cell.size), profiles["velocity"][own]])
+        np.add.at(sums, cell, each)
+        state = replace(state, dive=dive, sums=sums)
+    return state
 
 
 def _along(sums: Array, mean: PathMean) -> Array | None:

@@ -1,0 +1,211 @@
+"""What a replay reads before its first message: the forecast, the estimator, and of each vehicle how it is followed."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from heapq import merge as merged_by
+from pathlib import Path
+from typing import Any
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.message import LogReader, Message
+from replay_kit.core.progress import Progress, Stopwatch
+from replay_kit.core.region import Region, centre, inside
+from replay_kit.estimator import Estimator
+from replay_kit.forecast import find_sources
+from replay_kit.logs import merge
+from replay_kit.logs.merge import Merge
+from replay_kit.measurements.checks.profile import EnsembleSpeeds
+from replay_kit.measurements.region import for_region
+from replay_kit.results.vehicles import VEHICLES_RECORD
+from replay_kit.workflows.replay.inputs.estimator import built
+from replay_kit.workflows.replay.inputs.forecast import Forecasts
+from replay_kit.workflows.replay.inputs.goals import check_goal, with_planner_kind
+from replay_kit.workflows.replay.inputs.job import (
+    ReplayJob,
+    flat,
+    forecasts_of,
+    open_each,
+    open_truth,
+)
+from replay_kit.workflows.replay.inputs.provenance import (
+    FOLLOWED,
+    forecast_times,
+    named_hash,
+    run_metadata,
+    run_options,
+    vehicles_record,
+)
+from replay_kit.workflows.replay.inputs.vehicles import first_windows
+from replay_kit.workflows.replay.run import END, Run, Setup
+from replay_kit.workflows.replay.scoring import rival_inputs
+from replay_kit.workflows.replay.stages.consistency import checked_speeds
+from replay_kit.workflows.replay.stages.planner import PlannerFactory
+from replay_kit.workflows.replay.stages.plans import PlanningProblem
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """What a replay has read before its first message.
+
+    Attributes:
+        job: Inputs and outputs.
+        by_vehicle: The opened logs of each vehicle.
+        merged: Their messages in order.
+        forecasts: The forecast that the estimator is built from.
+        prior_flow: The estimate before any observation.
+        truth: What the estimate is scored against; None without.
+        metadata: Records of the result: inputs, options, versions, region.
+    """
+
+    job: ReplayJob
+    by_vehicle: Sequence[Sequence[LogReader]]
+    merged: Sequence[Merge[Message]]
+    forecasts: Forecasts
+    prior_flow: FlowEstimate
+    truth: Ensemble | None
+    metadata: Mapping[str, Mapping[str, str]]
+
+    def messages(self) -> Iterator[Message]:
+        """Begin the messages of all vehicles in order of time, those of one time in the order of the inputs, and where each one's end."""
+        each = [
+            _to_end(iter(merged), logs[0].input)
+            for merged, logs in zip(self.merged, self.by_vehicle, strict=True)
+        ]
+        if len(each) == 1:
+            return each[0]
+        return merged_by(*each, key=lambda message: (message.time_ns, message.input))
+
+
+def _to_end(messages: Iterator[Message], number: int) -> Iterator[Message]:
+    last_ns = None
+    for message in messages:
+        last_ns = message.time_ns
+        yield message
+    if last_ns is not None:
+        yield Message(last_ns, "", END, {}, number, 2**62)
+
+
+def prepare(
+    job: ReplayJob,
+    config: RunConfig,
+    planner_of: PlannerFactory | None,
+    progress: Progress,
+    forecasts: Forecasts | None,
+    estimator: Estimator[Any] | None = None,
+) -> tuple[Run, Prepared]:
+    """Return a replay before its first message, and what was read for it.
+
+    Args:
+        job: Inputs and outputs.
+        config: The run's settings.
+        planner_of: Makes the planner, when the job has a goal.
+        progress: Called with how much is done of each stage.
+        forecasts: What ``forecasts_of`` reads for this job; None reads it.
+        estimator: In place of that of the settings.
+    """
+    progress(0, 0, "reading the forecast")
+    clock = Stopwatch()
+    with clock.stage("forecast"):
+        forecasts = forecasts or forecasts_of(job, config)
+        ensemble = forecasts.ensemble
+        speeds = checked_speeds(ensemble, config)
+        truth = open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
+    firsts = first_windows(job, forecasts)
+    readers = open_each(job, config)
+    progress(0, 0, "computing the basis and the prior")
+    with clock.stage("basis"):
+        if estimator is None:
+            estimator = built(forecasts, with_planner_kind(job, flat(readers), config), job)
+        prior_flow = estimator.flow(estimator.initial())
+    setups, speeds_of = list[Setup](), _speeds_of(firsts, forecasts, config, speeds)
+    for number, (vehicle, of_vehicle) in enumerate(zip(job.each_vehicle, readers, strict=True)):
+        own = with_planner_kind(vehicle, of_vehicle, config)
+        problem = None
+        if vehicle.goal is not None and planner_of is not None:
+            planner = planner_of(own.planner, ensemble.grid)
+            check_goal(planner, ensemble, vehicle, own)
+            goals, made = (
+                ((), None) if job.following is None else (job.following.goals, job.following.made)
+            )
+            surface = own.measurements.surface_depth
+            problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, goals, made)
+        follows = estimator
+        if vehicle.name in speeds_of:
+            follows = estimator.of_vehicle(number, firsts[vehicle.name])
+            speeds = speeds_of[vehicle.name]
+        setups.append(Setup(follows, own, problem, speeds, vehicle.name))
+    # without a goal nothing reads the bathymetry
+    bathymetry = config.planner.bathymetry_path if any(one.problem for one in setups) else None
+    metadata = _metadata(job, forecasts, readers, prior_flow, bathymetry)
+    logs = config.logs
+    merged = [
+        merge(of_vehicle, logs.reorder_window, logs.start_ns, logs.end_ns) for of_vehicle in readers
+    ]
+    measured_by = for_region(setups[0].config, ensemble).measurements
+    owners = [number for number, of_vehicle in enumerate(readers) for _ in of_vehicle]
+    run = Run(setups, measured_by, clock, owners)
+    return run, Prepared(job, readers, merged, forecasts, prior_flow, truth, metadata)
+
+
+def _speeds_of(
+    firsts: Mapping[str, Region],
+    forecasts: Forecasts,
+    config: RunConfig,
+    speeds: EnsembleSpeeds | None,
+) -> dict[str, EnsembleSpeeds | None]:
+    """Return the speeds that the checks expect where each vehicle begins, by its name; those of one window serve all that begin in it.
+
+    Args:
+        firsts: The windows in which vehicles begin, by their names.
+        forecasts: With the first window of the run.
+        config: The run's settings.
+        speeds: Of that window.
+    """
+    found = dict[str, EnsembleSpeeds | None]()
+    if forecasts.read is None:
+        return found
+    known = {} if forecasts.box is None else {forecasts.box: speeds}
+    for name, first in firsts.items():
+        region = next((each for each in known if inside(each, *centre(first))), first)
+        if region not in known:
+            known[region] = checked_speeds(forecasts.read(region), config)
+        found[name] = known[region]
+    return found
+
+
+def _metadata(
+    job: ReplayJob,
+    forecasts: Forecasts,
+    readers: Sequence[Sequence[LogReader]],
+    prior_flow: FlowEstimate,
+    bathymetry: Path | None,
+) -> dict[str, Mapping[str, str]]:
+    """Return the records that a result has of its run, by their names; none where no result is written."""
+    if job.out is None:
+        return {}
+    metadata = run_metadata(
+        job.logs,
+        find_sources(job.ensemble).arguments,
+        forecasts.ensemble,
+        run_options(job, prior_flow),
+        bathymetry,
+        forecasts.region,
+    )
+    if job.vehicles:
+        metadata[VEHICLES_RECORD] = vehicles_record(job)
+    if assumed := {
+        Path(log.path).name: "; ".join(log.report().notes)
+        for log in flat(readers)
+        if log.report().notes
+    }:
+        metadata["replay_kit.reading"] = assumed
+    if times := forecast_times(forecasts):
+        metadata["replay_kit.forecast"] = times
+    if job.following is not None:
+        metadata[FOLLOWED] = job.following.record
+    if job.against:
+        named = {key: named_hash(path) for key, path in rival_inputs(job.against).items()}
+        metadata["replay_kit.inputs"] = {**metadata["replay_kit.inputs"], **named}
+    return metadata
