@@ -216,7 +216,7 @@ def _joined(first: Columns, more: Columns) -> Columns:
 
 
 def _padded(name: str, *each: NDArray[Any]) -> list[NDArray[Any]]:
-    if name not in OF_BINS:
+    if each[0].ndim == 1 or name not in OF_BINS:
         return [*each]
     m, fill = max(one.shape[1] for one in each), _MISSING.get(name, np.nan)
     out = list[NDArray[Any]]()
@@ -260,7 +260,7 @@ def items(
         last: Whether nothing follows.
     """
     found, i, n = list[Item](), 0, len(events)
-    rows = [np.cumsum(events.kind == number) for number in (POSITION, PING, LINEAR)]
+    rows = {number: np.cumsum(events.kind == number) for number in (POSITION, PING, LINEAR)}
     kind, due = events.kind.tolist(), events.due.tolist()
     alone = _alone(events, grouping)
     breaks = np.append(np.flatnonzero(np.diff(events.kind)) + 1, n)
@@ -313,7 +313,8 @@ def _alone(events: Events, grouping: Grouping | None) -> list[bool]:
     found = np.zeros(len(events), np.bool_)
     pings = np.flatnonzero((events.kind[:-1] == PING) & (events.kind[1:] == PING))
     row = (np.cumsum(events.kind == PING) - 1)[pings]
-    found[pings] = ~grouping.fit(events.ping, row, row + 1, np.ones(row.size))
+    if row.size:
+        found[pings] = ~grouping.fit(events.ping, row, row + 1, np.ones(row.size))
     other = np.flatnonzero((events.kind[:-1] == PING) & (events.kind[1:] != PING))
     elapsed = (events.time[other + 1] - events.time[other]) / _NS
     found[other] = (events.kind[other + 1] != POSITION) | ~grouping.lasts(elapsed)
@@ -328,9 +329,10 @@ def _group_end(events: Events, grouping: Grouping, begin: int, row: Indices) -> 
         kind, number = events.kind[at], row[at] - row[begin]
         goes_on = (kind == POSITION) & grouping.lasts((events.time[at] - events.time[begin]) / _NS)
         ping = kind == PING
-        goes_on[ping] = grouping.fit(
-            events.ping, np.array([first]), row[at[ping]] - 1, number[ping]
-        )
+        if ping.any():
+            goes_on[ping] = grouping.fit(
+                events.ping, np.array([first]), row[at[ping]] - 1, number[ping]
+            )
         ends = np.flatnonzero(~goes_on)
         if ends.size or at.size < looked:
             return int(at[ends[0]]) if ends.size else n
