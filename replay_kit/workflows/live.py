@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from threadpoolctl import ThreadpoolController
+
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, Finding
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -47,9 +49,11 @@ class Live:
 
     def __init__(self, ensemble: Paths, config: RunConfig) -> None:
         """Read the forecast and make the prior of it."""
+        self._threads = ThreadpoolController()
         forecasts = read_forecasts(ensemble, config, None, None)
         speeds = checked_speeds(forecasts.ensemble, config)
-        setup = Setup(build(forecasts, config), config, speeds=speeds)
+        with self._threads.limit(limits=config.output.threads):
+            setup = Setup(build(forecasts, config), config, speeds=speeds)
         self._run = Run([setup], for_region(config, forecasts.ensemble).measurements, Stopwatch())
 
     def feed(self, messages: Iterable[Message], *, last: bool = False) -> None:
@@ -66,12 +70,14 @@ class Live:
         if last:
             last_ns = block[-1].time_ns if block else last_ns
             block.append(Message(last_ns, "", END, {}, 0, 0))
-        self._run.take(block)
+        with self._threads.limit(limits=self._run.config.output.threads):
+            self._run.take(block)
 
     @property
     def estimate(self) -> FlowEstimate:
         """The estimate of the current at the time of the last message, with the measurements that wait for others of their group."""
-        return self._run.flow_now()
+        with self._threads.limit(limits=self._run.config.output.threads):
+            return self._run.flow_now()
 
     @property
     def findings(self) -> tuple[Finding, ...]:

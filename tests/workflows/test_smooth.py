@@ -6,6 +6,7 @@ import pytest
 import replay_kit as rk
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import LogError
+from replay_kit.core.observation import PathMean
 from replay_kit.estimator import build
 from replay_kit.estimator import smooth as smooth_states
 from replay_kit.forecast import read_series
@@ -16,11 +17,12 @@ from replay_kit.show.status.held import read_held
 from replay_kit.workflows.library import settings_of
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, as_used
+from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, corrected, with_block
 from replay_kit.workflows.smooth import STATIC, published_times, smooth
 from replay_kit.workflows.verify import verify
 from tests.places import SAMPLES
 from tests.show.report.html_of import figures
+from tests.workflows.replay.given import block_of
 
 STATIC_SETTINGS = {
     "logs": {"end": "2018-11-16T05:00:00Z"},
@@ -52,8 +54,11 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     end = config.logs.end_ns
     measured, flight = [], FlightState()
     for stated in rk.observations(message for message in log.messages() if message.time_ns <= end):
-        flight, used = as_used(flight, stated, config.measurements)
-        measured.append(used)
+        if isinstance(stated, PathMean):
+            flight, stated = corrected(flight, stated)
+        else:
+            flight = with_block(flight, block_of([stated]), np.zeros(1, np.intp))
+        measured.append(stated)
     slices = Contents(result).slices
     states = smooth_states(estimator, measured, slices.time_ns.tolist())
     flows = [estimator.flow(state) for state in states]

@@ -59,14 +59,16 @@ class Track:
 
     def __getitem__(self, i: int) -> VehicleState:
         """Return one of them."""
-        one = {name: self.columns[name][i].item() for name in _OF_POSITION}
-        topic = self.topics[one.pop("topic")]
-        source = Source(one.pop("input"), topic, one.pop("ordinal"), one["time"])
-        return VehicleState(time_ns=one.pop("time"), source=source, **one)
+        ((*place, number, topic, ordinal),) = zip(
+            *(self.columns[name][[i]].tolist() for name in _OF_POSITION), strict=True
+        )
+        return VehicleState(*place, Source(number, self.topics[topic], ordinal, place[0]))
 
     def __iter__(self) -> Iterator[VehicleState]:
         """Yield them one by one."""
-        yield from map(self.__getitem__, range(len(self)))
+        rows = zip(*(self.columns[name].tolist() for name in _OF_POSITION), strict=True)
+        for *place, number, topic, ordinal in rows:
+            yield VehicleState(*place, Source(number, self.topics[topic], ordinal, place[0]))
 
     @property
     def time_ns(self) -> int:

@@ -265,12 +265,12 @@ class Run:
         for place, number, event, told in sorted(cuts, key=itemgetter(0, 1, 2)):
             for other, (block, places_of) in measured.items():
                 end = event if other == number else bisect_right(places_of, place - 1)
-                self._give(other, block, given[other], end)
+                self.give(other, block, given[other], end)
                 given[other] = max(end, given[other])
                 self._reach(other, [messages[k] for k in at[other] if k < place])
             self._act_on(number, told, messages[place].time_ns)
         for number, (block, _) in measured.items():
-            self._give(number, block, given[number], len(block.events))
+            self.give(number, block, given[number], len(block.events))
             self._reach(number, [messages[k] for k in at[number]])
         self.messages += len(messages)
         if messages:
@@ -302,8 +302,8 @@ class Run:
         due = np.minimum(block.events[:, 0] - first, len(places) - 1)
         return block, found, [places[k] for k in due.tolist()]
 
-    def _give(self, number: int, block: Block, begin: int, end: int) -> None:
-        """Take events of a block that was checked."""
+    def give(self, number: int, block: Block, begin: int, end: int) -> None:
+        """Take events of a vehicle, from one to before another of a block that was checked."""
         if end <= begin:
             return
         of, setup, rows = self.of[number], self.setups[number], block.events[begin:end]
@@ -624,7 +624,7 @@ class Run:
         held = [self.of[0].statistics.profiles.last_position]
         held += [event[-1] for _, event in self._waiting if isinstance(event, Track)]
         waiting = self.of[0].waiting
-        if waiting.position:
+        if (waiting.kind == POSITION).any():
             held.append(Track(waiting.position, waiting.topics)[-1])
         return max(filter(None, held), key=lambda one: one.time_ns, default=None)
 

@@ -6,6 +6,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from replay_kit.workflows.replay.store.followed import (
+    FollowedStates,
+    _Known,
+    message_digest,
+    thinned,
+)
 
 from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.core.errors import ConfigError, LogError
@@ -38,12 +44,6 @@ from replay_kit.workflows.follow.watch import (
     read_memory,
     standing,
     write_memory,
-)
-from replay_kit.workflows.replay.store.followed import (
-    FollowedStates,
-    _Known,
-    message_digest,
-    thinned,
 )
 
 DAY_NS = 86_400 * 10**9

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from replay_kit.core.sealed import sealed
 
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
-from replay_kit.core.sealed import sealed
 from replay_kit.workflows.replay.inputs import estimator as basis_store
 from replay_kit.workflows.replay.inputs.estimator import build, built
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts

@@ -12,6 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from replay_kit.core.sealed import read_store, write_store
+from replay_kit.results.journal import Journal, read_journal
+from replay_kit.workflows.replay.store.checkpoint import journal_path
+from replay_kit.workflows.replay.store.pickling import dump
 
 import replay_kit as rk
 from replay_kit.config.estimation import TimeConfig
@@ -19,17 +23,13 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import OutputConfig, RunConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.plan import Place
-from replay_kit.core.sealed import read_store, write_store
 from replay_kit.estimator import ReducedBasisEstimator
-from replay_kit.results.journal import Journal, read_journal
 from replay_kit.results.mcap_file import ResultFile
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import CHECKPOINT
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.store.checkpoint import journal_path
-from replay_kit.workflows.replay.store.pickling import dump
 from replay_kit.workflows.verify import verify
 from tests.workflows.replay.interrupted import Killed, job_in, make_ocean, run_until, truth_in
 

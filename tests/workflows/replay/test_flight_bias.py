@@ -1,26 +1,25 @@
 """The flight model's error in mean currents: found from the dives before, and taken from those that follow; what was measured stays."""
 
-import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from replay_kit.config.run import MeasurementConfig, RunConfig
+from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Flag, Observation, PathMean
 from replay_kit.logs import merge
 from replay_kit.workflows.replay.inputs.scan import open_readers
-from replay_kit.workflows.replay.store import pickling as values
+from replay_kit.workflows.replay.state_file import read_state, write_state
 from replay_kit.workflows.replay.surfacings.flight_bias import (
     FlightState,
-    as_used,
     corrected,
-    with_dive_profile,
+    with_block,
 )
 from tests.measurements.samples import events_of
 from tests.places import DATA, needs
+from tests.workflows.replay.given import block_of
 from tests.workflows.replay.test_dive_forecasts import mean
 
 CURRENT, BIAS = complex(0.05, -0.02), 0.5
@@ -79,7 +78,7 @@ def test_a_biased_flight_model_is_found_and_taken_from_the_mean_currents(with_pr
     state, found = FlightState(), []
     for k in range(8):
         if with_profiles:
-            state = with_dive_profile(state, profile(k))
+            state = with_block(state, block_of([profile(k)]), np.zeros(1, np.intp))
         (after,), state = used([replace(dive(k), beside_profiles=with_profiles)], state)
         assert (after.velocity, after.error_std) == (dive(k).velocity, dive(k).error_std)
         found.append(after)
@@ -111,7 +110,7 @@ def test_a_dives_own_mean_current_does_not_correct_itself():
     assert complex(*other.velocity) - complex(*other.corrected) == pytest.approx(
         error - share * way, abs=1e-4
     )
-    begun = with_dive_profile(state, profile(8))
+    begun = with_block(state, block_of([profile(8)]), np.zeros(1, np.intp))
     assert corrected(begun, dive(8))[1].corrected == plain.corrected
 
 
@@ -139,25 +138,20 @@ def test_beside_profiles_a_mean_current_without_a_correction_has_the_flight_mode
         assert after.used_std > 3.0 * after.error_std
 
 
-def test_a_state_that_was_written_and_read_corrects_the_same():
+def test_a_state_that_was_written_and_read_corrects_the_same(tmp_path):
     _, state = used(map(dive, range(5)))
-    file = io.BytesIO()
-    values.dump(state, file)
-    file.seek(0)
-    again = [used(map(dive, range(5, 8)), each)[0] for each in (state, values.load(file))]
+    write_state(tmp_path / "state", "run", state)
+    read = read_state(tmp_path / "state", "run")
+    again = [used(map(dive, range(5, 8)), each)[0] for each in (state, read)]
     assert [after.corrected for after in again[0]] == [after.corrected for after in again[1]]
     assert again[0][-1].corrected is not None
 
 
 def test_what_has_no_way_through_water_is_used_as_stated():
-    config, off = MeasurementConfig(), MeasurementConfig(flight_bias=False)
     _, state = used(map(dive, range(8)))
-    drift = replace(dive(8), kind="drift")
-    assert as_used(state, drift, config)[1] is drift
-    without = replace(dive(8), fixes=None)
-    assert as_used(state, without, config)[1] is without
-    assert as_used(state, dive(8), off)[1].corrected is None
-    assert as_used(state, dive(8), config)[1].corrected is not None
+    for stated in (replace(dive(8), kind="drift"), replace(dive(8), fixes=None)):
+        assert corrected(state, stated)[1] is stated
+    assert corrected(state, dive(8))[1].corrected is not None
 
 
 def real_means(*names):

@@ -6,14 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from replay_kit.core.sealed import read_store, write_store
+from replay_kit.workflows.replay.store.checkpoint import Checkpoint, StateStore, resuming
 
 from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig
 from replay_kit.core.errors import ConfigError, LogError
-from replay_kit.core.sealed import read_store, write_store
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import CHECKPOINT
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.store.checkpoint import Checkpoint, StateStore, resuming
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
 IDENTITY = "0" * 64

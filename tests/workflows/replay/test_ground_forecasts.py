@@ -7,10 +7,17 @@ import numpy as np
 import pytest
 
 from replay_kit.core.geodesy import to_geographic, to_local
-from replay_kit.core.observation import Fix, Flag, Observation, PathMean, Source, VehicleState
+from replay_kit.core.observation import (
+    Fix,
+    Flag,
+    Observation,
+    PathMean,
+    Profiles,
+    Source,
+    VehicleState,
+)
 from replay_kit.results.outcome.from_run import surfacings_json
 from replay_kit.show.sentences import surfacings_sentences
-from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,
     forecast_end,
@@ -78,7 +85,8 @@ def followed(events, flow_at, state=None):
     state = ForecastState() if state is None else state
     written = []
     for event in events:
-        state, ended = forecast_step(state, Step(event, None, None), flow_at, BELOW)
+        given = Profiles.of([event]) if isinstance(event, Observation) else event
+        state, ended = forecast_step(state, given, None, flow_at, BELOW)
         written += ended
     return state, written
 

@@ -1,14 +1,11 @@
 """Inputs that a replay refuses are refused as well by ``info``, by both dry runs, and by whatever else replays."""
 
 import json
-from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
-from replay_kit.core.observation import PathMean, Source
 from replay_kit.core.plan import Place
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
@@ -16,7 +13,7 @@ from replay_kit.measurements.checks.concluded import TRACKS
 from replay_kit.workflows.fleet.expected import expected_of
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay.checks import _aside, check_inputs
+from replay_kit.workflows.replay.checks import check_inputs
 from replay_kit.workflows.replay.dry_run import dry_run
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
@@ -164,17 +161,3 @@ def test_a_follower_sets_the_log_of_another_vehicle_aside(ocean, tmp_path):
         for text in sea.told
     )
     assert summary.exit_code == 0
-
-
-@pytest.mark.parametrize(
-    ("beside_profiles", "flight_bias", "aside"),
-    [(True, False, True), (True, True, False), (False, False, False), (False, True, False)],
-)
-def test_a_mean_current_beside_its_profiles_is_checked_where_it_tells_how_the_glider_flew(
-    beside_profiles, flight_bias, aside
-):
-    config = RunConfig(measurements={"flight_bias": flight_bias})
-    mean = PathMean(
-        0, *(np.zeros(2) for _ in range(5)), (0.1, 0.0), 0.02, "dac", 1, Source(0, "/dac", 0, 0)
-    )
-    assert _aside(replace(mean, beside_profiles=beside_profiles), config) == aside

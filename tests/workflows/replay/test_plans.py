@@ -15,13 +15,13 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.estimator import Estimator, Stepped
-from replay_kit.estimator.update.screening import unused_innovation
-from replay_kit.workflows.replay.session import Session
+from replay_kit.estimator.update.screening import screened
 from replay_kit.workflows.replay.stages.planner import MadePlans, PlanQuery, PlanResult
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from tests import synthetic
 from tests.planners.flow_samples import CENTRE, uniform_flow
 from tests.synthetic_flow import with_weights
+from tests.workflows.replay.given import fed, run_of
 
 FLOW = uniform_flow(0.3, -0.4)
 PROFILE = synthetic.profile(FLOW.grid, 0.0, 0.0, np.array([10.0]), np.zeros((1, 2)))
@@ -35,7 +35,7 @@ class Still(Estimator):
         return ()
 
     def assimilate(self, state, block):
-        unused = unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons)
+        unused = screened([PROFILE], FLOW.grid)[0][0].unused(0)
         return state, [Stepped(each, state, state, unused) for each in block]
 
     def innovation(self, state, measurement):
@@ -76,10 +76,7 @@ def asked(events, **planner):
     problem = PlanningProblem(
         planned, Place(152.6, -40.0, 0.0), config.planner, config.measurements.surface_depth
     )
-    session = Session(Still(), config, problem)
-    for event in events:
-        session.take_message(event.time_ns, [(event, ())])
-    session.shared.assimilate()
+    fed(run_of(Still(), config, problem), events)
     return planned.calls
 
 
@@ -164,11 +161,8 @@ def test_the_plan_at_a_surfacing_where_the_log_ends_is_the_last_one_if_it_has_od
 ):
     planner, config = Counting(0.3, []), PlannerConfig(when="surfacing", **settings)
     problem = PlanningProblem(planner, Place(152.6, -40.0, 0.0), config, 5.0)
-    session = Session(Still(), RunConfig(planner=config), problem)
-    for event in [fix(0, 0.0), profile(10), fix(20, 50.0), fix(90, 0.0), *more]:
-        session.take_message(event.time_ns, [(event, ())])
-    session.shared.assimilate()
-    session.end()
+    events = [fix(0, 0.0), profile(10), fix(20, 50.0), fix(90, 0.0), *more]
+    fed(run_of(Still(), RunConfig(planner=config), problem), events).end(0)
     assert planner.asked == starts
 
 

@@ -5,11 +5,12 @@ from dataclasses import astuple, replace
 import numpy as np
 
 from replay_kit.core.observation import GroupTotals
-from replay_kit.estimator.update.screening import unused_innovation
+from replay_kit.estimator.update.screening import screened
 from replay_kit.workflows.replay.stages.counts import Sums
 from tests import synthetic
 
-PROFILES = synthetic.random_profiles(synthetic.ensemble(n_members=2).grid, 5)
+GRID = synthetic.ensemble(n_members=2).grid
+PROFILES = synthetic.random_profiles(GRID, 5)
 
 
 def test_a_group_counts_as_its_profiles_do():
@@ -18,7 +19,7 @@ def test_a_group_counts_as_its_profiles_do():
     for profile in PROFILES:
         shape = (profile.depth.size, 2)
         values = {name: rng.standard_normal(shape) for name in names}
-        blank = unused_innovation(profile, profile.flags, profile.reasons)
+        blank = screened([profile], GRID)[0][0].unused(0)
         told = {"nis": float(rng.random()), "dof": 2 * profile.depth.size, "accepted": True}
         members.append(replace(blank, **told, **values))
         dive_innovations.append(rng.standard_normal(shape))

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from replay_kit.core.sealed import write_store
 
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import (
@@ -20,7 +21,6 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, inside
-from replay_kit.core.sealed import write_store
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast.describe import open_extent
 from replay_kit.results.mcap_writer import ResultWriter

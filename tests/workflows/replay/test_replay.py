@@ -24,7 +24,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay import conclude, dry_run
-from replay_kit.workflows.replay.checks import with_planner_kind
+from replay_kit.workflows.replay.inputs.goals import with_planner_kind
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.replay import replay
@@ -329,18 +329,15 @@ def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path, m
 def test_without_a_plan_or_with_a_failed_one_the_estimate_alone_is_scored(monkeypatch):
     monkeypatch.setattr(conclude, "score_against_truth", lambda *_: ("score", None))
     forecasts = SimpleNamespace(evolves=False, read=None, nearest=lambda _: None)
-    inputs = SimpleNamespace(
-        job=SimpleNamespace(truth_radius_km=None), forecasts=forecasts, prior_flow=None
-    )
+    job = SimpleNamespace(truth_radius_km=None, vehicles=())
+    inputs = SimpleNamespace(job=job, forecasts=forecasts, prior_flow=None)
     failed = SimpleNamespace(plan=SimpleNamespace(status="failed"))
     for problem, result in ((None, None), ("problem", None), ("problem", failed)):
         positions = SimpleNamespace(profiles=SimpleNamespace(positions=[]))
-        planning, config = SimpleNamespace(result=result), SimpleNamespace(estimator=None)
-        session = SimpleNamespace(
-            config=config, statistics=positions, problem=problem, planning=planning
-        )
-        session.vehicles = (session,)
-        assert conclude._score(session, inputs, None, SimpleNamespace(time_ns=0)) == ("score", [])
+        of = SimpleNamespace(statistics=positions, planning=SimpleNamespace(result=result))
+        config = SimpleNamespace(estimator=None)
+        run = SimpleNamespace(config=config, of=[of], problem=lambda _, own=problem: own)
+        assert conclude._score(run, inputs, None, SimpleNamespace(time_ns=0)) == ("score", [])
 
 
 def test_a_truth_with_another_centre_is_compared_along_the_same_axes():

@@ -10,10 +10,10 @@ import numpy as np
 from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import PathMean
 from replay_kit.estimator import Estimator, Stepped
-from replay_kit.estimator.update.screening import unused_innovation
-from replay_kit.workflows.replay.session import Session
+from replay_kit.estimator.update.screening import screened
 from tests import synthetic
-from tests.benchmarks.windows import LEVELS, QUICK, TINY, mission, sea, windowed
+from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
+from tests.workflows.replay.given import fed, run_of
 
 GRID = synthetic.ensemble(n_members=2).grid
 PROFILE = synthetic.random_profiles(GRID, 1)[0]
@@ -29,7 +29,7 @@ class Recorder(Estimator):
         return ()
 
     def assimilate(self, state, block):
-        unused = unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons)
+        unused = screened([PROFILE], GRID)[0][0].unused(0)
         done = []
         for measurement in block:
             before, state = state, (*state, measurement)
@@ -51,10 +51,7 @@ def mean_current():
 
 
 def given(supports_path_means):
-    session = Session(Recorder(supports_path_means), RunConfig())
-    session.take_message(0, [(each, ()) for each in (PROFILE, mean_current(), PROFILE)])
-    session.shared.assimilate()
-    return session.state
+    return fed(run_of(Recorder(supports_path_means)), [PROFILE, mean_current(), PROFILE]).state
 
 
 class Published:
@@ -66,7 +63,7 @@ class Published:
     def of(self, vehicle):
         return nullcontext()
 
-    def innovation(self, innovation):
+    def innovations(self, found):
         pass
 
     def grids(self, now_ns, flow, depths):
@@ -80,12 +77,9 @@ def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_
     config = RunConfig(output={"interval": 60.0, "depths": (10.0,)})
     published, estimator = Published(), Recorder(False)
     estimator.flow = lambda state: SimpleNamespace(levels=GRID.levels)
-    session = Session(estimator, config)
-    session.writer = published
-    for seconds in range(0, 250, 25):
-        ping = replace(PROFILE, time_ns=seconds * 10**9)
-        session.take_message(ping.time_ns, [(ping, ())])
-    session.shared.assimilate()
+    run = run_of(estimator, config)
+    run.writer = published
+    fed(run, [replace(PROFILE, time_ns=seconds * 10**9) for seconds in range(0, 250, 25)])
     assert (
         published.grids_ns
         == published.digests_ns
@@ -96,26 +90,26 @@ def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_
 def test_windows_that_were_left_are_published_once_and_forgotten():
     of = sea(TINY)
     pings = mission(of, TINY, of.part(None, slice(TINY.members, None)), 25_000.0)
-    session = Session(windowed(of, TINY, pings[0], 25_000.0, QUICK), RunConfig())
-    session.writer = MagicMock()
+    run = run_of(windowed(of, TINY, pings[0], 25_000.0, QUICK))
+    run.writer = MagicMock()
     for ping in pings:
-        session.take_message(ping.time_ns, [(ping, ())])
-        of = session.state.estimation
-        assert of.current.left == of.dive_start.left == ()
-    session.shared.assimilate(last=True)
-    numbers = [call.args[0] for call in session.writer.window.call_args_list]
-    assert numbers == list(range(1, session.estimation.current.number))
+        state = fed(run, [ping], last=False).state
+        assert state.current.left == state.vehicles[0].dive.start.left == ()
+    run.finish([], [])
+    numbers = [call.args[0] for call in run.writer.window.call_args_list]
+    assert numbers == list(range(1, run.current.number))
     assert len(numbers) > 1
 
 
 def test_an_estimator_that_supports_path_means_is_given_them_in_order():
     run = given(True)
-    assert [isinstance(each, PathMean) for each in run.estimation.current] == [False, True, False]
-    assert run.statistics.profiles.positions[1] == (2.0, 2.0)
-    assert run.statistics.notes([]) == []
+    assert [isinstance(each, PathMean) for each in run.current] == [False, True, False]
+    assert run.vehicles[0].statistics.profiles.positions[1] == (2.0, 2.0)
+    assert run.vehicles[0].statistics.notes([]) == []
 
 
 def test_another_is_not_and_the_report_counts_them():
     run = given(False)
-    assert run.estimation.current == (PROFILE, PROFILE)
-    assert run.statistics.notes([]) == ["1 mean currents (dac): not supported by this estimator"]
+    assert [len(each) for each in run.current] == [1, 1]
+    (notes,) = run.vehicles[0].statistics.notes([])
+    assert notes == "1 mean currents (dac): not supported by this estimator"

@@ -1,0 +1,74 @@
+"""Events that a test states, as the run of a replay is given them."""
+
+import numpy as np
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.block import LINEAR, PING, POSITION, Block
+from replay_kit.core.observation import Observation, Profiles, VehicleState
+from replay_kit.core.progress import Stopwatch
+from replay_kit.workflows.replay.events import Events, items
+from replay_kit.workflows.replay.run import Run, Setup
+
+
+def block_of(values):
+    """A block of positions, profiles of as many bins each, and other measurements, in order."""
+    kinds = [
+        POSITION
+        if isinstance(one, VehicleState)
+        else PING
+        if isinstance(one, Observation)
+        else LINEAR
+        for one in values
+    ]
+    each = {
+        kind: [one for one, own in zip(values, kinds, strict=True) if own == kind]
+        for kind in (POSITION, PING, LINEAR)
+    }
+    rows = [kinds[:k].count(kind) for k, kind in enumerate(kinds)]
+    topics = sorted({one.source.topic for one in values})
+    position = {
+        "time": np.array([one.time_ns for one in each[POSITION]]),
+        "input": np.array([one.source.input for one in each[POSITION]]),
+        "topic": np.array([topics.index(one.source.topic) for one in each[POSITION]], np.int64),
+        "ordinal": np.array([one.source.position for one in each[POSITION]]),
+    } | {
+        name: np.array([getattr(one, name) for one in each[POSITION]])
+        for name in ("longitude", "latitude", "depth", "dead_reckoned")
+    }
+    ping = {}
+    if each[PING]:
+        made = Profiles.of(each[PING])
+        names = np.array([topics.index(name) for name in made.topics])
+        bins = np.full(len(made), made["depth"].shape[1])
+        ping = {**made.columns, "topic": names[made["topic"]], "bins": bins}
+    events = np.column_stack([np.arange(len(values)), kinds, rows])
+    return Block(events, position, ping, {}, each[LINEAR], topics, np.empty((0, 3), np.int64), ())
+
+
+def steps_of(values):
+    """What the stages are given of values: positions one by one, profiles in columns."""
+    block = block_of(values)
+    events = Events.of(block, list(block.linear))
+    for item in items(events, None, 0, last=True)[0]:
+        yield from (
+            item.event
+            if hasattr(item.event, "columns") and not isinstance(item.event, Profiles)
+            else (item.event,)
+        )
+
+
+def run_of(estimator, config=None, problem=None):
+    """The run of one vehicle."""
+    config = config or RunConfig()
+    return Run([Setup(estimator, config, problem)], config.measurements, Stopwatch())
+
+
+def fed(run, values, last=True):
+    """The run after values, and at their end if they are the last."""
+    run.give(0, block_of(values), 0, len(values))
+    run.last_ns = values[-1].time_ns
+    if last:
+        run.finish([], [])
+    else:
+        run.take([])
+    return run
