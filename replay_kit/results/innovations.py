@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 TOPIC, _NAME = "/flow/innovation", "Innovations"
 _FIELDS = {field.name: field.type for field in MESSAGES[_NAME]}
-_BINS = [*_FIELDS][[*_FIELDS].index("depth") :]
+BINS = [*_FIELDS][[*_FIELDS].index("depth") :]
 # What of an innovation its columns hold, where that has another name: single values, and pairs of the components east and north.
 _VALUES = {name: name for name in _FIELDS if not name.endswith(("_east", "_north"))} | {
     "timestamp": "time_ns",
@@ -62,7 +62,7 @@ def block_of(innovations: Sequence[Innovation]) -> bytes:
     columns: dict[str, Any] = {}
     for name, attributes in _VALUES.items():
         held = [*map(attrgetter(attributes), innovations)]
-        columns[name] = np.concatenate(held) if name in _BINS else held
+        columns[name] = np.concatenate(held) if name in BINS else held
     for name in _PAIRS:
         found, mean = list[Any](), _MEANS.get(name)
         for one in innovations:
@@ -87,9 +87,9 @@ def columns_of(block: bytes) -> Columns:
             if kind in ARRAYS
             else np.array(getattr(message, name), dtype=object)
         )
-    sizes = found["timestamp"].size, found["depth"].size
+    sizes = found["timestamp"].size, int(found["bins"].sum())
     for name, values in found.items():
-        if not values.size and (size := sizes[name in _BINS]):
+        if not values.size and (size := sizes[name in BINS]):
             found[name] = np.full(size, np.nan, values.dtype)
     return found
 
@@ -111,7 +111,7 @@ def joined(blocks: Sequence[Columns]) -> Columns:
 def rows_of(columns: Columns, begin: int) -> Columns:
     """Return the rows of a block from one on, with their bins."""
     before = int(columns["bins"][:begin].sum())
-    return {name: each[before if name in _BINS else begin :] for name, each in columns.items()}
+    return {name: each[before if name in BINS else begin :] for name, each in columns.items()}
 
 
 def tables_in(path: Path, rows: int | None = None) -> Iterator[Tables]:
@@ -132,7 +132,7 @@ _EMPTY = columns_of(b"")
 
 def tables_of(columns: Columns) -> Tables:
     """Return the tables of a block: single values, and of the means the predicted and the estimated one; bins."""
-    single = {name: _plain(name, each) for name, each in columns.items() if name not in _BINS}
+    single = {name: _plain(name, each) for name, each in columns.items() if name not in BINS}
     counts, kinds = single.pop("bins"), single["mean_current_kind"]
     rows, begins = np.repeat(np.arange(counts.size), counts), np.cumsum(counts) - counts
     means = np.flatnonzero((kinds != "") & (counts > 0))
@@ -152,7 +152,7 @@ def tables_of(columns: Columns) -> Tables:
         squares = sum(np.nan_to_num(component) ** 2 for component in pair)
         single[f"rms_{name}"] = np.sqrt(np.bincount(rows, squares, minlength=counts.size) / dof)
     of_bins = {name: single[name][rows] for name in ("timestamp", "dive")} | {"observation": rows}
-    return table_of(single), table_of(of_bins | {name: columns[name] for name in _BINS})
+    return table_of(single), table_of(of_bins | {name: columns[name] for name in BINS})
 
 
 def _plain(name: str, values: NDArray[Any]) -> NDArray[Any]:

@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, ReplayKitError
-from replay_kit.core.flow.file import load_bytes
+from replay_kit.core.flow.compact import unpack
 from replay_kit.core.grid import Projection
 from replay_kit.results import CONTRACT_VERSION, ResultWriter, mcap_file, read_estimate
 from replay_kit.results.readback import check_written
@@ -28,11 +28,8 @@ def test_records_and_attachments(run, flow, tmp_path):
     assert metadata["contract"]["version"] == str(CONTRACT_VERSION)
     assert float(metadata["frame map"]["latitude"]) == 62.0
     assert attachments["config.toml"].data.decode() == CONFIG
-    for estimate in (
-        load_bytes(attachments["estimate.nc"].data, "attachment"),
-        read_estimate(path),
-    ):
-        np.testing.assert_array_equal(estimate.unknowns.p, flow.unknowns.p)
+    for estimate in (unpack(attachments["estimate.npz"].data, "attachment"), read_estimate(path)):
+        np.testing.assert_allclose(estimate.unknowns.p, flow.unknowns.p, atol=1e-6)
         np.testing.assert_array_equal(estimate.latent, flow.latent)
 
 
@@ -133,9 +130,9 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 try:
     with ResultWriter(Path(sys.argv[1])) as writer:
-        noise = np.random.default_rng(0).normal(size=100_000)
+        noise = np.random.default_rng(0).bytes(800_000)
         for step in range(5):
-            writer.estimate(step, noise, np.array([1.0]))
+            writer.attach(step, "noise", "", noise)
 except ReplayKitError as error:
     print(error)
 """
@@ -155,7 +152,7 @@ def test_estimate_of_other_files_is_refused(state, tmp_path):
         read_estimate(path)
     with ResultWriter(path) as writer:
         writer.fix(state)
-    with pytest.raises(ForecastError, match=r"carries no estimate\.nc"):
+    with pytest.raises(ForecastError, match=r"carries no estimate\.npz"):
         read_estimate(path)
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(ForecastError, match="not a complete MCAP"):

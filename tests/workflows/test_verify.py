@@ -164,10 +164,10 @@ def test_a_missing_message_and_a_changed_attachment_are_named(run, tmp_path):
     path = changed(
         run / "out.mcap",
         tmp_path / "nc.mcap",
-        attachment=lambda name, data: data[:-1] if name == "estimate.nc" else data,
+        attachment=lambda name, data: data[:-1] if name == "estimate.npz" else data,
     )
     verdict = verify(path, [run], planner_of)
-    assert verdict.others == ("attachment estimate.nc",)
+    assert verdict.others == ("attachment estimate.npz",)
     assert verdict.difference is None
 
 

@@ -13,7 +13,7 @@ from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import unused_innovation
 from replay_kit.workflows.replay.session import Session
 from tests import synthetic
-from tests.benchmarks.windows import LEVELS, QUICK, TINY, mission, sea, windowed
+from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
 
 GRID = synthetic.ensemble(n_members=2).grid
 PROFILE = synthetic.random_profiles(GRID, 1)[0]
