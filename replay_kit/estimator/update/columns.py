@@ -77,8 +77,11 @@ class Column:
 
     def measured(self, i: int, column: Array) -> Array:
         """Return what a measurement tells of the current: the estimate plus its misfit; arguments and shape as in ``misfit``."""
-        estimated = self.screened[i].local()[0] - self._off(i, column)
-        return np.asarray(estimated @ self.axes) + self.misfit(i, column)
+        value, layout = self.screened[i].local()[0], self.layouts[i]
+        if layout.unwhiten is not None:
+            off = self._off(i, column)
+            value = value - off + layout.known(off)
+        return np.asarray(value @ self.axes)
 
     def _off(self, i: int, column: Array) -> Array:
         """Return measured minus predicted values as they are, also where only their differences are known, shape (..., m, c) [m/s]."""
