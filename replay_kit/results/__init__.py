@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from replay_kit.results.compare import Difference, Recorded, first_difference, read_recorded
     from replay_kit.results.journal import Journal, read_journal
     from replay_kit.results.mcap_writer import ResultWriter
-    from replay_kit.results.readback import read_estimate
+    from replay_kit.results.reader import ResultReader
     from replay_kit.results.schemas import CONTRACT_VERSION
     from replay_kit.results.topics import Digest
 
@@ -18,9 +18,9 @@ __all__ = [
     "Digest",
     "Journal",
     "Recorded",
+    "ResultReader",
     "ResultWriter",
     "first_difference",
-    "read_estimate",
     "read_journal",
     "read_recorded",
 ]

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,8 +15,8 @@ from numpy.typing import NDArray
 
 from replay_kit.core.observation import Flag, Innovation, Reason
 from replay_kit.results import earlier
+from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import ARRAYS, MESSAGES, decode, encode, numbers
-from replay_kit.results.topics import newest_messages, read_messages
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,13 +93,11 @@ def columns_of(block: bytes) -> Columns:
     return found
 
 
-def blocks_in(path: Path, newest: bool = False) -> Iterator[Columns]:
+def blocks_in(reader: ResultReader, newest: bool = False) -> Iterator[Columns]:
     """Yield the columns of the blocks of a result, also of one of an earlier version, by time or from the last one back."""
-    read = newest_messages if newest else read_messages
-    messages = (data for _, data in read(path, TOPIC))
-    if (old := earlier.innovations(path, TOPIC, messages)) is not None:
-        messages = (block_of([one]) for one in old)
-    return map(columns_of, messages)
+    if (old := earlier.innovations(reader, TOPIC, newest)) is not None:
+        return (columns_of(block_of([one])) for one in old)
+    return (columns_of(data) for _, data in reader.messages(TOPIC, newest))
 
 
 def joined(blocks: Sequence[Columns]) -> Columns:
@@ -114,9 +111,9 @@ def rows_of(columns: Columns, begin: int) -> Columns:
     return {name: each[before if name in BINS else begin :] for name, each in columns.items()}
 
 
-def tables_in(path: Path, rows: int | None = None) -> Iterator[Tables]:
+def tables_in(reader: ResultReader, rows: int | None = None) -> Iterator[Tables]:
     """Yield the tables of a result, of at least so many rows each, None for all; one without rows where it has no innovations."""
-    held, blocks, count, given = [_EMPTY], blocks_in(path), 0, False
+    held, blocks, count, given = [_EMPTY], blocks_in(reader), 0, False
     for block in blocks:
         held.append(block)
         count += block["bins"].size

@@ -59,7 +59,7 @@ def test_a_mean_current_has_the_name_of_what_it_is(result, contract, innovation)
     np.testing.assert_allclose(means.estimated, corrected - innovation.residual[:1], rtol=1e-6)
     errors = [0.01, 0.02, 0.03] if contract == 5 else [np.nan] * 3
     np.testing.assert_array_equal(means.errors, [errors])
-    found = dive_current(read_held(result.path))
+    found = dive_current(read_held(result.reader))
     assert found is not None
     assert (found.time_ns, found.dive) == (TIME_NS + 3 * SECOND, 2)
     assert (found.measured is None) == (contract == 4)

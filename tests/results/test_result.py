@@ -160,7 +160,7 @@ def test_events_and_estimate(opened, flow):
     assert opened.estimate is opened.estimate
     assert repr(opened).splitlines() == [
         "Result out.mcap, 2023-11-14 22:13:20Z to 2023-11-14 22:13:25Z",
-        "  estimate; tables fixes (2), observations (4), plans (2), surfacings (1), events (1), innovations, dives, plan_tracks",
+        "  estimate; tables fixes (2), plans (2), surfacings (1), events (1), observations, innovations, dives, plan_tracks",
     ]
 
 

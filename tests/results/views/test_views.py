@@ -9,7 +9,7 @@ import pytest
 from replay_kit.core.geodesy import distance, to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse
-from replay_kit.results import ResultWriter
+from replay_kit.results import ResultReader, ResultWriter
 from replay_kit.results.views.along_track import (
     bins_along_track,
     mean_currents,
@@ -81,7 +81,7 @@ def test_published_slices_are_those_of_the_flow(flow, tmp_path):
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
         for k, value in enumerate((flow, later, flow)):
             writer.grids(TIME_NS + k * SECOND, value, (120.0, 0.5))
-    slices = published_slices(tmp_path / "out.mcap")
+    slices = published_slices(ResultReader(tmp_path / "out.mcap"))
     assert slices is not None
     assert slices.depths.tolist() == [0.5, 120.0]
     assert slices.time_ns.tolist() == [TIME_NS, TIME_NS + SECOND, TIME_NS + 2 * SECOND]
@@ -100,7 +100,9 @@ def test_published_slices_are_those_of_the_flow(flow, tmp_path):
         rtol=1e-12,
     )
     assert np.isnan(slices.fields[:, :, :, 0, 0]).all()
-    few = published_slices(tmp_path / "out.mcap", most_values=2 * 2 * slices.fields[0, 0].size)
+    few = published_slices(
+        ResultReader(tmp_path / "out.mcap"), most_values=2 * 2 * slices.fields[0, 0].size
+    )
     assert few is not None
     assert (few.time_ns.tolist(), few.left_out) == ([TIME_NS, TIME_NS + 2 * SECOND], 1)
     errors = error_through_time(slices)
@@ -130,7 +132,7 @@ def test_the_estimate_at_a_bin_is_what_was_measured_less_the_residual(
         writer.finish(flow)
     result = read_result(tmp_path / "out.mcap")
     track = track_of(result.fixes, flow.grid.projection)
-    history = EstimateHistory(result.path, result.estimate)
+    history = EstimateHistory(result.reader, result.estimate)
     bins = bins_along_track(result.measured, track, history, result.estimate, 10)
     assert (bins.profiles, bins.left_out, bins.depth.tolist()) == (2, 0, [10.0, 20.0, 40.0] * 2)
     used = [0, 1, 3]
@@ -205,7 +207,7 @@ def test_a_smoothed_result_keeps_the_estimate_before_smoothing(flow, state, inno
     bins = bins_along_track(
         result.measured,
         track_of(result.fixes, flow.grid.projection),
-        EstimateHistory(result.path, flow),
+        EstimateHistory(result.reader, flow),
         flow,
         10,
     )

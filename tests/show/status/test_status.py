@@ -16,6 +16,7 @@ from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import ORIGIN
 from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
+from replay_kit.results.reader import ResultReader
 from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import alarms_of, change_of
 from replay_kit.show.status.held import Fix, read_held
@@ -64,7 +65,7 @@ def test_positions_held_are_the_first_the_last_one_a_day_before_and_where_it_was
                 writer.fix(
                     VehicleState(fix.time_ns, *place, 0.0, fix.reckoned, Source(0, "/", 0, 0))
                 )
-        found = read_held(tmp_path / "r.mcap")
+        found = read_held(ResultReader(tmp_path / "r.mcap"))
         return found.fixes, found.reckoned
 
     measured = [fix for fix in said if not fix.reckoned]
