@@ -5,7 +5,7 @@ it as an array does in memory. Of a long log not all rows fit into memory, so th
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -41,7 +41,7 @@ _VALUES = {name: name for name in _FIELDS if not name.endswith(("_east", "_north
 _MEANS = {"mean_current_measured": "mean_current", "mean_current_corrected": "corrected_current"}
 _PAIRS = [name.removesuffix("_east") for name in _FIELDS if name.endswith("_east")]
 #: Rows of tables made at once, and the most profiles and bins that are kept for figures.
-ROWS, MOST, MOST_BINS = 2048, 20_000, 300_000
+_ROWS, MOST, MOST_BINS = 2048, 20_000, 300_000
 _RMS = ("innovation", "residual", "prior_innovation")
 #: What measurements are summed by, and how each of their values is.
 _KEYS = ["dive", "source_topic", "mean_current_kind", "decision", "accepted"]
@@ -100,31 +100,31 @@ def blocks_in(reader: ResultReader, newest: bool = False) -> Iterator[Columns]:
     return (columns_of(data) for _, data in reader.messages(TOPIC, newest))
 
 
-def joined(blocks: Sequence[Columns]) -> Columns:
-    """Return blocks as one; one at least."""
-    return {name: np.concatenate([one[name] for one in blocks]) for name in _FIELDS}
-
-
-def rows_of(columns: Columns, begin: int) -> Columns:
-    """Return the rows of a block from one on, with their bins."""
-    before = int(columns["bins"][:begin].sum())
-    return {name: each[before if name in BINS else begin :] for name, each in columns.items()}
-
-
-def tables_in(reader: ResultReader, rows: int | None = None) -> Iterator[Tables]:
-    """Yield the tables of a result, of at least so many rows each, None for all; one without rows where it has no innovations."""
-    held, blocks, count, given = [_EMPTY], blocks_in(reader), 0, False
-    for block in blocks:
-        held.append(block)
-        count += block["bins"].size
-        if rows is not None and count >= rows:
-            yield tables_of(joined(held))
-            held, count, given = [_EMPTY], 0, True
-    if len(held) > 1 or not given:
-        yield tables_of(joined(held))
+def joined(blocks: Iterable[Columns]) -> Columns:
+    """Return blocks as one."""
+    held = [_EMPTY, *blocks]
+    return {name: np.concatenate([one[name] for one in held]) for name in _FIELDS}
 
 
 _EMPTY = columns_of(b"")
+
+
+def picked(columns: Columns, wanted: NDArray[np.bool_]) -> Columns:
+    """Return some rows of a block, with their bins."""
+    of_bins = np.repeat(wanted, columns["bins"])
+    return {name: each[of_bins if name in BINS else wanted] for name, each in columns.items()}
+
+
+def larger(blocks: Iterable[Columns], rows: int = _ROWS) -> Iterator[Columns]:
+    """Yield blocks joined to such of at least so many rows, but for the last one."""
+    held, count = list[Columns](), 0
+    for block in blocks:
+        held.append(block)
+        count += block["bins"].size
+        if count >= rows:
+            yield joined(held)
+            held, count = [], 0
+    yield joined(held)
 
 
 def tables_of(columns: Columns) -> Tables:
@@ -209,34 +209,32 @@ class Measured:
         return {name: count for name, count in counts.items() if count}
 
 
-def measured_of(blocks: Iterable[Tables], most: int = MOST, most_bins: int = MOST_BINS) -> Measured:
+def measured_of(
+    blocks: Callable[[], Iterable[Columns]], most: int = MOST, most_bins: int = MOST_BINS
+) -> Measured:
     """Return measurements as far as figures need them.
 
     Args:
-        blocks: Of ``tables_in``.
+        blocks: Yields all there are, twice: not all rows fit into memory.
         most: Number of measurements of profiles from which on only every second is kept, then every fourth, and so on.
-        most_bins: The same of their bins.
+        most_bins: The same of all bins.
     """
     import pandas as pd
 
-    kept, sums, reasons, seen, every = list[_Kept](), [], Counter[int](), Counter[str](), 1
-    for observations, bins in blocks:
+    sums, reasons, seen, bins, every = list[pd.DataFrame](), Counter[int](), Counter[str](), 0, 1
+    for columns in larger(blocks()):
+        observations, of_bins = tables_of(columns)
         sums.append(_sums(_addends(observations)))
-        unused = ~np.isin(bins["flags"], [Flag.GOOD, Flag.SUSPECT])
-        codes, counts = np.unique(bins["reasons"].to_numpy(np.int64)[unused], return_counts=True)
+        unused = ~np.isin(of_bins["flags"], [Flag.GOOD, Flag.SUSPECT])
+        codes, counts = np.unique(of_bins["reasons"].to_numpy()[unused], return_counts=True)
         reasons.update(dict(zip(codes.tolist(), counts.tolist(), strict=True)))
-        kept.append(_Kept(_places(observations, seen), observations, bins).of_every(every))
-        profiles = sum(int((one.place >= 0).sum()) for one in kept)
-        if profiles > most or sum(len(one.bins) for one in kept) > most_bins:
-            every *= 2
-            kept = [one.of_every(every) for one in kept]
-    firsts = np.cumsum([0, *(len(one.observations) for one in kept)])
-    renumbered = [
-        one.bins.assign(observation=one.bins["observation"] + first)
-        for one, first in zip(kept, firsts, strict=False)
-    ]
-    tables = _joined([one.observations for one in kept]), _joined(renumbered)
-    return Measured(*tables, _sums(pd.concat(sums, ignore_index=True)), reasons)
+        _places(columns, seen)
+        bins += len(of_bins)
+    while max(seen.total() / most, bins / most_bins) > every:
+        every *= 2
+    seen.clear()
+    kept = (picked(one, _places(one, seen) % every == 0) for one in larger(blocks()))
+    return Measured(*tables_of(joined(kept)), _sums(pd.concat(sums, ignore_index=True)), reasons)
 
 
 def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
@@ -266,32 +264,15 @@ def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
     return pd.DataFrame({**columns, **rms, "nis_per_dof": dives["nis"].sum() / dof})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Kept:
-    """What is kept of a block; ``place`` counts the profiles of a topic from its first, and is -1 for mean currents."""
+def _places(columns: Columns, seen: Counter[str]) -> NDArray[np.int64]:
+    """Return the place of each profile among those of its topic, and 0 for mean currents; ``seen`` counts on.
 
-    place: NDArray[np.int64]
-    observations: "pd.DataFrame"
-    bins: "pd.DataFrame"
-
-    def of_every(self, step: int) -> "_Kept":
-        """Return of the profiles of each topic the first of each ``step``, and all mean currents."""
-        wanted = (self.place < 0) | (self.place % step == 0)
-        if wanted.all():
-            return self
-        rows = self.bins["observation"].to_numpy()
-        bins = self.bins[wanted[rows]]
-        number = (np.cumsum(wanted) - 1)[bins["observation"]]
-        return _Kept(self.place[wanted], self.observations[wanted], bins.assign(observation=number))
-
-
-def _places(observations: "pd.DataFrame", seen: Counter[str]) -> NDArray[np.int64]:
-    """Return the places of ``_Kept``, and count on; instruments that take turns are thinned alike."""
-    place = np.full(len(observations), -1)
-    profile = observations["mean_current_kind"].isna().to_numpy()
-    topics = observations["source_topic"].to_numpy()
-    for topic in set(topics[profile].tolist()):
-        here = np.flatnonzero(profile & (topics == topic))
+    So instruments that take turns are thinned alike.
+    """
+    topics, place = columns["source_topic"], np.zeros(columns["bins"].size, np.int64)
+    profiles = columns["mean_current_kind"] == ""
+    for topic in dict.fromkeys(topics[profiles].tolist()):
+        here = np.flatnonzero(profiles & (topics == topic))
         place[here] = seen[topic] + np.arange(here.size)
         seen[topic] += here.size
     return place
@@ -315,14 +296,3 @@ def _addends(observations: "pd.DataFrame") -> "pd.DataFrame":
 
 def _sums(rows: "pd.DataFrame") -> "pd.DataFrame":
     return rows.groupby(_KEYS, as_index=False).agg(_SUMS)
-
-
-def _joined(tables: Sequence["pd.DataFrame"]) -> "pd.DataFrame":
-    """Return tables of the same columns one below the other, with the types of ``table_of``: pandas joins texts to another type."""
-    held = [table for table in tables if len(table)] or tables[:1]
-    if len(held) == 1:
-        return held[0]
-    columns = {"time": np.concatenate([table.index.to_numpy() for table in held])}
-    for name in held[0]:
-        columns[name] = np.concatenate([table[name].to_numpy() for table in held])
-    return table_of(columns)

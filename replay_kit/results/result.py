@@ -18,13 +18,15 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
 from replay_kit.results.innovations import (
-    ROWS,
+    Columns,
     Measured,
     Tables,
+    blocks_in,
     dives_of,
+    joined,
     measured_of,
     table_of,
-    tables_in,
+    tables_of,
 )
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.reader import ResultReader
@@ -147,16 +149,16 @@ class ResultFile:
 
     @cached_property
     def _tables(self) -> Tables:
-        return next(tables_in(self.reader))
+        return tables_of(joined(self.blocks()))
 
     @cached_property
     def measured(self) -> Measured:
         """The measurements as far as figures need them: sums over all, and of a long log not every profile."""
-        return measured_of(self.blocks())
+        return measured_of(self.blocks)
 
-    def blocks(self) -> Iterator[Tables]:
-        """Yield ``observations`` and ``innovations`` of some measurements after others."""
-        return tables_in(self.reader, ROWS)
+    def blocks(self) -> Iterator[Columns]:
+        """Yield the columns of ``/flow/innovation``, see ``columns_of``, block by block."""
+        return blocks_in(self.reader)
 
     @cached_property
     def dives(self) -> "pd.DataFrame":

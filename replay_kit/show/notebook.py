@@ -7,7 +7,7 @@ from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replay_kit.results.innovations import Tables
+from replay_kit.results.innovations import Columns
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile, result_path
 from replay_kit.results.views.record import outcome_of_result, read_record
@@ -73,8 +73,8 @@ class Pooled(Result):
         held = [table for table in tables if len(table)]
         return pd.concat(held) if held else tables[0]
 
-    def blocks(self) -> Iterator[Tables]:
-        """Yield the measurements of one vehicle after the other."""
+    def blocks(self) -> Iterator[Columns]:
+        """Yield the blocks of one vehicle after the other."""
         return chain.from_iterable(one.blocks() for one in self.vehicles.values())
 
 

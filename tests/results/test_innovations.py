@@ -11,13 +11,14 @@ from hypothesis.extra.numpy import arrays
 
 from replay_kit.core.as_flown import FlightCorrection
 from replay_kit.core.observation import Innovation, Source
-from replay_kit.results import ResultWriter, innovations
+from replay_kit.results import ResultWriter
 from replay_kit.results.innovations import (
+    BINS,
     block_of,
     columns_of,
     joined,
     measured_of,
-    rows_of,
+    picked,
     tables_of,
 )
 from replay_kit.results.outcome.from_run import flight_correction_json
@@ -81,10 +82,8 @@ def test_a_block_holds_what_was_written_however_it_is_cut(given_ones, size):
     for name, values in whole.items():
         np.testing.assert_array_equal(parts[name], values)
     for k, one in enumerate(given_ones):
-        row = rows_of(whole, k)
-        row = {name: row[name][: one.depth.size] for name in row if name in innovations.BINS} | {
-            name: row[name][0] for name in row if name not in innovations.BINS
-        }
+        row = picked(whole, np.arange(len(given_ones)) == k)
+        row = {name: each if name in BINS else each[0] for name, each in row.items()}
         for name in (*PAIRS, *OPTIONAL):
             pair = getattr(one, name)
             expected = np.full((one.depth.size, 2), np.nan) if pair is None else pair
@@ -147,9 +146,8 @@ def test_a_mean_current_is_predicted_and_estimated_by_what_was_used(innovation):
 
 
 @pytest.fixture
-def result(tmp_path, flow, innovation, monkeypatch):
+def result(tmp_path, flow, innovation):
     """Return a result of two instruments that take turns, with a mean current after each dive of ten pings, in blocks of 7."""
-    monkeypatch.setattr("replay_kit.results.result.ROWS", 7)
     mean, block = {"mean_current": np.array([0.1, 0.2]), "mean_kind": "dac"}, []
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
@@ -175,7 +173,7 @@ def test_of_a_short_log_all_are_kept(result):
 
 
 def test_of_a_long_log_each_topic_is_thinned_alike_and_no_mean_current_left_out(result):
-    measured = measured_of(result.blocks(), most=20)
+    measured = measured_of(result.blocks, most=20)
     rows, bins, whole = measured.observations, measured.innovations, result.observations
     profiles = rows["mean_current_kind"].isna()
     assert (~profiles).sum() == 6
@@ -188,7 +186,7 @@ def test_of_a_long_log_each_topic_is_thinned_alike_and_no_mean_current_left_out(
         == np.repeat(np.arange(len(rows)), np.where(profiles, 4, 1)).tolist()
     )
     assert (rows.index[bins["observation"]] == bins.index).all()
-    fewer = measured_of(result.blocks(), most_bins=100)
+    fewer = measured_of(result.blocks, most_bins=100)
     assert len(fewer.innovations) <= 100
     # sums are over all
     for one in (measured, fewer):

@@ -11,7 +11,7 @@ import numpy as np
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.grid import Projection
-from replay_kit.results.innovations import Columns, blocks_in, joined, rows_of
+from replay_kit.results.innovations import Columns, blocks_in, joined, picked
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import decode
@@ -127,15 +127,15 @@ def _last_dive(reader: ResultReader) -> Columns | None:
     kept: list[Columns] = []
     for block in blocks_in(reader, newest=True):
         dive = (kept[0] if kept else block)["dive"][-1]
-        wanted = block["dive"] == dive
-        begin = 0 if wanted.all() else wanted.size - int(np.argmin(wanted[::-1]))
-        kept.insert(0, rows_of(block, begin))
-        if begin or (not dive and sum(one["dive"].size for one in kept) >= _OUTCOMES):
+        # those after the last row of another dive
+        own = np.logical_and.accumulate(block["dive"][::-1] == dive)[::-1]
+        kept.insert(0, picked(block, own))
+        if not own.all() or (not dive and sum(one["dive"].size for one in kept) >= _OUTCOMES):
             break
-    found = joined(kept) if kept else None
-    if found is not None and not found["dive"][-1]:
-        found = rows_of(found, max(found["dive"].size - _OUTCOMES, 0))
-    return found
+    if not kept:
+        return None
+    rows = (found := joined(kept))["dive"].size
+    return found if found["dive"][-1] else picked(found, np.arange(rows) >= rows - _OUTCOMES)
 
 
 def _positions(reader: ResultReader) -> tuple[list[Fix], Fix | None]:
