@@ -114,10 +114,6 @@ class Estimator(Protocol[State]):
             return np.nan_to_num(np.concatenate(each))
         return _misfit(flow, event)
 
-    def weights(self, state: State) -> Array | None:
-        """Return the mean weights of a state, shape (Z r,), level after level; None where the basis is not the run's own."""
-        return None
-
     def notes(self) -> list[str]:
         """Return notes on how the prior was made, for the user."""
         return []
