@@ -234,12 +234,6 @@ class ReducedBasisEstimator(Estimator[State]):
 
     # ---- what is published
 
-    def weights(self, state: State) -> Array:
-        """Return the mean weights of a state, shape (Z r,), level after level; before the centre stays without the members' kernels."""
-        x = state.x if self.evidence is None else state.centred(self.evidence.parts.sample)
-        process = self.observer.process
-        return process.weights(x[: process.size], self._time(state)).ravel()
-
     def flow(self, state: State) -> FlowEstimate:
         """Return the current estimate of a state, at its time; its standard error is computed when first asked for."""
         basis, observer, extras = self.observer.basis, self.observer, self.observer.extras

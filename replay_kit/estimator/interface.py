@@ -122,10 +122,6 @@ class Estimator(Protocol[State]):
         off[~one.used] = 0.0 if len(off) > 1 else np.nan
         return np.asarray(off.reshape(-1, 2))
 
-    def weights(self, state: State) -> Array | None:
-        """Return the mean weights of a state, shape (Z r,), level after level; None where the basis is not the run's own."""
-        return None
-
     def notes(self) -> list[str]:
         """Return notes on how the prior was made, for the user."""
         return []

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.linalg.blas import dsymm, dsymv, dsyrk
+from scipy.linalg.blas import dsymm, dsyrk
 
 from replay_kit.core.arrays import Array, replace
 
@@ -49,7 +49,6 @@ class State:
         measured: shape (Z,), levels among those whose depths were measured; None before any.
         doubt: What speaks against the prior's variance; None where nothing is kept of that.
         scale: Factor on the prior variance of members and local directions, as the first measurements showed it.
-        toward: shape (k,), P times the centre; None where it is not at hand.
     """
 
     x: Array
@@ -64,7 +63,6 @@ class State:
     measured: NDArray[np.bool_] | None = None
     doubt: "Doubt | None" = None
     scale: float = 1.0
-    toward: Array | None = None
 
     @staticmethod
     def initial(size: int) -> "State":
@@ -91,23 +89,7 @@ class State:
 
     def with_moments(self, x: Array, p: Array) -> "State":
         """Return the state with another mean, shape (k,), and covariance, shape (k, k), of which the lower half counts."""
-        return replace(self, x=x, p=np.asfortranarray(p), gains=self.gains[:0], toward=None)
-
-    def with_toward(self, part: slice) -> "State":
-        """Return the state with P times the centre, of the unknowns of a part, at hand: a mean needs it after each measurement."""
-        if self.centre is None or self.toward is not None:
-            return self
-        centre = np.zeros(len(self.x))
-        centre[part] = self.centre
-        return replace(self, toward=dsymv(1.0, self.p, centre, lower=1))
-
-    def centred(self, part: slice) -> Array:
-        """Return the mean, shape (k,), had the unknowns of a part the centre as their prior mean."""
-        if self.centre is None:
-            return self.x
-        toward = self.with_toward(part).toward
-        assert toward is not None
-        return np.asarray(self.x + toward - (self.gains[:, part] @ self.centre) @ self.gains)
+        return replace(self, x=x, p=np.asfortranarray(p), gains=self.gains[:0])
 
 
 def conditioned(state: State, rows: Array, values: Array) -> State:

@@ -7,7 +7,7 @@ from replay_kit.core.extensions import on_demand
 if TYPE_CHECKING:
     from replay_kit.results.compare import Difference, Recorded, first_difference, read_recorded
     from replay_kit.results.mcap_writer import ResultWriter
-    from replay_kit.results.readback import read_estimate
+    from replay_kit.results.reader import ResultReader
     from replay_kit.results.schemas import CONTRACT_VERSION
     from replay_kit.results.topics import Digest
 
@@ -16,9 +16,9 @@ __all__ = [
     "Difference",
     "Digest",
     "Recorded",
+    "ResultReader",
     "ResultWriter",
     "first_difference",
-    "read_estimate",
     "read_recorded",
 ]
 

@@ -4,17 +4,15 @@ With ``measurements.flight_bias`` results before contract version 5 hold, as mea
 """
 
 import tomllib
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Innovation, Source
-from replay_kit.results.topics import CONFIG_NAME, stated_records
+from replay_kit.results.reader import ResultReader
+from replay_kit.results.topics import CONFIG_NAME
 
 # The first contract version whose measured mean currents are the log's.
 _MEASURED_SINCE = 5
@@ -31,49 +29,27 @@ _NUMBERS = [
 ]
 
 
-def innovations(path: Path, topic: str, messages: Iterator[bytes]) -> Iterator[Innovation] | None:
-    """Return the innovations of the messages of a topic; None where they are of this version.
-
-    Args:
-        path: The result.
-        topic: Of its innovations.
-        messages: Of the topic.
-    """
-    if (decode := _decoder(path, topic, "replay_kit.Innovation")) is None:
+def innovations(reader: ResultReader, topic: str, newest: bool) -> Iterator[Innovation] | None:
+    """Return the innovations of a topic's messages, see ``ResultReader.messages``; None where they are of this version."""
+    if not _is(reader, topic, "replay_kit.Innovation"):
         return None
-    with path.open("rb") as file:
-        metadata, attached = stated_records(make_reader(file))
-    settings = tomllib.loads(attached.get(CONFIG_NAME, b"").decode())
-    corrected = int(metadata["contract"]["version"]) < _MEASURED_SINCE and bool(
+    settings = tomllib.loads(reader.text(CONFIG_NAME))
+    corrected = int(reader.metadata["contract"]["version"]) < _MEASURED_SINCE and bool(
         settings.get("measurements", {}).get("flight_bias", False)
     )
-    return (_innovation(decode(data), corrected) for data in messages)
+    return (_innovation(message, corrected) for _, message in reader.decoded(topic, newest))
 
 
-def weights(
-    path: Path, topic: str, messages: Iterator[tuple[int, bytes]]
-) -> Iterator[tuple[int, Array]] | None:
-    """Return times [ns, UTC] and weights, level after level, of the messages of a topic; None where they hold none.
-
-    Args:
-        path: The result.
-        topic: Of its estimates.
-        messages: Of the topic, with their times.
-    """
-    if (decode := _decoder(path, topic, "replay_kit.FlowEstimate")) is None:
+def weights(reader: ResultReader, topic: str) -> Iterator[tuple[int, Array]] | None:
+    """Return times [ns, UTC] and weights, level after level, of a topic's messages; None where they hold none."""
+    if not _is(reader, topic, "replay_kit.FlowEstimate"):
         return None
-    return ((time_ns, np.array(decode(data).weights)) for time_ns, data in messages)
+    return ((time_ns, np.array(message.weights)) for time_ns, message in reader.decoded(topic))
 
 
-def _decoder(path: Path, topic: str, schema: str) -> Callable[[bytes], Any] | None:
-    """Return the decoder of a topic's messages; None where they have another schema."""
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    for one in summary.channels.values():
-        if one.topic == topic and summary.schemas[one.schema_id].name == schema:
-            return DecoderFactory().decoder_for("protobuf", summary.schemas[one.schema_id])
-    return None
+def _is(reader: ResultReader, topic: str, schema: str) -> bool:
+    held = reader.schema(topic)
+    return held is not None and held.name == schema
 
 
 def _innovation(message: Any, corrected: bool) -> Innovation:

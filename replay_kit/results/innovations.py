@@ -5,10 +5,9 @@ it as an array does in memory. Of a long log not all rows fit into memory, so th
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,15 +15,15 @@ from numpy.typing import NDArray
 
 from replay_kit.core.observation import Flag, Innovation, Reason
 from replay_kit.results import earlier
+from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import ARRAYS, MESSAGES, decode, encode, numbers
-from replay_kit.results.topics import newest_messages, read_messages
 
 if TYPE_CHECKING:
     import pandas as pd
 
 TOPIC, _NAME = "/flow/innovation", "Innovations"
 _FIELDS = {field.name: field.type for field in MESSAGES[_NAME]}
-_BINS = [*_FIELDS][[*_FIELDS].index("depth") :]
+BINS = [*_FIELDS][[*_FIELDS].index("depth") :]
 # What of an innovation its columns hold, where that has another name: single values, and pairs of the components east and north.
 _VALUES = {name: name for name in _FIELDS if not name.endswith(("_east", "_north"))} | {
     "timestamp": "time_ns",
@@ -42,7 +41,7 @@ _VALUES = {name: name for name in _FIELDS if not name.endswith(("_east", "_north
 _MEANS = {"mean_current_measured": "mean_current", "mean_current_corrected": "corrected_current"}
 _PAIRS = [name.removesuffix("_east") for name in _FIELDS if name.endswith("_east")]
 #: Rows of tables made at once, and the most profiles and bins that are kept for figures.
-ROWS, MOST, MOST_BINS = 2048, 20_000, 300_000
+_ROWS, MOST, MOST_BINS = 2048, 20_000, 300_000
 _RMS = ("innovation", "residual", "prior_innovation")
 #: What measurements are summed by, and how each of their values is.
 _KEYS = ["dive", "source_topic", "mean_current_kind", "decision", "accepted"]
@@ -62,7 +61,7 @@ def block_of(innovations: Sequence[Innovation]) -> bytes:
     columns: dict[str, Any] = {}
     for name, attributes in _VALUES.items():
         held = [*map(attrgetter(attributes), innovations)]
-        columns[name] = np.concatenate(held) if name in _BINS else held
+        columns[name] = np.concatenate(held) if name in BINS else held
     for name in _PAIRS:
         found, mean = list[Any](), _MEANS.get(name)
         for one in innovations:
@@ -87,52 +86,50 @@ def columns_of(block: bytes) -> Columns:
             if kind in ARRAYS
             else np.array(getattr(message, name), dtype=object)
         )
-    sizes = found["timestamp"].size, found["depth"].size
+    sizes = found["timestamp"].size, int(found["bins"].sum())
     for name, values in found.items():
-        if not values.size and (size := sizes[name in _BINS]):
+        if not values.size and (size := sizes[name in BINS]):
             found[name] = np.full(size, np.nan, values.dtype)
     return found
 
 
-def blocks_in(path: Path, newest: bool = False) -> Iterator[Columns]:
+def blocks_in(reader: ResultReader, newest: bool = False) -> Iterator[Columns]:
     """Yield the columns of the blocks of a result, also of one of an earlier version, by time or from the last one back."""
-    read = newest_messages if newest else read_messages
-    messages = (data for _, data in read(path, TOPIC))
-    if (old := earlier.innovations(path, TOPIC, messages)) is not None:
-        messages = (block_of([one]) for one in old)
-    return map(columns_of, messages)
+    if (old := earlier.innovations(reader, TOPIC, newest)) is not None:
+        return (columns_of(block_of([one])) for one in old)
+    return (columns_of(data) for _, data in reader.messages(TOPIC, newest))
 
 
-def joined(blocks: Sequence[Columns]) -> Columns:
-    """Return blocks as one; one at least."""
-    return {name: np.concatenate([one[name] for one in blocks]) for name in _FIELDS}
-
-
-def rows_of(columns: Columns, begin: int) -> Columns:
-    """Return the rows of a block from one on, with their bins."""
-    before = int(columns["bins"][:begin].sum())
-    return {name: each[before if name in _BINS else begin :] for name, each in columns.items()}
-
-
-def tables_in(path: Path, rows: int | None = None) -> Iterator[Tables]:
-    """Yield the tables of a result, of at least so many rows each, None for all; one without rows where it has no innovations."""
-    held, blocks, count, given = [_EMPTY], blocks_in(path), 0, False
-    for block in blocks:
-        held.append(block)
-        count += block["bins"].size
-        if rows is not None and count >= rows:
-            yield tables_of(joined(held))
-            held, count, given = [_EMPTY], 0, True
-    if len(held) > 1 or not given:
-        yield tables_of(joined(held))
+def joined(blocks: Iterable[Columns]) -> Columns:
+    """Return blocks as one."""
+    held = [_EMPTY, *blocks]
+    return {name: np.concatenate([one[name] for one in held]) for name in _FIELDS}
 
 
 _EMPTY = columns_of(b"")
 
 
+def picked(columns: Columns, wanted: NDArray[np.bool_]) -> Columns:
+    """Return some rows of a block, with their bins."""
+    of_bins = np.repeat(wanted, columns["bins"])
+    return {name: each[of_bins if name in BINS else wanted] for name, each in columns.items()}
+
+
+def larger(blocks: Iterable[Columns], rows: int = _ROWS) -> Iterator[Columns]:
+    """Yield blocks joined to such of at least so many rows, but for the last one."""
+    held, count = list[Columns](), 0
+    for block in blocks:
+        held.append(block)
+        count += block["bins"].size
+        if count >= rows:
+            yield joined(held)
+            held, count = [], 0
+    yield joined(held)
+
+
 def tables_of(columns: Columns) -> Tables:
     """Return the tables of a block: single values, and of the means the predicted and the estimated one; bins."""
-    single = {name: _plain(name, each) for name, each in columns.items() if name not in _BINS}
+    single = {name: _plain(name, each) for name, each in columns.items() if name not in BINS}
     counts, kinds = single.pop("bins"), single["mean_current_kind"]
     rows, begins = np.repeat(np.arange(counts.size), counts), np.cumsum(counts) - counts
     means = np.flatnonzero((kinds != "") & (counts > 0))
@@ -152,7 +149,7 @@ def tables_of(columns: Columns) -> Tables:
         squares = sum(np.nan_to_num(component) ** 2 for component in pair)
         single[f"rms_{name}"] = np.sqrt(np.bincount(rows, squares, minlength=counts.size) / dof)
     of_bins = {name: single[name][rows] for name in ("timestamp", "dive")} | {"observation": rows}
-    return table_of(single), table_of(of_bins | {name: columns[name] for name in _BINS})
+    return table_of(single), table_of(of_bins | {name: columns[name] for name in BINS})
 
 
 def _plain(name: str, values: NDArray[Any]) -> NDArray[Any]:
@@ -212,34 +209,32 @@ class Measured:
         return {name: count for name, count in counts.items() if count}
 
 
-def measured_of(blocks: Iterable[Tables], most: int = MOST, most_bins: int = MOST_BINS) -> Measured:
+def measured_of(
+    blocks: Callable[[], Iterable[Columns]], most: int = MOST, most_bins: int = MOST_BINS
+) -> Measured:
     """Return measurements as far as figures need them.
 
     Args:
-        blocks: Of ``tables_in``.
+        blocks: Yields all there are, twice: not all rows fit into memory.
         most: Number of measurements of profiles from which on only every second is kept, then every fourth, and so on.
-        most_bins: The same of their bins.
+        most_bins: The same of all bins.
     """
     import pandas as pd
 
-    kept, sums, reasons, seen, every = list[_Kept](), [], Counter[int](), Counter[str](), 1
-    for observations, bins in blocks:
+    sums, reasons, seen, bins, every = list[pd.DataFrame](), Counter[int](), Counter[str](), 0, 1
+    for columns in larger(blocks()):
+        observations, of_bins = tables_of(columns)
         sums.append(_sums(_addends(observations)))
-        unused = ~np.isin(bins["flags"], [Flag.GOOD, Flag.SUSPECT])
-        codes, counts = np.unique(bins["reasons"].to_numpy(np.int64)[unused], return_counts=True)
+        unused = ~np.isin(of_bins["flags"], [Flag.GOOD, Flag.SUSPECT])
+        codes, counts = np.unique(of_bins["reasons"].to_numpy()[unused], return_counts=True)
         reasons.update(dict(zip(codes.tolist(), counts.tolist(), strict=True)))
-        kept.append(_Kept(_places(observations, seen), observations, bins).of_every(every))
-        profiles = sum(int((one.place >= 0).sum()) for one in kept)
-        if profiles > most or sum(len(one.bins) for one in kept) > most_bins:
-            every *= 2
-            kept = [one.of_every(every) for one in kept]
-    firsts = np.cumsum([0, *(len(one.observations) for one in kept)])
-    renumbered = [
-        one.bins.assign(observation=one.bins["observation"] + first)
-        for one, first in zip(kept, firsts, strict=False)
-    ]
-    tables = _joined([one.observations for one in kept]), _joined(renumbered)
-    return Measured(*tables, _sums(pd.concat(sums, ignore_index=True)), reasons)
+        _places(columns, seen)
+        bins += len(of_bins)
+    while max(seen.total() / most, bins / most_bins) > every:
+        every *= 2
+    seen.clear()
+    kept = (picked(one, _places(one, seen) % every == 0) for one in larger(blocks()))
+    return Measured(*tables_of(joined(kept)), _sums(pd.concat(sums, ignore_index=True)), reasons)
 
 
 def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
@@ -269,32 +264,15 @@ def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
     return pd.DataFrame({**columns, **rms, "nis_per_dof": dives["nis"].sum() / dof})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Kept:
-    """What is kept of a block; ``place`` counts the profiles of a topic from its first, and is -1 for mean currents."""
+def _places(columns: Columns, seen: Counter[str]) -> NDArray[np.int64]:
+    """Return the place of each profile among those of its topic, and 0 for mean currents; ``seen`` counts on.
 
-    place: NDArray[np.int64]
-    observations: "pd.DataFrame"
-    bins: "pd.DataFrame"
-
-    def of_every(self, step: int) -> "_Kept":
-        """Return of the profiles of each topic the first of each ``step``, and all mean currents."""
-        wanted = (self.place < 0) | (self.place % step == 0)
-        if wanted.all():
-            return self
-        rows = self.bins["observation"].to_numpy()
-        bins = self.bins[wanted[rows]]
-        number = (np.cumsum(wanted) - 1)[bins["observation"]]
-        return _Kept(self.place[wanted], self.observations[wanted], bins.assign(observation=number))
-
-
-def _places(observations: "pd.DataFrame", seen: Counter[str]) -> NDArray[np.int64]:
-    """Return the places of ``_Kept``, and count on; instruments that take turns are thinned alike."""
-    place = np.full(len(observations), -1)
-    profile = observations["mean_current_kind"].isna().to_numpy()
-    topics = observations["source_topic"].to_numpy()
-    for topic in set(topics[profile].tolist()):
-        here = np.flatnonzero(profile & (topics == topic))
+    So instruments that take turns are thinned alike.
+    """
+    topics, place = columns["source_topic"], np.zeros(columns["bins"].size, np.int64)
+    profiles = columns["mean_current_kind"] == ""
+    for topic in dict.fromkeys(topics[profiles].tolist()):
+        here = np.flatnonzero(profiles & (topics == topic))
         place[here] = seen[topic] + np.arange(here.size)
         seen[topic] += here.size
     return place
@@ -318,14 +296,3 @@ def _addends(observations: "pd.DataFrame") -> "pd.DataFrame":
 
 def _sums(rows: "pd.DataFrame") -> "pd.DataFrame":
     return rows.groupby(_KEYS, as_index=False).agg(_SUMS)
-
-
-def _joined(tables: Sequence["pd.DataFrame"]) -> "pd.DataFrame":
-    """Return tables of the same columns one below the other, with the types of ``table_of``: pandas joins texts to another type."""
-    held = [table for table in tables if len(table)] or tables[:1]
-    if len(held) == 1:
-        return held[0]
-    columns = {"time": np.concatenate([table.index.to_numpy() for table in held])}
-    for name in held[0]:
-        columns[name] = np.concatenate([table[name].to_numpy() for table in held])
-    return table_of(columns)

@@ -7,23 +7,17 @@ from collections import Counter
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
-from replay_kit.core.errors import ForecastError, ReplayKitError
+from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.inputs import open_input
-from replay_kit.core.paths import as_path
-from replay_kit.results.topics import EARLIER_ESTIMATE, ESTIMATE_NAME, WINDOW_NAME, WINDOWS_RECORD
-
-if TYPE_CHECKING:
-    from replay_kit.core.flow.estimate import FlowEstimate
 
 # opcode, length, and the channel when it is a message
 _START = struct.Struct("<BQH")
@@ -183,64 +177,3 @@ class _Found:
         if end != size:
             raise ValueError(f"the records of a chunk end at byte {end} of its {size}")
         self.messages.update(channels)
-
-
-def read_windows(path: str | Path) -> "tuple[FlowEstimate, ...]":
-    """Return the estimates of all windows of a result, in order; that of the last one is ``read_estimate``'s.
-
-    Raises:
-        ForecastError: As for ``read_estimate``.
-    """
-    last, path = read_estimate(path), as_path(path, "result")
-    with path.open("rb") as file:
-        reader = make_reader(file)
-        records = [
-            record.metadata for record in reader.iter_metadata() if record.name == WINDOWS_RECORD
-        ]
-        left = {
-            int(record.name.removeprefix(WINDOW_NAME).partition(".")[0]): record
-            for record in reader.iter_attachments()
-            if record.name.startswith(WINDOW_NAME)
-        }
-    withdrawn = int(records[0].get("withdrawn", 0)) if records else 0
-    held = (_estimate(path, left[number]) for number in sorted(left) if number > withdrawn)
-    return (*held, last)
-
-
-def read_estimate(path: str | Path) -> "FlowEstimate":
-    """Return the last estimate of a result MCAP, from its attachment.
-
-    Args:
-        path: A file written by ``ResultWriter``, also of an earlier version.
-
-    Raises:
-        ForecastError: The file is no readable MCAP or carries no estimate.
-    """
-    path = as_path(path, "result")
-    try:
-        with open_input(path) as file:
-            attachments = [
-                record
-                for record in make_reader(file).iter_attachments()
-                if record.name in (ESTIMATE_NAME, EARLIER_ESTIMATE)
-            ]
-    except OSError as error:
-        raise ForecastError(f"{path}: cannot read the result: {error.strerror}") from error
-    except (McapError, ValueError) as error:
-        raise ForecastError(f"{path}: not a complete MCAP: {error!r}") from error
-    if not attachments:
-        raise ForecastError(
-            f"{path}: carries no {ESTIMATE_NAME}, as a result written without its estimate, of an unfinished run or of a plan alone; "
-            "its fixes, innovations and plans can be read, but no current: replay the log for an estimate"
-        )
-    return _estimate(path, attachments[-1])
-
-
-def _estimate(path: Path, record: Attachment) -> "FlowEstimate":
-    """Return the estimate that an attachment holds."""
-    # here, because a status needs none of what holds an estimate
-    from replay_kit.core.flow.compact import unpack
-    from replay_kit.core.flow.file import load_bytes
-
-    read = load_bytes if record.name.endswith(".nc") else unpack
-    return read(record.data, f"{path}#{record.name}")

@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mcap.reader import McapReader, make_reader
-from mcap_protobuf.decoder import DecoderFactory
 from numpy.typing import ArrayLike
 
 from replay_kit.core.errors import LogError
@@ -17,23 +15,24 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import Velocities, best_velocity_at
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.inputs import open_input
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
 from replay_kit.results.innovations import (
-    ROWS,
+    Columns,
     Measured,
     Tables,
+    blocks_in,
     dives_of,
+    joined,
     measured_of,
     table_of,
-    tables_in,
+    tables_of,
 )
 from replay_kit.results.outcome.run import ReplaySummary
-from replay_kit.results.readback import read_estimate, read_windows
+from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import MESSAGES, TIME, Field, decode, numbers
 from replay_kit.results.slices import surface_table
-from replay_kit.results.topics import EARLIER_ESTIMATE, ESTIMATE_NAME, complete, read_messages
+from replay_kit.results.topics import EARLIER_ESTIMATE, ESTIMATE_NAME
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,41 +50,35 @@ class ResultFile:
     Attributes:
         path: The result MCAP.
         summary: Of the replay that made it; None for a result that was opened.
+        vehicle: One of several vehicles, whose part this is; empty for the whole.
     """
 
     path: Path
     summary: ReplaySummary | None = None
+    vehicle: str = ""
 
     def __repr__(self) -> str:
         """Return what the result holds."""
-        with self.path.open("rb") as file:
-            found = make_reader(file).get_summary()
-        assert found is not None
-        assert found.statistics is not None
-        counts, ends = found.statistics.channel_message_counts, found.statistics
-        by_topic = {channel.topic: counts.get(key, 0) for key, channel in found.channels.items()}
-        held = (
-            "estimate"
-            if any(
-                index.name in (ESTIMATE_NAME, EARLIER_ESTIMATE)
-                for index in found.attachment_indexes
-            )
-            else "no estimate"
-        )
+        names, found = (ESTIMATE_NAME, EARLIER_ESTIMATE), self.reader.summary.attachment_indexes
+        held = "estimate" if any(one.name in names for one in found) else "no estimate"
+        ends, topics = self.reader.summary.statistics, self.reader.topics
+        assert ends is not None
         tables = {
             "fixes": "/vehicle/fix",
-            "observations": "/flow/innovation",
             "plans": "/plan/controls",
             "surfacings": "/plan/outcome",
+            "events": "/log",
         }
-        rows = ", ".join(
-            f"{name} ({by_topic.get(topic, 0)})"
-            for name, topic in {**tables, "events": "/log"}.items()
-        )
+        rows = ", ".join(f"{name} ({topics.get(topic, 0)})" for name, topic in tables.items())
         times = " to ".join(
             time_text(end) for end in (ends.message_start_time, ends.message_end_time)
         )
-        return f"Result {self.path.name}, {times}\n  {held}; tables {rows}, innovations, dives, plan_tracks"
+        return f"Result {self.reader.name}, {times}\n  {held}; tables {rows}, observations, innovations, dives, plan_tracks"
+
+    @cached_property
+    def reader(self) -> ResultReader:
+        """What reads its records and messages."""
+        return ResultReader(self.path, self.vehicle)
 
     @cached_property
     def estimate(self) -> FlowEstimate:
@@ -94,7 +87,7 @@ class ResultFile:
         Raises:
             ForecastError: The result holds none.
         """
-        return read_estimate(self.path)
+        return self.reader.estimate()
 
     @cached_property
     def estimates(self) -> tuple[FlowEstimate, ...]:
@@ -103,7 +96,7 @@ class ResultFile:
         Raises:
             ForecastError: The result holds none.
         """
-        return read_windows(self.path)
+        return self.reader.estimates()
 
     def velocity_at(
         self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None
@@ -121,7 +114,7 @@ class ResultFile:
         # rows of Python values of a million positions do not fit into memory
         rows = array("d")
         times = array("q")
-        for time_ns, fix in self._foxglove("/vehicle/fix"):
+        for time_ns, fix in self.reader.decoded("/vehicle/fix"):
             about = {pair.key: pair.value for pair in fix.metadata}
             times.append(time_ns)
             depth, reckoned = about.get("depth", "nan"), about.get("dead_reckoned") == "1"
@@ -156,16 +149,16 @@ class ResultFile:
 
     @cached_property
     def _tables(self) -> Tables:
-        return next(tables_in(self.path))
+        return tables_of(joined(self.blocks()))
 
     @cached_property
     def measured(self) -> Measured:
         """The measurements as far as figures need them: sums over all, and of a long log not every profile."""
-        return measured_of(self.blocks())
+        return measured_of(self.blocks)
 
-    def blocks(self) -> Iterator[Tables]:
-        """Yield ``observations`` and ``innovations`` of some measurements after others."""
-        return tables_in(self.path, ROWS)
+    def blocks(self) -> Iterator[Columns]:
+        """Yield the columns of ``/flow/innovation``, see ``columns_of``, block by block."""
+        return blocks_in(self.reader)
 
     @cached_property
     def dives(self) -> "pd.DataFrame":
@@ -205,16 +198,11 @@ class ResultFile:
 
         Longitude and latitude [degrees], depth [m], u, v towards true east and north, and their standard errors [m/s].
         """
-        return surface_table(self._foxglove("/flow/surface"), self._projection)
+        return surface_table(self.reader.decoded("/flow/surface"), self._projection)
 
     @cached_property
     def _projection(self) -> Projection:
-        with self.path.open("rb") as file:
-            frame = next(
-                record.metadata
-                for record in make_reader(file).iter_metadata()
-                if record.name == "frame map"
-            )
+        frame = self.reader.metadata["frame map"]
         return Projection(float(frame["longitude"]), float(frame["latitude"]))
 
     @cached_property
@@ -228,32 +216,13 @@ class ResultFile:
         return _table(
             [
                 (time_ns, _LEVELS[event.level], event.message)
-                for time_ns, event in self._foxglove("/log")
+                for time_ns, event in self.reader.decoded("/log")
             ],
             "time level message",
         )
 
-    def _foxglove(self, topic: str) -> Iterator[tuple[int, Any]]:
-        with self.path.open("rb") as file:
-            summary = make_reader(file).get_summary()
-        assert summary is not None
-        schema = next(
-            (
-                summary.schemas[one.schema_id]
-                for one in summary.channels.values()
-                if one.topic == topic
-            ),
-            None,
-        )
-        if schema is not None:
-            decoder = DecoderFactory().decoder_for("protobuf", schema)
-            assert decoder is not None
-            yield from (
-                (time_ns, decoder(data)) for time_ns, data in read_messages(self.path, topic)
-            )
-
     def _decoded(self, topic: str, name: str) -> Iterator[Any]:
-        return (decode(name, data) for _, data in read_messages(self.path, topic))
+        return (decode(name, data) for _, data in self.reader.messages(topic))
 
     def _own(self, topic: str, name: str) -> "pd.DataFrame":
         """Return the single values of the messages of a topic: a column for each, and for each part of a place and the like."""
@@ -293,9 +262,7 @@ def result_path(path: str | Path) -> Path:
         ConfigError: The path is neither text nor a ``Path``.
     """
     path = as_path(path, "result")
-    with complete(path), open_input(path) as file:
-        reader: McapReader = make_reader(file)
-        records = {record.name: record.metadata for record in reader.iter_metadata()}
+    records = ResultReader(path).metadata
     if "contract" not in records:
         raise LogError(
             f"{path}: an MCAP file, but no result of replay-kit (no metadata record 'contract'); open a log with open_log"

@@ -4,7 +4,7 @@ It needs none of the libraries that read estimates.
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +12,11 @@ from pathlib import Path
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import McapReader, make_reader
+from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import get_chunk_data_stream
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.inputs import open_input
 
 #: Names of attachments and metadata records.
 ESTIMATE_NAME = "estimate.npz"
@@ -51,24 +50,6 @@ class Digest:
     sha256: str
 
 
-def stated_records(reader: McapReader) -> tuple[dict[str, dict[str, str]], dict[str, bytes]]:
-    """Return the metadata of a result by name, without its digests, and the attached configuration and summary.
-
-    Of several vehicles each has a summary too, whose name has the vehicle's and a slash before it.
-    """
-    metadata = {
-        record.name: dict(record.metadata)
-        for record in reader.iter_metadata()
-        if record.name != DIGEST_NAME
-    }
-    attached = {
-        record.name: record.data
-        for record in reader.iter_attachments()
-        if record.name.rpartition("/")[2] in (CONFIG_NAME, SUMMARY_NAME)
-    }
-    return metadata, attached
-
-
 @contextmanager
 def complete(path: Path) -> Iterator[None]:
     """Turn what reading a result raises into an error that names it.
@@ -88,19 +69,8 @@ def complete(path: Path) -> Iterator[None]:
         ) from error
 
 
-def topics_of(path: Path) -> tuple[str, ...]:
-    """Return the topics of a result.
-
-    Raises:
-        LogError: The file is missing, or is no complete MCAP file.
-    """
-    with complete(path), open_input(path) as file:
-        summary = make_reader(file).get_summary()
-    return () if summary is None else tuple(channel.topic for channel in summary.channels.values())
-
-
-def read_messages(path: Path, topic: str) -> Iterator[tuple[int, bytes]]:
-    """Yield time [ns, UTC] and payload of the messages of a topic by time, those of one time as they lie in the file.
+def read_messages(path: Path, topics: Collection[str]) -> Iterator[tuple[int, bytes]]:
+    """Yield time [ns, UTC] and payload of the messages of topics by time, those of one time as they lie in the file.
 
     The messages of other topics are passed over by their lengths: the library makes a value of each, which takes longer than all else.
 
@@ -113,10 +83,10 @@ def read_messages(path: Path, topic: str) -> Iterator[tuple[int, bytes]]:
         if summary is None or not summary.chunk_indexes:
             yield from (
                 (message.log_time, message.data)
-                for _, _, message in reader.iter_messages(topics=topic)
+                for _, _, message in reader.iter_messages(topics=[*topics])
             )
             return
-        wanted = {number for number, channel in summary.channels.items() if channel.topic == topic}
+        wanted = {number for number, channel in summary.channels.items() if channel.topic in topics}
         waiting: list[tuple[int, int, bytes]] = []
         for index in sorted(
             summary.chunk_indexes, key=lambda one: (one.message_start_time, one.chunk_start_offset)
@@ -140,20 +110,20 @@ def read_messages(path: Path, topic: str) -> Iterator[tuple[int, bytes]]:
 
 
 def newest_messages(
-    path: Path, topic: str, until_ns: int | None = None
+    path: Path, topics: Collection[str], until_ns: int | None = None
 ) -> Iterator[tuple[int, bytes]]:
-    """Yield time [ns, UTC] and payload of the messages of a topic from the last one back; no more of the file is read than is asked for.
+    """Yield time [ns, UTC] and payload of the messages of topics from the last one back; no more of the file is read than is asked for.
 
     Args:
         path: The result.
-        topic: Its topic.
+        topics: Their topics.
         until_ns: Time of the latest message [ns, UTC]; None for the last.
     """
     end = None if until_ns is None else until_ns + 1
     with path.open("rb") as file:
         reader = make_reader(file)
         summary = reader.get_summary()
-        found = reader.iter_messages(topic, ending_before=end, reverse=True)
+        found = reader.iter_messages([*topics], ending_before=end, reverse=True)
         if summary is None or not summary.chunk_indexes:
             # the library then reads from the beginning
             found = reversed([*found])

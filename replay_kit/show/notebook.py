@@ -1,8 +1,5 @@
 """A result as a notebook holds it: its estimate, its tables, its figures, and of several vehicles the part of each."""
 
-import shutil
-import tempfile
-import weakref
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from itertools import chain
@@ -10,10 +7,9 @@ from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from replay_kit.results.innovations import Tables
+from replay_kit.results.innovations import Columns
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile, result_path
-from replay_kit.results.vehicles import part_path, vehicles_in, write_part
 from replay_kit.results.views.record import outcome_of_result, read_record
 
 if TYPE_CHECKING:
@@ -28,22 +24,17 @@ class Result(ResultFile):
     @cached_property
     def outcome(self) -> Outcome:
         """What the run found and how far to trust it: counts, fit, verdict, plan, surfacings, contradictions, losses."""
-        return outcome_of_result(self, read_record(self.path))
+        return outcome_of_result(self, read_record(self.reader))
 
     @cached_property
     def vehicles(self) -> Mapping[str, "Result"]:
         """Of several vehicles that share the estimate the result of each, by its name; none of one alone."""
-        found: dict[str, Result] = {}
-        held = [one for one in vehicles_in(self.path) if not one.why_not]
-        if not held:
-            return found
-        folder = Path(tempfile.mkdtemp(prefix="replay_kit_"))
-        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        for one in held:
-            write_part(self.path, one, part := part_path(self.path, one.name, folder))
-            summary = None if self.summary is None else self.summary.vehicles.get(one.name)
-            found[one.name] = Result(part, summary)
-        return found
+        each = {} if self.summary is None else self.summary.vehicles
+        return {
+            one.name: Result(self.path, each.get(one.name), one.name)
+            for one in self.reader.vehicles
+            if not one.why_not
+        }
 
     @cached_property
     def plot(self) -> "Plots":
@@ -66,7 +57,7 @@ def read_result(path: str | Path) -> Result:
 
 def as_pooled(result: Result) -> Result:
     """Return a result, of several vehicles as one whose tables hold all of them."""
-    return Pooled(result.path, result.summary) if vehicles_in(result.path) else result
+    return Pooled(result.path, result.summary) if result.reader.vehicles else result
 
 
 class Pooled(Result):
@@ -82,8 +73,8 @@ class Pooled(Result):
         held = [table for table in tables if len(table)]
         return pd.concat(held) if held else tables[0]
 
-    def blocks(self) -> Iterator[Tables]:
-        """Yield the measurements of one vehicle after the other."""
+    def blocks(self) -> Iterator[Columns]:
+        """Yield the blocks of one vehicle after the other."""
         return chain.from_iterable(one.blocks() for one in self.vehicles.values())
 
 

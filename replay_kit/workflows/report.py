@@ -10,7 +10,6 @@ from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.schemas import CONTRACT_VERSION
 from replay_kit.results.vehicles import part_path
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.record import read_record
 from replay_kit.show.notebook import Result, read_result
 from replay_kit.show.report.pages import report_html, several_html
 from replay_kit.workflows.sound import sound_result
@@ -78,7 +77,7 @@ def page_of(result: Path) -> Path:
 
 
 def _version_notes(result: Result) -> tuple[str, ...]:
-    version = read_record(result.path).metadata.get("contract", {}).get("version", "unknown")
+    version = result.reader.metadata.get("contract", {}).get("version", "unknown")
     if version == str(CONTRACT_VERSION):
         return ()
     return (

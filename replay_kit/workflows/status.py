@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from replay_kit.core.atomic import write_whole
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.vehicles import part_path, vehicles_in, write_part
+from replay_kit.results.reader import ResultReader
+from replay_kit.results.vehicles import part_path
 from replay_kit.show.status.held import Held, read_held
 from replay_kit.show.status.page import several_page, status_page
 from replay_kit.show.status.status import Status, status_of
@@ -36,19 +36,15 @@ def read_each(path: Path) -> tuple[dict[str, Held], Outcome | None]:
     Raises:
         LogError: The file is missing, or is no complete result.
     """
-    vehicles = [one for one in vehicles_in(path) if not one.why_not]
+    reader = ResultReader(path)
+    vehicles = [one.name for one in reader.vehicles if not one.why_not]
     if not vehicles:
-        return {"": read_held(path)}, None
+        return {"": read_held(reader)}, None
     # loads tables, which the status of one vehicle does without
     from replay_kit.results.views.record import outcome_of_record, read_record
 
-    found = {}
-    with TemporaryDirectory(prefix="replay_kit_") as folder:
-        for one in vehicles:
-            part = part_path(path, one.name, Path(folder))
-            write_part(path, one, part, estimate=False)
-            found[one.name] = read_held(part)
-    record = read_record(path)
+    found = {name: read_held(ResultReader(path, name)) for name in vehicles}
+    record = read_record(reader)
     return found, None if record.summary is None else outcome_of_record(record)
 
 

@@ -26,7 +26,7 @@ from replay_kit.forecast.remote.kept import CACHE
 from replay_kit.results.compare import Difference, Recorded, first_difference, read_recorded
 from replay_kit.results.schemas import CONTRACT_VERSION
 from replay_kit.results.topics import SUMMARY_NAME, Digest
-from replay_kit.results.vehicles import VEHICLE_RECORD, vehicle_records
+from replay_kit.results.vehicles import vehicle_records
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,
@@ -99,10 +99,6 @@ def verify(
     if recorded.metadata.get("replay_kit.options", {}).get("smoothed"):
         raise LogError(
             f"{result}: expected a result of replay-kit replay, got a smoothed one; verify the replay, and smooth again"
-        )
-    if of := recorded.metadata.get(VEHICLE_RECORD):
-        raise LogError(
-            f"{result}: expected a whole result, got the part of {of['name']}; verify the result of all vehicles"
         )
     if provided := recorded.metadata.get("replay_kit.options", {}).get(PROVIDED):
         raise LogError(

@@ -212,7 +212,7 @@ def _estimate(path: Path) -> bytes:
         return next(
             record.data
             for record in make_reader(file).iter_attachments()
-            if record.name == "estimate.nc"
+            if record.name == "estimate.npz"
         )
 
 

@@ -81,8 +81,6 @@ def test_states_do_not_change_and_a_block_is_its_measurements(estimator):
     for time_ns in (5, 30):
         again = estimator.flow(estimator.predict(state, time_ns))
         np.testing.assert_array_equal(again.latent, other.latent)
-    weights = estimator.weights(state)
-    assert weights is None or weights.ndim == 1
     assert all(isinstance(note, str) for note in [*estimator.notes(), *estimator.remarks(state)])
     assert estimator.assimilate(state, []) == (state, [])
 

@@ -9,13 +9,11 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Place, Plan
 from replay_kit.results import ResultWriter
-from replay_kit.results.messages import innovation as innovation_message
-from replay_kit.results.schemas import DESCRIPTOR_SET, decode
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
@@ -23,7 +21,6 @@ from tests.synthetic_flow import synthetic_flow
 
 #: Writes a result to a path.
 Case = Callable[[Path], None]
-_SCHEMA = "replay_kit.Innovation", "protobuf", DESCRIPTOR_SET
 
 
 def placed(longitude: float, latitude: float) -> FlowEstimate:
@@ -71,8 +68,11 @@ def write(
 ) -> Contents:
     """Write and open a result with a position and a measurement every hour about the centre of a flow, and what ``more`` adds."""
     centre = flow.grid.projection
-    start = flow.time_ns or 0
-    weights = np.linspace(-1.0, 1.0, flow.n_modes * flow.levels.size)
+    start, x = flow.time_ns or 0, np.linspace(-1.0, 1.0, flow.n_modes * flow.levels.size)
+    estimated = flow
+    if flow.unknowns is not None:
+        latent = replace(flow.unknowns, x=x).latent(flow.modes, start)
+        estimated = replace(flow, latent=latent)
     with ResultWriter(path) as writer:
         writer.start(centre, start, METADATA, CONFIG)
         for k, innovation in enumerate(innovations):
@@ -88,8 +88,9 @@ def write(
                     replace(innovation.source, topic="/gps"),
                 )
             )
-            writer.innovation(replace(innovation, time_ns=now + 5))
-            writer.estimate(now + 5, weights, flow.levels)
+            place = to_local(centre, longitude, centre.latitude + 0.002 * k)
+            measured = estimated.velocity(*place, innovation.depth) + innovation.residual
+            writer.innovations([replace(innovation, time_ns=now + 5, measured=measured)])
             if grids:
                 writer.grids(now + 6, flow, DEPTHS)
         more(writer)
@@ -141,19 +142,18 @@ def write_many(
 ) -> None:
     """Write a result with a position, a measurement and an estimate every second, 500 to a dive."""
     second, noise = 1_000_000_000, np.random.default_rng(0).normal(0.0, 1.0, (997, 4))
-    weights = np.linspace(-1.0, 1.0, flow.n_modes * flow.levels.size)
-    # the message is filled anew each time: a value of the program for each takes minutes
-    message = decode("Innovation", innovation_message(innovation))
+    block = []
     with ResultWriter(path) as writer:
         writer.start(flow.grid.projection, state.time_ns, METADATA, CONFIG)
         for k in range(pings):
             now = state.time_ns + k * second
             writer.fix(replace(state, time_ns=now, longitude=5.0 + 1e-7 * k))
-            message.timestamp.FromNanoseconds(now)
-            message.dive, message.innovation_east[:] = 1 + k // 500, noise[k % 997]
-            data = message.SerializeToString()
-            writer.write_message("/flow/innovation", lambda: _SCHEMA, data, now)
-            writer.estimate(now, weights, flow.levels)
+            pairs = np.column_stack([noise[k % 997], innovation.innovation[:, 1]])
+            block.append(replace(innovation, time_ns=now, dive=1 + k // 500, innovation=pairs))
+            if len(block) == 16:
+                writer.innovations(block)
+                block = []
             if k % (pings // 20) == 0:
                 writer.grids(now, flow, DEPTHS)
+        writer.innovations(block or [innovation])
         writer.finish(flow)

@@ -21,17 +21,22 @@ def state() -> VehicleState:
     return VehicleState(TIME_NS, 5.01, 62.02, 12.5, True, Source(0, "/gps", 77, TIME_NS))
 
 
+def _as_held(values: np.ndarray) -> np.ndarray:
+    """Return values of bins as results hold them."""
+    return values.astype(np.float32).astype(np.float64)
+
+
 @pytest.fixture
 def innovation() -> Innovation:
     rng = np.random.default_rng(3)
-    misfit = rng.normal(size=(4, 2))
+    misfit, std = (_as_held(rng.normal(size=(4, 2))) for _ in range(2))
     misfit[2] = np.nan
     return Innovation(
         time_ns=TIME_NS + 5,
         depth=np.array([10.0, 20.0, 30.0, 40.0]),
         innovation=misfit,
-        innovation_std=np.abs(rng.normal(size=(4, 2))),
-        residual=0.1 * misfit,
+        innovation_std=np.abs(std),
+        residual=_as_held(0.1 * misfit),
         prior_innovation=2.0 * misfit,
         nis=5.5,
         dof=6,
@@ -74,14 +79,7 @@ def failed_plan(plan: Plan) -> Plan:
 
 
 @pytest.fixture
-def weights() -> np.ndarray:
-    return np.linspace(-1.0, 1.0, 12)
-
-
-@pytest.fixture
-def run(
-    flow: FlowEstimate, state: VehicleState, innovation: Innovation, plan: Plan, weights: np.ndarray
-) -> Run:
+def run(flow: FlowEstimate, state: VehicleState, innovation: Innovation, plan: Plan) -> Run:
     """Return a function that writes a small run and returns its path."""
 
     def write(path: Path) -> Path:
@@ -90,8 +88,7 @@ def run(
             writer.log(state.time_ns - 1, "info", "begin")
             for step in range(300):
                 writer.fix(replace(state, time_ns=state.time_ns + step))
-                writer.innovation(replace(innovation, time_ns=innovation.time_ns + step))
-                writer.estimate(innovation.time_ns + step, weights, flow.levels)
+                writer.innovations([replace(innovation, time_ns=innovation.time_ns + step)])
             writer.grids(plan.start_time_ns, flow, DEPTHS)
             writer.plan(plan, flow.grid.projection)
             writer.finish(flow)

@@ -13,8 +13,8 @@ CONFIG = "[estimator]\nmodes = 4\n"
 TOPICS = {
     "/tf": "foxglove.FrameTransform",
     "/vehicle/fix": "foxglove.LocationFix",
-    "/flow/innovation": "replay_kit.Innovation",
-    "/flow/estimate": "replay_kit.FlowEstimate",
+    "/flow/innovation": "replay_kit.Innovations",
+    "/flow/estimate": "replay_kit.Estimate",
     "/flow/grid/0.5m": "foxglove.Grid",
     "/flow/arrows/0.5m": "foxglove.SceneUpdate",
     "/flow/grid/120m": "foxglove.Grid",

@@ -11,6 +11,7 @@ from replay_kit.core.plan import Odds
 from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.reader import ResultReader
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.sections.answer import found_warnings
@@ -68,7 +69,7 @@ def test_a_plan_that_must_not_be_flown_is_the_first_alarm_wherever_it_is_shown(
 ):
     plan = replace(plan, **BAD[name])
     path = written(tmp_path / "r.mcap", plan)
-    status = status_of(read_held(path))
+    status = status_of(read_held(ResultReader(path)))
     assert [alarm.kind for alarm in status.alarms] == ["plan", "consistency"]
     said = status.alarms[0].text
     assert plan.message in said
@@ -96,7 +97,7 @@ def test_a_plan_that_arrives_is_no_alarm(plan, tmp_path):
     path = written(
         tmp_path / "r.mcap", replace(plan, odds=Odds(40, 0.95, 0.5, 1.0, 80.0, 300.0)), findings=()
     )
-    status = status_of(read_held(path))
+    status = status_of(read_held(ResultReader(path)))
     assert status.alarms == ()
     assert "plan reached: arrives after 1.0 h, 12 m off" in status_text(status)
     assert outcome_of(replace(SUMMARY, plan=plan, findings=())).alarms == ()

@@ -58,7 +58,7 @@ def of_a_vessel(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Pl
 def without_positions(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
     with ResultWriter(path) as writer:
         writer.start(flow.grid.projection, flow.time_ns or 0, METADATA, CONFIG)
-        writer.innovation(innovation)
+        writer.innovations([innovation])
         writer.finish(flow)
 
 
@@ -69,7 +69,7 @@ CASES: list[tuple[Case, str, set[str]]] = [
         "The result has version 4 of the contract, this program version 5",
         {"plans", "section", "track"},
     ),
-    (without_estimate, "carries no estimate.nc", {"plans", "section", "track"}),
+    (without_estimate, "carries no estimate.npz", {"plans", "section", "track"}),
     (cut_short, "The result is damaged or cut short: ", {"section", "track"}),
     (without_plan, "The result holds no plan", {"section", "track"}),
     (of_one_ping, "1 measurement of the current used", {"section", "track"}),

@@ -97,7 +97,7 @@ def test_convert_has_back_what_was_written_before_a_power_cut(flow, state, innov
     writer.start(flow.grid.projection, state.time_ns, METADATA, CONFIG)
     for _ in range(20):
         writer.fix(state)
-        writer.innovation(innovation)
+        writer.innovations([innovation])
     writer.grids(state.time_ns, flow, DEPTHS)
     # after the last checkpoint: in the writer's memory only, and lost
     writer.fix(state)

@@ -7,7 +7,7 @@ import pytest
 
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
-from replay_kit.results import ResultWriter
+from replay_kit.results import ResultReader, ResultWriter
 from replay_kit.results.slices import depth_slice
 from replay_kit.results.views.slices import published_slices
 from tests.results.cases import on, turned
@@ -36,7 +36,7 @@ def test_current_and_standard_error_are_known_at_the_same_cells(flow, tmp_path, 
     placed = GRIDS[name](flow)
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.grids(0, placed, [10.0, 200.0])
-    slices = published_slices(tmp_path / "out.mcap")
+    slices = published_slices(ResultReader(tmp_path / "out.mcap"))
     known = np.isfinite(slices.fields[:, 0])
     np.testing.assert_array_equal(known, known[:, :1].repeat(4, axis=1))
     outside = ~inside_grid(placed.grid, *np.meshgrid(slices.east, slices.north))

@@ -38,9 +38,9 @@ def test_messages_come_by_time_then_as_they_lie_in_the_file(tmp_path, chunks, in
                 (message.log_time, message.data)
                 for _, _, message in make_reader(file).iter_messages(topics=topic)
             ]
-        assert list(read_messages(path, topic)) == expected
-        assert list(newest_messages(path, topic)) == expected[::-1]
+        assert list(read_messages(path, [topic])) == expected
+        assert list(newest_messages(path, [topic])) == expected[::-1]
         until = [one for one in expected[::-1] if one[0] <= 30]
-        assert list(newest_messages(path, topic, 30)) == until
+        assert list(newest_messages(path, [topic], 30)) == until
         assert len(expected) == (0 if topic == "/c" else 150)
-    assert list(read_messages(path, "/unknown")) == []
+    assert list(read_messages(path, ["/unknown"])) == []

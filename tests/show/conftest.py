@@ -7,5 +7,4 @@ from tests.results.conftest import (  # noqa: F401
     result,
     run,
     state,
-    weights,
 )

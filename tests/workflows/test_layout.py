@@ -34,7 +34,7 @@ SHOWN = {
         "foxglove.FrameTransform",
     },
     "RosOut": {"foxglove.Log"},
-    "Plot": {"replay_kit.Innovation", "replay_kit.AtVehicle", "replay_kit.PlanOutcome"},
+    "Plot": {"replay_kit.Innovations", "", "replay_kit.PlanOutcome"},
     "Table": {"replay_kit.Consistency"},
 }
 
@@ -124,14 +124,12 @@ def test_every_panel_finds_its_topic_schema_and_field_in_the_result(result):
         "/plan/geojson",
         "/plan/path",
         "/flow/innovation",
-        "/flow/at_vehicle",
         "/flow/consistency",
         "/log",
     } <= named
     assert {path for _, path in named_paths(layout)} >= {
-        "east",
-        "north",
-        "east_standard_error",
+        "innovation_east[:]",
+        "innovation_std_north[:]",
         "u_standard_error",
     }
 

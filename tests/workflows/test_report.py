@@ -62,7 +62,7 @@ def test_a_result_that_is_cut_short_shows_what_is_left(result_path, tmp_path):
     words = text_of(made, "answer")
     assert "LOST: cut.mcap.part: " in words
     assert "The result is damaged or cut short: this shows what could be recovered." in words
-    assert "carries no estimate.nc" in words
+    assert "carries no estimate.npz" in words
     assert len(elements(made, "figure")) >= 4
     assert "replay_kit_" not in made.split("<script")[0]
     report(cut, tmp_path / "again.html")
@@ -70,9 +70,9 @@ def test_a_result_that_is_cut_short_shows_what_is_left(result_path, tmp_path):
 
 
 def test_a_result_of_another_version_says_so(result_path, tmp_path, monkeypatch):
-    monkeypatch.setattr("replay_kit.workflows.report.CONTRACT_VERSION", 6)
+    monkeypatch.setattr("replay_kit.workflows.report.CONTRACT_VERSION", 7)
     report(result_path, tmp_path / "page.html")
-    assert "The result has version 5 of the contract, this program version 6" in text_of(
+    assert "The result has version 6 of the contract, this program version 7" in text_of(
         (tmp_path / "page.html").read_text(), "answer"
     )
 

@@ -127,7 +127,7 @@ def test_a_static_estimate_is_its_last_at_all_times(tmp_path):
     )
     assert STATIC in summary.notes
     flown, replayed_flown = (
-        AsFlown.in_metadata(read_held(one.path).metadata) for one in (result, replayed)
+        AsFlown.in_metadata(read_held(one.reader).metadata) for one in (result, replayed)
     )
     assert flown == replayed_flown
     assert flown.dives == 1

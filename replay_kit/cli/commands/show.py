@@ -298,7 +298,7 @@ def export(
         _TABLES | None,
         option(
             "--table",
-            "Export only this table; estimate as --save-estimate writes it. Default: all tables; in CSV the series with --at, else the track.",
+            "Table to export; estimate: as by --save-estimate. Default: all tables; in CSV the series with --at, else the track.",
         ),
     ] = None,
     vehicle: _VEHICLE = None,

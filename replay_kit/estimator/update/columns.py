@@ -95,9 +95,12 @@ class Column:
         """Return what measurements tell of the current: the estimate plus their misfit; argument and shape as in ``misfit``."""
         values, each = self.screened.local(self.at)[0], list[Array]()
         for part in self.parts:
-            estimated = values[part.at][:, part.used] - self._off(part, column)
-            each.append(estimated @ self.axes)
-        return self._among(each) + self.misfit(column)
+            value = values[part.at][:, part.used]
+            if part.layout.unwhiten is not None:
+                off = self._off(part, column)
+                value = value - off + part.layout.known(off)
+            each.append(value @ self.axes)
+        return self._among(each)
 
     def _off(self, part: Part, column: Array) -> Array:
         """Return measured minus predicted values as they are, also where only differences are known, shape (..., n, m', c) [m/s]."""

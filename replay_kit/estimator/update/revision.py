@@ -85,7 +85,7 @@ class Evidence:
                 state = self._scaled(state, factor)
         if state.centre is None and state.profiles >= CENTRED:
             state = replace(state, centre=self._centre(state))
-        return state.with_toward(self.parts.sample)
+        return state
 
     def published(self, state: State) -> tuple[Array, Array, float | Callable[[], float]]:
         """Return mean and covariance under the prior that the log suggests, and what returns the factor on all variances."""

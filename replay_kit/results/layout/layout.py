@@ -13,7 +13,7 @@ from typing import Any
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.colors import DARK, SYMBOLS, scale
 from replay_kit.core.errors import LogError
-from replay_kit.results.topics import topics_of
+from replay_kit.results.reader import ResultReader
 
 _DEPTH = re.compile(r"/flow/grid/(.+)m")
 # Of lines, the track and the plan, as on a dark page: viewers are dark.
@@ -36,7 +36,7 @@ def write_layout(result: Path, out: Path) -> int:
         LogError: The file is missing, or is no complete result.
         ConfigError: The layout cannot be written.
     """
-    topics = topics_of(result)
+    topics = [*ResultReader(result).topics]
     require_topics(topics, str(result))
     layout = layout_of(topics)
     write_whole(out, layout_text(layout))

@@ -62,14 +62,14 @@ class Contents:
         if not vehicle or vehicle not in self.each:
             known = ", ".join(filter(None, self.each)) or "none, as it is of one vehicle"
             raise ConfigError(
-                f"--vehicle: expected a vehicle of {self.result.path.name} ({known}), got {vehicle or 'none'}"
+                f"--vehicle: expected a vehicle of {self.result.reader.name} ({known}), got {vehicle or 'none'}"
             )
         return self.each[vehicle]
 
     @cached_property
     def record(self) -> RunRecord:
         """How the result was made."""
-        return read_record(self.result.path)
+        return read_record(self.result.reader)
 
     @cached_property
     def outcome(self) -> Outcome:
@@ -88,7 +88,7 @@ class Contents:
             return self.result.estimate, ""
         except ReplayKitError as error:
             # without the folder: the same result gives the same page wherever it lies
-            return None, str(error).replace(str(self.result.path), self.result.path.name)
+            return None, str(error).replace(str(self.result.path), self.result.reader.name)
 
     @property
     def estimate(self) -> FlowEstimate | None:
@@ -115,7 +115,7 @@ class Contents:
         """The published current; that of the last estimate at its levels when none was published, None without that."""
         estimate = self.estimate
         grid = None if estimate is None else estimate.grid
-        published = published_slices(self.result.path, grid)
+        published = published_slices(self.result.reader, grid)
         if estimate is None:
             return published
         return (
@@ -127,7 +127,7 @@ class Contents:
     @cached_property
     def history(self) -> EstimateHistory:
         """The estimate after each measurement."""
-        return EstimateHistory(self.result.path, self.estimate)
+        return EstimateHistory(self.result.reader, self.estimate)
 
     @cached_property
     def dive_depth(self) -> float:
@@ -184,7 +184,7 @@ class Contents:
     @cached_property
     def seabed(self) -> Seabed | None:
         """The bottom around the region; None without a bathymetry."""
-        return published_seabed(self.result.path)
+        return published_seabed(self.result.reader)
 
     @property
     def span_ns(self) -> tuple[int, int] | None:

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, repeat
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,8 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.results import earlier
 from replay_kit.results.messages import basis_of
+from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import decode, numbers
-from replay_kit.results.topics import read_messages
 from replay_kit.results.views.slices import CurrentSlices
 
 # Share of a depth within which a published one is the same.
@@ -29,9 +28,9 @@ _STEPS, _CHUNK = 24, 512
 class EstimateHistory:
     """The mean of the estimate at the published times, from the unknowns that a replay published with its slices."""
 
-    def __init__(self, path: Path, estimate: FlowEstimate | None) -> None:
-        """Take the last estimate of a result MCAP; without one there is no basis, and every mean is None."""
-        self._path, self.estimate = path, estimate
+    def __init__(self, reader: ResultReader, estimate: FlowEstimate | None) -> None:
+        """Take the last estimate of a result; without one there is no basis, and every mean is None."""
+        self._reader, self.estimate = reader, estimate
 
     def after(self, times_ns: NDArray[np.int64]) -> Iterator[FlowEstimate | None]:
         """Yield the mean of the estimate as it was published last at each of some times; None when it is not known.
@@ -56,15 +55,15 @@ class EstimateHistory:
         self, estimate: FlowEstimate, unknowns: Unknowns
     ) -> Iterator[tuple[int, Callable[[], Array]]]:
         """Yield the times [ns, UTC] at which the estimate of this window was published, and what returns its latent values then."""
-        modes, messages = estimate.modes, read_messages(self._path, "/flow/estimate")
-        if (weights := earlier.weights(self._path, "/flow/estimate", messages)) is not None:
+        modes, topic = estimate.modes, "/flow/estimate"
+        if (weights := earlier.weights(self._reader, topic)) is not None:
             for time_ns, each in weights:
                 if each.size == modes.shape[1] * estimate.levels.size:
                     by_level = each.reshape(estimate.levels.size, -1).T
                     yield time_ns, partial(_sum, unknowns.offset, modes, by_level)
             return
         basis = basis_of(estimate)
-        for time_ns, data in messages:
+        for time_ns, data in self._reader.messages(topic):
             message = decode("Estimate", data)
             if message.basis == basis:
                 x = numbers("Estimate", message, "x").astype(np.float64)

@@ -4,18 +4,17 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.reader import make_reader
 
 from replay_kit.config.run import RunConfig
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
+from replay_kit.results.reader import ResultReader
 from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import CONFIG_NAME, stated_records
+from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +34,12 @@ class RunRecord:
     vehicles: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
-def read_record(path: Path) -> RunRecord:
-    """Return what a result MCAP states of its run."""
-    with path.open("rb") as file:
-        metadata, attached = stated_records(make_reader(file))
-    config = attached.pop(CONFIG_NAME, b"").decode()
-    summaries = {name.rpartition("/")[0]: json.loads(data) for name, data in attached.items()}
-    return RunRecord(metadata, config, summaries.pop("", None), summaries)
+def read_record(reader: ResultReader) -> RunRecord:
+    """Return what a result states of its run."""
+    held = reader.attachments(lambda name: name.rpartition("/")[2] == SUMMARY_NAME)
+    summaries = {name.rpartition("/")[0]: json.loads(one.data) for name, one in held.items()}
+    config = reader.text(CONFIG_NAME)
+    return RunRecord(reader.metadata, config, summaries.pop("", None), summaries)
 
 
 def bathymetry_name(record: RunRecord) -> str:
@@ -105,9 +103,10 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 def plan_statistics(result: ResultFile) -> dict[str, str]:
     """Return the statistics of the last plan of a result, which must have one."""
-    with result.path.open("rb") as file:
-        *_, (_, _, message) = make_reader(file).iter_messages(topics="/plan/controls")
-    return {pair.name: pair.value for pair in decode("Plan", message.data).statistics}
+    _, data = next(result.reader.messages("/plan/controls", newest=True))
+    # Any: the fields are those of the table
+    plan: Any = decode("Plan", data)
+    return {pair.name: pair.value for pair in plan.statistics}
 
 
 def _last_plan(result: ResultFile) -> dict[str, Any] | None:

@@ -2,18 +2,16 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
+from replay_kit.results.reader import ResultReader
 from replay_kit.results.slices import Slice, depth_slice, grid_cells, slice_axes
 from replay_kit.results.topics import WINDOW_NAME
 from replay_kit.results.views.track import thinned
@@ -48,30 +46,30 @@ class CurrentSlices:
 
 
 def published_slices(
-    path: Path, grid: Grid | None = None, most_values: int = 1_600_000
+    reader: ResultReader, grid: Grid | None = None, most_values: int = 1_600_000
 ) -> CurrentSlices | None:
-    """Return the slices in a result MCAP; None when it has none.
+    """Return the slices in a result; None when it has none.
 
     Args:
-        path: The result.
+        reader: Of the result.
         grid: Of its last estimate: of several windows this one's slices are taken. None takes those of the first.
         most_values: Largest number of values kept: times between the first and the last are left out until they fit.
     """
-    times, depths, windowed = _index(path)
+    times, depths, windowed = _index(reader)
     if not times or not depths:
         return None
     topics = [f"{_FOLDER}{depth:g}m" for depth in depths]
-    east, north = next(_read(path, topics[:1], {times[0]}))[2:4]
+    east, north = next(_read(reader, topics[:1], {times[0]}))[2:4]
     if windowed:
         east, north = (east, north) if grid is None else slice_axes(grid)
-        own = _read(path, topics[:1], set(times))
+        own = _read(reader, topics[:1], set(times))
         times = sorted({one[0] for one in own if _same(one[2:4], (east, north))})
         if not times:
             return None
     most = max(1, most_values // (len(KEPT) * north.size * east.size * len(depths)))
     kept = [times[k] for k in thinned(len(times), most)]
     fields = np.full((len(depths), len(kept), len(KEPT), north.size, east.size), np.nan)
-    for time_ns, depth, *axes, values in _read(path, topics, set(kept)):
+    for time_ns, depth, *axes, values in _read(reader, topics, set(kept)):
         if not windowed or _same(axes, (east, north)):
             fields[depths.index(depth), kept.index(time_ns)] = values
     return CurrentSlices(
@@ -116,46 +114,27 @@ def _fields_of(value: Slice) -> Array:
     return np.moveaxis(np.concatenate([value.velocity, error], axis=-1), -1, 0)
 
 
-def _index(path: Path) -> tuple[list[int], list[float], bool]:
+def _index(reader: ResultReader) -> tuple[list[int], list[float], bool]:
     """Return the times and the depths of the slices, both increasing, and whether there are several windows."""
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-        if summary is None:
-            return [], [], False
-        topics = [one.topic for one in summary.channels.values() if one.topic.startswith(_FOLDER)]
-        times = (
-            {message.log_time for _, _, message in make_reader(file).iter_messages(topics=topics)}
-            if topics
-            else set()
-        )
-    windowed = any(one.name.startswith(WINDOW_NAME) for one in summary.attachment_indexes)
+    topics = [topic for topic in reader.topics if topic.startswith(_FOLDER)]
+    times = {time_ns for topic in topics for time_ns, _ in reader.messages(topic)}
+    found = reader.summary.attachment_indexes
+    windowed = any(one.name.startswith(WINDOW_NAME) for one in found)
     depths = (float(topic.removeprefix(_FOLDER).removesuffix("m")) for topic in topics)
     return sorted(times), sorted(depths), windowed
 
 
 def _read(
-    path: Path, topics: list[str], times: set[int]
+    reader: ResultReader, topics: list[str], times: set[int]
 ) -> Iterator[tuple[int, float, Array, Array, Array]]:
     """Yield time [ns], depth [m], cell centres [m] and fields, shape (4, J, I), of the slices of some times."""
-    with path.open("rb") as file:
-        reader = make_reader(file)
-        decoder = DecoderFactory()
-        for schema, channel, message in reader.iter_messages(topics=topics):
-            if message.log_time not in times or schema is None:
-                continue
-            decode = decoder.decoder_for("protobuf", schema)
-            assert decode is not None
-            value = decode(message.data)
-            east, north, found = grid_cells(value)
-            unknown = np.full((north.size, east.size), np.nan)
-            fields = np.stack([found.get(name, unknown) for name in KEPT])
-            yield (
-                message.log_time,
-                float(channel.topic.removeprefix(_FOLDER).removesuffix("m")),
-                east,
-                north,
-                fields,
-            )
+    for topic in topics:
+        depth = float(topic.removeprefix(_FOLDER).removesuffix("m"))
+        for time_ns, value in reader.decoded(topic):
+            if time_ns in times:
+                east, north, found = grid_cells(value)
+                unknown = np.full((north.size, east.size), np.nan)
+                yield time_ns, depth, east, north, np.stack([found.get(k, unknown) for k in KEPT])
 
 
 #: Standard deviations, and the share of a Gaussian within them.

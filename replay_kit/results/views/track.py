@@ -6,13 +6,10 @@ Of the plan: its track over the bottom, what it costs, how likely it arrives, an
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
@@ -20,6 +17,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection, Seabed
 from replay_kit.core.plan import Area, plan_legs
 from replay_kit.core.surfacing import Ellipse, planned_ellipses
+from replay_kit.results.reader import ResultReader
 from replay_kit.results.result import ResultFile
 from replay_kit.results.slices import grid_cells
 from replay_kit.results.views.record import plan_statistics
@@ -201,10 +199,8 @@ def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
         np.array(to_local(projection, row[f"{end}_longitude"], row[f"{end}_latitude"]))
         for end in ("start", "goal")
     )
-    with result.path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        # an unfinished result has none, one of an earlier version that of each plan
-        drawn = [found[-1] for found in reader.iter_decoded_messages(topics="/plan/geojson")]
+    # an unfinished result has none, one of an earlier version that of each plan
+    drawn = next(result.reader.decoded("/plan/geojson", newest=True), None)
     statistics = plan_statistics(result)
     legs = plan_legs(statistics)
     ellipses = [ellipse.outline(projection) for ellipse in planned_ellipses(legs)]
@@ -218,18 +214,15 @@ def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
         statistics,
         legs,
         ellipses,
-        _areas(json.loads(drawn[-1].geojson)) if drawn else [],
+        _areas(json.loads(drawn[1].geojson)) if drawn else [],
     )
 
 
-def published_seabed(path: Path) -> Seabed | None:
+def published_seabed(reader: ResultReader) -> Seabed | None:
     """Return the bottom around the region that a result holds; None without one."""
-    with path.open("rb") as file:
-        for _, _, _, value in make_reader(
-            file, decoder_factories=[DecoderFactory()]
-        ).iter_decoded_messages(topics="/plan/seabed"):
-            east, north, fields = grid_cells(value)
-            return Seabed(east, north, fields["depth"])
+    for _, value in reader.decoded("/plan/seabed"):
+        east, north, fields = grid_cells(value)
+        return Seabed(east, north, fields["depth"])
     return None
 
 

@@ -89,8 +89,8 @@ def _command(contents: Contents) -> str:
     ]
     parts += [f"--goal={goal}"] if goal else []
     return (
-        f"{shlex.join([*parts, '-o', contents.result.path.name])}\nreplay-kit verify "
-        f"{shlex.quote(contents.result.path.name)} --inputs FOLDER"
+        f"{shlex.join([*parts, '-o', contents.result.reader.name])}\nreplay-kit verify "
+        f"{shlex.quote(contents.result.reader.name)} --inputs FOLDER"
     )
 
 
@@ -170,7 +170,7 @@ def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:
     contents = Contents(result, notes)
     added = additions("sections", callable, "a function").values()
     sections = [section(contents) for section in (*SECTIONS, *added)]
-    return page_html(f"Report on {result.path.name}", sections, _subtitle(contents))
+    return page_html(f"Report on {result.reader.name}", sections, _subtitle(contents))
 
 
 def _subtitle(contents: Contents) -> str:
@@ -201,7 +201,7 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
         count_text(len(contents.each), "vehicle"),
         count_text(outcome.observations["used"], "measurement"),
     ]
-    return page_html(f"Report on {contents.result.path.name}", sections, " · ".join(parts))
+    return page_html(f"Report on {contents.result.reader.name}", sections, " · ".join(parts))
 
 
 def _card(contents: Contents, pages: Mapping[str, str]) -> str:

@@ -2,29 +2,20 @@
 
 import json
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.grid import Projection
-from replay_kit.results.innovations import Columns, blocks_in, joined, rows_of
+from replay_kit.results.innovations import Columns, blocks_in, joined, picked
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
+from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import (
-    CONFIG_NAME,
-    SUMMARY_NAME,
-    complete,
-    newest_messages,
-    read_messages,
-    stated_records,
-)
+from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME, complete
 
 # Two plans tell what changed; their surfacings and the measurements between them tell why.
 _PLANS, _OUTCOMES = 2, 50
@@ -80,33 +71,22 @@ class Held:
     dive: Columns | None
 
 
-def read_held(path: Path) -> Held:
-    """Return what the status of a result needs of it.
+def read_held(reader: ResultReader) -> Held:
+    """Return what the status of a result, or of one vehicle's part of it, needs.
 
     Raises:
         LogError: The file is missing, or is no complete result.
     """
-    with complete(path):
-        with path.open("rb") as file:
-            reader = make_reader(file)
-            metadata, attached = stated_records(reader)
-            summary = reader.get_summary()
-        if (
-            "frame map" not in metadata
-            or "contract" not in metadata
-            or summary is None
-            or summary.statistics is None
-        ):
-            raise LogError(
-                f"{path}: an MCAP file, but no result of replay-kit replay; give a result"
-            )
-        schemas = {
-            channel.topic: summary.schemas.get(channel.schema_id)
-            for channel in summary.channels.values()
-        }
-        fixes, reckoned = _positions(path, schemas.get("/vehicle/fix"))
-        plans, outcomes = (_last(path, topic, name, most) for topic, name, most in _OF_PLANS)
-        dive = _last_dive(path)
+    metadata, ends = reader.metadata, reader.summary.statistics
+    assert ends is not None
+    if "frame map" not in metadata or "contract" not in metadata:
+        raise LogError(
+            f"{reader.path}: an MCAP file, but no result of replay-kit replay; give a result"
+        )
+    with complete(reader.path):
+        fixes, reckoned = _positions(reader)
+        plans, outcomes = (_last(reader, topic, name, most) for topic, name, most in _OF_PLANS)
+        dive = _last_dive(reader)
     frame = metadata["frame map"]
     known = [
         *(fix.time_ns for fix in fixes),
@@ -114,17 +94,15 @@ def read_held(path: Path) -> Held:
         *([] if dive is None else dive["timestamp"].tolist()),
     ]
     return Held(
-        name=path.name,
-        first_ns=summary.statistics.message_start_time,
+        name=reader.name,
+        first_ns=ends.message_start_time,
         last_ns=max(
             [*known, *([reckoned.time_ns] if reckoned else [])],
-            default=summary.statistics.message_end_time,
+            default=ends.message_end_time,
         ),
         metadata=metadata,
-        settings=tomllib.loads(attached.get(CONFIG_NAME, b"").decode()),
-        outcome=outcome_from(json.loads(attached[SUMMARY_NAME]))
-        if SUMMARY_NAME in attached
-        else None,
+        settings=tomllib.loads(reader.text(CONFIG_NAME)),
+        outcome=outcome_from(json.loads(text)) if (text := reader.text(SUMMARY_NAME)) else None,
         projection=Projection(float(frame["longitude"]), float(frame["latitude"])),
         fixes=fixes,
         reckoned=reckoned,
@@ -138,48 +116,42 @@ _OF_PLANS = (("/plan/controls", "Plan", _PLANS), ("/plan/outcome", "PlanOutcome"
 _DAY_NS = 86_400 * 10**9
 
 
-def _last(path: Path, topic: str, name: str, most: int) -> list[Any]:
+def _last(reader: ResultReader, topic: str, name: str, most: int) -> list[Any]:
     """Return the last messages of a topic."""
-    newest = islice(newest_messages(path, topic), most)
+    newest = islice(reader.messages(topic, newest=True), most)
     return [decode(name, data) for _, data in newest][::-1]
 
 
-def _last_dive(path: Path) -> Columns | None:
+def _last_dive(reader: ResultReader) -> Columns | None:
     """Return the measurements of the last dive; the last ones of a vehicle that does not dive."""
     kept: list[Columns] = []
-    for block in blocks_in(path, newest=True):
+    for block in blocks_in(reader, newest=True):
         dive = (kept[0] if kept else block)["dive"][-1]
-        wanted = block["dive"] == dive
-        begin = 0 if wanted.all() else wanted.size - int(np.argmin(wanted[::-1]))
-        kept.insert(0, rows_of(block, begin))
-        if begin or (not dive and sum(one["dive"].size for one in kept) >= _OUTCOMES):
+        # those after the last row of another dive
+        own = np.logical_and.accumulate(block["dive"][::-1] == dive)[::-1]
+        kept.insert(0, picked(block, own))
+        if not own.all() or (not dive and sum(one["dive"].size for one in kept) >= _OUTCOMES):
             break
-    found = joined(kept) if kept else None
-    if found is not None and not found["dive"][-1]:
-        found = rows_of(found, max(found["dive"].size - _OUTCOMES, 0))
-    return found
+    if not kept:
+        return None
+    rows = (found := joined(kept))["dive"].size
+    return found if found["dive"][-1] else picked(found, np.arange(rows) >= rows - _OUTCOMES)
 
 
-def _positions(path: Path, schema: Any) -> tuple[list[Fix], Fix | None]:
+def _positions(reader: ResultReader) -> tuple[list[Fix], Fix | None]:
     """Return the measured positions that are needed, and the last one that is dead reckoned and younger; see ``Held``."""
-    if schema is None:
-        return [], None
-    decoder = DecoderFactory().decoder_for("protobuf", schema)
-    assert decoder is not None
-    topic = "/vehicle/fix"
 
-    def fixes(rows: Iterable[tuple[int, bytes]]) -> Iterator[Fix]:
-        return (_fix(time_ns, decoder(data)) for time_ns, data in rows)
+    def fixes(newest: bool = True, until_ns: int | None = None) -> Iterator[Fix]:
+        found = reader.decoded("/vehicle/fix", newest, until_ns)
+        return (_fix(time_ns, message) for time_ns, message in found)
 
-    def measured(rows: Iterable[tuple[int, bytes]]) -> Fix | None:
-        return next((fix for fix in fixes(rows) if not fix.reckoned), None)
+    def measured(newest: bool = True, until_ns: int | None = None) -> Fix | None:
+        return next((fix for fix in fixes(newest, until_ns) if not fix.reckoned), None)
 
-    end = next(fixes(newest_messages(path, topic)), None)
-    last = measured(newest_messages(path, topic))
+    end, last = next(fixes(), None), measured()
     if last is None or end is None:
         return [], end
-    before = measured(newest_messages(path, topic, last.time_ns - _DAY_NS))
-    found = measured(read_messages(path, topic)), before, last
+    found = measured(newest=False), measured(until_ns=last.time_ns - _DAY_NS), last
     return [
         fix for fix in found if fix is not None
     ], end if end.reckoned and end.time_ns > last.time_ns else None

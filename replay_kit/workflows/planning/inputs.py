@@ -139,14 +139,15 @@ def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
         ReplayKitError: The reader's error, when there is no such file or it holds no estimate.
     """
     if _is_result(path):
-        from replay_kit.results.readback import read_estimate, read_windows
+        from replay_kit.results.reader import ResultReader
         from replay_kit.show.status.held import read_held
         from replay_kit.workflows.sound import sound_result
 
         with sound_result(path) as sound:
-            flow, held = read_estimate(sound.path), read_held(sound.path)
+            reader = ResultReader(sound.path)
+            flow, held = reader.estimate(), read_held(reader)
             if not _holds(flow, places):
-                flows = reversed(read_windows(sound.path))
+                flows = reversed(reader.estimates())
                 flow = next((one for one in flows if _holds(one, places)), flow)
         return FlowFile(flow, held, sound.lines, sound.exit_code)
     return FlowFile(load(path), None, ())

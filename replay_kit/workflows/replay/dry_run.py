@@ -74,7 +74,7 @@ def dry_run(
         timed = list(filter(estimator.usable, inputs.first))
         began = time.perf_counter()
         if timed:
-            estimator.weights(estimator.assimilate(estimator.initial(), timed)[0])
+            estimator.assimilate(estimator.initial(), timed)
         spent = time.perf_counter() - began
     size = estimator.unknowns
     return DryRun(

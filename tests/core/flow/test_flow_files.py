@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import replay_kit
 from replay_kit.core.errors import ConfigError, EstimatorError, ForecastError
+from replay_kit.core.flow.compact import pack, unpack
 from replay_kit.core.flow.dataset import to_dataset, wet_at, write_grid
 from replay_kit.core.flow.file import load, load_bytes, save_bytes
 from replay_kit.core.flow.file import sealed
@@ -68,8 +69,25 @@ def test_every_kind_of_flow_survives_a_file_and_a_pickle(
         assert abs(dataset["time"].values - np.datetime64(flow.time_ns, "ns")) < np.timedelta64(
             1, "us"
         )
+    packed = pack(flow)
+    again = unpack(packed, "flow")
+    assert pack(flow) == packed
+    # in results all but patterns and covariance are as they were
+    single = {"modes": flow.modes, "unknowns": again.unknowns}
+    assert_same(replace(again, **single), replace(flow, **single))
+    ours, theirs = again.unknowns, flow.unknowns
+    assert_same(replace(ours, process=theirs.process, p=theirs.p), theirs)
+    np.testing.assert_allclose(ours.p, theirs.p, atol=3e-6)
+    assert np.linalg.eigvalsh(ours.p).min() >= 0.9 * np.linalg.eigvalsh(theirs.p).min()
+    np.testing.assert_allclose(again.modes, flow.modes, rtol=1e-7)
+    at = (flow.nodes[:, 0], flow.nodes[:, 1], 20.0)
+    np.testing.assert_allclose(again.standard_error(*at), flow.standard_error(*at), rtol=1e-5)
+    later = flow.time_ns + HOUR
+    found, expected = (each.moved(later).velocity(*at) for each in (again, flow))
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
     alone = replace(flow.mean_flow(), time_ns=time_ns)
     assert_same(alone, load_bytes(save_bytes(alone), "flow"))
+    assert_same(alone, unpack(pack(alone), "flow"))
 
 
 def test_every_number_survives_and_files_are_alike_whenever_they_are_written(

@@ -43,7 +43,7 @@ def test_slices_know_which_cells_lie_off_the_grid(contents):
 
 
 def test_what_was_published_of_another_grid_is_not_called_outside(contents):
-    slices = published_slices(contents().result.path)
+    slices = published_slices(contents().result.reader)
     assert on_grid(slices, synthetic_flow(spacing=1_000.0).grid).outside is None
 
 

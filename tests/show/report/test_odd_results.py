@@ -54,7 +54,7 @@ def test_nothing_at_all(write):
     page = write(lambda writer: None)
     assert figures(page) == {}
     assert "The result holds neither a position nor a measurement." in text_of(page, "answer")
-    assert "carries no estimate.nc" in text_of(page, "answer")
+    assert "carries no estimate.npz" in text_of(page, "answer")
     assert "The result holds no current" in text_of(page, "map")
     assert "The result holds no profile of the current" in text_of(page, "section")
     assert "The result holds no measurement" in text_of(page, "trust")
@@ -65,7 +65,7 @@ def test_nothing_at_all(write):
 def test_one_ping_without_an_estimate(write, state, innovation):
     def fill(writer: ResultWriter) -> None:
         writer.fix(state)
-        writer.innovation(replace(innovation, dive=0))
+        writer.innovations([replace(innovation, dive=0)])
 
     page = write(fill)
     assert list(figures(page)) == ["current-map", "profiles", "innovations", "calibration"]

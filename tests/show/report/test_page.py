@@ -72,7 +72,7 @@ def test_every_number_of_page_summary_and_status_is_one_of_json(page, replayed):
     said = [*estimate_sentences(outcome), *further_sentences(outcome)]
     carried = [part for each in said for part in each.parts if not isinstance(part, str)]
     assert len(carried) > 10
-    status = status_of(read_held(replayed.path))
+    status = status_of(read_held(replayed.reader))
     carried += [
         part._replace(key=STATED[part.key])
         for line in brief_lines(status)

@@ -3,7 +3,11 @@
 import json
 from typing import Any
 
+import numpy as np
+
 from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Innovation, Source
+from replay_kit.results.innovations import Columns, block_of, columns_of
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.schemas import decode, encode
 from replay_kit.show.status.held import Fix, Held
@@ -84,23 +88,41 @@ def outcome(time_ns: int, planned_ns: int, *, inside: bool) -> Any:
 
 
 def mean_current(
-    time_ns: int, measured: tuple[float, float], predicted: tuple[float, float], std: float
-) -> Any:
-    current = dict(
-        zip(
-            ("measured_east", "measured_north", "predicted_east", "predicted_north"),
-            (*measured, *predicted),
-            strict=True,
+    time_ns: int,
+    measured: tuple[float, float] | None,
+    predicted: tuple[float, float],
+    std: float,
+    corrected: tuple[float, float] | None = None,
+    **errors: float,
+) -> Columns:
+    """Return the columns of a dive of one mean current; what was not measured or corrected is None."""
+    known, used = (None if each is None else np.array(each) for each in (measured, corrected))
+    off = np.array([corrected or measured]) - np.array([predicted])
+    return columns_of(
+        block_of(
+            [
+                Innovation(
+                    time_ns=time_ns,
+                    depth=np.zeros(1),
+                    innovation=off,
+                    innovation_std=np.full((1, 2), std),
+                    residual=off,
+                    prior_innovation=off,
+                    nis=1.0,
+                    dof=2,
+                    accepted=True,
+                    error_inflation=1.0,
+                    flags=np.ones(1, np.int8),
+                    reasons=np.zeros(1, np.int32),
+                    dive=7,
+                    source=Source(0, "/dac", 1, time_ns),
+                    mean_kind="dac",
+                    mean_current=known,
+                    corrected_current=used,
+                    **errors,
+                )
+            ]
         )
-    )
-    held = {
-        "timestamp": stamp(time_ns),
-        "dive": 7,
-        "innovation_std_east": [std],
-        "innovation_std_north": [std],
-    }
-    return decode(
-        "Innovation", encode("Innovation", held | {"mean_current": {"kind": "dac", **current}})
     )
 
 
@@ -129,6 +151,6 @@ def held(**values: Any) -> Held:
         "reckoned": None,
         "plans": [plan(end - 4 * HOUR_NS, heading_2=60.0), plan(end)],
         "outcomes": [outcome(end, end - 4 * HOUR_NS, inside=True)],
-        "dive": [mean_current(end, (0.1, 0.0), (0.0, 0.0), 0.02)],
+        "dive": mean_current(end, (0.1, 0.0), (0.0, 0.0), 0.02),
     }
     return Held(**(given | values))

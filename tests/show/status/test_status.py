@@ -16,6 +16,7 @@ from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import ORIGIN
 from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
+from replay_kit.results.reader import ResultReader
 from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import alarms_of, change_of
 from replay_kit.show.status.held import Fix, read_held
@@ -64,7 +65,7 @@ def test_positions_held_are_the_first_the_last_one_a_day_before_and_where_it_was
                 writer.fix(
                     VehicleState(fix.time_ns, *place, 0.0, fix.reckoned, Source(0, "/", 0, 0))
                 )
-        found = read_held(tmp_path / "r.mcap")
+        found = read_held(ResultReader(tmp_path / "r.mcap"))
         return found.fixes, found.reckoned
 
     measured = [fix for fix in said if not fix.reckoned]
@@ -87,21 +88,16 @@ def test_the_current_of_the_last_dive_stands_beside_the_estimate_s():
     assert found.difference == pytest.approx(0.1)
     assert found.expected == pytest.approx(0.02)
     assert found.corrected is None
-    assert figures.dive_current(held(dive=[])) is None
+    assert figures.dive_current(held(dive=None)) is None
 
 
 def test_what_was_measured_stands_before_what_the_correction_made_of_it():
-    one = mean_current(END_NS, (0.1, 0.0), (0.0, 0.0), 0.02)
-    one.mean_current.measured_standard_error = 0.01
-    (
-        one.mean_current.corrected_east,
-        one.mean_current.corrected_north,
-        one.mean_current.corrected_standard_error,
-    ) = 0.0, 0.05, 0.02
-    found = figures.dive_current(held(dive=[one]))
+    errors = {"mean_std": 0.01, "corrected_std": 0.02}
+    one = mean_current(END_NS, (0.1, 0.0), (0.0, 0.0), 0.02, (0.0, 0.05), **errors)
+    found = figures.dive_current(held(dive=one))
     assert (found.measured.speed, found.corrected.speed) == pytest.approx((0.1, 0.05))
     assert found.difference == pytest.approx(0.05)
-    status = status_of(held(dive=[one]))
+    status = status_of(held(dive=one))
     (line,) = (line for line in status.lines if line.key == "current")
     assert line.text[:2] == (
         "dive 7 measured 10.0 ± 1.0 cm/s toward 90°",
@@ -109,11 +105,7 @@ def test_what_was_measured_stands_before_what_the_correction_made_of_it():
     )
     assert status.figures["current"]["measured"]["standard_error"] == 0.01
     # a result of version 0.2.0 holds the corrected one alone
-    old = held(
-        dive=[one],
-        metadata={"contract": {"version": "4"}},
-        settings={"measurements": {"flight_bias": True}},
-    )
+    old = held(dive=mean_current(END_NS, None, (0.0, 0.0), 0.02, (0.1, 0.0)))
     found = figures.dive_current(old)
     assert found.measured is None
     assert found.corrected.speed == pytest.approx(0.1)
@@ -288,7 +280,7 @@ def test_a_change_of_the_command_is_told_with_its_reasons():
     quiet = held(
         plans=[plan(END_NS - HOUR_NS), plan(END_NS)],
         outcomes=[],
-        dive=[mean_current(END_NS, (0.01, 0.0), (0.0, 0.0), 0.02)],
+        dive=mean_current(END_NS, (0.01, 0.0), (0.0, 0.0), 0.02),
     )
     assert change_of(quiet) == ("unchanged since the plan before",)
     assert change_of(held(plans=held().plans[-1:])) == ()
@@ -385,7 +377,7 @@ def test_figures_are_numbers_for_json():
     assert figures_held["odds"]["reached"] == 0.9
     assert figures_held["surfacing"]["next"]["major_m"] == 2000.0
     assert (
-        status_of(held(plans=[], fixes=[], dive=[], outcomes=[], outcome=None)).figures["alarms"]
+        status_of(held(plans=[], fixes=[], dive=None, outcomes=[], outcome=None)).figures["alarms"]
         == []
     )
 

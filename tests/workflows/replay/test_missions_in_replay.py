@@ -25,6 +25,7 @@ from replay_kit.core.surfacing import Ellipse, Surfacing, surfacing_outcome
 from replay_kit.estimator import embed_member
 from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
 from replay_kit.results.outcome.from_run import outcome_of
+from replay_kit.results.reader import ResultReader
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
 from replay_kit.show.plots.panel import Chosen
@@ -136,7 +137,7 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
 ):
     """The twin glides at 0.3 m/s and 19 degrees to the last level, of 300 m; its depth is stated here, its speed is not."""
     path, words = stopped[0], "as flown: 0.30 m/s, 19 degrees"
-    plans, held = decoded(path, "/plan/controls"), read_held(path)
+    plans, held = decoded(path, "/plan/controls"), read_held(ResultReader(path))
     # the first one is made when the first dive has ended
     assert plans[0].message.endswith("; as flown in a single dive: 0.30 m/s, 19 degrees")
     assert all(plan.message.endswith(f"; {words}") for plan in plans[1:])

@@ -8,6 +8,7 @@ import pytest
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import MeasurementError
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.results import ResultReader
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.results.views.contents import Contents
@@ -56,7 +57,7 @@ def test_shear_is_counted_apart_and_the_result_says_the_same(ocean, tmp_path):
     assert row.values == 3 * 8
     assert row.rms_after < row.rms_before
     outcome = outcome_of(summary)
-    assert outcome_from(read_record(tmp_path / "out.mcap").summary) == outcome
+    assert outcome_from(read_record(ResultReader(tmp_path / "out.mcap")).summary) == outcome
     (said,) = [text for text in map(str, estimate_sentences(outcome)) if "shear" in text]
     assert said.startswith(
         "Also used: geostrophic shear: 3 measurements used (24 values), 0 rejected"

@@ -1,0 +1,199 @@
+"""A result as it is read: its records, attachments and messages; or of a result of several vehicles one vehicle's part.
+
+A reader of one vehicle's part finds what is the vehicle's (``vehicles.py``) under its name in a result of one.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mcap.reader import make_reader
+from mcap.records import Attachment, Schema
+from mcap_protobuf.decoder import DecoderFactory
+
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.inputs import open_input
+from replay_kit.results.topics import (
+    CONFIG_NAME,
+    DIGEST_NAME,
+    EARLIER_ESTIMATE,
+    ESTIMATE_NAME,
+    WINDOW_NAME,
+    WINDOWS_RECORD,
+    complete,
+    newest_messages,
+    read_messages,
+)
+from replay_kit.results.vehicles import (
+    VEHICLES_RECORD,
+    VehicleRecord,
+    part_path,
+    topic_of,
+    vehicle_records,
+)
+
+if TYPE_CHECKING:
+    from mcap.summary import Summary
+
+    from replay_kit.core.flow.estimate import FlowEstimate
+
+_INPUTS, _OPTIONS = "replay_kit.inputs", "replay_kit.options"
+# Of one of several vehicles and of all.
+_COMMON = ("/tf", "/log")
+
+
+@dataclass(frozen=True)
+class ResultReader:
+    """A result MCAP, or one vehicle's part of it.
+
+    Attributes:
+        path: The file.
+        vehicle: Name of one of its vehicles; empty for the whole result.
+
+    Raises:
+        LogError: From each attribute and method: the file is missing, or is no complete result.
+    """
+
+    path: Path
+    vehicle: str = ""
+
+    @property
+    def name(self) -> str:
+        """What to call it: the file's name, and of a vehicle's part that with the vehicle's."""
+        return part_path(self.path, self.vehicle, Path()).name if self.vehicle else self.path.name
+
+    @cached_property
+    def summary(self) -> "Summary":
+        """The summary of the whole file."""
+        with complete(self.path), open_input(self.path) as file:
+            found = make_reader(file).get_summary()
+            if found is None or found.statistics is None:
+                raise ValueError("it has no summary")
+        return found
+
+    @cached_property
+    def topics(self) -> dict[str, int]:
+        """Number of messages by topic, of the whole file."""
+        assert self.summary.statistics is not None
+        counts = self.summary.statistics.channel_message_counts
+        return {one.topic: counts.get(key, 0) for key, one in self.summary.channels.items()}
+
+    @cached_property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """Records by name, without digests: of a vehicle its own and those of all, with its logs and its goal alone."""
+        with complete(self.path), open_input(self.path) as file:
+            records = [(one.name, dict(one.metadata)) for one in make_reader(file).iter_metadata()]
+        if not self.vehicle:
+            return {name: values for name, values in records if name != DIGEST_NAME}
+        found = dict[str, dict[str, str]]()
+        for full, values in records:
+            owner, _, name = full.rpartition("/")
+            if name not in (DIGEST_NAME, VEHICLES_RECORD) and owner in ("", self.vehicle):
+                found[name] = values
+        (own,) = (one for one in vehicle_records(dict(records)) if one.name == self.vehicle)
+        found[_INPUTS] = {
+            key: text
+            for key, text in found.get(_INPUTS, {}).items()
+            if not key.startswith("log") or key in own.logs
+        }
+        return found | {_OPTIONS: {**found.get(_OPTIONS, {}), "goal": own.goal}}
+
+    @cached_property
+    def vehicles(self) -> tuple[VehicleRecord, ...]:
+        """The vehicles of the result, in the order of their names; none where it, or this part of it, is of one alone."""
+        return vehicle_records(self.metadata)
+
+    def attachments(self, wanted: Callable[[str], bool]) -> dict[str, Attachment]:
+        """Return the attachments whose names, as in a result of one vehicle, are wanted."""
+        windows: Mapping[str, str] = self.metadata.get(WINDOWS_RECORD, {})
+        number = json.loads(windows.get("vehicles", "{}")).get(self.vehicle)
+        own = f"{WINDOW_NAME}{number}"
+        found = dict[str, Attachment]()
+        with complete(self.path), open_input(self.path) as file:
+            for one in make_reader(file).iter_attachments():
+                owner, _, name = one.name.rpartition("/")
+                if self.vehicle and owner != self.vehicle and not _is_common(name):
+                    continue
+                if not self.vehicle:
+                    name = one.name
+                stem, dot, ending = name.partition(".")
+                if number and stem in ("estimate", own):
+                    # so that the last one is that of the vehicle's window
+                    name = f"{own if stem == 'estimate' else 'estimate'}{dot}{ending}"
+                if wanted(name):
+                    found[name] = one
+        return found
+
+    def text(self, name: str) -> str:
+        """Return an attached text; empty without one."""
+        return "".join(one.data.decode() for one in self.attachments(name.__eq__).values())
+
+    def _own(self, topic: str) -> set[str]:
+        return {topic_of(self.vehicle, topic)} | ({topic} if topic in _COMMON else set())
+
+    def messages(
+        self, topic: str, newest: bool = False, until_ns: int | None = None
+    ) -> Iterator[tuple[int, bytes]]:
+        """Yield time [ns, UTC] and payload of the messages of a topic by time, or from the newest one, at most of a time, back."""
+        if newest:
+            return newest_messages(self.path, self._own(topic), until_ns)
+        return read_messages(self.path, self._own(topic))
+
+    def schema(self, topic: str) -> Schema | None:
+        """Return the schema of a topic; None where it has no messages."""
+        own = self._own(topic)
+        kinds = (one.schema_id for one in self.summary.channels.values() if one.topic in own)
+        return next((self.summary.schemas[kind] for kind in kinds), None)
+
+    def decoded(self, topic: str, newest: bool = False, until_ns: int | None = None) -> Any:
+        """Yield time [ns, UTC] and message by the descriptors of the file; otherwise as ``messages``."""
+        if (schema := self.schema(topic)) is None:
+            return iter(())
+        decode = DecoderFactory().decoder_for("protobuf", schema)
+        assert decode is not None
+        return ((at, decode(data)) for at, data in self.messages(topic, newest, until_ns))
+
+    def estimate(self) -> "FlowEstimate":
+        """Return the last estimate.
+
+        Raises:
+            ForecastError: There is none.
+        """
+        held = self.attachments((ESTIMATE_NAME, EARLIER_ESTIMATE).__contains__)
+        if not held:
+            raise ForecastError(
+                f"{self.path}: carries no {ESTIMATE_NAME}, as a result written without its estimate, of an unfinished run or of a plan "
+                "alone; its fixes, innovations and plans can be read, but no current: replay the log for an estimate"
+            )
+        return _estimate(self.path, *held.popitem())
+
+    def estimates(self) -> "tuple[FlowEstimate, ...]":
+        """Return the estimates of all windows, in order; the last one is that of ``estimate``.
+
+        Raises:
+            ForecastError: As of ``estimate``.
+        """
+        last, withdrawn = self.estimate(), self.metadata.get(WINDOWS_RECORD, {}).get("withdrawn", 0)
+        left = {
+            int(name.removeprefix(WINDOW_NAME).partition(".")[0]): (name, one)
+            for name, one in self.attachments(lambda name: name.startswith(WINDOW_NAME)).items()
+        }
+        numbers = (number for number in sorted(left) if number > int(withdrawn))
+        return (*(_estimate(self.path, *left[number]) for number in numbers), last)
+
+
+def _is_common(name: str) -> bool:
+    return name == CONFIG_NAME or name.startswith("estimate")
+
+
+def _estimate(path: Path, name: str, held: Attachment) -> "FlowEstimate":
+    """Return the estimate that an attachment holds."""
+    # here, because a status needs none of what holds an estimate
+    from replay_kit.core.flow.compact import unpack
+    from replay_kit.core.flow.file import load_bytes
+
+    read = load_bytes if name.endswith(".nc") else unpack
+    return read(held.data, f"{path}#{held.name}")
