@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from replay_kit.workflows.replay.store import pickling as values
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.geodesy import to_geographic
@@ -12,7 +13,6 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Flag, Observation, PathMean
 from replay_kit.logs import merge
 from replay_kit.workflows.replay.inputs.scan import open_readers
-from replay_kit.workflows.replay.store import pickling as values
 from replay_kit.workflows.replay.surfacings.flight_bias import (
     FlightState,
     as_used,
