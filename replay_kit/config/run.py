@@ -417,7 +417,9 @@ class OutputConfig(Section):
         default=21600.0, gt=0.0, description="Log time between published grids [s]."
     )
     checkpoint_interval: float = Field(
-        default=3600.0, gt=0.0, description="Log time between checkpoints [s]."
+        default=10_800.0,
+        gt=0.0,
+        description="Longest block of a log, and least time between checkpoints [s, in the log's time].",
     )
     threads: int = Field(
         default=1,

@@ -201,7 +201,8 @@ class ResultFile:
         Args:
             time_ns: Of the record [ns, UTC].
         """
-        self.flush()
+        with self._storing("write"):
+            self._writer.flush()  # type: ignore[no-untyped-call]
         value = self.current_digest(time_ns)
         text = {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256}
         self.write_metadata(DIGEST_NAME, text)

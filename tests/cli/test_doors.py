@@ -17,12 +17,12 @@ from replay_kit.cli.options import Ending
 from replay_kit.config.file import read_toml
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, PlanError
-from replay_kit.core.sealed import Kind, read_store
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import open_log
 from replay_kit.workflows.follow.sources import read_goal
 from replay_kit.workflows.planning.areas import read_areas
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
+from replay_kit.workflows.replay.state_file import read_state
 from tests.cli.test_cli_options import OPTIONS, refusal
 from tests.command import invoke, succeed
 from tests.places import SAMPLES
@@ -134,7 +134,7 @@ def test_a_pipe_that_is_read_has_the_answer(hostile):
         (lambda path: read_bathymetry(path, None), ForecastError),
         (read_areas, PlanError),
         (read_goal, ConfigError),
-        (lambda path: read_store(path, Kind("checkpoint", 1, "delete it")), LogError),
+        (lambda path: read_state(path, "a run"), LogError),
     ],
 )
 @pytest.mark.parametrize("name", ["pipe", "/dev/zero", "folder"])

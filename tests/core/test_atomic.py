@@ -22,7 +22,7 @@ def text(path):
 
 
 def result(path):
-    ResultFile(path, overwrite=True, journal=None).close()
+    ResultFile(path, overwrite=True).close()
 
 
 WRITERS = pytest.mark.parametrize("write", [text, result])

@@ -1,7 +1,7 @@
 """Commands that get a signal at random instants: what is under the final name is whole, and the next run gives the bytes of one left alone.
 
-A child is forked from a process that has everything imported, so that an instant falls into the work and not into the imports. SIGKILL
-and SIGINT end it; after SIGSTOP and SIGCONT it must end by itself. Of a fleet the child is the scheduler; or a worker gets the signal. Its
+A child is forked from a process that has everything imported, so that an instant falls into the work and not into the imports. SIGKILL,
+SIGTERM and SIGINT end it; stopped and continued it ends by itself. Of a fleet the child is the scheduler; or a worker gets the signal. Its
 workers are forked too, by a setting of Dask: begun anew they take 5 s for imports at each trial.
 """
 
@@ -43,7 +43,7 @@ KINDS = {
     "fleet, a worker": (_FLEET, "fleet/*.mcap"),
 }
 #: The signals.
-SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGSTOP)
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)
 # s for which a process is stopped, one that goes on is waited for, and workers may live on without their scheduler
 _STOPPED, _LONGEST, _ORPHANED = 0.2, 120.0, 10.0
 
@@ -117,7 +117,7 @@ def kill(
         _run(command)
         if _outputs(folder, pattern) != whole:
             found.wrong.append(f"{when}: the next run gives other bytes")
-        endings = (".part", ".ck", ".journal", "unfinished")
+        endings = (".part", ".ck", "unfinished")
         beside = sorted(
             path.name
             for path in (*folder.iterdir(), *folder.glob("fleet/*"))

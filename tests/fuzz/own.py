@@ -4,6 +4,7 @@ Six kinds of damage: a bit flipped, the end cut off, bytes put in, a block of ze
 refused by name with exit code 3, or read with what was lost named and exit code 4, or its answer is that of the sound file.
 """
 
+import json
 import pickle
 import time
 import warnings
@@ -11,7 +12,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -19,15 +19,10 @@ import pytest
 from replay_kit import open_estimate, open_result
 from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig
 from replay_kit.core.errors import ReplayKitError
-from replay_kit.core.sealed import read_store
 from replay_kit.logs import open_log
-from replay_kit.results import read_journal
 from replay_kit.workflows.follow.watch import Memory, read_memory, write_memory
-from replay_kit.workflows.replay.inputs.estimator import built
-from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.region import CHECKPOINT
-from replay_kit.workflows.replay.store.checkpoint import StateStore
+from replay_kit.workflows.replay.state_file import read_state
 from tests.command import invoke
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
@@ -36,7 +31,7 @@ _CONFIG = RunConfig(
 )
 _PLACES = "--start 152.2,-39.9,0 --goal 152.3,-39.8,100"
 #: Kinds of our own files.
-KINDS = ("estimate", "result", "plan", "basis", "state", "journal", "memory")
+KINDS = ("estimate", "result", "plan", "state", "memory")
 #: No hostile input takes longer [s].
 MOST_S = 10.0
 
@@ -166,29 +161,13 @@ def own_files(folder: Path) -> list[Own]:
         ocean / "ensemble.nc",
         ocean / "again.mcap",
         checkpoint=place / "run.ck",
-        basis_store=place,
     )
     with pytest.raises(Killed):
         run_until(job, _CONFIG, 60)
-    forecasts = read_forecasts((ocean / "ensemble.nc",), _CONFIG, None, None)
-    built(forecasts, _CONFIG, job)
     write_memory(place, Memory(said=("a log",) * 40, forecast="ensemble.nc sha256:0"))
     files = {path.name: path for path in place.iterdir() if path.is_file()}
-    head, _ = read_store(files["run.ck"], CHECKPOINT)
-    store = StateStore(files["run.ck.journal"], head["run"])
-    state = store.read_state(files["run.ck"])
-    (basis,) = (path for path in files.values() if path.suffix == ".basis")
+    run_name, _ = json.loads(np.load(files["run.ck"])["replay-kit state 14"].tobytes())
     commands = _result_commands(folder)
-
-    def journal(path: Path) -> Answer:
-        return Answer(0, False, "", list(read_journal(path, state.journal)))
-
-    def estimator(path: Path) -> Answer:
-        fresh = read_forecasts((ocean / "ensemble.nc",), _CONFIG, None, None)
-        with mock.patch(
-            "replay_kit.workflows.replay.inputs.estimator._identity", return_value=path.stem
-        ):
-            return Answer(0, False, "", pickle.dumps(built(fresh, _CONFIG, job)))
 
     return [
         Own("estimate", files["flow.nc"].read_bytes(), files["flow.nc"], _ESTIMATE),
@@ -199,18 +178,11 @@ def own_files(folder: Path) -> list[Own]:
             ocean / "plan.mcap",
             {name: commands[name] for name in ("report", "export", "convert", "info")},
         ),
-        Own("basis", basis.read_bytes(), basis, {"fleet": estimator}),
         Own(
             "state",
             files["run.ck"].read_bytes(),
             files["run.ck"],
-            {"replay": lambda path: Answer(0, False, "", pickle.dumps(store.read_state(path)))},
-        ),
-        Own(
-            "journal",
-            files["run.ck.journal"].read_bytes(),
-            files["run.ck.journal"],
-            {"replay": journal},
+            {"replay": lambda path: Answer(0, False, "", pickle.dumps(read_state(path, run_name)))},
         ),
         Own(
             "memory",

@@ -9,17 +9,13 @@ from pathlib import Path
 
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError
-from replay_kit.core.sealed import write_store
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import open_log
 from replay_kit.logs.dataflash.reader import DataflashReader
 from replay_kit.logs.decode.decoders import decode_json
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
-from replay_kit.workflows.replay.inputs.region import CHECKPOINT
-from replay_kit.workflows.replay.store.checkpoint import StateStore
 
-IDENTITY = "0" * 64
 CORPUS = Path(__file__).parent / "corpus"
 
 
@@ -128,14 +124,6 @@ def toml(data: bytes) -> None:
         load_config(_file())
 
 
-def checkpoint(data: bytes) -> None:
-    """What a checkpoint holds, with the right version, run and checksum before it."""
-    write_store(_file(), CHECKPOINT, {"run": IDENTITY}, [data])
-    with contextlib.suppress(LogError):
-        StateStore(_file(), IDENTITY).read_state(_file())
-
-
 PARSERS: dict[str, Callable[[bytes], None]] = {
-    parser.__name__: parser
-    for parser in (mcap, tlog, dataflash, json, pd0, ad2cp, netcdf, toml, checkpoint)
+    parser.__name__: parser for parser in (mcap, tlog, dataflash, json, pd0, ad2cp, netcdf, toml)
 }

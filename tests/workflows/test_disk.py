@@ -66,12 +66,16 @@ def commands(ocean, out):
         "convert": (f"convert {ocean}/glider.mcap -o {out}", out, 20_000),
         "convert to tlog": (f"convert {ocean}/vessel.tlog -o {tlog}", tlog, 2_000),
         "replay": (replaying(ocean, out), out, 20_000),
-        "journal": (f"{replaying(ocean, out)} --checkpoint {out.with_suffix('.ck')}", out, 3_000),
+        "checkpoint": (
+            f"{replaying(ocean, out)} --checkpoint {out.with_suffix('.ck')}",
+            out,
+            3_000,
+        ),
         "json": (f"info {ocean}/glider.mcap --json {table}", table, 10),
     }
 
 
-NAMES = ["convert", "convert to tlog", "replay", "journal", "json"]
+NAMES = ["convert", "convert to tlog", "replay", "checkpoint", "json"]
 EXPORTS = ["export .nc", "export .csv", "export .kml", "export .geojson"]
 
 
@@ -86,7 +90,7 @@ def test_a_disk_that_fills_is_told_and_the_earlier_output_stays(ocean, tmp_path,
     assert f"{out}.part" in done.stderr or ".ck" in done.stderr
     assert out.read_bytes() == PRECIOUS
     # of a result what was written is kept, and named
-    assert out.with_name(f"{out.name}.part").exists() == (name in ("replay", "journal", "plan"))
+    assert out.with_name(f"{out.name}.part").exists() == (name in ("replay", "checkpoint", "plan"))
 
 
 def test_a_grid_that_does_not_fit_leaves_the_earlier_one(tmp_path):

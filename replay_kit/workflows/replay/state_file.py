@@ -61,7 +61,11 @@ def read_state(path: Path, run: str) -> Any:
         StateError: It is of another run or version, cut or damaged.
     """
     try:
-        with open_input(path) as file:
+        file = open_input(path)
+    except OSError as error:
+        raise LogError(f"{path}: the state of a run cannot be read: {error.strerror}") from error
+    try:
+        with file:
             if _TREE[:16].encode() not in file.read(_ENTRY + 16)[_ENTRY:]:
                 raise LogError(f"{path}: exists and is no state of a run; choose another name")
             members = _members(file, path.stat().st_size)
@@ -70,7 +74,7 @@ def read_state(path: Path, run: str) -> Any:
             return _value(tree, members)
     except (
         *(OSError, ValueError, LookupError, TypeError, AttributeError, ImportError),
-        *(RecursionError, MemoryError, EOFError, struct.error, zipfile.BadZipFile),
+        *(RuntimeError, MemoryError, EOFError, struct.error, zipfile.BadZipFile),
     ) as error:
         raise unusable(path, repr(error)) from error
     raise unusable(path, "it is of another run: inputs, options, versions or settings differ")
@@ -85,9 +89,12 @@ def _members(file: Any, size: int) -> dict[str, Any]:
     """Return the arrays of an npz of some size, flat, and the real numbers with their zeros."""
     found: dict[str, Any] = {}
     with zipfile.ZipFile(file) as archive:
-        if sum(entry.file_size for entry in archive.infolist()) > size:
-            raise ValueError("its members are larger than the file")
-        for entry in archive.infolist():
+        entries = archive.infolist()
+        if sum(entry.file_size for entry in entries) > size or any(
+            e.compress_type for e in entries
+        ):
+            raise ValueError("its members are packed, or larger than the file")
+        for entry in entries:
             data = archive.read(entry)
             at = BytesIO(data)
             np.lib.format.read_magic(at)

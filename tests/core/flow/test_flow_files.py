@@ -16,8 +16,7 @@ import replay_kit
 from replay_kit.core.errors import ConfigError, EstimatorError, ForecastError
 from replay_kit.core.flow.compact import pack, unpack
 from replay_kit.core.flow.dataset import to_dataset, wet_at, write_grid
-from replay_kit.core.flow.file import load, load_bytes, save_bytes
-from replay_kit.core.flow.file import sealed
+from replay_kit.core.flow.file import load, load_bytes, save_bytes, sealed
 from tests.core.flow.made import HOUR, LOCAL, changing
 from tests.places import ROOT
 from tests.synthetic_flow import TIME_NS, regular

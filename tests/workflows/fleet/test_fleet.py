@@ -13,7 +13,6 @@ from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.fleet.page import exit_code, fleet_page, print_fleet, row_of
 from replay_kit.workflows.fleet.run import Outcome, failure, run_fleet, run_mission
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay.inputs import estimator as basis_store
 from replay_kit.workflows.replay.inputs.job import Vehicle
 from replay_kit.workflows.replay.replay import replay
 from tests.command import invoke
@@ -29,7 +28,7 @@ def alone(table, tmp_path_factory):
     """The results of ordinary replays, one by one."""
     out = tmp_path_factory.mktemp("alone")
     for mission in missions_in(table, out):
-        replay(replace(mission.job, basis_store=None), mission.config, planner_of)
+        replay(mission.job, mission.config, planner_of)
     return contents(out)
 
 
@@ -37,31 +36,20 @@ def last(each):
     return list(each)[-1]
 
 
-def test_a_fleet_gives_the_bytes_of_its_missions_one_by_one_and_makes_their_basis_once(
-    table, alone, cluster, tmp_path, monkeypatch
-):
-    made = []
-    monkeypatch.setattr(
-        basis_store,
-        "build",
-        lambda *given, build=basis_store.build: made.append(1) or build(*given),
-    )
+def test_a_fleet_gives_the_bytes_of_its_missions_one_by_one(table, alone, cluster, tmp_path):
     missions = missions_in(table, tmp_path)
     told = []
     outcomes = last(run_fleet(missions, cluster, False, lambda *step: told.append(step[:2])))
     assert [outcome.name for outcome in outcomes] == ["twin00", "twin01"]
     assert not any(outcome.failed or outcome.kept for outcome in outcomes)
     assert contents(tmp_path) == alone
-    assert len(made) == 1
     assert told == [(0, 2), (1, 2), (2, 2)]
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "basis",
         "twin00.json",
         "twin00.mcap",
         "twin01.json",
         "twin01.mcap",
     ]
-    assert [path.suffix for path in sorted((tmp_path / "basis").iterdir())] == [".basis", ".lock"]
 
 
 def test_the_vehicles_of_a_sea_share_an_estimate_as_in_a_replay_of_them(table, tmp_path):
@@ -71,12 +59,11 @@ def test_the_vehicles_of_a_sea_share_an_estimate_as_in_a_replay_of_them(table, t
     sea.write_text(table.read_text().replace('each = "twin*.mcap"\n', entry))
     (mission,) = missions_in(sea, tmp_path)
     assert mission.name == "a-b"
-    (tmp_path / "basis").mkdir()
     outcome = run_mission(mission)
     assert not outcome.failed, outcome.failed
     assert set(outcome.answer["vehicles"]) == set(vehicles)
     named = tuple(Vehicle(name, (table.parent / log,)) for name, log in vehicles.items())
-    job = replace(mission.job, out=tmp_path / "own.mcap", vehicles=named, basis_store=None)
+    job = replace(mission.job, out=tmp_path / "own.mcap", vehicles=named)
     replay(job, mission.config, planner_of)
     assert job.out.read_bytes() == mission.result.read_bytes()
     assert run_mission(mission).kept
@@ -153,7 +140,6 @@ def test_on_a_full_disk_a_mission_fails_in_words_and_leaves_nothing_half_done(
     from tests.workflows.disk import full_disk
 
     missions = missions_in(table, tmp_path)
-    (tmp_path / "basis").mkdir()
     run_mission(missions[1])
     with full_disk(3000):
         outcome = run_mission(missions[0])

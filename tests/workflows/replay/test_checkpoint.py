@@ -1,7 +1,7 @@
 """Runs that are killed and go on give the bytes of an uninterrupted run; a checkpoint that does not fit is refused."""
 
+import json
 import os
-import pickle
 import shutil
 import signal
 import subprocess
@@ -12,24 +12,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from replay_kit.core.sealed import read_store, write_store
-from replay_kit.results.journal import Journal, read_journal
-from replay_kit.workflows.replay.store.checkpoint import journal_path
-from replay_kit.workflows.replay.store.pickling import dump
 
 import replay_kit as rk
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.config.run import OutputConfig, RunConfig
+from replay_kit.config.run import ConsistencyConfig, OutputConfig, RunConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.plan import Place
 from replay_kit.estimator import ReducedBasisEstimator
-from replay_kit.results.mcap_file import ResultFile
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
+from replay_kit.workflows.replay import checkpoint as states
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.region import CHECKPOINT
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.state_file import read_state, write_state
 from replay_kit.workflows.verify import verify
 from tests.workflows.replay.interrupted import Killed, job_in, make_ocean, run_until, truth_in
 
@@ -101,8 +97,7 @@ def test_a_run_stopped_again_and_again_gives_the_bytes_of_one_that_was_not(ocean
     assert out.read_bytes() == whole[0]
     assert summary.by_dive == whole[1].by_dive
     assert summary.messages == whole[1].messages
-    assert not checkpoint.exists()
-    assert not journal_path(checkpoint).exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"]
 
 
 WINDOW = CONFIG.model_copy(update={"time": TimeConfig(scale=432_000.0, window=1800.0)})
@@ -139,11 +134,11 @@ def test_a_run_stopped_within_a_group_goes_on_to_the_same_bytes_and_is_verified(
     out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
     kept = []
 
-    def recorded(value, *how):
+    def recorded(path, run, value):
         kept.append(value)
-        dump(value, *how)
+        write_state(path, run, value)
 
-    monkeypatch.setattr("replay_kit.workflows.replay.store.checkpoint.dump", recorded)
+    monkeypatch.setattr(states, "write_state", recorded)
     for stop_after in (130, 40, 20):
         with pytest.raises(Killed):
             run(ocean, out, checkpoint, stop_after, config=WINDOW, goal=None)
@@ -241,44 +236,34 @@ def test_the_caller_s_environment_changes_nothing(ocean, tmp_path, whole):
     assert (tmp_path / "out.mcap").read_bytes() == whole[0]
 
 
-@pytest.mark.parametrize("what", ["settings", "goal"])
-def test_a_checkpoint_of_another_run_is_refused(ocean, stopped, what):
-    out, checkpoint = stopped
-    other = (
-        CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"modes": 5})})
-        if what == "settings"
-        else CONFIG
-    )
-    with pytest.raises(ConfigError, match="another run"):
-        run(ocean, out, checkpoint, config=other, goal=None if what == "goal" else GOAL)
-
-
-@pytest.mark.parametrize("damage", ["cut", "flip", "journal cut", "journal flip", "journal gone"])
-def test_a_damaged_checkpoint_is_named_and_nothing_is_guessed(ocean, stopped, damage):
-    out, checkpoint = stopped
-    file = journal_path(checkpoint) if damage.startswith("journal") else checkpoint
+@pytest.mark.parametrize(
+    "what", ["settings", "cut", "flip", "result cut", "result flip", "result gone", "parts"]
+)
+def test_a_state_of_another_run_or_damaged_is_told_and_the_run_begins_anew(
+    ocean, stopped, whole, what
+):
+    (out, checkpoint), said, config = stopped, [], CONFIG
+    part = out.with_name("out.mcap.part")
+    file = part if what.startswith("result") else checkpoint
     data = bytearray(file.read_bytes())
-    if damage.endswith("gone"):
+    data[len(data) // 3] ^= 4
+    if what == "settings":
+        config = CONFIG.model_copy(update={"consistency": ConsistencyConfig(on_failure="ignore")})
+    elif what == "parts":
+        name, _ = json.loads(np.load(checkpoint)["replay-kit state 14"].tobytes())
+        write_state(checkpoint, name, replace(read_state(checkpoint, name), state=None))
+    elif what.endswith("gone"):
         file.unlink()
     else:
-        data[100] ^= 4
-        file.write_bytes(data if damage.endswith("flip") else data[: len(data) // 2])
-    with pytest.raises((LogError, ConfigError), match=file.name):
-        run(ocean, out, checkpoint)
-
-
-@pytest.mark.parametrize("what", ["getcwd", "dotted", "file"])
-def test_a_checkpoint_that_would_act_is_not_loaded(ocean, stopped, what):
-    out, checkpoint = stopped
-    body = {
-        "getcwd": pickle.dumps(os.getcwd),
-        "dotted": b"\x80\x04\x8c\x26replay_kit.estimator.baselines.columns\x8c\x18np.f2py.subprocess.Popen\x93.",
-        "file": pickle.dumps(ResultFile),
-    }[what]
-    head, _ = read_store(checkpoint, CHECKPOINT)
-    write_store(checkpoint, CHECKPOINT, head, [body])
-    with pytest.raises(LogError, match="which no value of this program does"):
-        run(ocean, out, checkpoint)
+        file.write_bytes(data if what.endswith("flip") else data[: len(data) // 2])
+    job = job_in(ocean, out, GOAL, checkpoint, tell=said.append)
+    run_until(job, config, None)
+    (text,) = said
+    assert "run.ck: the run cannot go on from it: " in text
+    assert text.endswith("; the replay begins anew")
+    if what != "settings":
+        assert out.read_bytes() == whole[0]
+    assert not checkpoint.exists()
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "glider.mcap", "ensemble.nc", "other"])
@@ -286,52 +271,7 @@ def test_a_checkpoint_harms_no_other_file(ocean, tmp_path, name):
     for source in ("glider.mcap", "ensemble.nc"):
         shutil.copy(ocean / source, tmp_path / source)
     (tmp_path / "other").write_text("precious")
-    (tmp_path / "new.journal").write_text("precious")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    for checkpoint in (tmp_path / name, tmp_path / "new"):
-        with pytest.raises(
-            (ConfigError, LogError), match=r"out\.mcap|input|no checkpoint|no journal"
-        ):
-            run(tmp_path, tmp_path / "out.mcap", checkpoint)
-        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
-def test_a_journal_gives_back_what_it_was_told_and_forgets_what_was_not_confirmed(tmp_path):
-    path = tmp_path / "journal"
-    journal = Journal(path)
-    entries = [
-        ({"kind": "message", "n": n}, np.random.default_rng(n).bytes(n * 37)) for n in range(5)
-    ]
-    for entry in entries[:3]:
-        journal.append(*entry)
-    place = journal.flushed()
-    journal.append({"kind": "lost"}, b"x")
-    journal.close()
-    assert list(read_journal(path, place)) == entries[:3]
-    again = Journal(path, place)
-    for entry in entries[3:]:
-        again.append(*entry)
-    assert list(read_journal(path, again.flushed())) == entries
-    again.close()
-    with pytest.raises(LogError, match="expected at least"):
-        Journal(path, (10**6, 0))
-
-
-def test_entries_of_a_journal_that_were_swapped_left_out_or_are_of_another_run_are_refused(
-    tmp_path,
-):
-    path, ends = tmp_path / "journal", []
-    journal = Journal(path)
-    for n in range(3):
-        journal.append({"kind": "message", "n": n}, b"data")
-        ends.append(journal.flushed())
-    journal.close()
-    data = path.read_bytes()
-    (a, _), (b, _), (c, crc) = ends
-    for damaged in (data[:a] + data[b:c] + data[a:b], data[:b] + data[a:b]):
-        path.write_bytes(damaged)
-        with pytest.raises(LogError, match=r"journal: .*checksum does not match"):
-            list(read_journal(path, (c, crc)))
-    path.write_bytes(data)
-    with pytest.raises(LogError, match="of another run than the checkpoint"):
-        list(read_journal(path, (c, crc ^ 1)))
+    with pytest.raises((ConfigError, LogError), match=r"out\.mcap|input|no state of a run"):
+        run(tmp_path, tmp_path / "out.mcap", tmp_path / name)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before

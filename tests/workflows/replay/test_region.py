@@ -1,12 +1,10 @@
 """The part of a large forecast that a log needs: found by itself, kept, and followed by windows where one is not enough."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
-from replay_kit.core.sealed import write_store
 
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import (
@@ -31,10 +29,8 @@ from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of
 from replay_kit.workflows.replay.inputs.region import (
-    CHECKPOINT,
     _first_window,
     from_record,
-    recorded_region,
     window_points,
 )
 from replay_kit.workflows.replay.replay import replay
@@ -168,29 +164,18 @@ def test_windows_are_squares_of_14_correlation_lengths_of_at_least_1600_points(
 
 
 @pytest.mark.full
-def test_the_region_is_kept_in_result_and_checkpoint(strip, tmp_path):
+def test_the_region_is_kept_in_the_result_and_found_again(strip, tmp_path):
     whole = tmp_path / "whole.mcap"
     run_until(job(strip, out=whole), CONFIG, None)
     found = forecasts_of(job(strip), CONFIG).region
-    assert found is not None
+    assert from_record(found.to_record()) == found
     checkpoint = tmp_path / "run.ck"
     with pytest.raises(Killed):
         run_until(job(strip, out=tmp_path / "again.mcap", checkpoint=checkpoint), CONFIG, 60)
-    assert recorded_region(checkpoint) == found
+    assert checkpoint.exists()
     run_until(job(strip, out=tmp_path / "again.mcap", checkpoint=checkpoint), CONFIG, None)
     assert (tmp_path / "again.mcap").read_bytes() == whole.read_bytes()
     assert verify(whole, [strip], planner_of).same
-
-
-def test_a_continued_run_takes_the_region_of_its_checkpoint(strip, tmp_path):
-    found = forecasts_of(job(strip), CONFIG).region
-    assert found is not None
-    other = replace(found, region=(-12.5, 40.0, -10.5, 41.0))
-    write_store(tmp_path / "run.ck", CHECKPOINT, {"region": other.to_record()}, [])
-    assert forecasts_of(job(strip, checkpoint=tmp_path / "run.ck"), CONFIG).region == other
-    (tmp_path / "run.ck").write_bytes((tmp_path / "run.ck").read_bytes()[:60])
-    assert recorded_region(tmp_path / "run.ck") is None
-    assert from_record(found.to_record()) == found
 
 
 @pytest.fixture(scope="module")

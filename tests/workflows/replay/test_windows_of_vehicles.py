@@ -105,16 +105,12 @@ def test_windows_are_shared_by_vehicles_that_meet(pooled):
 def test_logs_in_another_order_and_a_run_that_was_stopped_give_the_same_bytes(
     basin, pooled, tmp_path
 ):
-    # as one of a fleet, whose bases windows do not share
-    job = job_of(
-        basin, tmp_path / "out.mcap", "cab", checkpoint=tmp_path / "run.ck", basis_store=tmp_path
-    )
+    job = job_of(basin, tmp_path / "out.mcap", "cab", checkpoint=tmp_path / "run.ck")
     with pytest.raises(Killed):
         run_until(job, SETTINGS, 50)
     assert (tmp_path / "run.ck").exists()
     run_until(job, SETTINGS, None)
     assert (tmp_path / "out.mcap").read_bytes() == pooled[0].path.read_bytes()
-    assert not list(tmp_path.glob("*.basis"))
 
 
 @pytest.mark.full
