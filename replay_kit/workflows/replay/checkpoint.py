@@ -142,7 +142,7 @@ class States:
         if self._grows:
             self._waiting.append(checkpoint)
         else:
-            session.writer.flush()
+            run.writer.flush()
             self._write(checkpoint)
             self._written_ns = run.last_ns
 

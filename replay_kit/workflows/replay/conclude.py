@@ -69,7 +69,8 @@ def conclude(
             notes += (_NOT_DENIED,)
         if windows:
             notes += (
-                f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {names[0]}; the result holds all",
+                f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {names[0]}; "
+                "the result holds all",
             )
         notes += tuple(f"{one.name}: {text}" for one in job.vehicles for text in one.notes)
         summary = replace(

@@ -59,16 +59,14 @@ class Track:
 
     def __getitem__(self, i: int) -> VehicleState:
         """Return one of them."""
-        ((*place, number, topic, ordinal),) = zip(
-            *(self.columns[name][[i]].tolist() for name in _OF_POSITION), strict=True
-        )
-        return VehicleState(*place, Source(number, self.topics[topic], ordinal, place[0]))
+        return next(iter(Track({name: self.columns[name][[i]] for name in _OF_POSITION}, self.topics)))
 
     def __iter__(self) -> Iterator[VehicleState]:
         """Yield them one by one."""
-        rows = zip(*(self.columns[name].tolist() for name in _OF_POSITION), strict=True)
-        for *place, number, topic, ordinal in rows:
-            yield VehicleState(*place, Source(number, self.topics[topic], ordinal, place[0]))
+        for row in zip(*(self.columns[name].tolist() for name in _OF_POSITION), strict=True):
+            time, longitude, latitude, depth, reckoned, number, topic, ordinal = row
+            source = Source(number, self.topics[topic], ordinal, time)
+            yield VehicleState(time, longitude, latitude, depth, reckoned, source)
 
     @property
     def time_ns(self) -> int:

@@ -287,7 +287,7 @@ class Run:
     def _measured(
         self, number: int, own: Sequence[Message], places: Sequence[int]
     ) -> tuple[Block, Mapping[int, FoundWith], Sequence[int]]:
-        """Return what messages of a vehicle measured, after its checks, what was found with which event, and of each its message's place."""
+        """Return what messages of a vehicle measured, after its checks, what was found with which event, and each event's message's place."""
         of, setup, read = self.of[number], self.setups[number], [m for m in own if m.schema != END]
         first = of.stream.order
         with self.clock.stage("measure"):
