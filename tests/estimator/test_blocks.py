@@ -48,7 +48,7 @@ def test_blocks_are_measurements_one_by_one(spread, size):
     assert decisions.count("rejected") >= 5
     assert [step.innovation.decision for step in blocks] == decisions
     for ours, theirs in zip(blocks, one_by_one, strict=True):
-        assert ours.event is theirs.event
+        assert ours.event.source == theirs.event.source
         assert ours.after.time_ns == theirs.after.time_ns
         for name in FIELDS:
             one, same = (getattr(each.innovation, name) for each in (ours, theirs))

@@ -146,7 +146,7 @@ def test_a_group_is_all_its_profiles_at_their_mean_place_and_time(time, change):
     estimator, group = build([SEA], CONFIG, None, time), Profiles.of(log)
     state, (step,) = estimator.assimilate(estimator.initial(), [group])
     twin = twin_of(estimator, time)
-    seen = [(twin.rows(each, group), group.time_ns) for each in log]
+    seen = [(twin.rows(each, log), group.time_ns) for each in log]
     assert_equal(estimator, state, twin, seen)
     assert (step.innovation.profiles, state.profiles) == (6, 6)
     designs, values, _ = zip(*(rows for rows, _ in seen), strict=True)

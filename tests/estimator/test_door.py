@@ -12,7 +12,7 @@ from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import Estimator, Stepped, build
 from replay_kit.estimator.baselines import BASELINES, build_named
 from replay_kit.estimator.interface import require_estimator
-from replay_kit.estimator.update.screening import unused_innovation
+from replay_kit.estimator.update.screening import screened
 from tests import synthetic
 from tests.estimator.seas import CONFIG, GRID, SEA, dive, profiles
 
@@ -28,9 +28,8 @@ class Still(Estimator[int]):
     def assimilate(self, state, block):
         out = []
         for k, event in enumerate(block, state):
-            linear = event.linear
-            said = unused_innovation(event, linear.flags, linear.reasons)
-            out.append(Stepped(event, k, k + 1, said))
+            ((one,), _) = screened([event], GRID)
+            out.append(Stepped(event, k, k + 1, one.unused(0)))
         return state + len(block), out
 
     def flow(self, state):

@@ -8,6 +8,7 @@ current's.
 import numpy as np
 
 from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.observation import Profiles
 from tests.reference.estimator import log_density
 from tests.reference.lattice import matrix
 
@@ -106,7 +107,7 @@ class Twin:
     def rows(self, given, group=None):
         """Design, values about what is known, and the covariance of their errors; differences where the values are relative."""
         given, projection = given.linear, self.flow.grid.projection
-        around = (given if group is None else group), given.depth.size
+        around = (given if group is None else Profiles.of(group)), given.depth.size
         lon, lat = (np.resize(getattr(around[0], x), around[1]) for x in ("longitude", "latitude"))
         times = given.point_time_ns
         times = np.full(around[1], around[0].time_ns) if times is None else times
@@ -132,7 +133,7 @@ class Twin:
             effect = np.zeros((len(points), 2, len(self.biases)))
             known_motion = given.platform_velocity or np.isinf(given.common_std)
             if given.at_one_place and len(given.components) == 2 and known_motion:
-                members = [given] if group is None else [each.linear for each in group.profiles]
+                members = [given] if group is None else [each.linear for each in group]
                 moved = [
                     rotate_to_local(
                         projection,

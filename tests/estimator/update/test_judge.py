@@ -49,15 +49,18 @@ def test_the_statistic_is_the_textbook_s_with_errors_as_large_as_the_noise(squar
     rng = np.random.default_rng(0)
     root = rng.standard_normal((6, 6))
     cov, innovation = root @ root.T, rng.standard_normal(6)
-    verdict = judged(innovation, cov, (square, 10), 1e-5)
+    # beside others of its column
+    each, squares = np.stack([innovation, 2.0 * innovation]), np.array([square, 50.0])
+    verdict = judged(each, cov, (squares, 10), 1e-5)
     inverse = np.linalg.inv(cov + scale * np.eye(6))
-    assert verdict.statistic == pytest.approx(innovation @ inverse @ innovation)
-    assert (verdict.error_factor, verdict.threshold) == pytest.approx((scale, chi2.isf(1e-5, 6)))
+    assert verdict.statistic[0] == pytest.approx(innovation @ inverse @ innovation)
+    assert verdict.error_factor.tolist() == pytest.approx([scale, 5.0])
+    assert verdict.threshold.tolist() == pytest.approx([chi2.isf(1e-5, 6)] * 2)
     stated = np.linalg.inv(cov + np.eye(6))
-    assert verdict.nis == pytest.approx(innovation @ stated @ innovation + square)
-    assert verdict.log_det == pytest.approx(np.linalg.slogdet(cov + np.eye(6))[1])
-    trusting = judged(1e3 * innovation, cov, (1e6, 10), None)
-    assert (trusting.error_factor, trusting.accepted) == (1.0, True)
+    assert verdict.nis[0] == pytest.approx(innovation @ stated @ innovation + square)
+    trusting = judged(1e3 * each, cov, (1e6 * squares, 10), None)
+    assert (trusting.error_factor == 1.0).all()
+    assert trusting.accepted.all()
 
 
 def test_scatter_is_believed_less_and_what_is_wrong_as_a_whole_is_rejected():

@@ -30,13 +30,14 @@ VARIANTS = {
 
 
 def columns(observer, measurements, scale=1.0):
-    return observer.columns([screened([(m,)], SEA.grid)[0] for m in measurements], scale)
+    return observer.columns([screened([m], SEA.grid)[0][0] for m in measurements], scale)
 
 
 def said(column):
-    y, left, dof = column.compressed(0)
-    rows = column.rows(0) @ column.design
-    return rows.T @ rows, rows.T @ y, y @ y + left, dof, column.layouts[0].half_log_det
+    (part,) = column.parts
+    (y,), (left,), dof = column.compressed(part)
+    rows = column.rows(part) @ column.design
+    return rows.T @ rows, rows.T @ y, y @ y + left, dof, part.layout.half_log_det
 
 
 def assert_alike(one, other):
@@ -63,7 +64,7 @@ def test_the_factor_on_the_prior_variance_counts_for_what_is_remembered():
     (wide,), (alone,) = (columns(each, [PLAIN], 9.0) for each in (observer, replace(observer)))
     assert_alike(wide, alone)
     (plain,) = columns(observer, [PLAIN])
-    assert wide.layouts[0].std.min() > plain.layouts[0].std.min()
+    assert wide.parts[0].layout.std.min() > plain.parts[0].layout.std.min()
 
 
 def test_more_measurements_than_are_remembered_are_what_they_are():

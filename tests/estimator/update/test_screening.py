@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Flag, Reason
-from replay_kit.estimator.update.screening import is_duplicate, screen
+from replay_kit.core.observation import Flag, Profiles, Reason
+from replay_kit.estimator.update.screening import screen, screened
 from tests import synthetic
 from tests.estimator.seas import dive
 
@@ -16,10 +16,11 @@ GRID = synthetic.ensemble(levels=np.array([5.0, 65.0, 165.0])).grid
 SHALLOW = replace(GRID, wet=GRID.wet & (np.arange(3) == 0)[:, None, None])
 
 
-def screened(depth, grid: Grid = GRID, relative: bool = False, **changes):
+def of_depths(depth, grid: Grid = GRID, relative: bool = False, **changes):
     depth = np.asarray(depth, dtype=float)
     profile = synthetic.profile(grid, 0.0, 0.0, depth, np.zeros((depth.size, 2)))
-    (flags,), (reasons,) = screen([replace(profile, **changes)], grid, relative)
+    columns = Profiles.of([replace(profile, **changes)]).columns
+    (flags,), (reasons,) = screen(columns, grid, relative)
     return flags, reasons
 
 
@@ -35,7 +36,7 @@ def screened(depth, grid: Grid = GRID, relative: bool = False, **changes):
 )
 def test_a_bin_is_used_on_a_limit_and_not_beyond_it(depth, changes, used, reason):
     given = changes | {name: np.array(each) for name, each in changes.items() if name != "grid"}
-    flags, reasons = screened(depth, **given)
+    flags, reasons = of_depths(depth, **given)
     assert flags.tolist() == [Flag.GOOD] * used + [Flag.FAIL] * (3 - used)
     assert reasons.tolist() == [0] * used + [reason] * (3 - used)
 
@@ -53,7 +54,7 @@ def test_a_bin_is_used_on_a_limit_and_not_beyond_it(depth, changes, used, reason
 def test_two_bins_say_something_of_their_difference_and_one_alone_does_not(flags, relative, used):
     given = np.array(flags + [Flag.MISSING] * (4 - len(flags)), np.int8)
     unknown = {"common_std": np.inf, "reference": "platform"}
-    found, reasons = screened([10.0, 20.0, 30.0, 40.0], relative=relative, flags=given, **unknown)
+    found, reasons = of_depths([10.0, 20.0, 30.0, 40.0], relative=relative, flags=given, **unknown)
     assert found[: len(flags)].tolist() == (flags if used else [Flag.FAIL] * len(flags))
     assert np.all((reasons & Reason.PLATFORM_REFERENCE > 0) == (used == 0))
 
@@ -66,7 +67,7 @@ def test_the_edge_of_the_region_belongs_to_it():
         )
         for away in (0.0, 2.0)
     )
-    flags, reasons = screen([inside, outside], GRID)
+    flags, reasons = screen(Profiles.of([inside, outside]).columns, GRID)
     assert flags[0] == Flag.GOOD
     assert reasons[1] == Reason.OUTSIDE_REGION
 
@@ -91,15 +92,25 @@ PROFILE = synthetic.profile(
 )
 
 
+def is_duplicate(first, other):
+    """Whether the second of two measurements is refused as the first one, logged twice."""
+    found, _ = screened([first, other], GRID)
+    return found[1].refused.tolist() == [Reason.DUPLICATE]
+
+
 def test_the_same_numbers_are_the_same_observation_missing_ones_too():
-    assert is_duplicate(
-        PROFILE.linear,
-        replace(PROFILE, velocity=PROFILE.velocity.copy(), depth=PROFILE.depth.copy()),
-    )
-    assert not is_duplicate(None, PROFILE)
+    same = replace(PROFILE, velocity=PROFILE.velocity.copy(), depth=PROFILE.depth.copy())
+    assert is_duplicate(PROFILE, same)
+    assert is_duplicate(dive(), dive())
+    (alone,), last = screened([PROFILE], GRID)
+    assert alone.is_used
+    # also of another block
+    assert screened([same], GRID, last)[0][0].refused.tolist() == [Reason.DUPLICATE]
 
 
 @pytest.mark.parametrize("name", ["time_ns", "longitude", "latitude", "depth", "velocity"])
 def test_one_other_number_makes_another_observation(name):
-    other = replace(PROFILE, **{name: getattr(PROFILE, name) + 1})
-    assert not is_duplicate(PROFILE.linear, other)
+    other = replace(PROFILE, **{name: getattr(PROFILE, name) + 1e-9})
+    if name == "time_ns":
+        other = replace(PROFILE, time_ns=PROFILE.time_ns + 1)
+    assert not is_duplicate(PROFILE, other)
