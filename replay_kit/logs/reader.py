@@ -236,14 +236,14 @@ def unreadable(path: str | Path, error: OSError) -> LogError:
 
 def reading(
     logs: Sequence[LogReader | LogFile], progress: Progress, what: str
-) -> Callable[[], None]:
-    """Return a function that is called with each message and reports how much of the logs is read."""
+) -> Callable[[int], None]:
+    """Return a function that is called with numbers of messages and reports how much of the logs is read."""
     files, count = [log for log in logs if isinstance(log, LogFile)], 0
 
-    def advance() -> None:
+    def advance(messages: int) -> None:
         nonlocal count
-        count += 1
-        if count % _LOOK == 0:
+        count += messages
+        if count % _LOOK < messages:
             progress(sum(log.share_read() for log in files), len(files), what)
 
     return advance

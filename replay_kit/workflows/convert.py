@@ -113,7 +113,7 @@ def _to_mcap(
     logs: Sequence[LogFile],
     out: Path,
     config: LogConfig,
-    on_message: Callable[[], None],
+    on_message: Callable[[int], None],
     check_inputs: Callable[[], None],
 ) -> ConvertSummary:
     def check(part: Path, writer: McapLogWriter) -> None:
@@ -131,7 +131,7 @@ def _to_mcap(
         frames = heapq.merge(*(log.frames() for log in logs if log.has_own_frames), key=_order)
         for message in chain(merged, (frame for frame in frames if _in_span(frame, config))):
             writer.copy(message)
-            on_message()
+            on_message(1)
     return ConvertSummary(out, writer.written, tuple(log.report() for log in logs))
 
 
@@ -148,7 +148,7 @@ def _to_tlog(
     logs: Sequence[LogFile],
     out: Path,
     config: LogConfig,
-    on_message: Callable[[], None],
+    on_message: Callable[[int], None],
     check_inputs: Callable[[], None],
 ) -> ConvertSummary:
     """Write the frames that the logs hold as they are, and frames made of fixes and pings that no such frame holds."""
@@ -167,7 +167,7 @@ def _to_tlog(
                 for name, entry in message.entries():
                     file.write(entry)
                     count[name] += 1
-            on_message()
+            on_message(1)
     # frames are read without a report
     for log in logs:
         if log.has_own_frames:

@@ -152,8 +152,7 @@ def _forward(
     advance = reading(inputs.by_vehicle[0], progress, "reading the logs")
     while block := next_block(messages):
         run.take(block)
-        for _ in block:
-            advance()
+        advance(len(block))
     run.finish(inputs.merged, [0])
     return run, inputs, done
 

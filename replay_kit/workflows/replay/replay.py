@@ -163,7 +163,7 @@ def _loop(
     inputs: Prepared,
     states: States | None,
     on_digest: Callable[[Digest], None] | None,
-    on_message: Callable[[], None],
+    on_messages: Callable[[int], None],
 ) -> None:
     """Pass the logs' messages, those after a state, through the run."""
     job, messages = inputs.job, inputs.messages()
@@ -183,8 +183,7 @@ def _loop(
         if not run.messages:
             _begin_result(run, inputs, block[0].time_ns)
         run.take(block)
-        for _ in block:
-            on_message()
+        on_messages(len(block))
         if run.writer is not None:
             run.writer.digest(run.last_ns)
         if states is not None:

@@ -18,8 +18,9 @@ from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 from replay_kit.workflows.replay.stages.surface import SurfaceState, surface_step
 
-# A vehicle that moved less keeps its heading [m].
+# A vehicle that moved less keeps its frame [m], and one that moved less from place to place its heading.
 _MOVED = 10.0
+_Place = tuple[float, float, float]
 
 
 #: Writes what is published to a result.
@@ -35,6 +36,7 @@ class PublishingState:
         projection: The local frame; None before the first position.
         position: The last one.
         turned: Local east and north [m] where the heading was found last, and the heading, clockwise from local north [rad].
+        placed: Local east, north and depth [m] of the frame last published.
         windows: Number of windows left by the vehicle whose last estimates were published.
         withdrawn: How many of these, the first ones, belong to an estimate that was rebuilt.
         surface: What radars show beside the estimate.
@@ -43,7 +45,8 @@ class PublishingState:
     next_slices_ns: int | None = None
     projection: Projection | None = None
     position: VehicleState | None = None
-    turned: tuple[float, float, float] | None = None
+    turned: _Place | None = None
+    placed: _Place | None = None
     windows: int = 0
     withdrawn: int = 0
     surface: SurfaceState = field(default_factory=SurfaceState)
@@ -90,27 +93,31 @@ def publish_innovations(steps: Sequence[Step]) -> tuple[Output, ...]:
 def publish_track(
     state: PublishingState, track: Iterable[VehicleState], flow_at: Callable[[int], FlowEstimate]
 ) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after positions in a row, and each with the vehicle's frame, which looks along its way; see ``publish_step``."""
+    """Return the state after positions in a row, and these, with the vehicle's frame where it has moved, which looks along its way; see ``publish_step``."""
     track = list(track)
     projection = state.projection or flow_at(track[0].time_ns).grid.projection
     degrees = np.array([(each.longitude, each.latitude) for each in track])
     local = (each.tolist() for each in to_local(projection, *degrees.T))
-    turned, outputs = state.turned, list[Output]()
+    turned, placed, moves = state.turned, state.placed, list[tuple[_Place, float] | None]()
     for position, east, north in zip(track, *local, strict=True):
-        turned = turned or (east, north, 0.0)
+        turned, place = turned or (east, north, 0.0), (east, north, _depth(position))
         moved = east - turned[0], north - turned[1]
         if math.hypot(*moved) > _MOVED:
-            turned = east, north, float(np.arctan2(*moved))
-        outputs.append(_placed(position, (east, north, _depth(position)), turned[2]))
-    return replace(state, projection=projection, position=track[-1], turned=turned), tuple(outputs)
+            turned = east, north, math.atan2(*moved)
+        if placed is None or math.dist(placed, place) > _MOVED:
+            placed = place
+            moves.append((place, turned[2]))
+        else:
+            moves.append(None)
 
-
-def _placed(position: VehicleState, place: tuple[float, float, float], heading: float) -> Output:
     def write(writer: ResultWriter) -> None:
-        writer.fix(position)
-        writer.vehicle(position.time_ns, place, heading)
+        for position, move in zip(track, moves, strict=True):
+            writer.fix(position)
+            if move is not None:
+                writer.vehicle(position.time_ns, *move)
 
-    return write
+    after = replace(state, projection=projection, position=track[-1], turned=turned, placed=placed)
+    return after, (write,)
 
 
 def publish_windows(
