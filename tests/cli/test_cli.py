@@ -183,15 +183,14 @@ def test_json_replaces_whole_files_only_when_asked_and_goes_to_pipes(ocean, tmp_
 def test_ctrl_c_ends_with_130_and_names_the_part_of_a_replay(ocean, tmp_path):
     part = tmp_path / "out.mcap.part"
     inputs = f"{ocean / 'survey.mcap'} --ensemble {ocean / 'ensemble.nc'}"
-    # the process interrupts itself after its ninth message: a signal from outside may come before the run begins or after it ended
+    # the process interrupts itself after its first block: a signal from outside may come before the run begins or after it ended
     code = (
-        "import signal, os, replay_kit.cli.app as c, replay_kit.workflows.replay.session as r\n"
-        "met, real = [], r.Session.take_message\n"
-        "def counted(*a):\n"
-        "    met.append(1)\n"
-        "    if len(met) == 10: os.kill(os.getpid(), signal.SIGINT)\n"
-        "    return real(*a)\n"
-        "r.Session.take_message = counted\n"
+        "import signal, os, replay_kit.cli.app as c, replay_kit.workflows.replay.run as r\n"
+        "real = r.Run.take\n"
+        "def taken(*a):\n"
+        "    real(*a)\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "r.Run.take = taken\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\nc.main()"
     )
     command = [sys.executable, "-c", code, *f"replay {inputs} -o out.mcap".split()]

@@ -6,11 +6,10 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.block import LINEAR, PING, POSITION, Block
 from replay_kit.core.observation import Observation, Profiles, VehicleState
 from replay_kit.core.progress import Stopwatch
-from replay_kit.workflows.replay.events import Events, items
 from replay_kit.workflows.replay.run import Run, Setup
 
 
-def block_of(values):
+def block_of(values, topics=None):
     """A block of positions, profiles of as many bins each, and other measurements, in order."""
     kinds = [
         POSITION
@@ -25,7 +24,7 @@ def block_of(values):
         for kind in (POSITION, PING, LINEAR)
     }
     rows = [kinds[:k].count(kind) for k, kind in enumerate(kinds)]
-    topics = sorted({one.source.topic for one in values})
+    topics = topics or sorted({one.source.topic for one in values})
     position = {
         "time": np.array([one.time_ns for one in each[POSITION]]),
         "input": np.array([one.source.input for one in each[POSITION]]),
@@ -43,18 +42,6 @@ def block_of(values):
         ping = {**made.columns, "topic": names[made["topic"]], "bins": bins}
     events = np.column_stack([np.arange(len(values)), kinds, rows])
     return Block(events, position, ping, {}, each[LINEAR], topics, np.empty((0, 3), np.int64), ())
-
-
-def steps_of(values):
-    """What the stages are given of values: positions one by one, profiles in columns."""
-    block = block_of(values)
-    events = Events.of(block, list(block.linear))
-    for item in items(events, None, 0, last=True)[0]:
-        yield from (
-            item.event
-            if hasattr(item.event, "columns") and not isinstance(item.event, Profiles)
-            else (item.event,)
-        )
 
 
 def run_of(estimator, config=None, problem=None):
