@@ -25,10 +25,12 @@ from replay_kit.core.plan import Place, Plan
 from replay_kit.core.progress import Stopwatch
 from replay_kit.measurements.region import for_region
 from replay_kit.workflows.library import At, Settings, plan, settings_of
+from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
-from replay_kit.workflows.replay.run import END, Run, Setup
+from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
+from replay_kit.workflows.replay.state import Setup
 
 
 def live(ensemble: Paths, *, settings: Settings = None) -> Live:
@@ -55,6 +57,7 @@ class Live:
         with self._threads.limit(limits=config.output.threads):
             setup = Setup(build(forecasts, config), config, speeds=speeds)
         self._run = Run([setup], for_region(config, forecasts.ensemble).measurements, Stopwatch())
+        self._run.follow_up = follow_up
 
     def feed(self, messages: Iterable[Message], *, last: bool = False) -> None:
         """Take messages, in the order of their times.

@@ -142,10 +142,11 @@ def _forward(
     run, inputs = prepare(job, config, None, silent, forecasts, with_window(estimator, 0.0))
     done = list[tuple[Any, Innovation | None]]()
 
-    def keep(number: int, step: Step) -> None:
-        if not isinstance(step.event, Aside):
-            found = step.assimilation
-            done.append((step.event, None if found is None else found.innovation))
+    def keep(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
+        for _, step in steps:
+            if not isinstance(step.event, Aside):
+                found = step.assimilation
+                done.append((step.event, None if found is None else found.innovation))
 
     run.follow_up = keep
     messages = inputs.messages()

@@ -19,7 +19,8 @@ import orjson
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.results.mcap_file import Written
-from replay_kit.workflows.replay.run import END, Run, RunState
+from replay_kit.workflows.replay.run import END, Run
+from replay_kit.workflows.replay.state import RunState
 from replay_kit.workflows.replay.state_file import read_state, unusable, write_state
 
 # What stages raise on a state whose parts are of other kinds or sizes.

@@ -60,7 +60,7 @@ def check_inputs(
     screen = (_Screen if config.estimator.name == OWN else _OfProfiles)(forecasts)
     job = replace(job, out=None, truth=None)
     run, inputs = prepare(job, config, planner_of, silent, forecasts, screen)
-    run.follow_up = lambda number, step: None
+    run.follow_up = lambda run, steps: None
     messages = inputs.messages()
     while block := next_block(messages):
         run.take(block)

@@ -23,16 +23,18 @@ from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
 from replay_kit.results.slices import depth_slice
 from replay_kit.results.topics import WINDOWS_RECORD
+from replay_kit.workflows.replay.follow_up import end, left_windows, publish
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.inputs.job import ReplayJob, open_truth
 from replay_kit.workflows.replay.inputs.provenance import cited
 from replay_kit.workflows.replay.prepare import Prepared
-from replay_kit.workflows.replay.run import OfVehicle, Run
+from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.scoring import name_of, rival_inputs, score_against_truth
 from replay_kit.workflows.replay.stages.consistency import conclusions, require_one_vehicle
 from replay_kit.workflows.replay.stages.forecast_file import check_file
 from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.replay.stages.publishing import published_depths
+from replay_kit.workflows.replay.state import OfVehicle
 from replay_kit.workflows.replay.statistics import pooled
 from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
 
@@ -124,7 +126,7 @@ def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate],
     begun = [of.first_ns for of in run.of if of.first_ns is not None]
     span_ns = (min(begun, default=run.last_ns), run.last_ns)
     for number, setup in enumerate(run.setups):
-        planned_on, window = run.end(number), setup.estimator.window(run.current)
+        planned_on, window = end(run, number), setup.estimator.window(run.current)
         if window not in held:
             own = (
                 flow_at(setup.estimator, run.current, run.last_ns) if run.is_pooled else planned_on
@@ -133,9 +135,9 @@ def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate],
             held[window] = replace(dated, about=about)
         flows.append(held[window])
     _, *others = held.values()
-    numbers = dict(zip(map(id, others), run.publish_windows(iter(others)), strict=True))
+    numbers = dict(zip(map(id, others), left_windows(run, iter(others)), strict=True))
     for one in (*others, flows[0]):
-        run.publish(one, run.last_ns)
+        publish(run, one, run.last_ns)
     each = zip(run.setups, flows, strict=True)
     return flows, {setup.name: numbers[id(own)] for setup, own in each if id(own) in numbers}
 

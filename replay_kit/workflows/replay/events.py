@@ -59,7 +59,9 @@ class Track:
 
     def __getitem__(self, i: int) -> VehicleState:
         """Return one of them."""
-        return next(iter(Track({name: self.columns[name][[i]] for name in _OF_POSITION}, self.topics)))
+        return next(
+            iter(Track({name: self.columns[name][[i]] for name in _OF_POSITION}, self.topics))
+        )
 
     def __iter__(self) -> Iterator[VehicleState]:
         """Yield them one by one."""

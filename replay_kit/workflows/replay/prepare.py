@@ -19,6 +19,7 @@ from replay_kit.logs.merge import Merge
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.region import for_region
 from replay_kit.results.vehicles import VEHICLES_RECORD
+from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.inputs.estimator import built
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.goals import check_goal, with_planner_kind
@@ -38,11 +39,12 @@ from replay_kit.workflows.replay.inputs.provenance import (
     vehicles_record,
 )
 from replay_kit.workflows.replay.inputs.vehicles import first_windows
-from replay_kit.workflows.replay.run import END, Run, Setup
+from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.scoring import rival_inputs
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
+from replay_kit.workflows.replay.state import Setup
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,6 +148,7 @@ def prepare(
     measured_by = for_region(setups[0].config, ensemble).measurements
     owners = [number for number, of_vehicle in enumerate(readers) for _ in of_vehicle]
     run = Run(setups, measured_by, clock, owners)
+    run.follow_up = follow_up
     return run, Prepared(job, readers, merged, forecasts, prior_flow, truth, metadata)
 
 

@@ -1,15 +1,12 @@
-"""A replay as it runs: messages go through the stages, and what these publish goes to the writer.
+"""A replay as it runs: messages in, events in order of time into the estimate, steps out.
 
-The stages (``stages/``, ``surfacings/``, ``statistics.py``) are functions of frozen states and know neither the writer nor the clock. Their
-states together are what a checkpoint keeps. Several vehicles share one estimate: each has its own messages, checks, counts and plans, and
-gives what it measured to the estimate in order of time.
+The stages are functions of frozen states and know neither the writer nor the clock; what they publish goes to the writer. Several vehicles
+share one estimate: each has its own messages, checks, counts and plans, and gives what it measured to the estimate in order of time.
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field
-from functools import partial
 from operator import itemgetter
 from typing import Any
 
@@ -24,16 +21,14 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
 from replay_kit.core.observation import LinearMeasurement, PathMean, Profiles, VehicleState
 from replay_kit.core.progress import Stopwatch
-from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.estimator import Estimator
 from replay_kit.logs.merge import Merge
-from replay_kit.measurements.checks.profile import EnsembleSpeeds
-from replay_kit.measurements.observed import Stream, begun, path_mean, taken
+from replay_kit.measurements.observed import begun, path_mean, taken
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.events import Aside, Event, Events, Item, Track, items
 from replay_kit.workflows.replay.inputs.estimator import flow_at
-from replay_kit.workflows.replay.stages import consistency, plans
-from replay_kit.workflows.replay.stages.consistency import FoundWith, MonitoringState
+from replay_kit.workflows.replay.stages import consistency
+from replay_kit.workflows.replay.stages.consistency import FoundWith
 from replay_kit.workflows.replay.stages.estimation import (
     Dive,
     Given,
@@ -44,26 +39,15 @@ from replay_kit.workflows.replay.stages.estimation import (
     state_after,
 )
 from replay_kit.workflows.replay.stages.planner import VehiclePlanner
-from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
+from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from replay_kit.workflows.replay.stages.publishing import (
     Output,
-    PublishingState,
-    depth_slices,
     publish_innovations,
-    publish_step,
-    publish_track,
-    publish_windows,
     withdraw_windows,
 )
+from replay_kit.workflows.replay.state import OfVehicle, RunState, Setup
 from replay_kit.workflows.replay.statistics import RunStatistics
-from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, corrected, with_block
-from replay_kit.workflows.replay.surfacings.forecasts import (
-    ForecastState,
-    forecast_end,
-    forecast_mean,
-    forecast_step,
-    forecast_track,
-)
+from replay_kit.workflows.replay.surfacings.flight_bias import corrected, with_block
 
 #: Schema of what stands in the stream where the logs of a vehicle end.
 END = "replay_kit.EndOfLogs"
@@ -75,81 +59,6 @@ _MEANS_TOGETHER = 8
 _ONLY = nullcontext()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Setup:
-    """What of a vehicle stays the same.
-
-    Attributes:
-        estimator: Assimilates what it measures.
-        config: The run's settings.
-        problem: What to plan; None plans nothing.
-        speeds: Of the ensemble, with which those of the log are compared; None compares none.
-        name: Where it is one of several; empty for the only one.
-    """
-
-    estimator: Estimator[Any]
-    config: RunConfig
-    problem: PlanningProblem | None = None
-    speeds: EnsembleSpeeds | None = None
-    name: str = ""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OfVehicle:
-    """The states of all stages of a vehicle.
-
-    Attributes:
-        stream: Of the measurements.
-        dive: Of the estimate.
-        waiting: Its events that wait for those of others, or for the next of their group.
-        due_ns: When its last event was due [ns, UTC]; None before its first message.
-        ended: Whether its logs have ended.
-        publishing: Of what is published.
-        planning: Of the plans.
-        statistics: What was counted.
-        monitoring: Of the consistency checks.
-        forecasts: Of the surfacings expected.
-        flight: Of the flight model's error.
-        first_ns: Time of the first position or measurement [ns, UTC]; None before it.
-    """
-
-    stream: Stream
-    dive: Dive
-    waiting: Events = field(default_factory=Events.none)
-    due_ns: int | None = None
-    ended: bool = False
-    publishing: PublishingState = field(default_factory=PublishingState)
-    planning: PlanningState = field(default_factory=PlanningState)
-    statistics: RunStatistics = field(default_factory=RunStatistics)
-    monitoring: MonitoringState = field(default_factory=MonitoringState)
-    forecasts: ForecastState = field(default_factory=ForecastState)
-    flight: FlightState = field(default_factory=FlightState)
-    first_ns: int | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RunState:
-    """What a checkpoint keeps.
-
-    Attributes:
-        current: The estimator's state.
-        vehicles: Of each vehicle.
-        waiting: Events that wait until there are enough to be assimilated together.
-        kept: Measurements of several vehicles so far, in order; none of one.
-        next_slices_ns: Of each window, when its next depth slices are due [ns, UTC].
-        messages: Number of messages taken.
-        last_ns: Time of the last one [ns, UTC].
-    """
-
-    current: Any
-    vehicles: tuple[OfVehicle, ...]
-    waiting: tuple[Given, ...] = ()
-    kept: tuple[Given, ...] = ()
-    next_slices_ns: Mapping[Hashable, int | None] = field(default_factory=dict)
-    messages: int = 0
-    last_ns: int = 0
-
-
 class Run:
     """A replay as it runs: mutable, as messages go through it. Without a ``writer`` nothing is published.
 
@@ -157,7 +66,7 @@ class Run:
         setups: Of each vehicle, in the order of their names.
         clock: Wall time of each stage so far.
         writer: Of the result; None where nothing is written.
-        follow_up: Called with the number of a vehicle and each step of its own: publishes it, and what follows from it.
+        follow_up: Called with each block of steps and their vehicles: what follows from them.
         of: The states of each vehicle.
     """
 
@@ -178,7 +87,7 @@ class Run:
         """
         self.setups, self.clock = tuple(setups), clock
         self.writer: ResultWriter | None = None
-        self.follow_up: Callable[[int, Step], None] = self._follow_up
+        self.follow_up: Callable[[Run, Sequence[tuple[int, Step]]], None] = _no_more
         self._measured_by, self._owners = measured_by, owners
         self._flown = dict[int, tuple[tuple[FlownDive, ...], PlanningProblem | None]]()
         prior, logs = setups[0].estimator.initial(), setups[0].config.logs
@@ -193,7 +102,7 @@ class Run:
             tuple(self.of),
             tuple(self._waiting),
             tuple(self.kept),
-            dict(self._next_slices_ns),
+            dict(self.next_slices_ns),
             self.messages,
             self.last_ns,
         )
@@ -202,7 +111,7 @@ class Run:
     def state(self, state: RunState) -> None:
         self.current, self.of = state.current, list(state.vehicles)
         self._waiting, self.kept = list(state.waiting), list(state.kept)
-        self._next_slices_ns = dict(state.next_slices_ns)
+        self.next_slices_ns = dict(state.next_slices_ns)
         self.messages, self.last_ns = state.messages, state.last_ns
         self._n_waiting = sum(self._weight(number, event) for number, event in self._waiting)
 
@@ -240,7 +149,8 @@ class Run:
             self._flown[number] = dives, replace(problem, planner=planner)
         return self._flown[number][1]
 
-    def _put(self, number: int, **changes: Any) -> None:
+    def put(self, number: int, **changes: Any) -> None:
+        """Change states of a vehicle, by the names of ``OfVehicle``."""
         self.of[number] = replace(self.of[number], **changes)
 
     # ---- messages in
@@ -282,12 +192,12 @@ class Run:
         if messages:
             of, ended = self.of[number], messages[-1].schema == END
             due_ns = messages[0].time_ns if of.due_ns is None else of.due_ns
-            self._put(number, due_ns=due_ns, ended=of.ended or ended)
+            self.put(number, due_ns=due_ns, ended=of.ended or ended)
 
     def _measured(
         self, number: int, own: Sequence[Message], places: Sequence[int]
     ) -> tuple[Block, Mapping[int, FoundWith], Sequence[int]]:
-        """Return what messages of a vehicle measured, after its checks, what was found with which event, and each event's message's place."""
+        """Return what messages of a vehicle measured, what the checks found with which event, and the place of each event's message."""
         of, setup, read = self.of[number], self.setups[number], [m for m in own if m.schema != END]
         first = of.stream.order
         with self.clock.stage("measure"):
@@ -297,7 +207,7 @@ class Run:
                 of.monitoring, block, setup.config, setup.speeds
             )
         statistics = of.statistics.after_messages(block.counts())
-        self._put(number, stream=stream, monitoring=monitoring, statistics=statistics)
+        self.put(number, stream=stream, monitoring=monitoring, statistics=statistics)
         # what waited for the end of the logs comes with it
         due = np.minimum(block.events[:, 0] - first, len(places) - 1)
         return block, found, [places[k] for k in due.tolist()]
@@ -346,7 +256,7 @@ class Run:
         waiting = of.waiting.followed_by(events, of.due_ns)
         first = [int(events.time.min())] if len(events) else []
         first += [] if of.first_ns is None else [of.first_ns]
-        self._put(
+        self.put(
             number,
             monitoring=monitoring,
             flight=flight,
@@ -370,7 +280,7 @@ class Run:
         ):
             monitoring, found = consistency.left_out(monitoring, found)
         monitoring = consistency.noted(monitoring, found, setup.config)
-        self._put(number, monitoring=monitoring)
+        self.put(number, monitoring=monitoring)
         named = [finding for finding, _ in found]
         self._release(close=True)
         self._assimilate()
@@ -380,12 +290,12 @@ class Run:
         self.current, monitoring, counts = consistency.readmitted(
             estimator, self.current, of.monitoring, of.statistics.profiles
         )
-        self._put(
+        self.put(
             number, monitoring=monitoring, statistics=RunStatistics(of.statistics.messages, counts)
         )
-        self._write(number, map(_warning, named))
+        self.write(number, map(_warning, named))
         every = monitoring.findings
-        self._write(number, (lambda writer: writer.consistency(time_ns, every),))
+        self.write(number, (lambda writer: writer.consistency(time_ns, every),))
 
     def _rebuild(self, number: int) -> None:
         """Make the estimate again without the profiles of a vehicle, or without all that it measured if it is left out.
@@ -404,7 +314,7 @@ class Run:
             unused = of.waiting.kind == PING
             if every:
                 unused |= of.waiting.kind == LINEAR
-            self._put(number, waiting=of.waiting.without(unused))
+            self.put(number, waiting=of.waiting.without(unused))
             given = self.kept
         elif not estimator.supports_path_means:
             given = []
@@ -417,13 +327,13 @@ class Run:
             own, before = [step for of, step in steps if of == other], self.of[other]
             counts = consistency.rebuilt(before.statistics.profiles, own)
             fresh = replace(before.monitoring, gated=(), decisions={})
-            self._put(
+            self.put(
                 other,
                 dive=dive,
                 statistics=RunStatistics(before.statistics.messages, counts),
                 monitoring=consistency.with_gated(fresh, own),
             )
-        self._put(0, publishing=withdraw_windows(self.of[0].publishing))
+        self.put(0, publishing=withdraw_windows(self.of[0].publishing))
 
     # ---- events into the estimate
 
@@ -479,7 +389,7 @@ class Run:
             found += of_vehicle
             waiting = self.of[number].waiting
             if n:
-                self._put(number, waiting=waiting.part(n, len(waiting)))
+                self.put(number, waiting=waiting.part(n, len(waiting)))
         if self.is_pooled:
             # a group that another vehicle's event ends comes before that
             found.sort(key=lambda one: (one.due_ns, one.of, one.of == one.vehicle))
@@ -500,21 +410,17 @@ class Run:
             ]
         for number, dive in enumerate(dives):
             own, of = [step for other, step in steps if other == number], self.of[number]
-            self._put(
+            self.put(
                 number,
                 dive=dive,
                 statistics=of.statistics.after_steps(own) if own else of.statistics,
                 monitoring=consistency.with_gated(of.monitoring, own),
             )
-            self._write(number, publish_innovations(own))
-        for number, step in steps:
-            self.follow_up(number, step)
-        if self.writer is not None:
-            left = self.estimator(0).left_flows(self.current)
-            self.publish_windows(map(self.dated, left))
+            self.write(number, publish_innovations(own))
+        self.follow_up(self, steps)
         self.current = self.estimator(0).without_left(self.current)
         for number, of in enumerate(self.of):
-            self._put(number, dive=kept(self.estimator(number), of.dive))
+            self.put(number, dive=kept(self.estimator(number), of.dive))
 
     def without(self, number: int) -> Any:
         """Return the state of the estimator that all measurements but those of a vehicle lead to, in the same windows."""
@@ -523,84 +429,14 @@ class Run:
         given = [one for one in self.kept if windowed or one[0] != number]
         return state_after(self._estimators, given, self.setups[0].estimator.block_size, number)
 
-    # ---- what follows from a step
-
-    def _follow_up(self, number: int, step: Step) -> None:
-        """Publish a step, and what follows from it."""
-        if not isinstance(step.event, Track):
-            self._follow_one(number, step, step.event)
-        elif not self._passed(number, step, step.event):
-            for position in step.event:
-                self._follow_one(number, step, position)
-
-    def _passed(self, number: int, step: Step, track: Track) -> bool:
-        """Publish positions in a row from which nothing else follows, and return whether they were that."""
-        of, setup = self.of[number], self.setups[number]
-        if setup.problem or self.is_pooled:
-            return False
-        depth = setup.config.measurements.surface_depth
-        if (forecasts := forecast_track(of.forecasts, track, depth)) is None:
-            return False
-        self._put(number, forecasts=forecasts)
-        if self.writer is not None:
-            flow = partial(self._flow, number, step.after)
-            publishing, outputs = publish_track(of.publishing, track, flow)
-            self._put(number, publishing=publishing)
-            self._write(number, outputs)
-        return True
-
-    def _follow_one(self, number: int, step: Step, event: Any) -> None:
-        """Publish a position or measurement, and what follows from it."""
-        before, after = (partial(self._flow, number, state) for state in (step.before, step.after))
-        setup = self.setups[number]
-        if isinstance(event, Aside):
-            self._expect(number, forecast_mean(self.of[number].forecasts, event.mean))
-            return
-        self._plan(number, plans.before_event, event, before)
-        if self.writer is not None:
-            publishing = self.of[number].publishing
-            if self.is_pooled:
-                window = self.estimator(number).window(step.after)
-                publishing = replace(publishing, next_slices_ns=self._next_slices_ns.get(window))
-            publishing, outputs = publish_step(
-                publishing, event, step.assimilation, setup.config.output, after
-            )
-            if self.is_pooled:
-                self._next_slices_ns[window] = publishing.next_slices_ns
-            self._put(number, publishing=publishing)
-            self._write(number, outputs)
-        depth, forecasts = setup.config.measurements.surface_depth, self.of[number].forecasts
-        self._expect(number, forecast_step(forecasts, event, step.assimilation, before, depth))
-        self._plan(number, plans.after_event, event, after)
-
-    def publish_windows(self, flows: Iterator[FlowEstimate]) -> list[int]:
-        """Publish the last estimates of windows; return their numbers."""
-        before = self.of[0].publishing
-        publishing, windows = publish_windows(before, flows)
-        self._put(0, publishing=publishing)
-        self._write(0, windows)
-        return list(range(before.windows + 1, publishing.windows + 1))
-
     def finish(self, merged: Sequence[Merge[Message]], first_inputs: Sequence[int]) -> None:
         """Pass on all that waits, and take up what merging the logs found; arguments of each vehicle as of ``RunStatistics.with_order``."""
         self._release(close=True)
         self._assimilate()
         for number, ordered in enumerate(zip(merged, first_inputs, strict=True)):
-            self._put(number, statistics=self.of[number].statistics.with_order(*ordered))
+            self.put(number, statistics=self.of[number].statistics.with_order(*ordered))
 
-    def end(self, number: int) -> FlowEstimate:
-        """Finish a surfacing of a vehicle and plan from its last position; return the estimate that was planned on."""
-        at = partial(self._flow, number, self.current)
-        self._expect(number, forecast_end(self.of[number].forecasts))
-        flow = at(self.last_ns)
-        self._plan(number, plans.plan_at_end, at, flow, self.last_ns)
-        return flow
-
-    def publish(self, flow: FlowEstimate, time_ns: int) -> None:
-        """Publish the last depth slices of an estimate for a time [ns, UTC]."""
-        self._write(0, (depth_slices(time_ns, flow, self.setups[0].config.output),))
-
-    def _flow(self, number: int, state: Any, time_ns: int) -> FlowEstimate:
+    def flow(self, number: int, state: Any, time_ns: int) -> FlowEstimate:
         """Return the estimate of a state for a time [ns, UTC], with the current beside it as the dives so far show it."""
         flow, local = (
             flow_at(self.estimator(number), state, time_ns),
@@ -616,7 +452,7 @@ class Run:
         open_group, _ = items(of.waiting, estimator.grouping, 0, last=True)
         given = [*self._waiting, *((0, item.event) for item in open_group)]
         current, _, _ = assimilate([estimator], self.current, [of.dive], given)
-        return self.dated(self._flow(0, current, self.last_ns))
+        return self.dated(self.flow(0, current, self.last_ns))
 
     @property
     def position(self) -> VehicleState | None:
@@ -635,28 +471,7 @@ class Run:
             return flow
         return replace(flow, span_ns=(first_ns, max(first_ns, flow.time_ns)))
 
-    def _plan(
-        self,
-        number: int,
-        stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]],
-        *arguments: Any,
-    ) -> None:
-        """Make one step of the planning stage, if there is something to plan."""
-        if (problem := self.problem(number)) is not None:
-            with self.clock.stage("plan"):
-                planning, outputs = stage(problem, self.of[number].planning, *arguments)
-            self._put(number, planning=planning)
-            self._write(number, outputs)
-
-    def _expect(self, number: int, expected: tuple[ForecastState, tuple[DiveOutcome, ...]]) -> None:
-        """Take up the state of the forecasts of surfacings, and write the outcomes of those that came."""
-        forecasts, outcomes = expected
-        if forecasts is not self.of[number].forecasts:
-            self._put(number, forecasts=forecasts)
-        if outcomes:
-            self._write(number, map(_dive_outcome, outcomes))
-
-    def _write(self, number: int, outputs: Iterable[Output]) -> None:
+    def write(self, number: int, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
         if self.writer is not None:
             name = self.setups[number].name
@@ -664,6 +479,10 @@ class Run:
             with own, self.clock.stage("write"):
                 for output in outputs:
                     output(self.writer)
+
+
+def _no_more(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
+    """Nothing follows from steps."""
 
 
 def _light(event: Event) -> Event:
@@ -678,7 +497,3 @@ def _light(event: Event) -> Event:
 
 def _warning(finding: Finding) -> Output:
     return lambda writer: writer.log(finding.since_ns, "warning", str(finding))
-
-
-def _dive_outcome(outcome: DiveOutcome) -> Output:
-    return lambda writer: writer.dive_outcome(outcome)

@@ -6,7 +6,9 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.block import LINEAR, PING, POSITION, Block
 from replay_kit.core.observation import Observation, Profiles, VehicleState
 from replay_kit.core.progress import Stopwatch
-from replay_kit.workflows.replay.run import Run, Setup
+from replay_kit.workflows.replay.follow_up import follow_up
+from replay_kit.workflows.replay.run import Run
+from replay_kit.workflows.replay.state import Setup
 
 
 def block_of(values, topics=None):
@@ -47,7 +49,9 @@ def block_of(values, topics=None):
 def run_of(estimator, config=None, problem=None):
     """The run of one vehicle."""
     config = config or RunConfig()
-    return Run([Setup(estimator, config, problem)], config.measurements, Stopwatch())
+    run = Run([Setup(estimator, config, problem)], config.measurements, Stopwatch())
+    run.follow_up = follow_up
+    return run
 
 
 def fed(run, values, last=True):

@@ -16,6 +16,7 @@ from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import screened
+from replay_kit.workflows.replay.follow_up import end
 from replay_kit.workflows.replay.stages.planner import MadePlans, PlanQuery, PlanResult
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from tests import synthetic
@@ -162,7 +163,7 @@ def test_the_plan_at_a_surfacing_where_the_log_ends_is_the_last_one_if_it_has_od
     planner, config = Counting(0.3, []), PlannerConfig(when="surfacing", **settings)
     problem = PlanningProblem(planner, Place(152.6, -40.0, 0.0), config, 5.0)
     events = [fix(0, 0.0), profile(10), fix(20, 50.0), fix(90, 0.0), *more]
-    fed(run_of(Still(), RunConfig(planner=config), problem), events).end(0)
+    end(fed(run_of(Still(), RunConfig(planner=config), problem), events), 0)
     assert planner.asked == starts
 
 

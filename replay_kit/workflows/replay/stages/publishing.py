@@ -93,7 +93,7 @@ def publish_innovations(steps: Sequence[Step]) -> tuple[Output, ...]:
 def publish_track(
     state: PublishingState, track: Iterable[VehicleState], flow_at: Callable[[int], FlowEstimate]
 ) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after positions in a row, and these, with the vehicle's frame where it has moved, which looks along its way; see ``publish_step``."""
+    """Return the state after positions in a row, and these, with the vehicle's frame, which looks along its way, where it has moved."""
     track = list(track)
     projection = state.projection or flow_at(track[0].time_ns).grid.projection
     degrees = np.array([(each.longitude, each.latitude) for each in track])

@@ -1,0 +1,137 @@
+"""What follows from a step of the estimate: it is published, a plan is made where one is due, and the dives that it ends are compared."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any
+
+from replay_kit.core.arrays import replace
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.surfacing import DiveOutcome
+from replay_kit.workflows.replay.events import Aside, Track
+from replay_kit.workflows.replay.run import Run
+from replay_kit.workflows.replay.stages import plans
+from replay_kit.workflows.replay.stages.estimation import Step
+from replay_kit.workflows.replay.stages.plans import PlanningState
+from replay_kit.workflows.replay.stages.publishing import (
+    Output,
+    depth_slices,
+    publish_step,
+    publish_track,
+    publish_windows,
+)
+from replay_kit.workflows.replay.surfacings.forecasts import (
+    ForecastState,
+    forecast_end,
+    forecast_mean,
+    forecast_step,
+    forecast_track,
+)
+
+
+def follow_up(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
+    """Publish a block of steps with their vehicles, and what follows from them; then the last estimates of windows that were left."""
+    for number, step in steps:
+        _follow_up(run, number, step)
+    if run.writer is not None:
+        left_windows(run, map(run.dated, run.estimator(0).left_flows(run.current)))
+
+
+def _follow_up(run: Run, number: int, step: Step) -> None:
+    """Publish a step, and what follows from it."""
+    if not isinstance(step.event, Track):
+        _follow_one(run, number, step, step.event)
+    elif not _passed(run, number, step, step.event):
+        for position in step.event:
+            _follow_one(run, number, step, position)
+
+
+def _passed(run: Run, number: int, step: Step, track: Track) -> bool:
+    """Publish positions in a row from which nothing else follows, and return whether they were that."""
+    of, setup = run.of[number], run.setups[number]
+    if setup.problem or run.is_pooled:
+        return False
+    depth = setup.config.measurements.surface_depth
+    if (forecasts := forecast_track(of.forecasts, track, depth)) is None:
+        return False
+    run.put(number, forecasts=forecasts)
+    if run.writer is not None:
+        flow = partial(run.flow, number, step.after)
+        publishing, outputs = publish_track(of.publishing, track, flow)
+        run.put(number, publishing=publishing)
+        run.write(number, outputs)
+    return True
+
+
+def _follow_one(run: Run, number: int, step: Step, event: Any) -> None:
+    """Publish a position or measurement, and what follows from it."""
+    before, after = (partial(run.flow, number, state) for state in (step.before, step.after))
+    setup = run.setups[number]
+    if isinstance(event, Aside):
+        _expect(run, number, forecast_mean(run.of[number].forecasts, event.mean))
+        return
+    _plan(run, number, plans.before_event, event, before)
+    if run.writer is not None:
+        publishing = run.of[number].publishing
+        if run.is_pooled:
+            window = run.estimator(number).window(step.after)
+            publishing = replace(publishing, next_slices_ns=run.next_slices_ns.get(window))
+        publishing, outputs = publish_step(
+            publishing, event, step.assimilation, setup.config.output, after
+        )
+        if run.is_pooled:
+            run.next_slices_ns[window] = publishing.next_slices_ns
+        run.put(number, publishing=publishing)
+        run.write(number, outputs)
+    depth, forecasts = setup.config.measurements.surface_depth, run.of[number].forecasts
+    _expect(run, number, forecast_step(forecasts, event, step.assimilation, before, depth))
+    _plan(run, number, plans.after_event, event, after)
+
+
+def left_windows(run: Run, flows: Iterator[FlowEstimate]) -> list[int]:
+    """Publish the last estimates of windows; return their numbers."""
+    before = run.of[0].publishing
+    publishing, windows = publish_windows(before, flows)
+    run.put(0, publishing=publishing)
+    run.write(0, windows)
+    return list(range(before.windows + 1, publishing.windows + 1))
+
+
+def end(run: Run, number: int) -> FlowEstimate:
+    """Finish a surfacing of a vehicle and plan from its last position; return the estimate that was planned on."""
+    at = partial(run.flow, number, run.current)
+    _expect(run, number, forecast_end(run.of[number].forecasts))
+    flow = at(run.last_ns)
+    _plan(run, number, plans.plan_at_end, at, flow, run.last_ns)
+    return flow
+
+
+def publish(run: Run, flow: FlowEstimate, time_ns: int) -> None:
+    """Publish the last depth slices of an estimate for a time [ns, UTC]."""
+    run.write(0, (depth_slices(time_ns, flow, run.setups[0].config.output),))
+
+
+def _plan(
+    run: Run,
+    number: int,
+    stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]],
+    *arguments: Any,
+) -> None:
+    """Make one step of the planning stage, if there is something to plan."""
+    if (problem := run.problem(number)) is not None:
+        with run.clock.stage("plan"):
+            planning, outputs = stage(problem, run.of[number].planning, *arguments)
+        run.put(number, planning=planning)
+        run.write(number, outputs)
+
+
+def _expect(run: Run, number: int, expected: tuple[ForecastState, tuple[DiveOutcome, ...]]) -> None:
+    """Take up the state of the forecasts of surfacings, and write the outcomes of those that came."""
+    forecasts, outcomes = expected
+    if forecasts is not run.of[number].forecasts:
+        run.put(number, forecasts=forecasts)
+    if outcomes:
+        run.write(number, map(_dive_outcome, outcomes))
+
+
+def _dive_outcome(outcome: DiveOutcome) -> Output:
+    return lambda writer: writer.dive_outcome(outcome)
