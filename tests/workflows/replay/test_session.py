@@ -66,7 +66,7 @@ class Published:
     def of(self, vehicle):
         return nullcontext()
 
-    def innovation(self, innovation):
+    def innovations(self, block):
         pass
 
     def grids(self, now_ns, flow, depths):
