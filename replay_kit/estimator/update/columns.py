@@ -43,7 +43,8 @@ class Column:
         design: shape (q, k), D at that time.
         axes: shape (c, a), of each measured component along the column's components.
         layouts: Of each measurement, one object where they are alike.
-        about: Of each measurement, shape (m, c) [m/s]: its values less what is known.
+        values: Of each measurement, shape (m, c) [m/s].
+        about: The same, less what is known.
     """
 
     screened: tuple[Screened, ...]
@@ -51,6 +52,7 @@ class Column:
     design: Array
     axes: Array
     layouts: tuple[Layout, ...]
+    values: tuple[Array, ...]
     about: tuple[Array, ...]
 
     def rows(self, i: int) -> Array:
@@ -77,7 +79,7 @@ class Column:
 
     def measured(self, i: int, column: Array) -> Array:
         """Return what a measurement tells of the current: the estimate plus its misfit; arguments and shape as in ``misfit``."""
-        value, layout = self.screened[i].local()[0], self.layouts[i]
+        value, layout = self.values[i], self.layouts[i]
         if layout.unwhiten is not None:
             off = self._off(i, column)
             value = value - off + layout.known(off)
@@ -180,7 +182,7 @@ class Observer:
                 relative = np.mean(stated, axis=0) if stated else None
                 design = _beside(design, self.extras.column(time_ns, relative))
             design = design.reshape(-1, self.size)
-            yield Column(group, time_ns, design, axes[0], layouts, about)
+            yield Column(group, time_ns, design, axes[0], layouts, values, about)
 
     def _flows(self, both: Array) -> tuple[Array, Array]:
         """Return the flow whose weights are zero, shape (2, n, Z), and the modes, shape (2, n, r), of the velocities of ``_latents``."""
@@ -241,7 +243,7 @@ class Observer:
             more = np.tensordot(axes, self.extras.sums(weights, linear.depth, times), 1)
             design = np.hstack([design, more.reshape(len(design), -1)])
         about = values - (axes @ known).T - np.array(mean).T
-        return Column(own, linear.time_ns, design, np.eye(len(axes)), (layout,), (about,))
+        return Column(own, linear.time_ns, design, np.eye(len(axes)), (layout,), (values,), (about,))
 
     def _covariance(self, one: Screened, extra: Array) -> Array:
         """Return the error covariance of the used values, shape (m, m) [m^2/s^2], with what the unknowns do not hold, shape (m,) [m/s]."""
