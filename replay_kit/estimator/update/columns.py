@@ -243,7 +243,9 @@ class Observer:
             more = np.tensordot(axes, self.extras.sums(weights, linear.depth, times), 1)
             design = np.hstack([design, more.reshape(len(design), -1)])
         about = values - (axes @ known).T - np.array(mean).T
-        return Column(own, linear.time_ns, design, np.eye(len(axes)), (layout,), (values,), (about,))
+        return Column(
+            own, linear.time_ns, design, np.eye(len(axes)), (layout,), (values,), (about,)
+        )
 
     def _covariance(self, one: Screened, extra: Array) -> Array:
         """Return the error covariance of the used values, shape (m, m) [m^2/s^2], with what the unknowns do not hold, shape (m,) [m/s]."""
