@@ -298,7 +298,7 @@ def export(
         _TABLES | None,
         option(
             "--table",
-            "Table to export; estimate: as by --save-estimate. Default: all tables; in CSV the series with --at, else the track.",
+            "Table, or estimate, to export. Default: all tables; in CSV the series with --at, else the track.",
         ),
     ] = None,
     vehicle: _VEHICLE = None,

@@ -197,7 +197,7 @@ def export(
     own = FEATURES if ending in (".kml", ".geojson") else TABLES
     if table is not None and table not in own:
         raise ConfigError(
-            f"table: expected one of {', '.join(own)} in {ending}, got '{table}'; .nc and .csv hold the others, {ESTIMATE} .nc alone"
+            f"table: expected one of {', '.join(own)} in {ending}, got '{table}'; .nc and .csv hold the others"
         )
     names = shown if table is None else [table]
     tables = {name: _of_all(TABLES[name], contents, places) for name in names}

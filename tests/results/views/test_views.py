@@ -160,33 +160,6 @@ def test_the_estimate_at_a_bin_is_what_was_measured_less_the_residual(
     assert information_by_dive(result.measured.sums).to_dict() == {2: 3 * 3.25, 3: 3.25}
 
 
-def test_mean_currents_are_those_that_the_log_states(flow, state, innovation, tmp_path):
-    """Without an estimate too; the drift at the surface is no mean current of a dive, and profiles have none."""
-    measured = np.array([0.015, 0.23])
-    with ResultWriter(tmp_path / "out.mcap") as writer:
-        writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
-        writer.fix(state)
-        writer.innovations([innovation])
-        for number, kind in enumerate(("dac", "drift", "dac")):
-            source = replace(innovation.source, topic="/dac" if kind == "dac" else "/fix")
-            stated = {"mean_current": measured + number, "mean_kind": kind, "dive": number + 1}
-            time_ns = TIME_NS + (number + 1) * SECOND
-            writer.innovations([one_bin(innovation, time_ns=time_ns, source=source, **stated)])
-    result = read_result(tmp_path / "out.mcap")
-    table = result.observations
-    assert table["mean_current_kind"].tolist()[1:] == ["dac", "drift", "dac"]
-    assert table.filter(like="mean_current").iloc[0].isna().all()
-    assert table["mean_current_measured_north"].tolist()[1:] == [0.23, 1.23, 2.23]
-    assert table["mean_current_predicted_east"].iloc[1] == 0.015 - innovation.innovation[0, 0]
-    assert table["mean_current_predicted_north"].iloc[3] == 2.23 - innovation.innovation[0, 1]
-    means = mean_currents(result.measured)
-    assert means.dive.tolist() == [1, 3]
-    np.testing.assert_allclose(
-        means.estimated + means.residual, [measured, measured + 2.0], rtol=1e-12
-    )
-    np.testing.assert_array_equal(means.residual, innovation.residual[[0, 0]])
-
-
 def test_a_smoothed_result_keeps_the_estimate_before_smoothing(flow, state, innovation, tmp_path):
     before, innovation = (
         innovation.residual + np.array([0.01, -0.02]),

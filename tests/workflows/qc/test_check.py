@@ -159,22 +159,13 @@ def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_pat
     summary, _ = replay(ReplayJob((log,), tmp_path / "ensemble.nc", tmp_path / "out.mcap"), alone)
     assert (summary.profiles_used, summary.profiles_rejected, summary.bins_used) == (2, 1, 7)
     assert summary.bins_rejected["tilt"] == 5
-    found = [message for _, message in decoded(tmp_path / "out.mcap")["/flow/innovation"]]
-    assert [message.accepted for message in found] == [True, True, False]
-    assert list(found[1].flags) == [1, 4, 3, 1, 9]
-    assert list(found[1].reasons) == [
-        0,
-        Reason.LOW_CORRELATION,
-        Reason.LOW_PERCENT_GOOD,
-        0,
-        Reason.MISSING,
+    ((_, found),) = decoded(tmp_path / "out.mcap")["/flow/innovation"]
+    assert (list(found.accepted), list(found.bins)) == ([True, True, False], [5, 5, 5])
+    assert list(found.flags[5:]) == [1, 4, 3, 1, 9, 4, 4, 4, 4, 9]
+    assert list(found.reasons[5:]) == [
+        *(0, Reason.LOW_CORRELATION, Reason.LOW_PERCENT_GOOD, 0, Reason.MISSING),
+        *[Reason.TILT] * 4,
+        Reason.TILT | Reason.MISSING,
     ]
-    assert [value == value for value in found[1].innovation_east] == [
-        True,
-        False,
-        True,
-        True,
-        False,
-    ]
-    assert list(found[2].flags) == [4, 4, 4, 4, 9]
-    assert list(found[2].reasons) == [Reason.TILT] * 4 + [Reason.TILT | Reason.MISSING]
+    used = [value == value for value in found.innovation_east[5:10]]
+    assert used == [True, False, True, True, False]
