@@ -125,6 +125,5 @@ def toml(data: bytes) -> None:
 
 
 PARSERS: dict[str, Callable[[bytes], None]] = {
-    parser.__name__: parser
-    for parser in (mcap, tlog, dataflash, json, pd0, ad2cp, netcdf, toml)
+    parser.__name__: parser for parser in (mcap, tlog, dataflash, json, pd0, ad2cp, netcdf, toml)
 }

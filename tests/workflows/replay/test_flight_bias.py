@@ -1,11 +1,9 @@
 """The flight model's error in mean currents: found from the dives before, and taken from those that follow; what was measured stays."""
 
-import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from replay_kit.workflows.replay.store import pickling as values
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.geodesy import to_geographic
@@ -13,6 +11,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Flag, Observation, PathMean
 from replay_kit.logs import merge
 from replay_kit.workflows.replay.inputs.scan import open_readers
+from replay_kit.workflows.replay.state_file import read_state, write_state
 from replay_kit.workflows.replay.surfacings.flight_bias import (
     FlightState,
     as_used,
@@ -139,12 +138,11 @@ def test_beside_profiles_a_mean_current_without_a_correction_has_the_flight_mode
         assert after.used_std > 3.0 * after.error_std
 
 
-def test_a_state_that_was_written_and_read_corrects_the_same():
+def test_a_state_that_was_written_and_read_corrects_the_same(tmp_path):
     _, state = used(map(dive, range(5)))
-    file = io.BytesIO()
-    values.dump(state, file)
-    file.seek(0)
-    again = [used(map(dive, range(5, 8)), each)[0] for each in (state, values.load(file))]
+    write_state(tmp_path / "state", "a run", state)
+    read = read_state(tmp_path / "state", "a run")
+    again = [used(map(dive, range(5, 8)), each)[0] for each in (state, read)]
     assert [after.corrected for after in again[0]] == [after.corrected for after in again[1]]
     assert again[0][-1].corrected is not None
 
