@@ -419,7 +419,7 @@ class OutputConfig(Section):
     checkpoint_interval: float = Field(
         default=10_800.0,
         gt=0.0,
-        description="Log time of a block at most [s].",
+        description="Log time of a block [s].",
     )
     threads: int = Field(
         default=1,

@@ -63,7 +63,7 @@ class Inputs:
         tuple[str, ...],
         option(
             "--goal",
-            "Where to go next [degrees, degrees, m]; of several vehicles all, or the one named.",
+            "Goal [degrees, degrees, m]; NAME= sets one vehicle's.",
             metavar="[NAME=]LON,LAT,DEPTH",
         ),
         PLACES,
@@ -104,7 +104,7 @@ class Outputs(Answer):
         Path | None,
         option(
             "--checkpoint",
-            "Checkpoint from which an interrupted run resumes; deleted at the end.",
+            "State from which an interrupted run resumes.",
             metavar="FILE",
         ),
     ] = None

@@ -203,11 +203,9 @@ def _prepare(
         if vehicle.goal is not None and planner_of is not None:
             planner = planner_of(own.planner, ensemble.grid)
             check_goal(planner, prior_flow, vehicle, own)
-            goals, made = (
-                ((), None) if job.following is None else (job.following.goals, job.following.made)
-            )
+            goals = () if job.following is None else job.following.goals
             surface = own.measurements.surface_depth
-            problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, goals, made)
+            problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, goals)
         levels, follows = ensemble.grid.levels, estimator
         if vehicle.name in speeds_of:
             follows, speeds = (
