@@ -419,7 +419,7 @@ class OutputConfig(Section):
     checkpoint_interval: float = Field(
         default=10_800.0,
         gt=0.0,
-        description="Longest block of a log, and least time between checkpoints [s, in the log's time].",
+        description="Log time of a block [s].",
     )
     threads: int = Field(
         default=1,

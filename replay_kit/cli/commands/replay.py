@@ -1,7 +1,7 @@
 """``replay``: logs through the estimator to an estimate, its uncertainty and a plan."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -63,7 +63,7 @@ class Inputs:
         tuple[str, ...],
         option(
             "--goal",
-            "Where to go next [degrees, degrees, m]; of several vehicles all, or the one named.",
+            "Goal [degrees, degrees, m]; NAME= sets one vehicle's.",
             metavar="[NAME=]LON,LAT,DEPTH",
         ),
         PLACES,
@@ -104,7 +104,7 @@ class Outputs(Answer):
         Path | None,
         option(
             "--checkpoint",
-            "Checkpoint from which an interrupted run resumes; deleted at the end.",
+            "State from which an interrupted run resumes.",
             metavar="FILE",
         ),
     ] = None
@@ -195,7 +195,7 @@ def replay(
         return following.run(job, config, console, outputs.page, outputs.json_file)
     if dry_run:
         return _dry_run(job, config, outputs, console)
-    job = replace(identified(job, config), tell=console.print)
+    job = identified(job, config)
     try:
         with part_named(outputs.out), progress() as advance:
             advance(0, 0, "reading the forecast")
@@ -258,6 +258,7 @@ def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs) -> "ReplayJob
         checkpoint=outputs.checkpoint,
         overwrite=outputs.overwrite,
         include_inputs=outputs.include_inputs,
+        tell=console_beside(outputs.json_file).print,
     )
 
 

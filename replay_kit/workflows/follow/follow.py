@@ -50,7 +50,7 @@ from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region, 
 from replay_kit.workflows.replay.inputs.scan import look_ahead
 from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.stages.planner import MadePlans, PlannerFactory
+from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.report import report
 from replay_kit.workflows.status import read_each, write_pages
 
@@ -133,7 +133,6 @@ class Follower:
         self._good = set(self._memory.used)
         self._forecast: tuple[dict[Path, Stamp], Forecasts, object] | None = None
         self._built: tuple[Forecasts, Estimator[Any]] | None = None
-        self._made = MadePlans()
         self._held: dict[str, Held] = {}
         self._outcome: Outcome | None = None
         if self._good and self._out.is_file():
@@ -299,7 +298,7 @@ class Follower:
         }
         job = replace(
             job,
-            following=Following(self._options.states, record, self._memory.goals[1:], self._made),
+            following=Following(self._options.states, record, self._memory.goals[1:]),
             estimator=partial(self._estimator, job),
             tell=self._options.tell,
         )

@@ -128,11 +128,9 @@ def prepare(
         if vehicle.goal is not None and planner_of is not None:
             planner = planner_of(own.planner, ensemble.grid)
             check_goal(planner, ensemble, vehicle, own)
-            goals, made = (
-                ((), None) if job.following is None else (job.following.goals, job.following.made)
-            )
+            goals = () if job.following is None else job.following.goals
             surface = own.measurements.surface_depth
-            problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, goals, made)
+            problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, goals)
         follows = estimator
         if vehicle.name in speeds_of:
             follows = estimator.of_vehicle(number, firsts[vehicle.name])

@@ -132,6 +132,8 @@ class _Packed:
             return list(map(self.tree, value))
         if kind is bytes:
             return {"bytes": value.hex()}
+        if kind is frozenset:
+            return {"set": list(map(self.tree, value))}
         if isinstance(value, Mapping):
             return {"mapping": [[self.tree(key), self.tree(each)] for key, each in value.items()]}
         if isinstance(value, np.ndarray | np.generic):
@@ -168,6 +170,8 @@ def _value(tree: Any, members: Mapping[str, Any]) -> Any:
     ((name, held),) = tree.items()
     if name == "bytes":
         return bytes.fromhex(held)
+    if name == "set":
+        return frozenset(_value(held, members))
     if name == "mapping":
         return {_value(key, members): _value(each, members) for key, each in held}
     if name == "objects":

@@ -17,11 +17,10 @@ from replay_kit.core.plan import Place
 from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import screened
 from replay_kit.workflows.replay.follow_up import end
-from replay_kit.workflows.replay.stages.planner import MadePlans, PlanQuery, PlanResult
+from replay_kit.workflows.replay.stages.planner import PlanResult
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from tests import synthetic
 from tests.planners.flow_samples import CENTRE, uniform_flow
-from tests.synthetic_flow import with_weights
 from tests.workflows.replay.given import fed, run_of
 
 FLOW = uniform_flow(0.3, -0.4)
@@ -165,25 +164,3 @@ def test_the_plan_at_a_surfacing_where_the_log_ends_is_the_last_one_if_it_has_od
     events = [fix(0, 0.0), profile(10), fix(20, 50.0), fix(90, 0.0), *more]
     end(fed(run_of(Still(), RunConfig(planner=config), problem), events), 0)
     assert planner.asked == starts
-
-
-def test_a_plan_is_made_again_unless_all_that_it_follows_from_is_the_same():
-    uncertain = with_weights(FLOW, FLOW.latent[:, :1], np.eye(FLOW.levels.size))
-    query, planner, made = (
-        PlanQuery(Place(152.5, -40.0, 0.0), Place(152.6, -40.0, 0.0), 5),
-        Counting(0.3, []),
-        MadePlans(),
-    )
-    latent = FLOW.latent.copy()
-    latent[0, 0] = np.nextafter(latent[0, 0], 1.0)
-    each = (
-        (planner, uncertain, query),
-        (planner, uncertain, replace(query, start_time_ns=6)),
-        (planner, uncertain, replace(query, warm=PlanResult(1))),
-        (planner, replace(uncertain, latent=latent), query),
-        (planner, replace(uncertain, time_ns=7), query),
-        (planner, with_weights(FLOW, FLOW.latent[:, :1], 1.001 * np.eye(FLOW.levels.size)), query),
-        (Counting(0.4, planner.asked), uncertain, query),
-    )
-    for _ in range(2):
-        assert [made.plan(*one).memory for one in each] == list(range(1, len(each) + 1))

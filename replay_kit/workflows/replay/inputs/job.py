@@ -21,7 +21,6 @@ from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region
 from replay_kit.workflows.replay.inputs.scan import look_ahead, open_readers
-from replay_kit.workflows.replay.stages.planner import MadePlans
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,16 +28,14 @@ class Following:
     """What a replay of logs that may grow adds to one of finished logs.
 
     Attributes:
-        states: Folder of its states, from which the next one goes on.
+        states: Folder of its state, from which the next one goes on.
         record: What is to be said of the inputs in the result, by key.
         goals: From when on [ns, UTC] the goal is another one than the job's, in order.
-        made: Plans of the replays before; None remembers none.
     """
 
     states: Path
     record: Mapping[str, str] = field(default_factory=dict)
     goals: tuple[tuple[int, Place], ...] = ()
-    made: MadePlans | None = None
 
 
 def _silent(text: str) -> None: ...

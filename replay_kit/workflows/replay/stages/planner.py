@@ -1,17 +1,12 @@
 """What a replay needs of a planner, and what a planner returns."""
 
-import hashlib
-import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-import orjson
-
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Grid, Seabed
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.surfacing import Surfacing
@@ -94,37 +89,3 @@ class VehiclePlanner(Planner, Protocol):
 
 #: Makes the planner of a configuration for a region.
 PlannerFactory = Callable[[PlannerConfig, Grid], Planner]
-
-
-# Plans that are remembered: each vehicle's last ones.
-_REMEMBERED = 64
-
-
-class MadePlans:
-    """The latest plans of the replays of one mission, which the next replay asks for again: mutable, as they go on.
-
-    A replay of a log that has grown goes on from a state before its last plans. They are made anew unless all that they follow from is the
-    same to the last digit; of the estimate's covariance that is told by the current's at the start, through all depths.
-    """
-
-    def __init__(self) -> None:
-        """Begin without any."""
-        self._made: dict[bytes, PlanResult] = {}
-
-    def plan(self, planner: Planner, flow: FlowEstimate, query: PlanQuery) -> PlanResult:
-        """Return a planner's plan, which has been made before or is made now."""
-        place = to_local(flow.grid.projection, query.start.longitude, query.start.latitude)
-        covariance = flow.velocity_covariance(*place, flow.levels) if flow.n_modes else None
-        given = (planner, query, flow.time_ns, flow.latent, covariance, flow.local)
-        options = orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS
-        key = hashlib.sha256(orjson.dumps(given, _pickled, options)).digest()
-        result = self._made.pop(key, None) or planner.plan(flow, query)
-        self._made[key] = result
-        if len(self._made) > _REMEMBERED:
-            del self._made[next(iter(self._made))]
-        return result
-
-
-def _pickled(value: Any) -> str:
-    """Return what JSON has no form for as text, the same for the same value."""
-    return pickle.dumps(value).hex()

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Surfacing, SurfacingOutcome, surfacing_outcome
 from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
-from replay_kit.workflows.replay.stages.planner import MadePlans, Planner, PlanQuery, PlanResult
+from replay_kit.workflows.replay.stages.planner import Planner, PlanQuery, PlanResult
 from replay_kit.workflows.replay.stages.publishing import Output
 
 #: Returns the estimate for a time [ns, UTC].
@@ -32,7 +31,6 @@ class PlanningProblem:
         settings: When to plan.
         surface_depth: Shallower than this the vehicle is at the surface [m].
         later_goals: From when on [ns, UTC] it should go elsewhere, in order.
-        made: Of the replays of a mission that is followed; None of one replay, which makes each plan once.
     """
 
     planner: Planner
@@ -40,7 +38,6 @@ class PlanningProblem:
     settings: PlannerConfig
     surface_depth: float
     later_goals: tuple[tuple[int, Place], ...] = ()
-    made: MadePlans | None = None
 
     def goal_at(self, time_ns: int) -> Place:
         """Return the goal of a plan that begins at a time [ns, UTC]."""
@@ -184,13 +181,8 @@ def make_plan(
         return state, ()
     start, goal = start or _place_of(state.position), problem.goal_at(start_time_ns)
     query = PlanQuery(start, goal, start_time_ns, state.result)
-    plan = (
-        problem.planner.plan
-        if problem.made is None
-        else partial(problem.made.plan, problem.planner)
-    )
     try:
-        result = plan(flow, query)
+        result = problem.planner.plan(flow, query)
     except PlanError as error:
         failure = str(error)
         return replace(state, result=None, failure=failure, expected=None), (
