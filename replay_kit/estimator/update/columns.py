@@ -127,8 +127,8 @@ class Column:
 
     def _among(self, each: Sequence[Array], first: tuple[int, ...] = ()) -> Array:
         """Return values of each part, shape (..., m', a) or with n before these, among all values."""
-        shape = (*first, len(self.at), self.screened.flags.shape[1], self.axes.shape[1])
-        out = np.full(shape, np.nan)
+        # one component of sums along a path stands for both
+        out = np.full((*first, len(self.at), self.screened.flags.shape[1], 2), np.nan)
         for part, values in zip(self.parts, each, strict=True):
             out[..., part.at[:, None], part.used, :] = values
         return out

@@ -21,7 +21,7 @@ from replay_kit.core.message import Message
 from replay_kit.results.mcap_file import Written
 from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.state import RunState
-from replay_kit.workflows.replay.state_file import read_state, unusable, write_state
+from replay_kit.workflows.replay.state_file import StateError, read_state, unusable, write_state
 
 # What stages raise on a state whose parts are of other kinds or sizes.
 _FOREIGN_STATE = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
@@ -65,6 +65,7 @@ class States:
             window_s: Within which logs that may grow are reordered [s]; None for finished ones.
         """
         self.path, self._identity = path, identity
+        self._before = path.with_name(path.name + ".before")
         self._interval_ns, self._grows = int(1e9 * interval_s), window_s is not None
         self._window_ns = int(1e9 * (window_s or 0.0))
         self._digest, self._begun_ns, self._written_ns = hashlib.sha256(), 0, 0
@@ -79,17 +80,29 @@ class States:
 
         Raises:
             LogError: The file is none of this program's.
-            StateError: It is damaged, of another run, or the logs have changed before it.
+            StateError: None can be used: damaged, of another run, or the logs have changed before it.
         """
-        stream = self._counted(messages())
-        if not self.path.exists():
-            return None, stream
-        checkpoint = read_state(self.path, self._identity)
-        if not isinstance(checkpoint, Checkpoint):
-            raise unusable(self.path, "it is no checkpoint")
+        errors = list[StateError]()
+        for path in filter(Path.exists, (self.path, self._before)):
+            try:
+                return self._from(path, messages())
+            except StateError as error:
+                errors.append(error)
+        if errors:
+            raise errors[0]
+        return None, self._counted(messages())
+
+    def _from(
+        self, path: Path, messages: Iterator[Message]
+    ) -> tuple[Checkpoint, Iterator[Message]]:
+        """Return the state in a file, and the messages after it; errors are those of ``resume``."""
+        stream, self._digest = self._counted(messages), hashlib.sha256()
+        checkpoint = read_state(path, self._identity)
+        if not (isinstance(checkpoint, Checkpoint) and isinstance(checkpoint.state, RunState)):
+            raise unusable(path, "it is no checkpoint")
         deque(islice(stream, checkpoint.state.messages), 0)
         if self._grows and self._digest.hexdigest() != checkpoint.digest:
-            raise unusable(self.path, "the logs have changed before it")
+            raise unusable(path, "the logs have changed before it")
         self._written_ns = checkpoint.state.last_ns
         self._ready = checkpoint if self._grows else None
         return checkpoint, stream
@@ -148,11 +161,21 @@ class States:
             self._written_ns = run.last_ns
 
     def end(self) -> None:
-        """Write the state of logs that may grow; delete that of finished ones, whose result is complete."""
+        """Write the state of logs that may grow; delete that of finished ones, whose result is complete.
+
+        Of growing ones the state before is kept too: another file of a dive may come after an answer to the first.
+        """
         if not self._grows:
             self.path.unlink(missing_ok=True)
         elif self._ready is not None:
+            if self.path.exists():
+                self.path.replace(self._before)
             self._write(self._ready)
+
+    def forget(self) -> None:
+        """Delete what cannot be gone on from."""
+        self.path.unlink(missing_ok=True)
+        self._before.unlink(missing_ok=True)
 
     def _write(self, checkpoint: Checkpoint) -> None:
         write_state(self.path, self._identity, checkpoint)

@@ -128,7 +128,7 @@ def _replay(
             run.writer.abandon()
         assert states is not None, "a run without a state reads none"
         job.tell(f"{error}; the replay begins anew")
-        states.path.unlink()
+        states.forget()
         return _replay(job, config, planner_of, progress, on_digest, inputs.forecasts)
     except BaseException as error:
         # an unusable input has no result worth keeping; anything else, as an interrupt, leaves OUT.part with every whole chunk

@@ -14,7 +14,7 @@ from replay_kit import open_result
 from replay_kit.core.errors import ForecastError
 from replay_kit.workflows.follow.watch import read_memory, write_memory
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay import replay as replaying
+from replay_kit.workflows.replay import run as running
 from replay_kit.workflows.replay.inputs import estimator as basis
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.verify import verify
@@ -75,7 +75,7 @@ def test_what_did_not_change_is_not_replayed_again(ocean, dives, tmp_path):
     sea.put(dives[-1].name, dives[-1].data)()
 
     def messages_of(replay: Callable[[], object]) -> int:
-        with mock.patch.object(replaying, "taken", wraps=replaying.taken) as taken:
+        with mock.patch.object(running, "taken", wraps=running.taken) as taken:
             replay()
         return sum(len(call.args[1]) for call in taken.call_args_list)
 

@@ -4,11 +4,11 @@ from pathlib import Path
 from unittest import mock
 
 from replay_kit.forecast import read_truth
-from replay_kit.logs import reader
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.run import Run
 from tests import synthetic
 
 
@@ -35,14 +35,14 @@ def job_in(ocean: Path, out, goal, checkpoint=None, logs=("glider.mcap",), **mor
 
 def run_until(job, config, stop_after):
     """The replay of a job; stopped by ``Killed`` after some messages, if a number is given."""
-    seen = 0
+    seen, take = 0, Run.take
 
-    def progress(done, total, what):
+    def taken(run, messages):
         nonlocal seen
-        seen += what == "replaying"
-        if seen == stop_after:
+        take(run, messages)
+        seen += len(messages)
+        if stop_after is not None and seen >= stop_after:
             raise Killed
 
-    # a look at each message
-    with mock.patch.object(reader, "_LOOK", 1):
-        return replay(job, config, planner_of, progress)
+    with mock.patch.object(Run, "take", taken):
+        return replay(job, config, planner_of)

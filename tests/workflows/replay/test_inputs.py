@@ -107,7 +107,7 @@ def test_the_share_of_the_logs_that_is_read_grows_to_the_whole(tmp_path):
         # what is not begun, or has no stream to read, counts as read
         assert (one.share_read(), other.share_read()) == (1.0, 1.0)
         for _ in one.messages():
-            advance()
+            advance(1)
     shares = [done for done, _, _ in told]
     assert len(told) == 5000 // 64
     assert {(total, what) for _, total, what in told} == {(2, "replaying")}
