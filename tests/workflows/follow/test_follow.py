@@ -12,6 +12,8 @@ import pytest
 
 from replay_kit import open_result
 from replay_kit.core.errors import ForecastError
+from replay_kit.logs import open_log
+from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.follow.watch import read_memory, write_memory
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay import run as running
@@ -67,24 +69,31 @@ def test_the_estimator_is_built_once_for_all_replays_with_a_forecast(ocean, dive
     assert built.call_count == 1
 
 
-def test_what_did_not_change_is_not_replayed_again(ocean, dives, tmp_path):
+def messages_of(replay: Callable[[], object]) -> int:
+    """The number of messages that a replay takes."""
+    with mock.patch.object(running, "taken", wraps=running.taken) as taken:
+        replay()
+    return sum(len(call.args[1]) for call in taken.call_args_list)
+
+
+def test_what_did_not_change_is_not_replayed_again_nor_for_a_second_file_of_a_dive(
+    ocean, dives, tmp_path
+):
     sea = Sea(ocean, tmp_path, goal=None)
     for one in dives[:-1]:
         sea.put(one.name, one.data)()
     sea.follow()
-    sea.put(dives[-1].name, dives[-1].data)()
-
-    def messages_of(replay: Callable[[], object]) -> int:
-        with mock.patch.object(running, "taken", wraps=running.taken) as taken:
-            replay()
-        return sum(len(call.args[1]) for call in taken.call_args_list)
-
+    (tmp_path / "last.mcap").write_bytes(dives[-1].data)
+    messages = [*open_log(tmp_path / "last.mcap").messages()]
+    taken = []
+    for name, pings in (("flight.mcap", False), ("science.mcap", True)):
+        own = [one for one in messages if (one.schema == "replay_kit.AdcpPing") == pings]
+        write_mcap_log(sea.inbox / name, own)
+        taken.append(messages_of(sea.follow))
+    whole = messages_of(lambda: sea.at_once(tmp_path / "at-once.mcap"))
     # the last block of observations before the new dive was not complete
-    assert (
-        0
-        < messages_of(sea.follow)
-        < messages_of(lambda: sea.at_once(tmp_path / "at-once.mcap")) // 2
-    )
+    assert all(0 < each < whole // 2 for each in taken)
+    assert contents(sea.out) == contents(tmp_path / "at-once.mcap")
 
 
 @pytest.mark.full
