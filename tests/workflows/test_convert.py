@@ -17,7 +17,6 @@ from replay_kit.show.text import SafeConsole
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from tests.command import invoke
-from tests.logs.log_samples import tlog
 from tests.measurements.samples import events_of
 from tests.places import DATA
 from tests.studies.twins.truths import make_truth
@@ -136,19 +135,6 @@ def test_a_telemetry_log_takes_frames_and_what_has_none(tmp_path, logs, by_way_o
     }
 
 
-@pytest.mark.parametrize("by_way_of_mcap", [False, True])
-def test_frames_of_several_logs_are_merged_by_time(tmp_path, by_way_of_mcap):
-    (tmp_path / "a.tlog").write_bytes(b"".join(tlog(5)))
-    (tmp_path / "b.tlog").write_bytes(b"".join(tlog(5, _stamps(tmp_path / "a.tlog")[1] + 1)))
-    given = [tmp_path / "a.tlog", tmp_path / "b.tlog"]
-    stamps = sorted(stamp for path in given for stamp in _stamps(path))
-    if by_way_of_mcap:
-        convert(given, tmp_path / "both.mcap", False, LogConfig())
-        given = [tmp_path / "both.mcap"]
-    convert(given, tmp_path / "out.tlog", False, LogConfig())
-    assert _stamps(tmp_path / "out.tlog") == stamps
-
-
 def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path):
     ping = {
         **{
@@ -209,16 +195,3 @@ def test_the_help_names_every_format():
         assert (
             "MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP)" in said
         )
-
-
-@pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there")
-@pytest.mark.full
-def test_real_dives_become_ten_profiles(tmp_path):
-    summary = convert(SEAGLIDER, tmp_path / "out.mcap", False, LogConfig())
-    assert (
-        summary.messages["/adcp/inverted"],
-        summary.messages["/dac"],
-        summary.messages["/vehicle/fix"],
-    ) == (10, 5, 15)
-    observed = _profiles(tmp_path / "out.mcap")
-    assert [observation.dive for observation in observed] == sorted([*range(100, 105)] * 2)

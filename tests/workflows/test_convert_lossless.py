@@ -130,17 +130,6 @@ def test_a_telemetry_log_comes_back_from_mcap(tmp_path, entries, noise):
     assert (tmp_path / "mended.tlog").read_bytes() == entries[0] + sound
 
 
-@needs(SHARED)
-def test_a_real_telemetry_log_comes_back(tmp_path):
-    data = (SHARED / "ardusub/small.tlog").read_bytes()[:200_000]
-    (tmp_path / "in.tlog").write_bytes(data)
-    summary = convert([tmp_path / "in.tlog"], tmp_path / "mid.mcap", False, LogConfig())
-    convert([tmp_path / "mid.mcap"], tmp_path / "out.tlog", False, LogConfig())
-    lost = sum(loss.bytes for _, loss in summary.losses)
-    assert len((tmp_path / "out.tlog").read_bytes()) == len(data) - lost
-    assert lost or (tmp_path / "out.tlog").read_bytes() == data
-
-
 def test_kept_frames_are_no_trouble_to_a_reader(tmp_path):
     (tmp_path / "in.tlog").write_bytes(b"".join(tlog(5)))
     convert([tmp_path / "in.tlog"], tmp_path / "out.mcap", False, LogConfig())

@@ -109,20 +109,6 @@ def test_a_grid_that_does_not_fit_leaves_the_earlier_one(tmp_path):
         write_grid(flow, tmp_path / "absent" / "grid.nc")
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("name", NAMES)
-def test_a_run_on_a_disk_with_room_again_gives_the_same_bytes(ocean, tmp_path, name):
-    arguments, out, size = commands(ocean, tmp_path / "out.mcap")[name]
-    with full_disk(size):
-        assert invoke(arguments).exit_code == 1
-    assert not out.exists()
-    assert invoke(arguments).exit_code in (0, 6)
-    again = out.read_bytes()
-    out.unlink()
-    assert invoke(arguments).exit_code in (0, 6)
-    assert out.read_bytes() == again
-
-
 @pytest.mark.skipif(
     not Path("/proc").is_dir(), reason="the folder that nobody can write to is Linux's"
 )

@@ -2,10 +2,6 @@
 
 import os
 import signal
-import socket
-import subprocess
-import sys
-import threading
 import time
 
 import dask
@@ -17,7 +13,6 @@ from replay_kit.core.progress import called_by, each_call
 from replay_kit.workflows.fleet.cluster import LostCallError, open_cluster
 from replay_kit.workflows.fleet.expected import Expected, grown, in_all_s
 from replay_kit.workflows.fleet.run import run_fleet
-from tests.places import ROOT
 from tests.workflows.fleet.missions import make_fleet, missions_in
 
 
@@ -111,46 +106,3 @@ def test_workers_that_are_killed_again_and_again_change_no_byte(tmp_path):
     assert [mission.result.read_bytes() for mission in missions] == [
         mission.result.read_bytes() for mission in again
     ]
-
-
-def started(words):
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(ROOT),
-        "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "60s",
-    }
-    return subprocess.Popen(
-        [sys.executable, "-m", *words.split()],
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-
-
-@pytest.mark.full
-def test_a_scheduler_that_is_killed_and_comes_back_loses_nothing(tmp_path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
-    address = f"tcp://127.0.0.1:{port}"
-    scheduler = f"distributed.cli.dask_scheduler --host 127.0.0.1 --port {port} --no-dashboard"
-    more = "--nthreads 1 --no-nanny --no-dashboard --death-timeout 60"
-    worker = f"distributed.cli.dask_worker {address} {more}"
-    processes = [started(scheduler), started(worker)]
-    missions = missions_in(make_fleet(tmp_path, 6, 40), tmp_path / "out")
-
-    def restart():
-        processes[0].kill()
-        processes.extend([started(scheduler), started(worker)])
-
-    try:
-        with open_cluster(address, None) as cluster:
-            for outcomes in run_fleet(missions, cluster, False):
-                if len(outcomes) == 1:
-                    threading.Thread(target=restart).start()
-        assert len(outcomes) == 6
-        assert not any(outcome.failed for outcome in outcomes)
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()

@@ -15,11 +15,9 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.follow.watch import read_memory, write_memory
-from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay import run as running
 from replay_kit.workflows.replay.inputs import estimator as basis
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.instalments import Instalment, delivered, dives_of
 from tests.places import SAMPLES
@@ -168,14 +166,6 @@ def test_a_growing_log_is_replayed_up_to_what_is_whole(name, ocean, tmp_path):
     assert same(sea, tmp_path)
     assert sum("grew from" in text for text in sea.told) >= 1
     assert sum("replayed in" in text for text in sea.told) >= 2
-
-
-@pytest.mark.full
-def test_a_followed_result_can_be_made_again_from_its_files(ocean, dives, tmp_path):
-    sea = Sea(ocean, tmp_path, goal=None)
-    sea.follow([sea.put(one.name, one.data) for one in dives])
-    verdict = verify(sea.out, [sea.inbox, ocean], planner_of)
-    assert verdict.same, verdict
 
 
 def test_what_does_not_belong_is_told_and_left_out(ocean, dives, tmp_path):

@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, PathMean, Source
@@ -161,35 +159,6 @@ def test_how_the_vehicle_flew_comes_of_the_ways_through_the_water_and_not_of_the
     corrected = [replace(one, corrected=(0.5, 0.5)) for one in dives]
     assert after(*corrected).as_flown == flown
     assert after(mean(0)).as_flown is None
-
-
-@needs(DATA / "seaglider")
-@pytest.mark.parametrize("pattern", ["p17101*.nc", "p24900*.nc"])
-def test_a_real_seaglider_flew_as_its_own_flight_model_says(pattern):
-    paths, config = sorted((DATA / "seaglider").glob(pattern))[-2:], RunConfig()
-    read = events_of(merge(open_logs(paths, config.logs), 60.0), config.measurements, None)
-    flown = AsFlown.of(
-        [flown_of(event) for events in read for event in events if isinstance(event, PathMean)]
-    )
-    along, down, deepest, seconds = [], [], [], []
-    for path in paths:
-        with xr.open_dataset(path, decode_times=False) as dive:
-            _, begin, end = dive["log_gps_time"].values
-            along.append(
-                np.hypot(
-                    float(dive["flight_avg_speed_east"]), float(dive["flight_avg_speed_north"])
-                )
-            )
-            deepest.append(float(dive["depth"].max()))
-            seconds.append(end - begin)
-            down.append(2.0 * deepest[-1] / seconds[-1])
-    assert flown.dives == len(paths)
-    assert flown.speed == pytest.approx(np.hypot(np.median(along), np.median(down)), abs=0.01)
-    assert flown.glide_angle_deg == pytest.approx(
-        np.rad2deg(np.arctan2(np.median(down), np.median(along))), abs=1.0
-    )
-    assert flown.depth == pytest.approx(np.median(deepest), abs=10.0)
-    assert flown.duration == pytest.approx(np.median(seconds), abs=2.0)
 
 
 def test_a_drift_at_the_surface_or_a_mean_without_fixes_is_no_dive():

@@ -6,9 +6,7 @@ import pytest
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
-from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.logs.reader import reading
 from replay_kit.workflows.replay.inputs.scan import look_ahead
 
 NS = 10**9
@@ -95,21 +93,3 @@ def test_a_span_without_a_position_is_said(log):
         MeasurementError, match=r"no position between 2026-01-02.*widen --start and --end"
     ):
         look_ahead([log], settings(start="2026-01-02T00:00:00Z"))
-
-
-def test_the_share_of_the_logs_that_is_read_grows_to_the_whole(tmp_path):
-    messages = [Message(k, "/fix", "", {"longitude": 0.1 * k}, 0, k) for k in range(5000)]
-    write_mcap_log(tmp_path / "a.mcap", messages)
-    write_mcap_log(tmp_path / "b.mcap", messages[:10])
-    told = []
-    with open_log(tmp_path / "a.mcap") as one, open_log(tmp_path / "b.mcap", 1) as other:
-        advance = reading([one, other], lambda *step: told.append(step), "replaying")
-        # what is not begun, or has no stream to read, counts as read
-        assert (one.share_read(), other.share_read()) == (1.0, 1.0)
-        for _ in one.messages():
-            advance(1)
-    shares = [done for done, _, _ in told]
-    assert len(told) == 5000 // 64
-    assert {(total, what) for _, total, what in told} == {(2, "replaying")}
-    assert shares == sorted(shares)
-    assert 1.0 < shares[0] < shares[-1] <= 2.0

@@ -142,22 +142,3 @@ def test_status_table_and_page_name_both(replayed, tmp_path):
     names = [trace["name"] for trace in figures(page)["mean-currents"]["traces"]]
     # of the eastward component, then of the northward one
     assert names == ["measured", "corrected", "estimated"] * 2
-
-
-def test_a_mission_that_grows_keeps_what_it_decided(replayed, tmp_path):
-    folder, _ = replayed
-    write_mcap_log(
-        tmp_path / "log.mcap", [message for k in range(DIVES - 2) for message in messages(dive(k))]
-    )
-    # the ensemble stays where it was placed
-    log, out = tmp_path / "log.mcap", tmp_path / "out.mcap"
-    done = invoke(f"replay {log} --ensemble {folder}/E.nc -o {out} {FAST}")
-    assert done.exit_code in (0, 6), done.output
-    before, after = (rk.open_result(path / "out.mcap").observations for path in (tmp_path, folder))
-    names = [
-        f"mean_current_{kind}_{axis}"
-        for kind in ("measured", "corrected")
-        for axis in ("east", "north")
-    ]
-    np.testing.assert_allclose(before[names], after[names].iloc[: DIVES - 2], atol=1e-4)
-    assert before["mean_current_corrected_east"].notna().any()
