@@ -178,17 +178,6 @@ def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path):
     assert "Excluded: 2 x /adcp: of each its beam_unit_vectors" in console.export_text()
 
 
-def test_late_fixes_become_frames_too(tmp_path):
-    fix = {"latitude": 1.0, "longitude": 2.0}
-    stamps = [k * 10**9 for k in (1, 50, 60, 2, 70)]
-    write_mcap_log(
-        tmp_path / "in.mcap",
-        [Message(t, "/fix", "foxglove.LocationFix", fix, 0, k) for k, t in enumerate(stamps)],
-    )
-    summary = convert([tmp_path / "in.mcap"], tmp_path / "out.tlog", False, LogConfig())
-    assert summary.messages == {"GPS_RAW_INT": 5, "GLOBAL_POSITION_INT": 5}
-
-
 def test_the_help_names_every_format():
     for command in ("replay", "convert"):
         said = " ".join(invoke(f"{command} --help-all", columns=400).output.split())

@@ -178,7 +178,7 @@ def test_a_wrong_unit_ends_the_run_unless_it_is_stated(ocean, summary_of):
     [
         # eleven pings come before it hangs, one of them at the surface
         ("stale from ping 11", ["dead or stale instrument"], PINGS - 11 + 1, "dead"),
-        ("sign of depth", ["depths above the surface"], PINGS, "inconsistent"),
+        ("sign of depth", ["depths above the surface"], PINGS, "above_surface"),
         # until a fix repeats the one before the dive it may be a vehicle that does not reckon its way
         ("frozen positions", [REPEATED, FROZEN], None, "inconsistent"),
     ],
@@ -437,4 +437,4 @@ def test_frozen_positions_explain_that_no_profile_may_be_used_where_there_is_one
 def test_a_run_stopped_around_a_finding_gives_the_same_bytes(ocean, tmp_path):
     log = faulty(ocean, "profiles: both signs")
     job = ReplayJob((log,), ocean / "ensemble.nc", tmp_path / "out.mcap")
-    assert goes_on(job, CONFIG, 200, 40).exit_code == 6
+    assert goes_on(job, CONFIG, 60, 40).exit_code == 6

@@ -5,23 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, PathMean, Source
 from replay_kit.core.surfacing import ellipse_of
-from replay_kit.logs import merge, open_logs
 from replay_kit.workflows.replay.surfacings.forecasts import (
     _CELL,
     ForecastState,
     _along,
     dive_mean,
-    flown_of,
     forecast_mean,
     next_surfacing,
 )
-from tests.measurements.samples import events_of
-from tests.places import DATA, needs
 
 WAY = np.array([0.15, 0.1])
 
@@ -105,31 +100,6 @@ def test_a_dive_that_is_told_to_go_deeper_than_the_last_lasts_longer_and_leads_f
         for one in (usual, deeper)
     ]
     assert ways[1] == pytest.approx(1.5 * ways[0], rel=1e-3)
-
-
-@needs(DATA / "glider")
-@pytest.mark.parametrize(
-    ("pattern", "least"),
-    [
-        ("seaglider/p17101*.nc", 4),
-        pytest.param("seaglider/p24900*.nc", 5, marks=pytest.mark.full),
-        pytest.param("glider/seagliderOG1_*.nc", 17, marks=pytest.mark.full),
-    ],
-)
-def test_the_time_of_a_real_surfacing_is_known_to_a_tenth_where_the_depth_is_stated(pattern, least):
-    paths, config = sorted(DATA.glob(pattern)), RunConfig()
-    read = events_of(merge(open_logs(paths, config.logs), 60.0), config.measurements, None)
-    dives = [e for events in read for e in events if isinstance(e, PathMean) and flown_of(e)]
-    state, off = ForecastState(), []
-    for k, dive in enumerate(dives):
-        begin, end = dive.fixes
-        if k > 0:
-            coming = next_surfacing(state, depth=dive.deepest)
-            expected = coming.time_ns - coming.start.time_ns
-            off.append(abs(expected / (end.time_ns - begin.time_ns) - 1.0))
-        state, _ = forecast_mean(state, dive)
-    assert len(off) >= least
-    assert np.median(off) < 0.1
 
 
 def test_the_current_of_a_dive_does_not_move_its_own_ellipse():
