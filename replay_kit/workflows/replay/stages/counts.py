@@ -100,7 +100,7 @@ class SourceCounts:
     def after(self, measurement: LinearMeasurement, found: Assimilation) -> "SourceCounts":
         """Return the counts with one more."""
         innovation, doubt = found.innovation, measurement.label.doubt
-        doubts = increment(self.doubts, [doubt] if doubt else [])
+        doubts = added(self.doubts, [(doubt, 1)] if doubt else [])
         if not innovation.accepted:
             return SourceCounts(self.sums, self.rejected + 1, doubts)
         sums = self.sums.with_profile(innovation, found.dive_innovation)
@@ -160,7 +160,7 @@ class ProfileCounts:
         tracks = [step.event for step in steps if isinstance(step.event, Track)]
         return ProfileCounts(
             self.rejected + len(done) - len(used),
-            _added(
+            added(
                 self.bins_rejected,
                 (named for innovation in innovations for named in _reasons(innovation)),
             ),
@@ -172,8 +172,9 @@ class ProfileCounts:
             tracks[-1][-1] if tracks else self.last_position,
             self.interpolated + len(far),
             max([self.position_std, *far]),
-            increment(
-                self.path_means, (event.kind for event, _ in used if isinstance(event, PathMean))
+            added(
+                self.path_means,
+                ((event.kind, 1) for event, _ in used if isinstance(event, PathMean)),
             ),
             self.corrections
             + tuple(
@@ -224,11 +225,6 @@ def _with_sources(
     return out
 
 
-def increment(counts: Mapping[Key, int], keys: Iterable[Key]) -> dict[Key, int]:
-    """Return counts with one more for each key."""
-    return _added(counts, ((key, 1) for key in keys))
-
-
 def _with_evidence(
     evidence: Mapping[int, BlockEvidence], innovations: Sequence[Innovation]
 ) -> dict[int, BlockEvidence]:
@@ -243,7 +239,7 @@ def _with_evidence(
     return out
 
 
-def _added(counts: Mapping[Key, int], more: Iterable[tuple[Key, int]]) -> dict[Key, int]:
+def added(counts: Mapping[Key, int], more: Iterable[tuple[Key, int]]) -> dict[Key, int]:
     """Return counts with more of each key."""
     out = dict(counts)
     for key, count in more:
