@@ -277,9 +277,7 @@ def pooled(each: Mapping[str, tuple[RunStatistics, Sequence[LogReport]]]) -> Rep
     for one in counts:
         bins_rejected.update(one.bins_rejected)
         path_means.update(one.path_means)
-    total = Sums(
-        *(sum(getattr(one.total, name) for one in counts) for name in Sums.__dataclass_fields__)
-    )
+    total = Sums(*map(sum, zip(*(one.total for one in counts), strict=True)))
     evidence = Evidence({-k: Evidence(one.evidence).total for k, one in enumerate(counts)})
     both = ProfileCounts(
         rejected=sum(one.rejected for one in counts),

@@ -12,8 +12,6 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.progress import called_by, each_call
 from replay_kit.workflows.fleet.cluster import LostCallError, open_cluster
 from replay_kit.workflows.fleet.expected import Expected, grown, in_all_s
-from replay_kit.workflows.fleet.run import run_fleet
-from tests.workflows.fleet.missions import make_fleet, missions_in
 
 
 def later(first, values, number):
@@ -88,21 +86,3 @@ def test_a_call_that_kills_its_workers_ends_with_an_error_and_others_are_made():
         by_number = {number: error for number, _, error in cluster.completed(die, [(0,)])}
         assert isinstance(by_number[0], LostCallError)
         assert list(cluster.starmap(refuse, [(0,), (2,)])) == [0, 2]
-
-
-@pytest.mark.full
-def test_workers_that_are_killed_again_and_again_change_no_byte(tmp_path):
-    table = make_fleet(tmp_path, 8, 40)
-    missions, again = missions_in(table, tmp_path / "one"), missions_in(table, tmp_path / "killed")
-    killed = 0
-    with open_cluster(None, 2) as cluster:
-        list(run_fleet(missions, cluster, False))
-        for outcomes in run_fleet(again, cluster, False):
-            if len(outcomes) in (1, 3, 5):
-                os.kill(next(iter(cluster.on_each(os.getpid).values())), signal.SIGKILL)
-                killed += 1
-    assert killed == 3
-    assert not any(outcome.failed for outcome in outcomes)
-    assert [mission.result.read_bytes() for mission in missions] == [
-        mission.result.read_bytes() for mission in again
-    ]

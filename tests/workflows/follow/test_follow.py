@@ -89,27 +89,6 @@ def test_what_did_not_change_is_not_replayed_again_nor_for_a_second_file_of_a_di
     assert contents(sea.out) == contents(tmp_path / "at-once.mcap")
 
 
-@pytest.mark.full
-def test_a_follower_that_is_killed_again_and_again_goes_on_and_loses_nothing(
-    ocean, dives, tmp_path
-):
-    sea = Sea(ocean, tmp_path)
-    kills = 0
-    for k, one in enumerate(dives):
-        sea.put(one.name, one.data)()
-        place = ("_begin_result", "conclude", "check_unchanged")[k % 3]
-        with (
-            mock.patch(f"replay_kit.workflows.replay.replay.{place}", side_effect=Killed),
-            pytest.raises(Killed),
-        ):
-            sea.follow()
-        kills += 1
-        (sea.inbox.parent / "result.mcap.part").write_bytes(b"left behind")
-    sea.follow()
-    assert kills == len(dives)
-    assert same(sea, tmp_path)
-
-
 def test_what_is_said_of_a_file_outlives_a_kill_as_soon_as_the_file_is_known(
     ocean, dives, tmp_path
 ):

@@ -23,6 +23,7 @@ from tests.command import invoke, succeed
 from tests.faulty import Faults
 from tests.measurements.samples import events_of
 from tests.places import SAMPLES
+from tests.workflows.replay.given import moved
 from tests.workflows.replay.interrupted import goes_on
 
 ENSEMBLE = SAMPLES / "ensemble.nc"
@@ -56,32 +57,6 @@ def result(tmp_path_factory, logs):
 def job_of(logs, out: Path, **more) -> ReplayJob:
     vehicles = tuple(Vehicle(name, (path,)) for name, path in logs.items())
     return ReplayJob(tuple(logs.values()), ENSEMBLE, out, vehicles=vehicles, **more)
-
-
-def moved(path: Path, out: Path, seconds: float = 0.0, degrees: float = 0.0, without=()) -> Path:
-    """A log with other times or longitudes, or without some topics."""
-
-    def changed(value):
-        if isinstance(value, dict):
-            found = {key: changed(each) for key, each in value.items()}
-            if "sec" in found:
-                found["sec"] += int(seconds)
-            if "longitude" in found:
-                found["longitude"] += degrees
-            return found
-        return value
-
-    kept = [one for one in open_log(path).messages() if one.topic not in without]
-    write_mcap_log(
-        out,
-        (
-            one._replace(
-                time_ns=one.time_ns + int(seconds * 1e9), payload=changed(dict(one.payload))
-            )
-            for one in kept
-        ),
-    )
-    return out
 
 
 @pytest.mark.full
@@ -243,7 +218,6 @@ def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
         used = values["observations"]["used"]
         assert f'<data data-key="vehicles.{name}.observations.used" value="{used}">' in page
     assert (tmp_path / "array.sg2.html").stat().st_size > 100_000
-    succeed(f"plot {out} map -o {tmp_path / 'm.png'}")
     refused = invoke(f"plot {out} dac -o {tmp_path / 'd.png'}")
     assert isinstance(refused.exception, ConfigError)
     assert "sg1, sg2, sg3" in str(refused.exception)
@@ -251,8 +225,6 @@ def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
     features = json.loads((tmp_path / "x.geojson").read_text())["features"]
     tracks = [one["properties"]["name"] for one in features if "track" in one["properties"]["name"]]
     assert tracks == ["sg1 track", "sg2 track", "sg3 track"]
-    verified = invoke(f"verify {out} --inputs {result.path.parent} --inputs {SAMPLES}")
-    assert verified.exit_code in (0, 3)
 
 
 @pytest.mark.full

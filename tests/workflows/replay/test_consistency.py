@@ -42,6 +42,7 @@ from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke
 from tests.faulty import Faults, write_glider
 from tests.planted import in_centimetres
+from tests.workflows.replay.given import moved
 from tests.workflows.replay.interrupted import goes_on, make_ocean, truth_in
 
 CONFIG = RunConfig(
@@ -117,13 +118,7 @@ def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(
     turned = Result(ocean / "out.mcap")
     estimate, events = turned.estimate, turned.events
     # the estimate is that of the mean currents alone
-    messages = [
-        message
-        for message in open_log(ocean / "turned.mcap").messages()
-        if message.schema != "replay_kit.AdcpPing"
-    ]
-    (ocean / "means.mcap").unlink(missing_ok=True)
-    write_mcap_log(ocean / "means.mcap", messages)
+    moved(ocean / "turned.mcap", ocean / "means.mcap", without=("/adcp",))
     run(ocean, ocean / "means.mcap")
     places = np.array([0.0, 2e4]), np.array([0.0, -1e4]), np.array([20.0, 60.0])
     assert Result(ocean / "out.mcap").estimate.velocity(*places) == pytest.approx(
@@ -339,8 +334,7 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
 ):
     log = tmp_path / "other.mcap"
     write_mcap_log(log, list(in_other_water(open_log(ocean / "glider.mcap").messages(), 0)))
-    moved = with_settings(forecast={"place": place})
-    summary = run(ocean, log, moved)
+    summary = run(ocean, log, with_settings(forecast={"place": place}))
     (finding,) = summary.findings
     assert (finding.name, finding.severity, summary.exit_code) == (
         name,

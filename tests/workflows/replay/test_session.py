@@ -1,7 +1,7 @@
 """What a replay's loop gives its estimator: mean currents go to those that take them, and are counted otherwise."""
 
 from contextlib import nullcontext
-from dataclasses import astuple, replace
+from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -128,6 +128,6 @@ def test_a_group_counts_as_its_profiles_do():
     nis, totals = sum(each.nis for each in members), GroupTotals(5 * n, *squares)
     group = replace(unused, nis=nis, dof=10 * n, accepted=True, profiles=5, totals=totals)
     total = Sums(bins=3).with_profile(group, np.concatenate([each.residual for each in members]))
-    np.testing.assert_allclose(astuple(total), astuple(one_by_one), rtol=1e-12)
+    np.testing.assert_allclose(total, one_by_one, rtol=1e-12)
     assert total.rms(total.before) == np.sqrt(total.before / (10 * n))
     assert np.isnan(Sums().rms(0.0))

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from operator import add
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -23,8 +24,7 @@ from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 Key = TypeVar("Key")
 
 
-@dataclass(frozen=True, slots=True)
-class Sums:
+class Sums(NamedTuple):
     """Sums over profiles, and of squares over their bins and components.
 
     Attributes:
@@ -58,16 +58,8 @@ class Sums:
                 _squares, (innovation.innovation, innovation.residual, innovation.prior_innovation)
             )
         )
-        return Sums(
-            self.profiles + innovation.profiles,
-            self.bins + bins,
-            self.nis + innovation.nis,
-            self.dof + innovation.dof,
-            self.before + before,
-            self.after + after,
-            self.prior + prior,
-            self.predicted + _squares(dive_innovation),
-        )
+        counted = innovation.profiles, bins, innovation.nis, innovation.dof
+        return Sums(*map(add, self, (*counted, before, after, prior, _squares(dive_innovation))))
 
     def rms(self, squares: float) -> float:
         """Return the root mean square [m/s] of one of the sums of squares; NaN without data."""
