@@ -17,6 +17,7 @@ from replay_kit.show.text import SafeConsole
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from tests.command import invoke
+from tests.logs.log_samples import tlog
 from tests.measurements.samples import events_of
 from tests.places import DATA
 from tests.studies.twins.truths import make_truth
@@ -184,3 +185,12 @@ def test_the_help_names_every_format():
         assert (
             "MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP)" in said
         )
+
+
+def test_frames_of_several_logs_are_merged_by_time_by_way_of_mcap_too(tmp_path):
+    given, both = [tmp_path / "a.tlog", tmp_path / "b.tlog"], tmp_path / "both.mcap"
+    given[0].write_bytes(b"".join(tlog(5)))
+    given[1].write_bytes(b"".join(tlog(5, _stamps(given[0])[1] + 1)))
+    convert(given, both, False, LogConfig())
+    convert([both], tmp_path / "out.tlog", False, LogConfig())
+    assert _stamps(tmp_path / "out.tlog") == sorted(_stamps(given[0]) + _stamps(given[1]))

@@ -15,9 +15,11 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.follow.watch import read_memory, write_memory
+from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay import run as running
 from replay_kit.workflows.replay.inputs import estimator as basis
 from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.instalments import Instalment, delivered, dives_of
 from tests.places import SAMPLES
@@ -60,6 +62,7 @@ def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean
     )
     assert sea.options.status.is_file()
     assert not (sea.out.with_name("result.mcap.part")).exists()
+    assert verify(sea.out, [sea.inbox, ocean], planner_of).same
 
 
 def messages_of(replay: Callable[[], object]) -> int:

@@ -6,7 +6,9 @@ import pytest
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
+from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.logs.reader import reading
 from replay_kit.workflows.replay.inputs.scan import look_ahead
 
 NS = 10**9
@@ -93,3 +95,18 @@ def test_a_span_without_a_position_is_said(log):
         MeasurementError, match=r"no position between 2026-01-02.*widen --start and --end"
     ):
         look_ahead([log], settings(start="2026-01-02T00:00:00Z"))
+
+
+def test_the_share_of_the_logs_that_is_read_grows_to_the_whole(tmp_path):
+    messages, told = [fix(k, 0.1, 0.0)._replace(position=k) for k in range(5000)], []
+    write_mcap_log(tmp_path / "a.mcap", messages)
+    with open_log(tmp_path / "a.mcap") as one, open_log(tmp_path / "a.mcap", 1) as other:
+        advance = reading([one, other], lambda *step: told.append(step), "replaying")
+        for _ in one.messages():
+            advance(1)
+    shares = [done for done, _, _ in told]
+    assert len(told) == 5000 // 64
+    assert {(total, what) for _, total, what in told} == {(2, "replaying")}
+    assert shares == sorted(shares)
+    # what is not begun counts as read
+    assert 1.0 < shares[0] < shares[-1] <= 2.0
