@@ -47,7 +47,6 @@ from replay_kit.workflows.replay.stages.publishing import (
     withdraw_windows,
 )
 from replay_kit.workflows.replay.state import OfVehicle, RunState, Setup
-from replay_kit.workflows.replay.statistics import RunStatistics
 
 #: Schema of what stands in the stream where the logs of a vehicle end.
 END = "replay_kit.EndOfLogs"
@@ -261,9 +260,7 @@ class Run:
         self.current, monitoring, counts = consistency.readmitted(
             estimator, self.current, of.monitoring, of.statistics.profiles
         )
-        self.put(
-            number, monitoring=monitoring, statistics=RunStatistics(of.statistics.messages, counts)
-        )
+        self.put(number, monitoring=monitoring, statistics=replace(of.statistics, profiles=counts))
         self.write(number, map(_warning, named))
         every = monitoring.findings
         self.write(number, (lambda writer: writer.consistency(time_ns, every),))
@@ -301,7 +298,7 @@ class Run:
             self.put(
                 other,
                 dive=dive,
-                statistics=RunStatistics(before.statistics.messages, counts),
+                statistics=replace(before.statistics, profiles=counts),
                 monitoring=consistency.with_gated(fresh, own),
             )
         self.put(0, publishing=withdraw_windows(self.of[0].publishing))
