@@ -24,6 +24,7 @@ from replay_kit.results.topics import (
     WINDOW_NAME,
     WINDOWS_RECORD,
     complete,
+    message_counts,
     newest_messages,
     read_messages,
 )
@@ -77,9 +78,7 @@ class ResultReader:
     @cached_property
     def topics(self) -> dict[str, int]:
         """Number of messages by topic, of the whole file."""
-        assert self.summary.statistics is not None
-        counts = self.summary.statistics.channel_message_counts
-        return {one.topic: counts.get(key, 0) for key, one in self.summary.channels.items()}
+        return message_counts(self.summary)
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:

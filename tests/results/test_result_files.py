@@ -13,8 +13,8 @@ from replay_kit.core.errors import ConfigError, ForecastError, LogError, ReplayK
 from replay_kit.core.flow.compact import unpack
 from replay_kit.core.grid import Projection
 from replay_kit.results import CONTRACT_VERSION, ResultReader, ResultWriter, mcap_file
-from replay_kit.results.readback import check_written
 from replay_kit.results.result import result_path
+from replay_kit.results.topics import check_written
 from tests.results.result_samples import CONFIG, METADATA, decoded
 
 
@@ -172,7 +172,7 @@ def test_read_back_finds_a_flip_of_any_byte_and_any_missing_end(run, tmp_path):
     check_written(path, topics, attached)
     for missing in (1, 8, 9, 60, len(data) // 2):
         path.write_bytes(data[:-missing])
-        with pytest.raises(ReplayKitError, match=r"does not read back: .*; is the disk full\?"):
+        with pytest.raises(ReplayKitError, match=r"does not read back; is the disk full\?"):
             check_written(path, topics, attached)
     for place in np.random.default_rng(0).integers(8, len(data), 40).tolist():
         spoilt = bytearray(data)
@@ -184,7 +184,7 @@ def test_read_back_finds_a_flip_of_any_byte_and_any_missing_end(run, tmp_path):
     for messages, attachments in ((topics | {"/a": 1}, attached), (topics, attached + 1)):
         with pytest.raises(
             ReplayKitError,
-            match=f"but read back {topics.total()} and {attached}, and its summary says {topics.total()}",
+            match=f"but read back {topics.total()} and {attached}",
         ):
             check_written(path, messages, attachments)
 
