@@ -29,7 +29,7 @@ from replay_kit.results.slices import (
     Slice,
     arrow_scale,
     arrows_message,
-    depth_slice,
+    depth_slices,
     grid_message,
     seabed_message,
 )
@@ -150,7 +150,7 @@ class ResultWriter(ResultFile):
             flow: The flow.
             depths: [m], positive down.
         """
-        slices = [depth_slice(flow, depth) for depth in depths]
+        slices = depth_slices(flow, depths)
         self._arrow_scale = self._arrow_scale or arrow_scale(slices)
         for value in slices:
             self._log(f"/flow/grid/{value.depth:g}m", grid_message(time_ns, value), time_ns)

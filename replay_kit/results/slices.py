@@ -4,7 +4,7 @@ The grid is along the local axes, its spacing nearly the ensemble's own, its cen
 range. Values are for looking at (float32); the estimate is in the attachment ``estimate.npz``.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -68,15 +68,19 @@ class Slice:
         return float(np.max(speed, where=np.isfinite(speed), initial=0.0))
 
 
-def depth_slice(flow: FlowEstimate, depth: float) -> Slice:
-    """Return the flow at a depth [m] on a regular grid near the ensemble's own."""
+def depth_slices(flow: FlowEstimate, depths: Sequence[float]) -> list[Slice]:
+    """Return the flow at depths [m] on a regular grid near the ensemble's own."""
     grid = flow.grid
     east, north = slice_axes(grid)
-    e, n = np.meshgrid(east, north)
-    known = known_at(grid, e, n, depth)[..., None]
-    velocity = np.where(known, flow.velocity(e, n, depth), np.nan)
-    error = np.where(known, flow.standard_error(e, n, depth), np.nan) if flow.n_modes else None
-    return Slice(float(depth), east, north, velocity, error)
+    # what depends on the place alone is computed once for all depths
+    at = (*np.meshgrid(east, north), np.array(depths, np.float64)[:, None, None])
+    known = np.stack([known_at(grid, *at[:2], depth)[..., None] for depth in depths])
+    velocity = np.where(known, flow.velocity(*at), np.nan)
+    errors = np.where(known, flow.standard_error(*at), np.nan) if flow.n_modes else None
+    return [
+        Slice(float(depth), east, north, velocity[k], None if errors is None else errors[k])
+        for k, depth in enumerate(depths)
+    ]
 
 
 def slice_axes(grid: Grid) -> tuple[Array, Array]:

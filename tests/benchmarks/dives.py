@@ -8,7 +8,6 @@ logarithms of the stated densities [nats], ``in_90`` the share of dives in their
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
@@ -18,12 +17,12 @@ import xarray as xr
 
 from replay_kit.config.run import load_config
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import Observation, PathMean
+from replay_kit.core.observation import Observation, PathMean, Profiles
 from replay_kit.estimator.next_dive.mixture import Persistence
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess
 from replay_kit.logs import merge
 from replay_kit.workflows.replay.inputs.scan import open_readers
-from replay_kit.workflows.replay.surfacings.forecasts import ForecastState, dive_mean, with_profile
+from replay_kit.workflows.replay.surfacings.forecasts import ForecastState, dive_mean, with_profiles
 from tests.benchmarks.measure import Row, row, seconds
 from tests.measurements.samples import events_of
 from tests.places import DATA, SAMPLES
@@ -81,7 +80,10 @@ def _dive(path: PathMean, profiles: Sequence[Observation]) -> Dive:
         times = path.path_time_ns
         return Dive(int(times.min()), int(times.max()), np.array(path.velocity))
     begin, end = path.fixes
-    found = dive_mean(reduce(with_profile, profiles, ForecastState()), path, np.empty((0, 2)))
+    state = ForecastState()
+    for profile in profiles:
+        state = with_profiles(state, Profiles.of([profile]))
+    found = dive_mean(state, path, np.empty((0, 2)))
     return Dive(begin.time_ns, end.time_ns, np.array(path.velocity), found.way, found.inverted)
 
 

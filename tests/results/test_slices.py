@@ -8,7 +8,7 @@ import pytest
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.results import ResultReader, ResultWriter
-from replay_kit.results.slices import depth_slice
+from replay_kit.results.slices import depth_slices
 from replay_kit.results.views.slices import published_slices
 from tests.results.cases import on, turned
 
@@ -47,7 +47,7 @@ def test_current_and_standard_error_are_known_at_the_same_cells(flow, tmp_path, 
 @pytest.mark.parametrize("name", ["parallels", "turned by 1 degree", "columns north"])
 def test_a_slice_has_a_cell_near_each_point_of_a_grid_along_the_axes(flow, name):
     placed = GRIDS[name](flow)
-    found = depth_slice(placed, 10.0)
+    found = depth_slices(placed, [10.0])[0]
     assert {found.east.size, found.north.size} == {5, 7}
     east, north = np.meshgrid(found.east, found.north)
     assert inside_grid(placed.grid, east, north).all()
@@ -62,7 +62,7 @@ def test_a_slice_has_a_cell_near_each_point_of_a_grid_along_the_axes(flow, name)
 
 
 def test_a_slice_along_the_grid_s_own_axes_has_its_points(flow):
-    found = depth_slice(flow, 0.5)
+    found = depth_slices(flow, [0.5])[0]
     np.testing.assert_array_equal(found.east, flow.grid.east[0])
     np.testing.assert_array_equal(found.north, flow.grid.north[:, 0])
     np.testing.assert_array_equal(np.isfinite(found.velocity[..., 0]), flow.grid.wet[0])

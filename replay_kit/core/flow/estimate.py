@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 
     from replay_kit.core.flow.points import Velocities
 
-# Points evaluated at once: bounds the matrices to some hundred MB.
-_CHUNK = 2_048
+# Points evaluated at once: bounds the matrices to some tens of MB.
+_CHUNK = 512
 _NS = 1e9
 # Depths so far above the surface are rounded, as those of a planned track [m].
 _ROUNDED = 1e-3

@@ -176,7 +176,7 @@ class Screened:
 
 
 #: What is remembered of the last measurement used: when, where and what it was; an equal one that follows is a duplicate.
-Last = tuple[int, tuple[Array, ...]]
+Last = tuple[int, tuple[Any, ...]]
 
 
 def screened(
@@ -200,12 +200,11 @@ def screened(
     for _, alike in groupby(enumerate(given), _shape):
         some = [event for _, event in alike]
         columns, linear = _columns(some)
-        spread = linear is not None and not linear.at_one_place
-        places = linear.value_places if linear is not None and spread else None
-        flags, reasons = screen(columns, grid, relative, places)
-        ends = columns["longitude"], columns["latitude"]
+        places, ends = None, (columns["longitude"], columns["latitude"])
         if linear is not None:
+            places = None if linear.at_one_place else linear.value_places
             ends = linear.longitude[-1:], linear.latitude[-1:]
+        flags, reasons = screen(columns, grid, relative, places)
         axes = rotate_to_local(grid.projection, *(each[:, None] for each in ends), *np.eye(2))
         turn, used, refused = np.stack(axes, -1), usable(flags), np.zeros(len(flags), np.int32)
         bounds = np.cumsum([0, *(len(one) if isinstance(one, Profiles) else 1 for one in some)])
@@ -213,23 +212,13 @@ def screened(
         for part in parts:
             if columns["time"][part].min() < earliest:
                 refused[part] = Reason.OUT_OF_ORDER
-        last = _refuse_duplicates(columns, linear, used, refused, last)
+        last = _refuse_duplicates(columns, used, refused, last)
         refused[~used.any(axis=1)] = Reason.NONE
         used &= refused[:, None] == Reason.NONE
         for event, part in zip(some, parts, strict=True):
             own = columns if len(some) == 1 else {k: v[part] for k, v in columns.items()}
-            found.append(
-                Screened(
-                    event,
-                    own,
-                    linear,
-                    flags[part],
-                    reasons[part],
-                    used[part],
-                    refused[part],
-                    turn[part],
-                )
-            )
+            each: list[Any] = [one[part] for one in (flags, reasons, used, refused, turn)]
+            found.append(Screened(event, own, linear, *each))
     return found, last
 
 
@@ -271,44 +260,28 @@ def columns_of(event: Measurement) -> Columns:
 
 
 def _refuse_duplicates(
-    columns: Columns,
-    linear: LinearMeasurement | None,
-    used: NDArray[np.bool_],
-    refused: NDArray[np.int32],
-    last: Last | None,
+    columns: Columns, used: NDArray[np.bool_], refused: NDArray[np.int32], last: Last | None
 ) -> Last | None:
-    """Mark measurements that equal the last one used in every number: logged twice, they hold no new information.
+    """Mark measurements that equal the last one used in every number: logged twice, they hold no new information; return the last used."""
+    at, times, before = (
+        np.flatnonzero(used.any(axis=1) & (refused == Reason.NONE)),
+        columns["time"],
+        None if last is None else last[0],
+    )
+    row = -1
 
-    Returns:
-        The last one used.
-    """
+    def what(i: int) -> tuple[Any, ...]:
+        return tuple(columns[name][i] for name in _NUMBERS)
 
-    def what(i: int) -> tuple[Array, ...]:
-        if linear is not None:
-            return tuple(getattr(linear, name) for name in _NUMBERS)
-        names = "longitude", "latitude", "depth", "velocity"
-        return (*(columns[name][i : i + 1] for name in names), BOTH_COMPONENTS)
-
-    at = np.flatnonzero(used.any(axis=1) & (refused == Reason.NONE))
-    if not at.size:
-        return last
-    times = columns["time"]
-    before = None if last is None else last[0]
-    doubtful = np.diff(times[at]) == 0
-    if not doubtful.any() and times[at[0]] != before:
-        return int(times[at[-1]]), what(int(at[-1]))
     for i in at.tolist():
-        now = int(times[i]), what(i)
-        if last is not None and last[0] == now[0] and _are_equal(last[1], now[1]):
-            refused[i] = Reason.DUPLICATE
-        else:
-            last = now
-    return last
+        if times[i] == before:
+            held = last[1] if row < 0 and last is not None else what(row)
+            pairs = zip(held, what(i), strict=True)
+            if all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
+                refused[i] = Reason.DUPLICATE
+                continue
+        row, before = i, times[i]
+    return last if row < 0 else (int(times[row]), what(row))
 
 
-_NUMBERS = ("longitude", "latitude", "depth", "value", "components")
-
-
-def _are_equal(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
-    pairs = zip(one, other, strict=True)
-    return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+_NUMBERS = ("longitude", "latitude", "depth", "velocity")

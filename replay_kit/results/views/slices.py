@@ -12,7 +12,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
 from replay_kit.results.reader import ResultReader
-from replay_kit.results.slices import Slice, depth_slice, grid_cells, slice_axes
+from replay_kit.results.slices import Slice, depth_slices, grid_cells, slice_axes
 from replay_kit.results.topics import WINDOW_NAME
 from replay_kit.results.views.track import thinned
 
@@ -85,7 +85,7 @@ def _same(one: Sequence[Array], other: Sequence[Array]) -> bool:
 
 def slices_of(flow: FlowEstimate, depths: Array) -> CurrentSlices:
     """Return an estimate at its own time on slices at depths [m]."""
-    each: list[Slice] = [depth_slice(flow, float(depth)) for depth in depths]
+    each: list[Slice] = depth_slices(flow, depths.tolist())
     fields = np.stack([_fields_of(value) for value in each])[:, None]
     return on_grid(
         CurrentSlices(

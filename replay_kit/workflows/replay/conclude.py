@@ -21,7 +21,7 @@ from replay_kit.logs.registry import logs_in
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
-from replay_kit.results.slices import depth_slice
+from replay_kit.results.slices import depth_slices
 from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.replay.follow_up import end, left_windows, publish
 from replay_kit.workflows.replay.inputs.estimator import flow_at
@@ -171,7 +171,7 @@ def value_of_each(
 def _on_slices(flows: Sequence[FlowEstimate], settings: OutputConfig) -> tuple[Array, Array]:
     """Return the velocity at the published depths, shape (n, 2), and the length of its standard error, shape (n,) [m/s]."""
     depths = published_depths(flows[0], settings)
-    each = [depth_slice(flow, depth) for flow in flows for depth in depths]
+    each = [one for flow in flows for one in depth_slices(flow, depths)]
     velocity = np.concatenate([one.velocity.reshape(-1, 2) for one in each])
     known = [one.standard_error for one in each if one.standard_error is not None]
     errors = (

@@ -16,7 +16,7 @@ from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.checks import profile
 from replay_kit.measurements.checks.concluded import FORECAST
-from replay_kit.results.slices import depth_slice
+from replay_kit.results.slices import depth_slices
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
@@ -153,7 +153,7 @@ def test_the_value_of_a_vehicle_is_the_difference_to_a_replay_without_it(result,
     without = rk.replay(rest, ENSEMBLE, out=tmp_path / "without.mcap", settings=SETTINGS)
     differences, errors = [], []
     for depth in (5.0, 150.0, 500.0):
-        slices = [depth_slice(one.estimate, depth) for one in (result, without)]
+        slices = [depth_slices(one.estimate, [depth])[0] for one in (result, without)]
         differences.append(slices[1].velocity - slices[0].velocity)
         errors.append(np.hypot(*np.moveaxis(slices[1].standard_error, -1, 0)))
     value = result.outcome.value["sg3"]
