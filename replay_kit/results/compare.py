@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from google.protobuf.message import Message as ProtobufMessage
-from mcap.reader import make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.errors import LogError
-from replay_kit.results.topics import CONFIG_NAME, DAMAGED, DIGEST_NAME, Digest, complete
+from replay_kit.results.reader import ResultReader
+from replay_kit.results.topics import CONFIG_NAME, DAMAGED, DIGEST_NAME, Digest
 
 _FIELDS_SHOWN = 10
 
@@ -23,7 +23,7 @@ class Recorded:
     """What a result says of the run that made it.
 
     Attributes:
-        metadata: Record name to keys and values; the last of a name counts.
+        metadata: Record name to keys and values, without digests.
         config_toml: The configuration.
         digests: In the order of the file.
         attachments: Name to bytes.
@@ -77,15 +77,14 @@ def read_recorded(path: Path) -> Recorded:
     Raises:
         LogError: It cannot be read, or was made neither by a replay nor by a plan.
     """
-    metadata, digests = dict[str, dict[str, str]](), list[Digest]()
-    with complete(path), path.open("rb") as file:
-        reader = make_reader(file)
-        for record in reader.iter_metadata():
-            values = metadata[record.name] = dict(record.metadata)
-            if record.name == DIGEST_NAME:
-                numbers = int(values["time_ns"]), int(values["messages"])
-                digests.append(Digest(*numbers, values["sha256"]))
-        attachments = {record.name: record.data for record in reader.iter_attachments()}
+    reader = ResultReader(path)
+    attachments = {name: one.data for name, one in reader.attachments(bool).items()}
+    digests = (
+        Digest(int(values["time_ns"]), int(values["messages"]), values["sha256"])
+        for name, values in reader.records
+        if name == DIGEST_NAME
+    )
+    metadata = reader.metadata
     # a replay has an ensemble, a plan made on its own estimates
     inputs = metadata.get("replay_kit.inputs", {})
     known = any(key.startswith(("ensemble", "flow")) for key in inputs)

@@ -14,7 +14,6 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import Velocities, best_velocity_at
 from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.grid import Projection
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
 from replay_kit.results.innovations import (
@@ -179,7 +178,7 @@ class ResultFile:
 
         ``bottom`` is the depth of the bottom under the track [m]; NaN without a bathymetry.
         """
-        projection, rows = self._projection, list[tuple[Any, ...]]()
+        projection, rows = self.reader.projection, list[tuple[Any, ...]]()
         for number, plan in enumerate(self._decoded("/plan/controls", "Plan")):
             start = plan.timestamp.ToNanoseconds()
             seconds, east, north, depth, bottom = (
@@ -198,12 +197,7 @@ class ResultFile:
 
         Longitude and latitude [degrees], depth [m], u, v towards true east and north, and their standard errors [m/s].
         """
-        return surface_table(self.reader.decoded("/flow/surface"), self._projection)
-
-    @cached_property
-    def _projection(self) -> Projection:
-        frame = self.reader.metadata["frame map"]
-        return Projection(float(frame["longitude"]), float(frame["latitude"]))
+        return surface_table(self.reader.decoded("/flow/surface"), self.reader.projection)
 
     @cached_property
     def surfacings(self) -> "pd.DataFrame":
