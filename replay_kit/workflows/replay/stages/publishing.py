@@ -34,7 +34,6 @@ class PublishingState:
     Attributes:
         next_slices_ns: When the next depth slices are due [ns, UTC]; None before the first measurement.
         projection: The local frame; None before the first position.
-        position: The last one.
         turned: Local east and north [m] where the heading was found last, and the heading, clockwise from local north [rad].
         placed: Local east, north and depth [m] of the frame last published.
         windows: Number of windows left by the vehicle whose last estimates were published.
@@ -44,7 +43,6 @@ class PublishingState:
 
     next_slices_ns: int | None = None
     projection: Projection | None = None
-    position: VehicleState | None = None
     turned: _Place | None = None
     placed: _Place | None = None
     windows: int = 0
@@ -116,7 +114,7 @@ def publish_track(
             if move is not None:
                 writer.vehicle(position.time_ns, *move)
 
-    after = replace(state, projection=projection, position=track[-1], turned=turned, placed=placed)
+    after = replace(state, projection=projection, turned=turned, placed=placed)
     return after, (write,)
 
 
