@@ -24,22 +24,26 @@ if TYPE_CHECKING:
 TOPIC, _NAME = "/flow/innovation", "Innovations"
 _FIELDS = {field.name: field.type for field in MESSAGES[_NAME]}
 BINS = [*_FIELDS][[*_FIELDS].index("depth") :]
-# What of an innovation its columns hold, where that has another name: single values, and pairs of the components east and north.
-_VALUES = {name: name for name in _FIELDS if not name.endswith(("_east", "_north"))} | {
-    "timestamp": "time_ns",
-    "source_time": "source.time_ns",
-    "source_input": "source.input",
-    "source_topic": "source.topic",
-    "source_position": "source.position",
-    "gate_threshold": "gate",
-    "mean_current_kind": "mean_kind",
-    "mean_current_measured_standard_error": "mean_std",
-    "mean_current_corrected_standard_error": "corrected_std",
-    "mean_current_estimated_standard_error": "estimated_std",
-    "bins": "depth.size",
-}
 _MEANS = {"mean_current_measured": "mean_current", "mean_current_corrected": "corrected_current"}
 _PAIRS = [name.removesuffix("_east") for name in _FIELDS if name.endswith("_east")]
+# The attributes of an innovation that columns, and pairs of the components east and north, hold.
+_HELD = (
+    {name: name for name in _FIELDS if not name.endswith(("_east", "_north"))}
+    | {name: _MEANS.get(name, name) for name in _PAIRS}
+    | {
+        "timestamp": "time_ns",
+        "source_time": "source.time_ns",
+        "source_input": "source.input",
+        "source_topic": "source.topic",
+        "source_position": "source.position",
+        "gate_threshold": "gate",
+        "mean_current_kind": "mean_kind",
+        "mean_current_measured_standard_error": "mean_std",
+        "mean_current_corrected_standard_error": "corrected_std",
+        "mean_current_estimated_standard_error": "estimated_std",
+        "bins": "depth.size",
+    }
+)
 #: Rows of tables made at once, and the most profiles and bins that are kept for figures.
 _ROWS, MOST, MOST_BINS = 2048, 20_000, 300_000
 _RMS = ("innovation", "residual", "prior_innovation")
@@ -59,16 +63,17 @@ Tables = tuple["pd.DataFrame", "pd.DataFrame"]
 def block_of(innovations: Sequence[Innovation]) -> bytes:
     """Return ``replay_kit.Innovations``, without columns of which nothing is known."""
     columns: dict[str, Any] = {}
-    for name, attributes in _VALUES.items():
-        held = [*map(attrgetter(attributes), innovations)]
-        columns[name] = np.concatenate(held) if name in BINS else held
-    for name in _PAIRS:
-        found, mean = list[Any](), _MEANS.get(name)
-        for one in innovations:
-            pair = getattr(one, mean or name)
-            rows = 1 if mean else one.depth.size
-            found.append(np.full((rows, 2), np.nan) if pair is None else pair)
-        columns[f"{name}_east"], columns[f"{name}_north"] = np.vstack(found).T
+    for name, path in _HELD.items():
+        held = [*map(attrgetter(path), innovations)]
+        if name in _PAIRS:
+            rows = [1 if name in _MEANS else one.depth.size for one in innovations]
+            whole = [
+                np.full((count, 2), np.nan) if pair is None else pair
+                for count, pair in zip(rows, held, strict=True)
+            ]
+            columns[f"{name}_east"], columns[f"{name}_north"] = np.vstack(whole).T
+        else:
+            columns[name] = np.concatenate(held) if name in BINS else held
     known = {
         name: values
         for name, values in columns.items()
@@ -96,7 +101,7 @@ def columns_of(block: bytes) -> Columns:
 def blocks_in(reader: ResultReader, newest: bool = False) -> Iterator[Columns]:
     """Yield the columns of the blocks of a result, also of one of an earlier version, by time or from the last one back."""
     if (old := earlier.innovations(reader, TOPIC, newest)) is not None:
-        return (columns_of(block_of([one])) for one in old)
+        return (columns_of(encode(_NAME, one)) for one in old)
     return (columns_of(data) for _, data in reader.messages(TOPIC, newest))
 
 

@@ -6,7 +6,6 @@ grown, holds between its first digest and a later one is written again record by
 
 import hashlib
 import os
-import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -15,17 +14,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
-import zstandard
-from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, breakup_chunk
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from replay_kit.core.atomic import open_part, part_of, sync
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
 from replay_kit.core.message import OutChannels, RawChannel, RawMessage
-from replay_kit.results.readback import Records, check_written
-from replay_kit.results.topics import DIGEST_NAME, Digest
+from replay_kit.results.topics import DAMAGED, DIGEST_NAME, Digest, check_written
 
 #: Name, encoding and definition of a schema.
 Definition = tuple[str, str, bytes]
@@ -35,6 +32,13 @@ _OURS = -1
 #: Topics of the result itself, and the beginnings of others.
 _OWN_TOPICS = ("/tf", "/vehicle/fix", "/log")
 _OWN_FOLDERS = ("/flow/", "/plan/")
+
+
+class Records(StreamReader):
+    """The records of a file without the message indexes, whose entries the library would parse one by one."""
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        return None if opcode == Opcode.MESSAGE_INDEX else super()._read_record(opcode, length)
 
 
 class Written(NamedTuple):
@@ -228,10 +232,7 @@ class ResultFile:
         try:
             with source.open("rb") as file:
                 self._write_again(Records(file, emit_chunks=True, validate_crcs=True), written)
-        except (
-            *(OSError, McapError, CRCValidationError, zstandard.ZstdError),
-            *(struct.error, ValueError, LookupError, OverflowError),
-        ) as error:
+        except (OSError, *DAMAGED) as error:
             raise LogError(f"{source}: what the run had written is damaged: {error!r}") from error
         if (self._digests, self._digest.hexdigest()) != written[:2]:
             raise LogError(f"{source}: is not what the run had written")

@@ -18,11 +18,11 @@ from replay_kit.core.errors import Finding, ReplayKitError, finding_json
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Fix, VehicleState
-from replay_kit.core.plan import Plan, leg_statistics
+from replay_kit.core.observation import VehicleState
+from replay_kit.core.plan import Place, Plan, leg_statistics
 from replay_kit.core.region import collection_text, feature, positions
-from replay_kit.core.surfacing import DiveForecast, DiveOutcome, SurfacingOutcome, planned_ellipses
-from replay_kit.results.schemas import encode
+from replay_kit.core.surfacing import DiveOutcome, Ellipse, SurfacingOutcome, planned_ellipses
+from replay_kit.results.schemas import MESSAGES, TIME, attributes, encode
 
 Level = Literal["debug", "info", "warning", "error"]
 
@@ -39,8 +39,17 @@ _LEVELS = {
 _SECOND = 1_000_000_000
 # a finding's key in JSON, whose field has another name
 _FINDING = {"set": "advice"}
-# attributes that the messages have under the same names
-_OF_PLAN = "status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach track_time energy battery"
+# fields of the messages and whence they are
+_OF_PLAN = (
+    "timestamp=start_time_ns start goal status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach "
+    "track_time energy battery"
+)
+_OF_SURFACING = (
+    "timestamp=fix.time_ns dive_begin=forecast.start.time_ns dive=forecast.dive earlier_dives=forecast.earlier start=forecast.start "
+    "actual=fix distance direction_deg ellipse_bearing=forecast.outer.bearing_deg inner_major=forecast.inner.major "
+    "inner_minor=forecast.inner.minor outer_major=forecast.outer.major outer_minor=forecast.outer.minor inside_inner=in_inner "
+    "inside_outer=in_outer log_score persistent_log_score persistent_distance persistent_radius=forecast.persistent_radius"
+)
 
 
 def stamp(time_ns: int) -> fox.Timestamp:
@@ -141,59 +150,56 @@ def unknowns(time_ns: int, flow: FlowEstimate) -> bytes:
 
 def plan_controls(plan: Plan) -> bytes:
     """Return ``replay_kit.Plan``."""
-    track_east, track_north, track_depth = plan.track.T
-    return encode(
+    east, north, depth = plan.track.T
+    statistics = sorted({**plan.statistics, **leg_statistics(plan.legs)}.items())
+    return _own(
         "Plan",
-        {
-            "timestamp": _time(plan.start_time_ns),
-            "start": asdict(plan.start),
-            "goal": asdict(plan.goal),
-            "track_east": track_east,
-            "track_north": track_north,
-            "track_depth": track_depth,
-            "statistics": [
-                {"name": name, "value": str(value)}
-                for name, value in sorted({**plan.statistics, **leg_statistics(plan.legs)}.items())
-            ],
-            "track_bottom": () if plan.bottom is None else plan.bottom,
-        }
-        | ({} if plan.odds is None else {"odds": asdict(plan.odds)})
-        | _attributes(plan, _OF_PLAN),
+        plan,
+        _OF_PLAN,
+        track_east=east,
+        track_north=north,
+        track_depth=depth,
+        statistics=[{"name": name, "value": str(value)} for name, value in statistics],
+        track_bottom=() if plan.bottom is None else plan.bottom,
+        **({} if plan.odds is None else {"odds": asdict(plan.odds)}),
     )
 
 
 def plan_outcome(outcome: SurfacingOutcome) -> bytes:
     """Return ``replay_kit.PlanOutcome``; without an ellipse its numbers are NaN."""
-    predicted, ellipse = outcome.predicted, outcome.predicted.ellipse
-    names = {
-        "longitude": "longitude",
-        "latitude": "latitude",
-        "major": "major",
-        "minor": "minor",
-        "bearing": "bearing_deg",
-    }
-    return encode(
+    ellipse = outcome.predicted.ellipse or Ellipse(*[math.nan] * 5)
+    return _own(
         "PlanOutcome",
-        {
-            "timestamp": _time(outcome.time_ns),
-            "planned_time": _time(outcome.planned_ns),
-            "predicted_time": _time(predicted.time_ns),
-            "predicted": {
-                "longitude": predicted.longitude,
-                "latitude": predicted.latitude,
-                "depth": 0.0,
-            },
-            "actual": {"longitude": outcome.longitude, "latitude": outcome.latitude, "depth": 0.0},
-            "distance": outcome.distance,
-            "direction_deg": outcome.direction_deg,
-            "delay": outcome.late,
-            "inside_ellipse": bool(outcome.inside),
-        }
-        | {
-            f"ellipse_{name}": math.nan if ellipse is None else getattr(ellipse, field)
-            for name, field in names.items()
+        outcome,
+        "timestamp=time_ns planned_time=planned_ns predicted_time=predicted.time_ns predicted distance direction_deg delay=late",
+        actual=outcome,
+        inside_ellipse=bool(outcome.inside),
+        **{
+            f"ellipse_{name.removesuffix('_deg')}": value for name, value in asdict(ellipse).items()
         },
     )
+
+
+def surfacing_message(outcome: DiveOutcome) -> bytes:
+    """Return ``replay_kit.Surfacing``; figures of the last dive's current are NaN where it has no spread yet."""
+    return _own("Surfacing", outcome, _OF_SURFACING, expected=outcome.forecast)
+
+
+def _own(name: str, value: Any, names: str, **more: Any) -> bytes:
+    """Return a message of the table with attributes of a value, see ``attributes``, and more fields; places and times of any kind."""
+    held = attributes(value, names) | more
+    for field in MESSAGES[name]:
+        if field.type == TIME:
+            held[field.name] = _time(held[field.name])
+        elif field.type == ".replay_kit.Place":
+            held[field.name] = _place(held[field.name])
+    return encode(name, held)
+
+
+def _place(place: Any) -> dict[str, float]:
+    """Return ``replay_kit.Place``; what surfaces is at depth 0."""
+    depth = place.depth if isinstance(place, Place) else 0.0
+    return attributes(place, "longitude latitude") | {"depth": depth}
 
 
 def plan_path(plan: Plan) -> fox.PosesInFrame:
@@ -275,43 +281,3 @@ def _finite(number: float) -> float | None:
 def _time(time_ns: int) -> dict[str, int]:
     time = stamp(time_ns)
     return {"seconds": time.sec, "nanos": time.nsec}
-
-
-def _attributes(value: Plan, names: str) -> dict[str, Any]:
-    """Return attributes that a message has under the same names."""
-    return {name: getattr(value, name) for name in names.split()}
-
-
-def surfacing_message(outcome: DiveOutcome) -> bytes:
-    """Return ``replay_kit.Surfacing``; figures of the last dive's current are NaN where it has no spread yet."""
-    forecast = outcome.forecast
-    begin, end = stamp(forecast.start.time_ns), stamp(outcome.fix.time_ns)
-    return encode(
-        "Surfacing",
-        {
-            "timestamp": {"seconds": end.sec, "nanos": end.nsec},
-            "dive_begin": {"seconds": begin.sec, "nanos": begin.nsec},
-            "dive": forecast.dive,
-            "earlier_dives": forecast.earlier,
-            "start": _place(forecast.start),
-            "expected": _place(forecast),
-            "actual": _place(outcome.fix),
-            "distance": outcome.distance,
-            "direction_deg": outcome.direction_deg,
-            "ellipse_bearing": forecast.outer.bearing_deg,
-            "inner_major": forecast.inner.major,
-            "inner_minor": forecast.inner.minor,
-            "outer_major": forecast.outer.major,
-            "outer_minor": forecast.outer.minor,
-            "inside_inner": outcome.in_inner,
-            "inside_outer": outcome.in_outer,
-            "log_score": outcome.log_score,
-            "persistent_log_score": outcome.persistent_log_score,
-            "persistent_distance": outcome.persistent_distance,
-            "persistent_radius": forecast.persistent_radius,
-        },
-    )
-
-
-def _place(place: Fix | DiveForecast) -> dict[str, float]:
-    return {"longitude": place.longitude, "latitude": place.latitude, "depth": 0.0}

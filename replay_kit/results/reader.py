@@ -15,6 +15,7 @@ from mcap.records import Attachment, Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import open_input
 from replay_kit.results.topics import (
     CONFIG_NAME,
@@ -24,6 +25,7 @@ from replay_kit.results.topics import (
     WINDOW_NAME,
     WINDOWS_RECORD,
     complete,
+    message_counts,
     newest_messages,
     read_messages,
 )
@@ -77,29 +79,37 @@ class ResultReader:
     @cached_property
     def topics(self) -> dict[str, int]:
         """Number of messages by topic, of the whole file."""
-        assert self.summary.statistics is not None
-        counts = self.summary.statistics.channel_message_counts
-        return {one.topic: counts.get(key, 0) for key, one in self.summary.channels.items()}
+        return message_counts(self.summary)
+
+    @cached_property
+    def records(self) -> list[tuple[str, dict[str, str]]]:
+        """Metadata records of the whole file, in order, with their names."""
+        with complete(self.path), open_input(self.path) as file:
+            return [(one.name, dict(one.metadata)) for one in make_reader(file).iter_metadata()]
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
         """Records by name, without digests: of a vehicle its own and those of all, with its logs and its goal alone."""
-        with complete(self.path), open_input(self.path) as file:
-            records = [(one.name, dict(one.metadata)) for one in make_reader(file).iter_metadata()]
         if not self.vehicle:
-            return {name: values for name, values in records if name != DIGEST_NAME}
+            return {name: values for name, values in self.records if name != DIGEST_NAME}
         found = dict[str, dict[str, str]]()
-        for full, values in records:
+        for full, values in self.records:
             owner, _, name = full.rpartition("/")
             if name not in (DIGEST_NAME, VEHICLES_RECORD) and owner in ("", self.vehicle):
                 found[name] = values
-        (own,) = (one for one in vehicle_records(dict(records)) if one.name == self.vehicle)
+        (own,) = (one for one in vehicle_records(dict(self.records)) if one.name == self.vehicle)
         found[_INPUTS] = {
             key: text
             for key, text in found.get(_INPUTS, {}).items()
             if not key.startswith("log") or key in own.logs
         }
         return found | {_OPTIONS: {**found.get(_OPTIONS, {}), "goal": own.goal}}
+
+    @property
+    def projection(self) -> Projection:
+        """The local frame."""
+        frame = self.metadata["frame map"]
+        return Projection(float(frame["longitude"]), float(frame["latitude"]))
 
     @cached_property
     def vehicles(self) -> tuple[VehicleRecord, ...]:

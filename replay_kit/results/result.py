@@ -1,7 +1,7 @@
 """A result MCAP as a notebook wants it: the estimate, and tables of all else."""
 
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +14,6 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import Velocities, best_velocity_at
 from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.grid import Projection
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
 from replay_kit.results.innovations import (
@@ -30,7 +29,7 @@ from replay_kit.results.innovations import (
 )
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.reader import ResultReader
-from replay_kit.results.schemas import MESSAGES, TIME, Field, decode, numbers
+from replay_kit.results.schemas import MESSAGES, TIME, decode, numbers
 from replay_kit.results.slices import surface_table
 from replay_kit.results.topics import EARLIER_ESTIMATE, ESTIMATE_NAME
 
@@ -179,7 +178,7 @@ class ResultFile:
 
         ``bottom`` is the depth of the bottom under the track [m]; NaN without a bathymetry.
         """
-        projection, rows = self._projection, list[tuple[Any, ...]]()
+        projection, rows = self.reader.projection, list[tuple[Any, ...]]()
         for number, plan in enumerate(self._decoded("/plan/controls", "Plan")):
             start = plan.timestamp.ToNanoseconds()
             seconds, east, north, depth, bottom = (
@@ -198,12 +197,7 @@ class ResultFile:
 
         Longitude and latitude [degrees], depth [m], u, v towards true east and north, and their standard errors [m/s].
         """
-        return surface_table(self.reader.decoded("/flow/surface"), self._projection)
-
-    @cached_property
-    def _projection(self) -> Projection:
-        frame = self.reader.metadata["frame map"]
-        return Projection(float(frame["longitude"]), float(frame["latitude"]))
+        return surface_table(self.reader.decoded("/flow/surface"), self.reader.projection)
 
     @cached_property
     def surfacings(self) -> "pd.DataFrame":
@@ -225,33 +219,25 @@ class ResultFile:
         return (decode(name, data) for _, data in self.reader.messages(topic))
 
     def _own(self, topic: str, name: str) -> "pd.DataFrame":
-        """Return the single values of the messages of a topic: a column for each, and for each part of a place and the like."""
-        fields = [field for field in MESSAGES[name] if not field.repeated]
-        return table_of(
-            {
-                column: values
-                for field in fields
-                for column, values in _columns(field, [*self._decoded(topic, name)])
-            }
-        )
+        """Return the single values of the messages of a topic: a column for each, and for each part of a place and the like.
 
-
-def _columns(field: Field, messages: Sequence[Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the columns of a single field of messages; times as ``datetime64[ns]``, parts that a message lacks as NaN."""
-    held = [getattr(one, field.name) for one in messages]
-    if field.type == TIME:
-        times = np.array([one.ToNanoseconds() for one in held], np.int64)
-        yield field.name, times.view("datetime64[ns]")
-    elif field.type.startswith("."):
-        for part in MESSAGES[field.type.rpartition(".")[2]]:
-            known = [one.HasField(field.name) for one in messages]
-            values = [
-                getattr(one, part.name) if has else np.nan
-                for one, has in zip(held, known, strict=True)
-            ]
-            yield f"{field.name}_{part.name}", values
-    else:
-        yield field.name, held
+        Parts that a message lacks are NaN.
+        """
+        messages, columns = [*self._decoded(topic, name)], dict[str, Any]()
+        for field in MESSAGES[name]:
+            held = [getattr(one, field.name) for one in messages]
+            if field.type == TIME:
+                times = np.array([one.ToNanoseconds() for one in held], np.int64)
+                columns[field.name] = times.view("datetime64[ns]")
+            elif field.type.startswith(".") and not field.repeated:
+                for part in MESSAGES[field.type.rpartition(".")[2]]:
+                    columns[f"{field.name}_{part.name}"] = [
+                        getattr(value, part.name) if one.HasField(field.name) else np.nan
+                        for one, value in zip(messages, held, strict=True)
+                    ]
+            elif not field.repeated:
+                columns[field.name] = held
+        return table_of(columns)
 
 
 def result_path(path: str | Path) -> Path:

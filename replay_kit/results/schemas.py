@@ -4,6 +4,7 @@ The table is the source: the descriptors are built from it on import, every file
 folder lists the same fields with units and meanings. A change of a number, name, type or meaning raises CONTRACT_VERSION.
 """
 
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,13 +23,6 @@ CONTRACT_VERSION = 6
 
 _PACKAGE = "replay_kit"
 TIME = ".google.protobuf.Timestamp"
-_SCALARS = {
-    name: getattr(FieldDescriptorProto, f"TYPE_{name.upper()}")
-    for name in (
-        *("double", "float", "uint32", "fixed32", "sfixed32"),
-        *("fixed64", "sfixed64", "bool", "string"),
-    )
-}
 #: How a list of numbers lies in a message, one behind the other: it is read and written as bytes.
 ARRAYS = {
     "double": "<f8",
@@ -165,53 +159,41 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
 
 
 def _field(number: int, field: Field, as_bytes: bool) -> FieldDescriptorProto:
-    label = (
-        FieldDescriptorProto.LABEL_REPEATED
-        if field.repeated
-        else FieldDescriptorProto.LABEL_OPTIONAL
-    )
-    if field.type.startswith("."):
-        kind, type_name = FieldDescriptorProto.TYPE_MESSAGE, field.type
-    elif as_bytes and field.repeated and field.type in ARRAYS:
+    kind, repeated = "message" if field.type.startswith(".") else field.type, field.repeated
+    if as_bytes and repeated and kind in ARRAYS:
         # of numbers of one length a packed list lies in a message as bytes do
-        label, kind, type_name = (
-            FieldDescriptorProto.LABEL_OPTIONAL,
-            FieldDescriptorProto.TYPE_BYTES,
-            None,
-        )
-    else:
-        kind, type_name = _SCALARS[field.type], None
+        kind, repeated = "bytes", False
     return FieldDescriptorProto(
-        name=field.name, number=number, label=label, type=kind, type_name=type_name
+        name=field.name,
+        number=number,
+        label=FieldDescriptorProto.Label.Value("LABEL_REPEATED" if repeated else "LABEL_OPTIONAL"),
+        type=FieldDescriptorProto.Type.Value(f"TYPE_{kind.upper()}"),
+        type_name=field.type if kind == "message" else None,
     )
 
 
-def _file(as_bytes: bool = False) -> FileDescriptorProto:
-    file = FileDescriptorProto(
-        name="replay_kit/results.proto",
-        package=_PACKAGE,
-        syntax="proto3",
-        dependency=[timestamp_pb2.DESCRIPTOR.name],
+def _files(as_bytes: bool) -> tuple[FileDescriptorProto, FileDescriptorProto]:
+    """Return the files of the messages: that of times, and our own."""
+    times, file = (
+        FileDescriptorProto.FromString(timestamp_pb2.DESCRIPTOR.serialized_pb),
+        FileDescriptorProto(
+            name="replay_kit/results.proto",
+            package=_PACKAGE,
+            syntax="proto3",
+            dependency=[timestamp_pb2.DESCRIPTOR.name],
+        ),
     )
     for name, fields in MESSAGES.items():
-        file.message_type.add(
-            name=name,
-            field=[_field(number, field, as_bytes) for number, field in enumerate(fields, start=1)],
-        )
-    return file
-
-
-def _timestamp_file() -> FileDescriptorProto:
-    file = FileDescriptorProto()
-    timestamp_pb2.DESCRIPTOR.CopyToProto(file)
-    return file
+        numbered = [_field(number, field, as_bytes) for number, field in enumerate(fields, start=1)]
+        file.message_type.add(name=name, field=numbered)
+    return times, file
 
 
 def _classes() -> dict[str, type[Message]]:
     # A pool of our own: the names stay free for a reader that decodes a result in the same process.
     pool = DescriptorPool()
-    pool.Add(_timestamp_file())
-    pool.Add(_file(as_bytes=True))
+    for file in _files(as_bytes=True):
+        pool.Add(file)
     return {
         name: GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}")) for name in MESSAGES
     }
@@ -219,9 +201,15 @@ def _classes() -> dict[str, type[Message]]:
 
 _CLASSES = _classes()
 
-DESCRIPTOR_SET: bytes = FileDescriptorSet(file=[_timestamp_file(), _file()]).SerializeToString(
+DESCRIPTOR_SET: bytes = FileDescriptorSet(file=_files(as_bytes=False)).SerializeToString(
     deterministic=True
 )
+
+
+def attributes(value: Any, names: str) -> dict[str, Any]:
+    """Return attributes of a value by names: each is an attribute's, or ``name=path.to.attribute``."""
+    pairs = (each.partition("=") for each in names.split())
+    return {name: attrgetter(path or name)(value) for name, _, path in pairs}
 
 
 def encode(name: str, values: dict[str, Any]) -> bytes:

@@ -1,22 +1,33 @@
-"""What a result MCAP is made of: the names of its records and attachments, and the messages of a topic by time.
+"""What a result MCAP is made of: the names of its records and attachments, the messages of a topic by time, and its checks.
 
-It needs none of the libraries that read estimates.
+The checks are that it is complete, before it gets its name, and that its checksums fit, before it is read. None of this needs the
+libraries that read estimates.
 """
 
+import os
 import struct
-from collections.abc import Collection, Iterator
+import zlib
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
 
+import zstandard
+from google.protobuf.message import DecodeError
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Chunk
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 
-from replay_kit.core.errors import LogError
+from replay_kit.core.errors import LogError, ReplayKitError
+from replay_kit.core.inputs import open_input
+
+if TYPE_CHECKING:
+    from mcap.summary import Summary
 
 #: Names of attachments and metadata records.
 ESTIMATE_NAME = "estimate.npz"
@@ -33,6 +44,16 @@ DIGEST_NAME = "replay_kit.digest"
 
 # opcode, length; channel, sequence, time of log, time of publication
 _HEAD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+_MAGIC = b"\x89MCAP0\r\n"
+# Opcode, length and checksum of the data. Of the footer: place of the summary, of its offsets, the summary's checksum.
+_DATA_END, _FOOTER = struct.Struct("<BQI"), struct.Struct("<BQQQI")
+# The summary's checksum and the closing magic bytes; bytes read at once.
+_TAIL, _PIECE = 12, 1 << 20
+#: What the readers raise on a damaged file: their own errors, and what bytes taken for lengths and numbers lead to.
+DAMAGED = (
+    *(McapError, CRCValidationError, DecodeError, zstandard.ZstdError, struct.error),
+    *(ValueError, LookupError, OverflowError, EOFError),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +84,80 @@ def complete(path: Path) -> Iterator[None]:
         raise LogError(
             f"{path}: cannot read the result: {error.strerror}; check the path"
         ) from error
-    except (McapError, ValueError, struct.error) as error:
+    except DAMAGED as error:
         raise LogError(
             f"{path}: expected a complete result of replay-kit replay: {error!r}; replay-kit convert recovers the messages of a partial one"
         ) from error
+
+
+def message_counts(summary: "Summary") -> Counter[str]:
+    """Return the number of messages by topic that a summary states."""
+    found = Counter[str]()
+    for number, count in summary.statistics.channel_message_counts.items():  # type: ignore[union-attr]
+        found[summary.channels[number].topic] += count
+    return found
+
+
+def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> None:
+    """Compare the checksums of a file with its bytes, and what it states with what was written.
+
+    The writing library computes the checksums of what it was given and reports a full disk in no return value: what it dropped shows here.
+
+    Args:
+        path: The file.
+        messages: Topic to number of messages written.
+        attachments: Number of attachments written.
+
+    Raises:
+        ReplayKitError: The file does not hold what was written.
+    """
+    if not checksums_fit(path):
+        raise ReplayKitError(f"{path}: the result does not read back; is the disk full?")
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None, "its checksum fits"
+    read, attached = message_counts(summary), len(summary.attachment_indexes)
+    if read != Counter(messages) or attached != attachments:
+        raise ReplayKitError(
+            f"{path}: wrote {sum(messages.values())} messages and {attachments} attachments, but read back {read.total()} and {attached}"
+        )
+
+
+def checksums_fit(path: Path) -> bool | None:
+    """Return whether a file states checksums of its data and of its summary, and both fit; nothing is unpacked.
+
+    None for a file that cannot be opened or does not begin as an MCAP file: its readers say so.
+    """
+    try:
+        with open_input(path) as file:
+            if file.read(len(_MAGIC)) != _MAGIC:
+                return None
+            size = os.fstat(file.fileno()).st_size
+            at = size - len(_MAGIC) - _FOOTER.size
+            file.seek(max(at, 0))
+            opcode, _, summary, _, summary_crc = _FOOTER.unpack(file.read(_FOOTER.size))
+            end = summary - _DATA_END.size
+            if opcode != Opcode.FOOTER or file.read() != _MAGIC or not len(_MAGIC) <= end < at:
+                return False
+            file.seek(end)
+            opcode, _, crc = _DATA_END.unpack(file.read(_DATA_END.size))
+            # the summary's checksum covers the footer up to itself
+            if opcode != Opcode.DATA_END or _crc(file, size - _TAIL - summary) != summary_crc:
+                return False
+            file.seek(0)
+            return bool(_crc(file, end) == crc)
+    except OSError:
+        return None
+    except struct.error:
+        return False
+
+
+def _crc(file: BinaryIO, length: int) -> int:
+    """Return the CRC-32 of the next bytes, read in pieces."""
+    crc = 0
+    for start in range(0, length, _PIECE):
+        crc = zlib.crc32(file.read(min(_PIECE, length - start)), crc)
+    return crc
 
 
 def read_messages(path: Path, topics: Collection[str]) -> Iterator[tuple[int, bytes]]:

@@ -33,7 +33,7 @@ from replay_kit.results.losses import (
     undecodable_json,
     undecodable_lines,
 )
-from replay_kit.results.readback import check_written
+from replay_kit.results.topics import check_written
 from replay_kit.show.text import folded, print_lines, print_table
 
 _STAMP_BYTES = 8

@@ -19,9 +19,8 @@ from replay_kit.core.message import Loss
 from replay_kit.core.paths import as_path
 from replay_kit.logs.mcap.reader import McapReader
 from replay_kit.logs.mcap.writer import open_mcap_log
-from replay_kit.results.compare import DAMAGED
 from replay_kit.results.losses import loss_words
-from replay_kit.results.readback import checksums_fit
+from replay_kit.results.topics import DAMAGED, checksums_fit
 
 if TYPE_CHECKING:
     from replay_kit.show.notebook import Result

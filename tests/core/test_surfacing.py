@@ -6,10 +6,17 @@ from math import isnan, nan
 import numpy as np
 import pytest
 
-from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix
-from replay_kit.core.surfacing import CALIBRATING, DiveForecast, DiveOutcome, calibrated, ellipse_of
+from replay_kit.core.surfacing import (
+    CALIBRATING,
+    DiveForecast,
+    DiveOutcome,
+    Ellipse,
+    calibrated,
+    ellipse_of,
+)
 
 DIVE_NS, RADII = 5 * 3600 * 10**9, (1.177, 2.146)
 
@@ -59,3 +66,16 @@ def test_later_surfacings_count_more_and_few_do_not_calibrate():
     # as many are enough where they are not long ago
     assert isnan(calibrated(coming, after[:CALIBRATING]).factor)
     assert calibrated(after[CALIBRATING].forecast, after[:CALIBRATING]).factor > 1.5
+
+
+def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends():
+    projection, ellipse = Projection(5.0, 62.0), Ellipse(5.1, 62.05, 900.0, 300.0, 30.0)
+    outline = ellipse.outline(projection)
+    np.testing.assert_array_equal(outline[0], outline[-1])
+    centre = np.array(to_local(projection, 5.1, 62.05))
+    for scale, inside in ((0.99, True), (1.01, False)):
+        places = to_geographic(projection, *(centre + scale * (outline - centre)).T)
+        assert all(
+            ellipse.holds(float(lon), float(lat)) is inside
+            for lon, lat in zip(*places, strict=True)
+        )

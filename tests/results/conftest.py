@@ -15,6 +15,23 @@ from tests.results.cases import failed
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA, Run, decoded
 from tests.synthetic_flow import TIME_NS
 
+PLAN = Plan(
+    status="reached",
+    start=Place(5.0, 62.0, 0.0),
+    goal=Place(5.1, 62.05, 100.0),
+    start_time_ns=TIME_NS + 9,
+    heading_deg=45.0,
+    glide_angle_deg=20.0,
+    speed=0.3,
+    velocity_through_water=np.array([0.2, 0.2, 0.1]),
+    duration=3_600.0,
+    closest_approach=12.5,
+    track_time=np.array([0.0, 1_800.0, 3_600.0]),
+    track=np.array([[0.0, 0.0, 0.0], [500.0, 600.0, 50.0], [1_000.0, 1_200.0, 100.0]]),
+    message="ok",
+    statistics={"starts": 3, "iterations": 17, "return_status": "Solve_Succeeded"},
+)
+
 
 @pytest.fixture
 def state() -> VehicleState:
@@ -55,22 +72,7 @@ def innovation() -> Innovation:
 
 @pytest.fixture
 def plan() -> Plan:
-    return Plan(
-        status="reached",
-        start=Place(5.0, 62.0, 0.0),
-        goal=Place(5.1, 62.05, 100.0),
-        start_time_ns=TIME_NS + 9,
-        heading_deg=45.0,
-        glide_angle_deg=20.0,
-        speed=0.3,
-        velocity_through_water=np.array([0.2, 0.2, 0.1]),
-        duration=3_600.0,
-        closest_approach=12.5,
-        track_time=np.array([0.0, 1_800.0, 3_600.0]),
-        track=np.array([[0.0, 0.0, 0.0], [500.0, 600.0, 50.0], [1_000.0, 1_200.0, 100.0]]),
-        message="ok",
-        statistics={"starts": 3, "iterations": 17, "return_status": "Solve_Succeeded"},
-    )
+    return PLAN
 
 
 @pytest.fixture

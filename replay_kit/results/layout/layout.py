@@ -21,7 +21,16 @@ _COLORS = tuple(DARK[role] for role in ("one", "two", "three", "four"))
 _TRACK, _PLAN = (DARK[SYMBOLS[name][0]] for name in ("track", "plan"))
 # Standard errors and speeds of the colour scales [m/s].
 _ERROR, _SPEED = 0.2, 0.5
-_GRID = "/flow/grid/"
+_LEGEND_AND_AXES = {
+    "showLegend": True,
+    "legendDisplay": "floating",
+    "showPlotValuesInLegend": True,
+    "sidebarDimension": 240,
+    "showXAxisLabels": True,
+    "showYAxisLabels": True,
+    "isSynced": True,
+    "xAxisVal": "timestamp",
+}
 _TITLES = {
     "speed": "Vehicle, plan and speed of the current",
     "u_standard_error": "Standard error, along local east",
@@ -50,7 +59,11 @@ def layout_of(topics: Iterable[str]) -> dict[str, Any]:
         "map!track": _map(has),
         "3D!speed": _scene(has, "speed", _SPEED),
         **{f"3D!error_{axis}": _scene(has, f"{axis}_standard_error", _ERROR) for axis in "uv"},
-        "Plot!innovations": _innovations(),
+        "Plot!innovations": _plot(
+            "Innovations and their expected standard deviations [m/s]",
+            "/flow/innovation",
+            *(f"innovation{std}_{end}[:]" for std in ("", "_std") for end in ("east", "north")),
+        ),
         "RosOut!log": {
             "topicToRender": "/log",
             "minLogLevel": 1,
@@ -66,7 +79,8 @@ def layout_of(topics: Iterable[str]) -> dict[str, Any]:
     pictures = _split("map!track", _split("3D!speed", errors, "row", 60), "row", 36)
     plots: Any = "Plot!innovations"
     if "/plan/outcome" in has:
-        panels["Plot!surfacings"] = _surfacings()
+        title = "Surfacings beside their predictions: distance [m], delay [s]"
+        panels["Plot!surfacings"] = _plot(title, "/plan/outcome", "distance", "delay")
         plots = _split(plots, "Plot!surfacings", "row", 66)
     words = _split("RosOut!log", "Table!consistency", "row", 50)
     return {
@@ -101,10 +115,9 @@ def _map(has: frozenset[str]) -> dict[str, Any]:
         for topic, color in (("/vehicle/fix", _TRACK), ("/plan/geojson", _PLAN))
         if topic in has
     }
-    follow = "/vehicle/fix" if "/vehicle/fix" in has else ""
     return {
         "layer": "map",
-        "followTopic": follow,
+        "followTopic": "/vehicle/fix" if "/vehicle/fix" in has else "",
         "topicColors": colors,
         "zoomLevel": 9,
         "disabledTopics": [],
@@ -114,10 +127,8 @@ def _map(has: frozenset[str]) -> dict[str, Any]:
 
 def _scene(has: frozenset[str], field: str, most: float) -> dict[str, Any]:
     """Return the 3D panel: of the slices the shallowest is shown, the others can be switched on."""
-    grids = sorted(
-        (topic for topic in has if _DEPTH.fullmatch(topic)),
-        key=lambda topic: float(topic[len(_GRID) : -1]),
-    )
+    depths = {topic: match[1] for topic in has if (match := _DEPTH.fullmatch(topic))}
+    grids = sorted(depths, key=lambda topic: float(depths[topic]))
     colors = scale("speed-dark" if field == "speed" else "amp")
     shown = {
         "colorMode": "gradient",
@@ -132,33 +143,25 @@ def _scene(has: frozenset[str], field: str, most: float) -> dict[str, Any]:
     }
     arrows = [topic.replace("/grid/", "/arrows/") for topic in grids]
     topics |= {topic: {"visible": k == 0} for k, topic in enumerate(arrows) if topic in has}
-    if "/flow/surface" in has:
-        topics["/flow/surface"] = {"visible": False, **shown}
-    if "/plan/path" in has:
-        topics["/plan/path"] = {
+    others: dict[str, dict[str, Any]] = {
+        "/flow/surface": {"visible": False, **shown},
+        "/plan/path": {
             "visible": True,
             "type": "line",
             "lineWidth": 300.0,
             "gradient": [_PLAN, _PLAN],
-        }
-    if "/plan/seabed" in has:
-        topics["/plan/seabed"] = {
-            **shown,
-            "visible": False,
-            "colorField": "depth",
-            "maxValue": 5000.0,
-        }
-    camera = {
-        "distance": 150_000.0,
-        "perspective": True,
-        "phi": 40.0,
-        "thetaOffset": 0.0,
-        "target": [0, 0, 0],
-        "targetOffset": [0, 0, 0],
+        },
+        "/plan/seabed": {**shown, "visible": False, "colorField": "depth", "maxValue": 5000.0},
     }
+    topics |= {topic: settings for topic, settings in others.items() if topic in has}
     return {
         "cameraState": {
-            **camera,
+            "distance": 150_000.0,
+            "perspective": True,
+            "phi": 40.0,
+            "thetaOffset": 0.0,
+            "target": [0, 0, 0],
+            "targetOffset": [0, 0, 0],
             "targetOrientation": [0, 0, 0, 1],
             "fovy": 45,
             "near": 10.0,
@@ -180,27 +183,7 @@ def _scene(has: frozenset[str], field: str, most: float) -> dict[str, Any]:
     }
 
 
-def _innovations() -> dict[str, Any]:
-    fields = (
-        "innovation_east[:]",
-        "innovation_north[:]",
-        "innovation_std_east[:]",
-        "innovation_std_north[:]",
-    )
-    return _plot(
-        "Innovations and their expected standard deviations [m/s]",
-        [("/flow/innovation", field) for field in fields],
-        lines=False,
-    )
-
-
-def _surfacings() -> dict[str, Any]:
-    fields = ("distance", "delay")
-    title = "Surfacings beside their predictions: distance [m], delay [s]"
-    return _plot(title, [("/plan/outcome", field) for field in fields], lines=False)
-
-
-def _plot(title: str, paths: Sequence[tuple[str, str]], lines: bool) -> dict[str, Any]:
+def _plot(title: str, topic: str, *fields: str) -> dict[str, Any]:
     rows = [
         {
             "value": f"{topic}.{field}",
@@ -208,20 +191,8 @@ def _plot(title: str, paths: Sequence[tuple[str, str]], lines: bool) -> dict[str
             "timestampMethod": "receiveTime",
             "label": field,
             "color": color,
-            "showLine": lines,
+            "showLine": False,
         }
-        for (topic, field), color in zip(paths, _COLORS, strict=False)
+        for field, color in zip(fields, _COLORS, strict=False)
     ]
-    legend = {
-        "showLegend": True,
-        "legendDisplay": "floating",
-        "showPlotValuesInLegend": True,
-        "sidebarDimension": 240,
-    }
-    axes = {
-        "showXAxisLabels": True,
-        "showYAxisLabels": True,
-        "isSynced": True,
-        "xAxisVal": "timestamp",
-    }
-    return {"paths": rows, **legend, **axes, "foxglovePanelTitle": title}
+    return {"paths": rows, **_LEGEND_AND_AXES, "foxglovePanelTitle": title}

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import reduce
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,10 @@ import numpy as np
 from replay_kit.core.as_flown import FlightCorrection
 from replay_kit.core.errors import ReplayKitError, finding_json
 from replay_kit.core.evidence import BlockEvidence, Evidence, compare
-from replay_kit.core.observation import Fix
 from replay_kit.core.plan import Plan, leg_statistics
 from replay_kit.core.surfacing import (
     DiveForecast,
     DiveOutcome,
-    Ellipse,
     SurfacingOutcome,
     calibrated,
     held_shares,
@@ -24,33 +23,41 @@ from replay_kit.core.surfacing import (
 from replay_kit.results.losses import coded, loss_json
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.run import ReplaySummary, Rival
+from replay_kit.results.schemas import attributes
 
 _KINDS = ("first", "second", "later")
+# names of figures, and whence they are
+_PLAN = "status closest_approach_m=closest_approach heading_deg glide_angle_deg speed duration_s=duration start goal message"
+_SURFACED = (
+    "planned_ns predicted_ns=predicted.time_ns predicted time_ns actual=longitude distance_m=distance direction_deg delay_s=late "
+    "inside_ellipse=inside"
+)
+_DIVE = (
+    "actual=fix distance_m=distance direction_deg inside_50=in_inner inside_90=in_outer log_score persistent_log_score "
+    "persistent_distance_m=persistent_distance"
+)
+_ELLIPSE = "major_m=major minor_m=minor bearing_deg"
+_AGAINST = (
+    "compared=blocks not_compared=skipped gain gain_mean=mean interval_90=interval better=verdict"
+)
+_OBSERVATIONS = (
+    "used=profiles_used rejected=profiles_rejected bins_used mean_currents bins_rejected"
+)
+_SAME = "nis_per_dof late notes lost_pings doubts outside exit_codes value unused"
 
 
 def plan_json(plan: Plan | None, note: str = "") -> dict[str, Any] | None:
     """Return a plan's figures for JSON; without a plan that it failed, with the note why, and None without a note."""
     if plan is None:
         return {"status": "failed", "message": note} if note else None
-    return {
-        "status": plan.status,
-        "closest_approach_m": plan.closest_approach,
-        "heading_deg": plan.heading_deg,
-        "glide_angle_deg": plan.glide_angle_deg,
-        "speed": plan.speed,
-        "duration_s": plan.duration,
-        "start": [plan.start.longitude, plan.start.latitude, plan.start.depth],
-        "goal": [plan.goal.longitude, plan.goal.latitude, plan.goal.depth],
-        "message": plan.message,
+    return attributes(plan, _PLAN) | {
+        "start": [*asdict(plan.start).values()],
+        "goal": [*asdict(plan.goal).values()],
         "statistics": {**plan.statistics, **leg_statistics(plan.legs)},
-        "energy_j": _finite(plan.energy),
-        "battery_j": _finite(plan.battery),
+        "energy_j": plan.energy,
+        "battery_j": plan.battery,
         "odds": None if plan.odds is None else asdict(plan.odds),
     }
-
-
-def _finite(number: float) -> float | None:
-    return number if np.isfinite(number) else None
 
 
 def outcomes_json(outcomes: Sequence[SurfacingOutcome]) -> dict[str, Any]:
@@ -59,18 +66,8 @@ def outcomes_json(outcomes: Sequence[SurfacingOutcome]) -> dict[str, Any]:
 
 
 def _outcome_json(outcome: SurfacingOutcome) -> dict[str, Any]:
-    predicted = outcome.predicted
-    return {
-        "planned_ns": outcome.planned_ns,
-        "predicted_ns": predicted.time_ns,
-        "predicted": [predicted.longitude, predicted.latitude],
-        "time_ns": outcome.time_ns,
-        "actual": [outcome.longitude, outcome.latitude],
-        "distance_m": outcome.distance,
-        "direction_deg": outcome.direction_deg,
-        "delay_s": outcome.late,
-        "inside_ellipse": outcome.inside,
-    }
+    predicted, actual = _place(outcome.predicted), _place(outcome)
+    return attributes(outcome, _SURFACED) | {"predicted": predicted, "actual": actual}
 
 
 def _outcome_figures(outcomes: Sequence[SurfacingOutcome]) -> dict[str, Any]:
@@ -135,31 +132,21 @@ def _ratio(ours: Sequence[float], others: Sequence[float]) -> float | None:
 
 
 def _dive_json(outcome: DiveOutcome) -> dict[str, Any]:
-    return {
-        **_forecast_json(outcome.forecast),
-        "actual": _place(outcome.fix),
-        "distance_m": outcome.distance,
-        "direction_deg": outcome.direction_deg,
-        "inside_50": outcome.in_inner,
-        "inside_90": outcome.in_outer,
-        "log_score": outcome.log_score,
-        "persistent_log_score": outcome.persistent_log_score,
-        "persistent_distance_m": outcome.persistent_distance,
-    }
+    return (
+        _forecast_json(outcome.forecast)
+        | attributes(outcome, _DIVE)
+        | {"actual": _place(outcome.fix)}
+    )
 
 
 def _forecast_json(forecast: DiveForecast) -> dict[str, Any]:
     return {
-        "dive": forecast.dive,
-        "earlier_dives": forecast.earlier,
-        "begin_ns": forecast.start.time_ns,
-        "time_ns": forecast.time_ns,
+        **attributes(forecast, "dive earlier_dives=earlier begin_ns=start.time_ns time_ns"),
         "start": _place(forecast.start),
         "expected": _place(forecast),
-        "ellipse_50": _ellipse_json(forecast.inner),
-        "ellipse_90": _ellipse_json(forecast.outer),
-        "radius_90_m": forecast.radius,
-        "persistent_radius_90_m": forecast.persistent_radius,
+        "ellipse_50": attributes(forecast.inner, _ELLIPSE),
+        "ellipse_90": attributes(forecast.outer, _ELLIPSE),
+        **attributes(forecast, "radius_90_m=radius persistent_radius_90_m=persistent_radius"),
         # of a log with mean currents nothing needs to be said
         **({} if forecast.basis == "mean_currents" else {"basis": forecast.basis}),
         **({"scored": forecast.scored} if forecast.scored else {}),
@@ -167,12 +154,8 @@ def _forecast_json(forecast: DiveForecast) -> dict[str, Any]:
     }
 
 
-def _place(place: Fix | DiveForecast) -> list[float]:
+def _place(place: Any) -> list[float]:
     return [place.longitude, place.latitude]
-
-
-def _ellipse_json(ellipse: Ellipse) -> dict[str, float]:
-    return {"major_m": ellipse.major, "minor_m": ellipse.minor, "bearing_deg": ellipse.bearing_deg}
 
 
 def evidence_json(evidence: Evidence) -> dict[str, Any]:
@@ -200,27 +183,17 @@ def referee_json(name: str, evidence: Evidence, rivals: Sequence[Rival]) -> dict
 
 
 def _against(evidence: Evidence, rival: Rival) -> dict[str, Any]:
-    found = compare(evidence, rival.evidence)
+    found, figures = compare(evidence, rival.evidence), _evidence_figures(rival.evidence.total)
     return {
         "ensemble": rival.name,
-        "compared": found.blocks,
-        "not_compared": found.skipped,
-        "gain": found.gain,
-        "gain_mean": found.mean,
-        "interval_90": list(found.interval),
-        "better": found.verdict,
-        **{f"other_{key}": value for key, value in _evidence_figures(rival.evidence.total).items()},
+        **attributes(found, _AGAINST),
+        **{f"other_{key}": value for key, value in figures.items()},
     }
 
 
 def _evidence_figures(block: BlockEvidence) -> dict[str, Any]:
-    measured = block.measurements
-    return {
-        "log_evidence": block.log_evidence,
-        "values": block.values,
-        "measurements": measured,
-        "per_measurement": block.log_evidence / measured if measured else math.nan,
-    }
+    each = block.log_evidence / block.measurements if block.measurements else math.nan
+    return attributes(block, "log_evidence values measurements") | {"per_measurement": each}
 
 
 def flight_correction_json(found: FlightCorrection) -> dict[str, Any]:
@@ -233,54 +206,32 @@ def flight_correction_json(found: FlightCorrection) -> dict[str, Any]:
 
 def outcome_of(summary: ReplaySummary) -> Outcome:
     """Return the outcome of a run that has just ended."""
-    found: dict[str, Any] = _plain(
-        {
-            "observations": {
-                "used": summary.profiles_used,
-                "rejected": summary.profiles_rejected,
-                "bins_used": summary.bins_used,
-                "mean_currents": summary.mean_currents,
-                "bins_rejected": dict(summary.bins_rejected),
-                # of a run without any nothing needs to be said
-                **(
-                    {"sources": [asdict(row) for row in summary.sources]} if summary.sources else {}
-                ),
-            },
-            "rms_innovation": {
-                "before": summary.rms_before,
-                "after": summary.rms_after,
-                "prior": summary.rms_prior,
-            },
-            "nis_per_dof": summary.nis_per_dof,
-            "by_dive": [asdict(row) for row in summary.by_dive],
-            "plan": plan_json(summary.plan, summary.plan_note),
-            "consistency": [finding_json(one) for one in summary.findings],
-            "messages": [asdict(row) | {"reasons": coded(row.reasons)} for row in summary.messages],
-            "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
-            "late": summary.late,
-            "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
-            "expected_surfacings": surfacings_json(summary.surfacings, summary.next_surfacing)
-            if summary.surfacings
-            else None,
-            "evidence": None if summary.evidence is None else evidence_json(summary.evidence),
-            "referee": referee_json(summary.ensemble, summary.evidence, summary.rivals)
-            if summary.rivals and summary.evidence is not None
-            else None,
-            "flight_correction": flight_correction_json(summary.flight_correction)
-            if summary.flight_correction
-            else None,
-            "notes": summary.notes,
-            "lost_pings": summary.lost_pings,
-            "doubts": summary.doubts,
-            "outside": summary.outside,
-            "exit_codes": summary.exit_codes,
-            "value": summary.value,
-            "unused": summary.unused,
-        }
-    )
-    names = {str(path): path.name for path in summary.inputs}
+    observations = attributes(summary, _OBSERVATIONS)
+    if summary.sources:
+        # of a run without any nothing needs to be said
+        observations["sources"] = [asdict(row) for row in summary.sources]
+    found = attributes(summary, _SAME) | {
+        "observations": observations,
+        "rms_innovation": attributes(summary, "before=rms_before after=rms_after prior=rms_prior"),
+        "by_dive": [asdict(row) for row in summary.by_dive],
+        "plan": plan_json(summary.plan, summary.plan_note),
+        "consistency": [finding_json(one) for one in summary.findings],
+        "messages": [asdict(row) | {"reasons": coded(row.reasons)} for row in summary.messages],
+        "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
+        "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
+        "expected_surfacings": surfacings_json(summary.surfacings, summary.next_surfacing)
+        if summary.surfacings
+        else None,
+        "evidence": None if summary.evidence is None else evidence_json(summary.evidence),
+        "referee": referee_json(summary.ensemble, summary.evidence, summary.rivals)
+        if summary.rivals and summary.evidence is not None
+        else None,
+        "flight_correction": flight_correction_json(summary.flight_correction)
+        if summary.flight_correction
+        else None,
+    }
     return Outcome(
-        **_named(found, names),
+        **_plain(found, {str(path): path.name for path in summary.inputs}),
         seconds=dict(summary.seconds),
         truth=_plain(asdict(summary.truth)) if summary.truth else None,
         vehicles={name: outcome_of(one).to_json() for name, one in summary.vehicles.items()},
@@ -300,23 +251,19 @@ def failed(error: ReplayKitError, summary: ReplaySummary | None = None) -> Outco
     return replace(so_far, exit_codes=codes, error=str(error), consistency=found, complete=False)
 
 
-def _named(value: Any, names: Mapping[str, str]) -> Any:
-    """Return a value with inputs by their names: the folder that they are in changes no byte of a result."""
-    if isinstance(value, dict):
-        return {key: _named(item, names) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_named(item, names) for item in value]
-    if not isinstance(value, str):
-        return value
-    return reduce(lambda text, path: text.replace(path, names[path]), names, value)
+def _plain(value: Any, names: Mapping[str, str] = MappingProxyType({})) -> Any:
+    """Return a value with NaN and infinities as None, tuples as lists, NumPy scalars as Python's.
 
-
-def _plain(value: Any) -> Any:
-    """Return a value with NaN and infinities as None, tuples as lists, NumPy scalars as Python's."""
+    Args:
+        value: The value.
+        names: Of inputs, by their paths: the folder that they are in changes no byte of a result.
+    """
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _plain(item, names) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [_plain(item, names) for item in value]
+    if isinstance(value, str):
+        return reduce(lambda text, path: text.replace(path, names[path]), names, value)
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -3,7 +3,6 @@
 Everything that is shown of a run (its summary, ``--json``, status, report, the table of a fleet, alarms) formats this value.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -14,7 +13,6 @@ from replay_kit.results.outcome.verdict import (
     decide,
     plan_alarm,
     run_alarms,
-    together,
     verdict_sentences,
 )
 
@@ -114,24 +112,12 @@ class Outcome:
     @property
     def decision(self) -> Decision:
         """How far to trust the estimate and the plans, and why not further."""
-        nis = math.nan if self.nis_per_dof is None else self.nis_per_dof
-        doubts = self.consistency, self.outside
-        of_all = decide(
-            self.exit_codes, self.error, self.observations["used"], nis, doubts, self.plan
-        )
-        return together(of_all, self.vehicles)
+        return decide(self)
 
     @property
     def verdict(self) -> tuple[str, ...]:
         """Share of the observations used, consistency, errors before and after, how far to trust the estimate; each a sentence."""
-        return verdict_sentences(
-            self.observations,
-            self.lost_pings,
-            self.consistency,
-            self.rms_innovation,
-            self.nis_per_dof,
-            (*self.doubts, *self.outside),
-        )
+        return verdict_sentences(self)
 
     def to_json(self) -> dict[str, Any]:
         """Return it as the JSON object of ``--json``: its attributes, and what follows from them."""

@@ -2,9 +2,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 from replay_kit.core.errors import severity_word
+
+if TYPE_CHECKING:
+    from replay_kit.results.outcome.outcome import Outcome
 
 # Normalised innovations squared per degree of freedom between which stated errors are taken for right.
 LEAST_NIS, MOST_NIS = 0.5, 2.0
@@ -43,60 +46,34 @@ class RunAlarm(NamedTuple):
     about: str
 
 
-def decide(
-    exit_codes: Sequence[int],
-    error: str,
-    used: int,
-    nis: float,
-    doubts: tuple[Sequence[Mapping[str, Any]], Sequence[str]],
-    plan: Mapping[str, Any] | None,
-) -> Decision:
-    """Return how far to trust a run. It never changes the exit code.
-
-    Args:
-        exit_codes: All that apply.
-        error: Why the run failed; empty where it did not.
-        used: Number of observations used.
-        nis: Mean normalised innovation squared per degree of freedom; NaN without observations.
-        doubts: Contradictions in the inputs, and why the forecast is not of this place or time.
-        plan: The last plan, as for ``plan_alarm``.
-    """
-    consistency, outside = doubts
+def decide(outcome: "Outcome") -> Decision:
+    """Return how far to trust a run, of several vehicles as far as the least trusted. It never changes the exit code."""
+    error, found, plan = outcome.error, outcome.consistency, outcome.plan
+    nis = math.nan if outcome.nis_per_dof is None else outcome.nis_per_dof
     against = (
         (error, bool(error)),
-        *((one["name"], one["severity"] != "warning" and not error) for one in consistency),
-        ("no observation was used", not used and not error),
+        *((one["name"], one["severity"] != "warning" and not error) for one in found),
+        ("no observation was used", not outcome.observations["used"] and not error),
     )
     doubtful = (
-        ("part of the log was lost", 4 in exit_codes),
-        ("the requested risk cannot be met", 7 in exit_codes),
+        ("part of the log was lost", 4 in outcome.exit_codes),
+        ("the requested risk cannot be met", 7 in outcome.exit_codes),
         (nis_sentence(nis), not math.isnan(nis) and not LEAST_NIS <= nis <= MOST_NIS),
-        *((one["name"], one["severity"] == "warning") for one in consistency),
-        *((text, True) for text in outside),
+        *((one["name"], one["severity"] == "warning") for one in found),
+        *((text, True) for text in outcome.outside),
         (_plan_reason(plan), bool(_plan_reason(plan))),
     )
     worst = tuple(text for text, holds in against if holds)
     others = tuple(text for text, holds in doubtful if holds)
     word: Word = "do not use" if worst else "with care" if others else "trust"
-    return Decision(word, worst + others)
-
-
-def together(of_all: Decision, vehicles: Mapping[str, Mapping[str, Any]]) -> Decision:
-    """Return how far to trust a run of several vehicles: as far as the least trusted of them.
-
-    Args:
-        of_all: The decision on what all share.
-        vehicles: ``decision`` and ``reasons`` of each vehicle, by its name.
-    """
     named = dict[str, list[str]]()
-    for name, one in vehicles.items():
+    for name, one in outcome.vehicles.items():
         for reason in one["reasons"]:
             named.setdefault(reason, []).append(name)
     own = (f"{', '.join(names)}: {reason}" for reason, names in named.items())
-    words = (of_all.word, *(one["decision"] for one in vehicles.values()))
-    return Decision(
-        max(words, key=get_args(Word).index), tuple(dict.fromkeys((*of_all.reasons, *own)))
-    )
+    words = (word, *(one["decision"] for one in outcome.vehicles.values()))
+    reasons = tuple(dict.fromkeys((*worst, *others, *own)))
+    return Decision(max(words, key=get_args(Word).index), reasons)
 
 
 def _plan_reason(plan: Mapping[str, Any] | None) -> str:
@@ -142,29 +119,19 @@ def run_alarms(
     return (*((of_plan,) if of_plan else ()), *found)
 
 
-def verdict_sentences(
-    observations: Mapping[str, Any],
-    lost_pings: str,
-    consistency: Sequence[Mapping[str, Any]],
-    rms: Mapping[str, Any],
-    nis: float | None,
-    doubts: Sequence[str],
-) -> tuple[str, ...]:
-    """Return the sentences of a verdict, in four parts of which the last may be several.
-
-    Args:
-        observations: Number of observations ``used`` and ``rejected``.
-        lost_pings: Which pings a setting would keep; empty when they are few.
-        consistency: Contradictions in the inputs.
-        rms: RMS component of measured minus estimated ``before`` and ``after`` each update, and against the ``prior`` [m/s].
-        nis: Mean normalised innovation squared per degree of freedom.
-        doubts: What the measurements cannot tell.
-    """
-    used, rejected = observations["used"], observations["rejected"]
-    share = f"{used} of {used + rejected} observations used"
-    usage = f"{share}; {lost_pings}" if lost_pings else share
+def verdict_sentences(outcome: "Outcome") -> tuple[str, ...]:
+    """Return the share of the observations used, consistency, errors before and after, and doubts; each a sentence, the last several."""
+    used, rejected, nis = (
+        outcome.observations["used"],
+        outcome.observations["rejected"],
+        outcome.nis_per_dof,
+    )
+    usage = "; ".join(
+        filter(None, (f"{used} of {used + rejected} observations used", outcome.lost_pings))
+    )
     trust = () if nis is None else (nis_sentence(nis),)
-    return (usage, _consistency(consistency), _gain(rms), *trust, *doubts)
+    sentences = usage, _consistency(outcome.consistency), _gain(outcome.rms_innovation), *trust
+    return (*sentences, *outcome.doubts, *outcome.outside)
 
 
 def _consistency(findings: Sequence[Mapping[str, Any]]) -> str:

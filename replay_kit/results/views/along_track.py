@@ -128,9 +128,7 @@ def estimate_along_track(
         history: Of the estimate.
         estimate: The last estimate.
     """
-    deepest = min(
-        float(np.nanmax(track.depth, initial=estimate.levels[0])), float(estimate.levels[-1])
-    )
+    deepest = np.fmin(np.nanmax(track.depth, initial=estimate.levels[0]), estimate.levels[-1])
     times = np.unique(
         np.linspace(track.time_ns[0], track.time_ns[-1], _SECTION[0]).astype(np.int64)
     )
@@ -138,25 +136,24 @@ def estimate_along_track(
     time_ns, depth = np.repeat(times, depths.size), np.tile(depths, times.size)
     east, north, distance = track.at(time_ns)
     estimated = _estimated(history, time_ns, (east, north, depth))
-    error = (
-        estimate.standard_error(east, north, depth)
-        if estimate.n_modes
-        else np.full(estimated.shape, np.nan)
-    )
+    none = error = np.full(estimated.shape, np.nan)
     if estimate.n_modes:
+        error = estimate.standard_error(east, north, depth)
         # the flow is 0 far outside its region and on land, which is no estimate
         estimated[np.isnan(error)] = np.nan
-    if not (np.isfinite(estimated).any() or np.isfinite(error).any()):
-        time_ns, distance, depth, estimated, error, times = (
-            time_ns[:0],
-            distance[:0],
-            depth[:0],
-            estimated[:0],
-            error[:0],
-            times[:0],
-        )
-    none = np.full(estimated.shape, np.nan)
-    return BinsAlongTrack(time_ns, distance, depth, estimated, none, none, error, times.size, 0)
+    known = bool(np.isfinite(estimated).any() or np.isfinite(error).any())
+    rows = slice(None if known else 0)
+    return BinsAlongTrack(
+        time_ns[rows],
+        distance[rows],
+        depth[rows],
+        estimated[rows],
+        none[rows],
+        none[rows],
+        error[rows],
+        times.size * known,
+        left_out=0,
+    )
 
 
 def mean_currents(held: Measured) -> MeanCurrents:

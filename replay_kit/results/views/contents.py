@@ -76,11 +76,10 @@ class Contents:
         """The run's outcome."""
         return outcome_of_result(self.result, self.record)
 
-    @cached_property
+    @property
     def projection(self) -> Projection:
         """The local frame."""
-        frame = self.record.metadata["frame map"]
-        return Projection(float(frame["longitude"]), float(frame["latitude"]))
+        return self.result.reader.projection
 
     @cached_property
     def _read_estimate(self) -> tuple[FlowEstimate | None, str]:

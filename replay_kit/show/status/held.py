@@ -87,7 +87,6 @@ def read_held(reader: ResultReader) -> Held:
         fixes, reckoned = _positions(reader)
         plans, outcomes = (_last(reader, topic, name, most) for topic, name, most in _OF_PLANS)
         dive = _last_dive(reader)
-    frame = metadata["frame map"]
     known = [
         *(fix.time_ns for fix in fixes),
         *(one.timestamp.ToNanoseconds() for one in outcomes),
@@ -103,7 +102,7 @@ def read_held(reader: ResultReader) -> Held:
         metadata=metadata,
         settings=tomllib.loads(reader.text(CONFIG_NAME)),
         outcome=outcome_from(json.loads(text)) if (text := reader.text(SUMMARY_NAME)) else None,
-        projection=Projection(float(frame["longitude"]), float(frame["latitude"])),
+        projection=reader.projection,
         fixes=fixes,
         reckoned=reckoned,
         plans=plans,

@@ -14,8 +14,8 @@ from replay_kit.core.surfacing import Ellipse
 from replay_kit.show.export.export import export
 from replay_kit.show.export.features import features_of, kml_text
 from replay_kit.show.export.netcdf import ATTRIBUTES, _attributes
+from tests.core.flow.test_cf import PERSONAL, complaints, found_by
 from tests.results.cases import placed, write
-from tests.results.test_cf import PERSONAL, complaints, found_by
 from tests.synthetic_flow import synthetic_flow
 
 __all__ = ["complaints"]
