@@ -3,7 +3,6 @@
 import json
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from replay_kit.results.slices import depth_slices
 from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.replay.follow_up import end, left_windows, publish
 from replay_kit.workflows.replay.inputs.estimator import flow_at
-from replay_kit.workflows.replay.inputs.job import ReplayJob, open_truth
+from replay_kit.workflows.replay.inputs.job import open_truth
 from replay_kit.workflows.replay.inputs.provenance import cited
 from replay_kit.workflows.replay.prepare import Prepared
 from replay_kit.workflows.replay.run import Run
@@ -86,8 +85,8 @@ def conclude(
                 for name, one in zip(names, each, strict=True)
                 for found in one.findings
             ),
-            outside=_outside(inputs),
-            inputs=_inputs(job),
+            outside=summary.outside,
+            inputs=summary.inputs,
         )
     with run.clock.stage("write"):
         if (writer := run.writer) is not None:
@@ -266,19 +265,12 @@ def _summary(
         notes=tuple(of_logs if job.vehicles else _notes(run, inputs, flow, of_logs)),
         findings=found,
         doubts=blind,
-        outside=_outside(inputs),
-        inputs=_inputs(job),
+        outside=tuple(
+            note for note in inputs.forecasts.notes if "outside" in note or "is no forecast" in note
+        ),
+        inputs=(*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values()),
         flight_correction=of.flight.correction(of.statistics.profiles.corrections),
     )
-
-
-def _inputs(job: ReplayJob) -> tuple[Path, ...]:
-    return (*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values())
-
-
-def _outside(inputs: Prepared) -> tuple[str, ...]:
-    notes = inputs.forecasts.notes
-    return tuple(note for note in notes if "outside" in note or "is no forecast" in note)
 
 
 def _record(writer: ResultWriter, run: Run, number: int, summary: ReplaySummary) -> None:

@@ -6,8 +6,12 @@ from heapq import merge as merged_by
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader, Message
 from replay_kit.core.progress import Progress, Stopwatch
@@ -16,15 +20,16 @@ from replay_kit.estimator import Estimator
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
+from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.region import for_region
 from replay_kit.results.vehicles import VEHICLES_RECORD
 from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.inputs.estimator import built
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
-from replay_kit.workflows.replay.inputs.goals import check_goal, with_planner_kind
 from replay_kit.workflows.replay.inputs.job import (
     ReplayJob,
+    Vehicle,
     flat,
     forecasts_of,
     open_each,
@@ -38,12 +43,12 @@ from replay_kit.workflows.replay.inputs.provenance import (
     run_options,
     vehicles_record,
 )
-from replay_kit.workflows.replay.inputs.scan import check_span, next_block
+from replay_kit.workflows.replay.inputs.scan import check_span, next_block, reach_of
 from replay_kit.workflows.replay.inputs.vehicles import first_windows
 from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.scoring import rival_inputs
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
-from replay_kit.workflows.replay.stages.planner import PlannerFactory
+from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlannerFactory
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from replay_kit.workflows.replay.state import Setup
 
@@ -225,3 +230,38 @@ def _metadata(
         named = {key: named_hash(path) for key, path in rival_inputs(job.against).items()}
         metadata["replay_kit.inputs"] = {**metadata["replay_kit.inputs"], **named}
     return metadata
+
+
+def with_planner_kind(
+    job: ReplayJob | Vehicle, readers: Sequence[LogReader], config: RunConfig
+) -> RunConfig:
+    """Return the settings with what a replay with a goal plans: for a glider's logs a mission, where no kind is chosen.
+
+    Args:
+        job: Without a goal, nothing changes.
+        readers: Its opened logs.
+        config: The settings.
+    """
+    if job.goal is None or config.planner.kind != "auto":
+        return config
+    gliders = any(isinstance(log, LogFile) and log.is_gliders() for log in readers)
+    return config.model_copy(update={"planner": config.planner.resolved(gliders)})
+
+
+def check_goal(
+    planner: Planner, flow: HasGrid, job: ReplayJob | Vehicle, config: RunConfig
+) -> None:
+    """Raise PlanError when the goal is outside the region or on land, and say so when the whole log is outside the region too."""
+    assert job.goal is not None
+    try:
+        planner.check(flow, job.goal)
+    except PlanError as error:
+        places = reach_of(job.logs, config).places
+        local = to_local(flow.grid.projection, *places.T)
+        if not len(places) or np.any(inside_grid(flow.grid, *local)):
+            raise
+        (west, south), (east, north) = places.min(axis=0), places.max(axis=0)
+        raise PlanError(
+            f"{error}. The whole log lies outside it too, in {west:.2f}..{east:.2f} E, {south:.2f}..{north:.2f} N: "
+            "use an ensemble of that place, or --place-ensemble for a study"
+        ) from error

@@ -22,10 +22,10 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay import dry_run
-from replay_kit.workflows.replay.inputs.goals import with_planner_kind
+from replay_kit.workflows.replay import checks
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.scan import open_readers
+from replay_kit.workflows.replay.prepare import with_planner_kind
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
 from tests import synthetic
@@ -296,7 +296,7 @@ def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path, m
         clock[0] += 2.0 * len(block)
         return assimilate(estimator, state, block)
 
-    monkeypatch.setattr(dry_run, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    monkeypatch.setattr(checks, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
     monkeypatch.setattr(ReducedBasisEstimator, "assimilate", slow)
     arguments = f"replay {ocean}/survey.mcap --ensemble {ocean}/ensemble.nc --modes 20 --dry-run"
     succeed(f"{arguments} -o {tmp_path}/o.mcap --json {tmp_path}/d.json")

@@ -193,20 +193,15 @@ def cited(files: Iterable[Path], config: RunConfig) -> dict[str, str]:
 
 def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str, str]]:
     """Return the records of a result without what may change while its logs grow: the logs, the goal, what was said of them."""
-    inputs = {
-        key: value
-        for key, value in metadata.get("replay_kit.inputs", {}).items()
-        if not key.startswith("log")
-    }
-    options = {
-        key: value for key, value in metadata.get("replay_kit.options", {}).items() if key != "goal"
-    }
-    kept = {
-        key: value for key, value in metadata.items() if key not in ("replay_kit.reading", FOLLOWED)
+    held = {
+        name: {key: value for key, value in record.items() if not key.startswith(("log", "goal"))}
+        if name in ("replay_kit.inputs", "replay_kit.options")
+        else record
+        for name, record in metadata.items()
+        if name not in ("replay_kit.reading", FOLLOWED)
     }
     # which logs there are may change, not which vehicles and goals
     goals = {one.name: one.goal for one in vehicle_records(metadata)}
-    held = {**kept, "replay_kit.inputs": inputs, "replay_kit.options": options}
     return {**held, VEHICLES_RECORD: goals} if goals else held
 
 

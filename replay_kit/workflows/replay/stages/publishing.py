@@ -1,4 +1,8 @@
-"""The publishing stage: what is published of each step, and when the depth slices are due."""
+"""The publishing stage: what is published of each step, and when the depth slices are due.
+
+At each time of radars' total vectors the surface current is published: the estimate, with what the vectors show beside it as a field. The
+field's covariance is the likeliest for the first two times, and that of the first alone until then.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -9,15 +13,21 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import OutputConfig
-from replay_kit.core.arrays import replace
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_local
+from replay_kit.core.flow.points import known_at
+from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import LinearMeasurement, VehicleState
+from replay_kit.measurements.residual_field import ResidualField
 from replay_kit.results.mcap_writer import ResultWriter
+from replay_kit.results.slices import Slice
 from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
-from replay_kit.workflows.replay.stages.surface import SurfaceState, surface_step
 
+# times that say what the covariance is, and vectors that a time has at least to be one
+_TIMES, _LEAST_VECTORS = 2, 20
+# cells of a grid at most; each is half as wide as vectors are apart
+_MOST_CELLS = 1600
 # A vehicle that moved less keeps its frame [m], and one that moved less from place to place its heading.
 _MOVED = 10.0
 _Place = tuple[float, float, float]
@@ -27,6 +37,29 @@ _Place = tuple[float, float, float]
 Output = Callable[[ResultWriter], None]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceState:
+    """What the vectors so far say of the field.
+
+    Attributes:
+        seen: The vectors of the first times, and what they are beside the estimate, shape (n, 2) [m/s]; none once all have come.
+        field: Of the residuals; None before any.
+    """
+
+    seen: tuple[tuple[LinearMeasurement, Array], ...] = ()
+    field: ResidualField | None = None
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user should know of the field."""
+        if self.field is None:
+            return []
+        size = f"{100.0 * self.field.std:.1f} cm/s over {self.field.length / 1e3:.0f} km"
+        return [
+            f"radars show currents beside the estimate, a field of {size}: table surface has both"
+        ]
+
+
 @dataclass(frozen=True, slots=True)
 class PublishingState:
     """What the publishing stage remembers.
@@ -34,7 +67,6 @@ class PublishingState:
     Attributes:
         next_slices_ns: When the next depth slices are due [ns, UTC]; None before the first measurement.
         projection: The local frame; None before the first position.
-        position: The last one.
         turned: Local east and north [m] where the heading was found last, and the heading, clockwise from local north [rad].
         placed: Local east, north and depth [m] of the frame last published.
         windows: Number of windows left by the vehicle whose last estimates were published.
@@ -44,7 +76,6 @@ class PublishingState:
 
     next_slices_ns: int | None = None
     projection: Projection | None = None
-    position: VehicleState | None = None
     turned: _Place | None = None
     placed: _Place | None = None
     windows: int = 0
@@ -116,7 +147,7 @@ def publish_track(
             if move is not None:
                 writer.vehicle(position.time_ns, *move)
 
-    after = replace(state, projection=projection, position=track[-1], turned=turned, placed=placed)
+    after = replace(state, projection=projection, turned=turned, placed=placed)
     return after, (write,)
 
 
@@ -157,3 +188,57 @@ def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> Ou
 
 def _depth(position: VehicleState) -> float:
     return max(float(position.depth), 0.0) if math.isfinite(position.depth) else 0.0
+
+
+def surface_step(
+    state: SurfaceState, vectors: LinearMeasurement, flow: FlowEstimate
+) -> tuple[SurfaceState, Slice | None]:
+    """Return the state after the vectors of a time, and the surface current on a grid over them; None where too few are in the water.
+
+    Args:
+        state: Before them.
+        vectors: Total vectors at one depth.
+        flow: The estimate after them.
+    """
+    projection, depth = flow.grid.projection, float(vectors.depth[0])
+    places = vectors.value_places
+    seen = np.column_stack(rotate_to_local(projection, *places, *vectors.value.T))
+    local = to_local(projection, *places)
+    residual = seen - _estimated(flow, vectors.time_ns, *local, depth)
+    if np.isfinite(residual).all(axis=1).sum() < _LEAST_VECTORS:
+        return state, None
+    field = state.field
+    if field is None or state.seen:
+        times = (*state.seen, (vectors, residual))
+        field = ResidualField.likeliest(times)
+        state = SurfaceState(times if len(times) < _TIMES else (), field)
+    east, north = _grid(np.column_stack(local))
+    x, y = (each.ravel() for each in np.meshgrid(east, north))
+    beside, error = field.between(vectors, residual, *to_geographic(projection, x, y))
+    velocity = _estimated(flow, vectors.time_ns, x, y, depth) + beside
+    shape = (north.size, east.size, 2)
+    known = np.where(np.isfinite(velocity), error[:, None], np.nan)
+    return state, Slice(depth, east, north, velocity.reshape(shape), known.reshape(shape))
+
+
+def _estimated(flow: FlowEstimate, time_ns: int, east: Array, north: Array, depth: float) -> Array:
+    """Return the estimate with its oscillations at local places [m], shape (n, 2) [m/s], local axes; NaN where it has none."""
+    known = known_at(flow.grid, east, north, depth)
+    velocity = np.where(known[:, None], flow.velocity(east, north, depth), np.nan)
+    beside = flow.oscillation
+    if beside is not None:
+        velocity += [np.interp(depth, flow.levels, each) for each in beside.velocity(time_ns)]
+    return velocity
+
+
+def _grid(places: Array) -> tuple[Array, Array]:
+    """Return cell centres along both axes over places, shape (n, 2) [m]."""
+    low, size = places.min(axis=0), np.ptp(places, axis=0)
+    apart = np.hypot(*(places[:, None] - places).T)
+    np.fill_diagonal(apart, np.inf)
+    cell = max(0.5 * np.median(apart.min(axis=0)), np.sqrt(size.prod() / _MOST_CELLS))
+    east, north = (
+        begin + cell * np.arange(max(2, round(along / cell) + 1))
+        for begin, along in zip(low, size, strict=True)
+    )
+    return east, north
