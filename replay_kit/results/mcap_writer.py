@@ -176,9 +176,7 @@ class ResultWriter(ResultFile):
         """
         time_ns = plan.start_time_ns
         self._log("/plan/path", messages.plan_path(plan), time_ns)
-        drawn = messages.plan_geojson(plan, projection)
-        topic = topic_of(self._vehicle, "/plan/geojson")
-        self.hold_message(topic, _definition(type(drawn)), drawn.encode(), time_ns)
+        self._log("/plan/geojson", messages.plan_geojson(plan, projection), time_ns, hold=True)
         self._log_own("/plan/controls", "Plan", messages.plan_controls(plan), time_ns)
 
     def seabed(self, time_ns: int, seabed: Seabed) -> None:
@@ -261,9 +259,10 @@ class ResultWriter(ResultFile):
         time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
         self.attach(time_ns, name, "application/x-npz", pack(flow))
 
-    def _log(self, topic: str, message: _Encodable, time_ns: int) -> None:
+    def _log(self, topic: str, message: _Encodable, time_ns: int, hold: bool = False) -> None:
+        write = self.hold_message if hold else self.write_message
         own = topic_of(self._vehicle, topic)
-        self.write_message(own, _definition(type(message)), message.encode(), time_ns)
+        write(own, _definition(type(message)), message.encode(), time_ns)
 
     def _log_own(self, topic: str, name: str, data: bytes, time_ns: int) -> None:
         own = topic_of(self._vehicle, topic)
