@@ -181,10 +181,6 @@ class ResultFile:
             self._writer.flush()  # type: ignore[no-untyped-call]
             os.fsync(self._file.fileno())
 
-    def current_digest(self, time_ns: int) -> Digest:
-        """Return the digest of the messages so far."""
-        return Digest(time_ns, self._counts.total(), self._digest.hexdigest())
-
     def digest(self, time_ns: int) -> Digest:
         """End the chunk, and write the digest of the messages so far as a metadata record: ``verify`` compares it as a repeated run goes.
 
@@ -193,7 +189,7 @@ class ResultFile:
         """
         with self._storing("write"):
             self._writer.flush()  # type: ignore[no-untyped-call]
-        value = self.current_digest(time_ns)
+        value = Digest(time_ns, self._counts.total(), self._digest.hexdigest())
         text = {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256}
         self.write_metadata(DIGEST_NAME, text)
         self._digests += 1
