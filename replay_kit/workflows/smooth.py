@@ -31,7 +31,6 @@ from replay_kit.workflows.replay.inputs.estimator import build, flow_at, with_wi
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, forecasts_of
 from replay_kit.workflows.replay.inputs.provenance import run_metadata, run_settings_toml
-from replay_kit.workflows.replay.inputs.scan import next_block
 from replay_kit.workflows.replay.prepare import Prepared, prepare
 from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.stages.consistency import MonitoringState, require_one_vehicle
@@ -149,12 +148,7 @@ def _forward(
                 done.append((step.event, None if found is None else found.innovation))
 
     run.follow_up = keep
-    messages = inputs.messages()
-    advance = reading(inputs.by_vehicle[0], progress, "reading the logs")
-    while block := next_block(messages):
-        run.take(block)
-        advance(len(block))
-    run.finish(inputs.merged, [0])
+    inputs.play(run, reading(inputs.by_vehicle[0], progress, "reading the logs"))
     return run, inputs, done
 
 

@@ -136,19 +136,6 @@ def test_a_telemetry_log_takes_frames_and_what_has_none(tmp_path, logs, by_way_o
     }
 
 
-@pytest.mark.parametrize("by_way_of_mcap", [False, True])
-def test_frames_of_several_logs_are_merged_by_time(tmp_path, by_way_of_mcap):
-    (tmp_path / "a.tlog").write_bytes(b"".join(tlog(5)))
-    (tmp_path / "b.tlog").write_bytes(b"".join(tlog(5, _stamps(tmp_path / "a.tlog")[1] + 1)))
-    given = [tmp_path / "a.tlog", tmp_path / "b.tlog"]
-    stamps = sorted(stamp for path in given for stamp in _stamps(path))
-    if by_way_of_mcap:
-        convert(given, tmp_path / "both.mcap", False, LogConfig())
-        given = [tmp_path / "both.mcap"]
-    convert(given, tmp_path / "out.tlog", False, LogConfig())
-    assert _stamps(tmp_path / "out.tlog") == stamps
-
-
 def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path):
     ping = {
         **{
@@ -192,17 +179,6 @@ def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path):
     assert "Excluded: 2 x /adcp: of each its beam_unit_vectors" in console.export_text()
 
 
-def test_late_fixes_become_frames_too(tmp_path):
-    fix = {"latitude": 1.0, "longitude": 2.0}
-    stamps = [k * 10**9 for k in (1, 50, 60, 2, 70)]
-    write_mcap_log(
-        tmp_path / "in.mcap",
-        [Message(t, "/fix", "foxglove.LocationFix", fix, 0, k) for k, t in enumerate(stamps)],
-    )
-    summary = convert([tmp_path / "in.mcap"], tmp_path / "out.tlog", False, LogConfig())
-    assert summary.messages == {"GPS_RAW_INT": 5, "GLOBAL_POSITION_INT": 5}
-
-
 def test_the_help_names_every_format():
     for command in ("replay", "convert"):
         said = " ".join(invoke(f"{command} --help-all", columns=400).output.split())
@@ -211,14 +187,10 @@ def test_the_help_names_every_format():
         )
 
 
-@pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there")
-@pytest.mark.full
-def test_real_dives_become_ten_profiles(tmp_path):
-    summary = convert(SEAGLIDER, tmp_path / "out.mcap", False, LogConfig())
-    assert (
-        summary.messages["/adcp/inverted"],
-        summary.messages["/dac"],
-        summary.messages["/vehicle/fix"],
-    ) == (10, 5, 15)
-    observed = _profiles(tmp_path / "out.mcap")
-    assert [observation.dive for observation in observed] == sorted([*range(100, 105)] * 2)
+def test_frames_of_several_logs_are_merged_by_time_by_way_of_mcap_too(tmp_path):
+    given, both = [tmp_path / "a.tlog", tmp_path / "b.tlog"], tmp_path / "both.mcap"
+    given[0].write_bytes(b"".join(tlog(5)))
+    given[1].write_bytes(b"".join(tlog(5, _stamps(given[0])[1] + 1)))
+    convert(given, both, False, LogConfig())
+    convert([both], tmp_path / "out.tlog", False, LogConfig())
+    assert _stamps(tmp_path / "out.tlog") == sorted(_stamps(given[0]) + _stamps(given[1]))

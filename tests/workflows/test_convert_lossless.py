@@ -12,7 +12,9 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ReplayKitError
+from replay_kit.core.message import Message
 from replay_kit.logs import open_log
+from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.convert import convert
 from tests.fuzz.damage import sound_messages
 from tests.logs.log_samples import SHARED, json_mcap, tlog
@@ -130,17 +132,6 @@ def test_a_telemetry_log_comes_back_from_mcap(tmp_path, entries, noise):
     assert (tmp_path / "mended.tlog").read_bytes() == entries[0] + sound
 
 
-@needs(SHARED)
-def test_a_real_telemetry_log_comes_back(tmp_path):
-    data = (SHARED / "ardusub/small.tlog").read_bytes()[:200_000]
-    (tmp_path / "in.tlog").write_bytes(data)
-    summary = convert([tmp_path / "in.tlog"], tmp_path / "mid.mcap", False, LogConfig())
-    convert([tmp_path / "mid.mcap"], tmp_path / "out.tlog", False, LogConfig())
-    lost = sum(loss.bytes for _, loss in summary.losses)
-    assert len((tmp_path / "out.tlog").read_bytes()) == len(data) - lost
-    assert lost or (tmp_path / "out.tlog").read_bytes() == data
-
-
 def test_kept_frames_are_no_trouble_to_a_reader(tmp_path):
     (tmp_path / "in.tlog").write_bytes(b"".join(tlog(5)))
     convert([tmp_path / "in.tlog"], tmp_path / "out.mcap", False, LogConfig())
@@ -182,11 +173,19 @@ def test_a_damaged_attachment_is_left_out_and_said(tmp_path):
     assert [name for name, _ in noted] == ["note"]
 
 
-def test_late_messages_are_copied_too(tmp_path):
-    (tmp_path / "in.mcap").write_bytes(json_mcap([k * 10**9 for k in (1, 50, 60, 2, 70)]))
+def test_late_messages_are_copied_too_and_become_frames(tmp_path):
+    stamps = [k * 10**9 for k in (1, 50, 60, 2, 70)]
+    (tmp_path / "in.mcap").write_bytes(json_mcap(stamps))
     convert([tmp_path / "in.mcap"], tmp_path / "out.mcap", False, LogConfig())
     read = open_log(tmp_path / "out.mcap").messages()
     assert sorted(message.payload["n"] for message in read) == list(range(5))
+    fix = {"latitude": 1.0, "longitude": 2.0}
+    write_mcap_log(
+        tmp_path / "fixes.mcap",
+        [Message(t, "/fix", "foxglove.LocationFix", fix, 0, k) for k, t in enumerate(stamps)],
+    )
+    summary = convert([tmp_path / "fixes.mcap"], tmp_path / "out.tlog", False, LogConfig())
+    assert summary.messages == {"GPS_RAW_INT": 5, "GLOBAL_POSITION_INT": 5}
 
 
 def test_what_does_not_read_back_gets_no_name(tmp_path, monkeypatch):

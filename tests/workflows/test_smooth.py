@@ -12,7 +12,6 @@ from replay_kit.estimator import smooth as smooth_states
 from replay_kit.forecast import read_series
 from replay_kit.logs import open_log
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.report.pages import report_html
 from replay_kit.show.status.held import read_held
 from replay_kit.workflows.library import settings_of
 from replay_kit.workflows.planning.adapters import planner_of
@@ -21,7 +20,6 @@ from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, corr
 from replay_kit.workflows.smooth import STATIC, published_times, smooth
 from replay_kit.workflows.verify import verify
 from tests.places import SAMPLES
-from tests.show.report.html_of import figures
 from tests.workflows.replay.given import block_of
 
 STATIC_SETTINGS = {
@@ -71,45 +69,6 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
         np.testing.assert_allclose(slices.fields[1, k, 1][known], velocity[known, 1], atol=1e-6)
     assert summary.exit_code == 0
     assert STATIC not in summary.notes
-
-
-@pytest.mark.full
-def test_it_knows_more_of_the_beginning_than_the_replay_and_the_same_of_the_end(tmp_path):
-    _, result = smoothed(tmp_path, EVOLVING)
-    replayed = rk.replay(
-        SAMPLES / "glider.mcap",
-        SAMPLES / "ensemble.nc",
-        settings=EVOLVING,
-        out=tmp_path / "replayed.mcap",
-    )
-    after, before = Contents(result).slices, Contents(rk.open_result(replayed.path)).slices
-    assert (after.time_ns[:3] == before.time_ns[:3]).all()
-    known = np.isfinite(after.fields[:, 0, 2])
-    assert (after.fields[:, 0, 2][known] < before.fields[:, 0, 2][known]).all()
-    np.testing.assert_allclose(after.fields[:, -1], before.fields[:, -1], atol=2e-6)
-    # decisions are those of the replay, residuals those to the smoothed estimate
-    np.testing.assert_array_equal(result.observations["nis"], replayed.observations["nis"])
-    assert (result.innovations["residual_east"] != replayed.innovations["residual_east"]).any()
-    # beside them stand those of the replay, in the sections too
-    for axis in ("east", "north"):
-        np.testing.assert_array_equal(
-            result.innovations[f"replayed_residual_{axis}"],
-            replayed.innovations[f"residual_{axis}"],
-        )
-    smoothed_bins, replayed_bins = (
-        Contents(result).bins,
-        Contents(rk.open_result(replayed.path)).bins,
-    )
-    assert np.isfinite(smoothed_bins.estimated).all()
-    np.testing.assert_allclose(smoothed_bins.replayed, replayed_bins.estimated, atol=1e-6)
-    assert np.isnan(replayed_bins.replayed).all()
-    (profiles,) = (
-        figure for key, figure in figures(report_html(result)).items() if key == "profiles"
-    )
-    assert [note["text"] for note in profiles["layout"]["annotations"]][1:3] == [
-        "estimated before smoothing",
-        "smoothed",
-    ]
 
 
 def test_a_static_estimate_is_its_last_at_all_times(tmp_path):

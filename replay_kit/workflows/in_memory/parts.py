@@ -4,16 +4,15 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import rotate_to_geographic
-from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.interface import require_estimator
@@ -152,20 +151,10 @@ def _dataset_of(ensemble: Ensemble) -> "xr.Dataset":
     return dataset.assign_coords(time=((), np.datetime64(ensemble.time_ns, "ns")))
 
 
-class EstimatorBuilder(Protocol):
-    """Makes an estimator."""
-
-    def __call__(self, ensemble: Ensemble, config: EstimatorConfig, /) -> Estimator[Any]:
-        """Return the estimator of an ensemble."""
-        ...
-
-
-class PriorBuilder(Protocol):
-    """Makes a prior."""
-
-    def __call__(self, basis: Basis, process: Process, /) -> Process:
-        """Return the prior of the weights of a basis, given the one that is usual."""
-        ...
+#: Makes the estimator of an ensemble.
+EstimatorBuilder = Callable[[Ensemble, EstimatorConfig], Estimator[Any]]
+#: Makes the prior of the weights of a basis, given the one that is usual.
+PriorBuilder = Callable[[Basis, Process], Process]
 
 
 def given(
@@ -229,9 +218,4 @@ def planner_factory(planner: PlannerFactory | Planner | None) -> PlannerFactory:
         raise ConfigError(
             f"planner: expected a Planner, got {type(planner).__name__} without {', '.join(lacking)}"
         )
-    own = planner
-
-    def make(config: PlannerConfig, grid: Grid) -> Planner:
-        return own
-
-    return make
+    return lambda config, grid: planner

@@ -21,7 +21,6 @@ from replay_kit.estimator.update.screening import Screened, columns_of, screened
 from replay_kit.workflows.replay.conclude import useless_of
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of
-from replay_kit.workflows.replay.inputs.scan import check_span, next_block
 from replay_kit.workflows.replay.prepare import prepare
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
@@ -61,11 +60,7 @@ def check_inputs(
     job = replace(job, out=None, truth=None)
     run, inputs = prepare(job, config, planner_of, silent, forecasts, screen)
     run.follow_up = lambda run, steps: None
-    messages = inputs.messages()
-    while block := next_block(messages):
-        run.take(block)
-    check_span(job.logs, config, run.last_ns if run.messages else None)
-    run.finish(inputs.merged, [logs[0].input for logs in inputs.by_vehicle])
+    inputs.play(run)
     useless_of(run, inputs)
     return CheckedInputs(forecasts, screen.profiles, screen.used, tuple(screen.first))
 

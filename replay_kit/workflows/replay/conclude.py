@@ -247,7 +247,7 @@ def _summary(
         of.monitoring,
         of.statistics.profiles,
         setup.config,
-        of.statistics.messages.skipped,
+        of.statistics.skipped,
         check_file(setup.estimator, of.monitoring.means),
     )
     summary: ReplaySummary = of.statistics.summary(reports)

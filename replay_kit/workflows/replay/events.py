@@ -10,6 +10,7 @@ first vehicle comes first.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -149,14 +150,8 @@ class Events:
         """Return those from one to before another."""
         if begin == 0 and end >= len(self):
             return self
-        counts = [_before(self.kind == number, begin, end) for number in (POSITION, PING, LINEAR)]
-        position, ping = (
-            {name: column[at] for name, column in columns.items()}
-            for columns, at in zip((self.position, self.ping), counts, strict=False)
-        )
-        at = slice(begin, end)
-        own = self.time[at], self.due[at], self.kind[at]
-        return Events(*own, position, ping, self.others[counts[2]], self.topics)
+        at = np.arange(len(self))
+        return self.without((at < begin) | (at >= end))
 
     def followed_by(self, more: "Events", due_ns: int | None) -> "Events":
         """Return these and those that follow, the last of which before them was due at some time [ns, UTC]."""
@@ -184,7 +179,7 @@ class Events:
             self.kind[kept],
             {name: column[position] for name, column in self.position.items()},
             {name: column[ping] for name, column in self.ping.items()},
-            tuple(one for one, use in zip(self.others, others.tolist(), strict=True) if use),
+            tuple(compress(self.others, others.tolist())),
             self.topics,
         )
 
@@ -199,11 +194,6 @@ class Events:
         """Return rows of positions."""
         columns = {name: column[begin:end] for name, column in self.position.items()}
         return Track(columns, self.topics)
-
-
-def _before(those: NDArray[np.bool_], begin: int, end: int) -> slice:
-    first = int(np.count_nonzero(those[:begin]))
-    return slice(first, first + int(np.count_nonzero(those[begin:end])))
 
 
 def _chosen(columns: Columns, names: Sequence[str], at: Indices) -> Columns:

@@ -1,6 +1,6 @@
 """What a replay reads before its first message: the forecast, the estimator, and of each vehicle how it is followed."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import merge as merged_by
 from pathlib import Path
@@ -38,6 +38,7 @@ from replay_kit.workflows.replay.inputs.provenance import (
     run_options,
     vehicles_record,
 )
+from replay_kit.workflows.replay.inputs.scan import check_span, next_block
 from replay_kit.workflows.replay.inputs.vehicles import first_windows
 from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.scoring import rival_inputs
@@ -78,6 +79,20 @@ class Prepared:
         if len(each) == 1:
             return each[0]
         return merged_by(*each, key=lambda message: (message.time_ns, message.input))
+
+    def play(self, run: Run, done: Callable[[int], None] | None = None) -> None:
+        """Pass all messages through a run; ``done`` is called with the number of messages of each block."""
+        messages = self.messages()
+        while block := next_block(messages):
+            run.take(block)
+            if done is not None:
+                done(len(block))
+        self.finish(run)
+
+    def finish(self, run: Run) -> None:
+        """End a run after the last message; ConfigError where none lies in the time span that is asked for."""
+        check_span(self.job.logs, run.config, run.last_ns if run.messages else None)
+        run.finish(self.merged, [logs[0].input for logs in self.by_vehicle])
 
 
 def _to_end(messages: Iterator[Message], number: int) -> Iterator[Message]:

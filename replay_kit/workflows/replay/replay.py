@@ -40,7 +40,7 @@ from replay_kit.workflows.replay.inputs.job import (
     input_stamps,
 )
 from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_toml
-from replay_kit.workflows.replay.inputs.scan import check_span, next_block
+from replay_kit.workflows.replay.inputs.scan import next_block
 from replay_kit.workflows.replay.inputs.vehicles import by_tracks, identified
 from replay_kit.workflows.replay.prepare import Prepared, prepare
 from replay_kit.workflows.replay.run import Run
@@ -188,8 +188,7 @@ def _loop(
             run.writer.digest(run.last_ns)
         if states is not None:
             states.keep(run, block)
-    check_span(job.logs, run.config, run.last_ns if run.messages else None)
-    run.finish(inputs.merged, [logs[0].input for logs in inputs.by_vehicle])
+    inputs.finish(run)
 
 
 def _begin_result(run: Run, inputs: Prepared, time_ns: int) -> None:

@@ -15,19 +15,20 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.arrays import replace
 from replay_kit.core.as_flown import FlownDive
-from replay_kit.core.block import LINEAR, MEAN, PING, POSITION, Block
+from replay_kit.core.block import LINEAR, PING, POSITION, Block
 from replay_kit.core.errors import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
-from replay_kit.core.observation import LinearMeasurement, PathMean, Profiles, VehicleState
+from replay_kit.core.observation import LinearMeasurement, Profiles, VehicleState
 from replay_kit.core.progress import Stopwatch
 from replay_kit.estimator import Estimator
 from replay_kit.logs.merge import Merge
-from replay_kit.measurements.observed import begun, path_mean, taken
+from replay_kit.measurements.observed import begun, taken
 from replay_kit.results.mcap_writer import ResultWriter
-from replay_kit.workflows.replay.events import Aside, Event, Events, Item, Track, items
+from replay_kit.workflows.replay.events import Aside, Event, Item, Track, items
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.stages import consistency
+from replay_kit.workflows.replay.stages.admission import Admission, admitted
 from replay_kit.workflows.replay.stages.consistency import FoundWith
 from replay_kit.workflows.replay.stages.estimation import (
     Dive,
@@ -46,8 +47,6 @@ from replay_kit.workflows.replay.stages.publishing import (
     withdraw_windows,
 )
 from replay_kit.workflows.replay.state import OfVehicle, RunState, Setup
-from replay_kit.workflows.replay.statistics import RunStatistics
-from replay_kit.workflows.replay.surfacings.flight_bias import corrected, with_block
 
 #: Schema of what stands in the stream where the logs of a vehicle end.
 END = "replay_kit.EndOfLogs"
@@ -216,51 +215,22 @@ class Run:
         """Take events of a vehicle, from one to before another of a block that was checked."""
         if end <= begin:
             return
-        of, setup, rows = self.of[number], self.setups[number], block.events[begin:end]
-        config, kinds, others = setup.config, inputs_of(setup.estimator), list[Any]()
-        monitoring, flight, statistics = of.monitoring, of.flight, of.statistics
-        if config.consistency.on_failure != "ignore":
-            monitoring = consistency.tracked(monitoring, block, rows)
-        bias, is_ping, unused, before = (
-            config.measurements.flight_bias,
-            rows[:, 1] == PING,
-            np.zeros(len(rows), np.bool_),
-            0,
+        of, setup = self.of[number], self.setups[number]
+        state, events = admitted(
+            Admission(of.monitoring, of.flight, of.statistics),
+            block,
+            block.events[begin:end],
+            setup.config,
+            inputs_of(setup.estimator),
         )
-        for k in np.flatnonzero((rows[:, 1] == MEAN) | (rows[:, 1] == LINEAR)).tolist():
-            _, kind, row = rows[k].tolist()
-            event: Any = path_mean(block, row) if kind == MEAN else block.linear[row]
-            is_mean = isinstance(event, PathMean)
-            if is_mean:
-                if bias:
-                    flight = with_block(flight, block, rows[before:k][is_ping[before:k], 2])
-                    (flight, event), before = corrected(flight, event), k
-                monitoring = replace(monitoring, means=(*monitoring.means, event))
-            beside = is_mean and event.beside_profiles
-            fits = isinstance(event, kinds) and (bias or not beside)
-            if not (fits or beside or monitoring.left_out):
-                # one beside profiles that were computed from it is no loss
-                statistics = statistics.with_unsupported(event)
-            if fits and not monitoring.left_out:
-                others.append(event)
-            elif is_mean:
-                others.append(Aside(event))
-            else:
-                unused[k] = True
-        if bias:
-            flight = with_block(flight, block, rows[before:][is_ping[before:], 2])
-        if monitoring.left_out:
-            statistics = statistics.with_rejected(int(np.count_nonzero(rows[:, 1] != POSITION)))
-            unused |= is_ping
-        events = Events.of(replace(block, events=rows[~unused]), others)
         waiting = of.waiting.followed_by(events, of.due_ns)
         first = [int(events.time.min())] if len(events) else []
         first += [] if of.first_ns is None else [of.first_ns]
         self.put(
             number,
-            monitoring=monitoring,
-            flight=flight,
-            statistics=statistics,
+            monitoring=state.monitoring,
+            flight=state.flight,
+            statistics=state.statistics,
             waiting=waiting,
             due_ns=int(waiting.due[-1]) if len(waiting) else of.due_ns,
             first_ns=min(first, default=None),
@@ -290,9 +260,7 @@ class Run:
         self.current, monitoring, counts = consistency.readmitted(
             estimator, self.current, of.monitoring, of.statistics.profiles
         )
-        self.put(
-            number, monitoring=monitoring, statistics=RunStatistics(of.statistics.messages, counts)
-        )
+        self.put(number, monitoring=monitoring, statistics=replace(of.statistics, profiles=counts))
         self.write(number, map(_warning, named))
         every = monitoring.findings
         self.write(number, (lambda writer: writer.consistency(time_ns, every),))
@@ -330,7 +298,7 @@ class Run:
             self.put(
                 other,
                 dive=dive,
-                statistics=RunStatistics(before.statistics.messages, counts),
+                statistics=replace(before.statistics, profiles=counts),
                 monitoring=consistency.with_gated(fresh, own),
             )
         self.put(0, publishing=withdraw_windows(self.of[0].publishing))

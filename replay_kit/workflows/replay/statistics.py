@@ -16,7 +16,7 @@ from replay_kit.logs.shared.payloads import gather, short
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.measurements.step import left_out_rules
 from replay_kit.results.outcome.run import DiveRow, ReplaySummary, SourceRow, TopicRow
-from replay_kit.workflows.replay.stages.counts import ProfileCounts, SourceCounts, Sums, increment
+from replay_kit.workflows.replay.stages.counts import ProfileCounts, SourceCounts, Sums, added
 from replay_kit.workflows.replay.stages.estimation import Step
 
 # Of a topic's pings; when more are lost, the summary begins with it.
@@ -39,20 +39,22 @@ _TOPICS_SHOWN = 10
 
 
 @dataclass(frozen=True, slots=True)
-class MessageCounts:
-    """Number of messages by what became of them.
+class RunStatistics:
+    """Running counts of one replay.
 
     Attributes:
-        used: By topic.
-        skipped: By topic and reason.
+        profiles: Of profiles and other measurements.
+        used: Number of messages that were used, by topic.
+        skipped: Of those that were not, by topic and reason.
         unsupported: Mean currents that the estimator cannot use, by kind.
-        late: By topic, later than the reorder window allows.
-        late_by: By how much the latest of these is older than the newest before it [s].
-        astray: By topic, set aside because their stamps are far from their neighbours'.
+        late: Messages later than the reorder window allows, by topic.
+        astray: Set aside because their stamps are far from their neighbours', by topic.
         jumps: Of the logs' clocks.
+        late_by: By how much the latest late message is older than the newest before it [s].
         doubt: What is odd about the logs' times; empty when nothing is.
     """
 
+    profiles: ProfileCounts = field(default_factory=ProfileCounts)
     used: Mapping[str, int] = field(default_factory=dict)
     skipped: Mapping[tuple[str, str], int] = field(default_factory=dict)
     unsupported: Mapping[str, int] = field(default_factory=dict)
@@ -61,6 +63,42 @@ class MessageCounts:
     jumps: tuple[ClockJump, ...] = ()
     late_by: float = 0.0
     doubt: str = ""
+
+    def after_messages(self, found: Mapping[tuple[str, str], int]) -> "RunStatistics":
+        """Return the statistics with more messages by topic and the reason for which they are not used, empty for those that are."""
+        used = {topic: number for (topic, reason), number in found.items() if not reason}
+        skipped = {key: number for key, number in found.items() if key[1]}
+        counts = added(self.used, used.items()), added(self.skipped, skipped.items())
+        return replace(self, used=counts[0], skipped=counts[1])
+
+    def with_unsupported(self, event: Measurement) -> "RunStatistics":
+        """Return the statistics with a measurement that the estimator cannot use."""
+        return replace(self, unsupported=added(self.unsupported, [(kind_of(event), 1)]))
+
+    def with_rejected(self, number: int) -> "RunStatistics":
+        """Return the statistics with more measurements that are not used."""
+        profiles = replace(self.profiles, rejected=self.profiles.rejected + number)
+        return replace(self, profiles=profiles)
+
+    def after_steps(self, steps: Sequence[Step]) -> "RunStatistics":
+        """Return the statistics with more positions and measurements."""
+        return replace(self, profiles=self.profiles.after(steps))
+
+    def with_order(self, merged: Merge[Message], first_input: int = 0) -> "RunStatistics":
+        """Return the statistics with what merging the logs found: late messages, stamps far from their neighbours, jumps of clocks.
+
+        Args:
+            merged: The logs.
+            first_input: Of them; their reports begin with its.
+        """
+        return replace(
+            self,
+            late=merged.late,
+            astray=merged.astray,
+            jumps=tuple(replace(jump, input=jump.input - first_input) for jump in merged.jumps),
+            late_by=merged.late_by_s,
+            doubt=merged.doubtful_times,
+        )
 
     def topic_rows(self, reports: Sequence[LogReport]) -> tuple[TopicRow, ...]:
         """Return a row for each topic of the logs."""
@@ -91,64 +129,9 @@ class MessageCounts:
             )
         return tuple(rows)
 
-
-@dataclass(frozen=True, slots=True)
-class RunStatistics:
-    """Running counts of one replay.
-
-    Attributes:
-        messages: Of messages.
-        profiles: Of profiles and other measurements.
-    """
-
-    messages: MessageCounts = field(default_factory=MessageCounts)
-    profiles: ProfileCounts = field(default_factory=ProfileCounts)
-
-    def after_messages(self, found: Mapping[tuple[str, str], int]) -> "RunStatistics":
-        """Return the statistics with more messages by topic and the reason for which they are not used, empty for those that are."""
-        used, skipped = dict(self.messages.used), dict(self.messages.skipped)
-        for (topic, reason), number in found.items():
-            if reason:
-                skipped[topic, reason] = skipped.get((topic, reason), 0) + number
-            else:
-                used[topic] = used.get(topic, 0) + number
-        return RunStatistics(replace(self.messages, used=used, skipped=skipped), self.profiles)
-
-    def with_unsupported(self, event: Measurement) -> "RunStatistics":
-        """Return the statistics with a measurement that the estimator cannot use."""
-        unsupported = increment(self.messages.unsupported, [kind_of(event)])
-        return RunStatistics(replace(self.messages, unsupported=unsupported), self.profiles)
-
-    def with_rejected(self, number: int) -> "RunStatistics":
-        """Return the statistics with more measurements that are not used."""
-        profiles = replace(self.profiles, rejected=self.profiles.rejected + number)
-        return RunStatistics(self.messages, profiles)
-
-    def after_steps(self, steps: Sequence[Step]) -> "RunStatistics":
-        """Return the statistics with more positions and measurements."""
-        return RunStatistics(self.messages, self.profiles.after(steps))
-
-    def with_order(self, merged: Merge[Message], first_input: int = 0) -> "RunStatistics":
-        """Return the statistics with what merging the logs found: late messages, stamps far from their neighbours, jumps of clocks.
-
-        Args:
-            merged: The logs.
-            first_input: Of them; their reports begin with its.
-        """
-        jumps = tuple(replace(jump, input=jump.input - first_input) for jump in merged.jumps)
-        counts = replace(
-            self.messages,
-            late=merged.late,
-            astray=merged.astray,
-            jumps=jumps,
-            late_by=merged.late_by_s,
-            doubt=merged.doubtful_times,
-        )
-        return RunStatistics(counts, self.profiles)
-
     def require_left_out(self, rules: Sequence[str]) -> None:
         """Raise MeasurementError when a rule of ``measurements.without`` has left nothing out: the answer would be the whole log's."""
-        applied = {rule for _, reason in self.messages.skipped for rule in left_out_rules(reason)}
+        applied = {rule for _, reason in self.skipped for rule in left_out_rules(reason)}
         for rule in rules:
             if rule not in applied:
                 dives = sorted(dive for dive in self.profiles.dives if dive > 0)
@@ -178,7 +161,7 @@ class RunStatistics:
         if counts.rejected:
             why = ", ".join(f"{count} bins {name}" for name, count in counts.bins_rejected.items())
             raise MeasurementError(f"{names}: {counts.rejected} ADCP pings, none usable: {why}")
-        found = _describe(self.messages.topic_rows(reports)) or "no messages at all"
+        found = _describe(self.topic_rows(reports)) or "no messages at all"
         lost = self.lost_pings(reports)
         means = [note for report in reports for note in report.notes if note.startswith(NO_MEANS)]
         hints = "".join([self._mapping_hint(reports), *(f". {note}" for note in means)])
@@ -189,7 +172,7 @@ class RunStatistics:
         )
 
     def _mapping_hint(self, reports: Sequence[LogReport]) -> str:
-        unknown = {topic for topic, reason in self.messages.skipped if reason == NOT_A_KIND}
+        unknown = {topic for topic, reason in self.skipped if reason == NOT_A_KIND}
         if not unknown:
             return ""
         variables = "".join(
@@ -207,22 +190,22 @@ class RunStatistics:
     def notes(self, reports: Sequence[LogReport]) -> list[str]:
         """Return notes on the clocks of the logs, on measurements that were not used, and on messages that could not be decoded."""
         return [
-            *([self.messages.doubt] if self.messages.doubt else []),
+            *([self.doubt] if self.doubt else []),
             *(
                 f"{report.path}: {report.without_stamp} messages without a stamp were ordered by their log time"
                 for report in reports
                 if report.without_stamp
             ),
             *_notes_of(reports),
-            *(f"{reports[jump.input].path}: {jump}" for jump in self.messages.jumps),
+            *(f"{reports[jump.input].path}: {jump}" for jump in self.jumps),
             *(
                 f"{count} messages on {topic} were set aside: their stamps are more than a day from those before and after"
-                for topic, count in sorted(self.messages.astray.items())
+                for topic, count in sorted(self.astray.items())
             ),
             *self.profiles.notes(),
             *(
                 f"{count} mean currents ({kind}): not supported by this estimator"
-                for kind, count in sorted(self.messages.unsupported.items())
+                for kind, count in sorted(self.unsupported.items())
             ),
             *(
                 f"{report.path}: {count} messages on {topic} could not be decoded: {why}"
@@ -233,13 +216,13 @@ class RunStatistics:
 
     def lost_pings(self, reports: Sequence[LogReport]) -> str:
         """Return which pings were lost for want of a setting, where they are more than a fifth of a topic's; else empty."""
-        words, rows = [], self.messages.topic_rows(reports)
-        late = self.messages.late
+        words, rows = [], self.topic_rows(reports)
+        late = self.late
         if pushed := any(late.get(row.topic, 0) > _MANY_LOST * row.read for row in rows):
             # what they would have placed follows from it
             words.append(
-                f"{sum(late.values())} messages came up to {math.ceil(self.messages.late_by)} s later than others before them, more than "
-                f"the reorder window allows; logs.reorder_window = {math.ceil(self.messages.late_by)} keeps them"
+                f"{sum(late.values())} messages came up to {math.ceil(self.late_by)} s later than others before them, more than "
+                f"the reorder window allows; logs.reorder_window = {math.ceil(self.late_by)} keeps them"
             )
         for row in [] if pushed else rows:
             for reason, count in row.reasons.items():
@@ -257,10 +240,10 @@ class RunStatistics:
         """Return the summary of messages and measurements; times, plan, truth and notes are added to it."""
         counts, total = self.profiles, self.profiles.total
         return ReplaySummary(
-            messages=self.messages.topic_rows(reports),
+            messages=self.topic_rows(reports),
             lost_pings=self.lost_pings(reports),
             losses=tuple((report.path, loss) for report in reports for loss in report.losses),
-            late=sum(self.messages.late.values()),
+            late=sum(self.late.values()),
             profiles_used=total.profiles,
             profiles_rejected=counts.rejected,
             bins_used=total.bins,
@@ -294,9 +277,7 @@ def pooled(each: Mapping[str, tuple[RunStatistics, Sequence[LogReport]]]) -> Rep
     for one in counts:
         bins_rejected.update(one.bins_rejected)
         path_means.update(one.path_means)
-    total = Sums(
-        *(sum(getattr(one.total, name) for one in counts) for name in Sums.__dataclass_fields__)
-    )
+    total = Sums(*map(sum, zip(*(one.total for one in counts), strict=True)))
     evidence = Evidence({-k: Evidence(one.evidence).total for k, one in enumerate(counts)})
     both = ProfileCounts(
         rejected=sum(one.rejected for one in counts),

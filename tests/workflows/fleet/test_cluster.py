@@ -2,10 +2,6 @@
 
 import os
 import signal
-import socket
-import subprocess
-import sys
-import threading
 import time
 
 import dask
@@ -16,15 +12,12 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.progress import called_by, each_call
 from replay_kit.workflows.fleet.cluster import LostCallError, open_cluster
 from replay_kit.workflows.fleet.expected import Expected, grown, in_all_s
-from replay_kit.workflows.fleet.run import run_fleet
-from tests.places import ROOT
-from tests.workflows.fleet.missions import make_fleet, missions_in
 
 
 def later(first, values, number):
     """Return a sum; of low numbers later than of others."""
     time.sleep(0.1 if number == 0 else 0.0)
-    return first + float(values.sum()) + number
+    return first + float(values[2, 1]) + number
 
 
 def refuse(number):
@@ -38,10 +31,10 @@ def die(number):
 
 
 def test_values_come_in_their_order(cluster):
-    large = np.ones(100_000)
+    large = np.arange(100_000.0).reshape(100, 1000).T
     with called_by(cluster.starmap):
         assert list(each_call(later, ((0.5, large, number) for number in range(4)))) == [
-            100_000.5 + number for number in range(4)
+            1002.5 + number for number in range(4)
         ]
 
 
@@ -93,64 +86,3 @@ def test_a_call_that_kills_its_workers_ends_with_an_error_and_others_are_made():
         by_number = {number: error for number, _, error in cluster.completed(die, [(0,)])}
         assert isinstance(by_number[0], LostCallError)
         assert list(cluster.starmap(refuse, [(0,), (2,)])) == [0, 2]
-
-
-@pytest.mark.full
-def test_workers_that_are_killed_again_and_again_change_no_byte(tmp_path):
-    table = make_fleet(tmp_path, 8, 40)
-    missions, again = missions_in(table, tmp_path / "one"), missions_in(table, tmp_path / "killed")
-    killed = 0
-    with open_cluster(None, 2) as cluster:
-        list(run_fleet(missions, cluster, False))
-        for outcomes in run_fleet(again, cluster, False):
-            if len(outcomes) in (1, 3, 5):
-                os.kill(next(iter(cluster.on_each(os.getpid).values())), signal.SIGKILL)
-                killed += 1
-    assert killed == 3
-    assert not any(outcome.failed for outcome in outcomes)
-    assert [mission.result.read_bytes() for mission in missions] == [
-        mission.result.read_bytes() for mission in again
-    ]
-
-
-def started(words):
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(ROOT),
-        "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "60s",
-    }
-    return subprocess.Popen(
-        [sys.executable, "-m", *words.split()],
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-
-
-@pytest.mark.full
-def test_a_scheduler_that_is_killed_and_comes_back_loses_nothing(tmp_path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
-    address = f"tcp://127.0.0.1:{port}"
-    scheduler = f"distributed.cli.dask_scheduler --host 127.0.0.1 --port {port} --no-dashboard"
-    more = "--nthreads 1 --no-nanny --no-dashboard --death-timeout 60"
-    worker = f"distributed.cli.dask_worker {address} {more}"
-    processes = [started(scheduler), started(worker)]
-    missions = missions_in(make_fleet(tmp_path, 6, 40), tmp_path / "out")
-
-    def restart():
-        processes[0].kill()
-        processes.extend([started(scheduler), started(worker)])
-
-    try:
-        with open_cluster(address, None) as cluster:
-            for outcomes in run_fleet(missions, cluster, False):
-                if len(outcomes) == 1:
-                    threading.Thread(target=restart).start()
-        assert len(outcomes) == 6
-        assert not any(outcome.failed for outcome in outcomes)
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()

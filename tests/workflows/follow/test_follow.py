@@ -50,7 +50,10 @@ def same(sea: Sea, tmp_path: Path) -> bool:
 def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean, dives, tmp_path):
     sea = Sea(ocean, tmp_path, goal=None)
     arrive = delivered(dives, [1], 2, cut(dives[2]))
-    summary = sea.follow([sea.put(one.name, one.data) for one in arrive])
+    with mock.patch.object(basis, "build", wraps=basis.build) as built:
+        summary = sea.follow([sea.put(one.name, one.data) for one in arrive])
+    # once for all replays with a forecast
+    assert sum("replayed in" in text for text in sea.told) > 1 == built.call_count
     assert same(sea, tmp_path)
     assert [row.dive for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
     assert any(
@@ -59,14 +62,7 @@ def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean
     )
     assert sea.options.status.is_file()
     assert not (sea.out.with_name("result.mcap.part")).exists()
-
-
-def test_the_estimator_is_built_once_for_all_replays_with_a_forecast(ocean, dives, tmp_path):
-    sea = Sea(ocean, tmp_path, goal=None)
-    with mock.patch.object(basis, "build", wraps=basis.build) as built:
-        sea.follow([sea.put(one.name, one.data) for one in dives[:2]])
-    assert sum("replayed in" in text for text in sea.told) == 2
-    assert built.call_count == 1
+    assert verify(sea.out, [sea.inbox, ocean], planner_of).same
 
 
 def messages_of(replay: Callable[[], object]) -> int:
@@ -94,27 +90,6 @@ def test_what_did_not_change_is_not_replayed_again_nor_for_a_second_file_of_a_di
     # the last block of observations before the new dive was not complete
     assert all(0 < each < whole // 2 for each in taken)
     assert contents(sea.out) == contents(tmp_path / "at-once.mcap")
-
-
-@pytest.mark.full
-def test_a_follower_that_is_killed_again_and_again_goes_on_and_loses_nothing(
-    ocean, dives, tmp_path
-):
-    sea = Sea(ocean, tmp_path)
-    kills = 0
-    for k, one in enumerate(dives):
-        sea.put(one.name, one.data)()
-        place = ("_begin_result", "conclude", "check_unchanged")[k % 3]
-        with (
-            mock.patch(f"replay_kit.workflows.replay.replay.{place}", side_effect=Killed),
-            pytest.raises(Killed),
-        ):
-            sea.follow()
-        kills += 1
-        (sea.inbox.parent / "result.mcap.part").write_bytes(b"left behind")
-    sea.follow()
-    assert kills == len(dives)
-    assert same(sea, tmp_path)
 
 
 def test_what_is_said_of_a_file_outlives_a_kill_as_soon_as_the_file_is_known(
@@ -168,14 +143,6 @@ def test_a_growing_log_is_replayed_up_to_what_is_whole(name, ocean, tmp_path):
     assert same(sea, tmp_path)
     assert sum("grew from" in text for text in sea.told) >= 1
     assert sum("replayed in" in text for text in sea.told) >= 2
-
-
-@pytest.mark.full
-def test_a_followed_result_can_be_made_again_from_its_files(ocean, dives, tmp_path):
-    sea = Sea(ocean, tmp_path, goal=None)
-    sea.follow([sea.put(one.name, one.data) for one in dives])
-    verdict = verify(sea.out, [sea.inbox, ocean], planner_of)
-    assert verdict.same, verdict
 
 
 def test_what_does_not_belong_is_told_and_left_out(ocean, dives, tmp_path):
@@ -295,9 +262,3 @@ def test_each_alarm_is_given_once_to_the_command_also_after_a_restart(ocean, div
     (line,) = got.read_text().splitlines()
     assert json.loads(line)["kind"] == "plan"
     assert json.loads(line)["position"]["latitude"] < 0.0
-    with bad:
-        sea.put(dives[1].name, dives[1].data)()
-        sea.follow(command="exit 3")
-    assert not any("--notify" in text for text in sea.told) or any(
-        "ended with 3" in text for text in sea.told
-    )

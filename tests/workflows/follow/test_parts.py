@@ -114,33 +114,26 @@ def test_which_mission_is_followed_and_which_is_left_out_is_said_when_another_on
     assert words((first,), replace(second, aside="has the same bytes")) == []
 
 
-def test_what_happened_to_a_file_is_told_in_words(tmp_path):
+@pytest.mark.parametrize(
+    ("content", "changes", "words"),
+    [
+        (b"x" * 100, {"stamp": (1, 2, 100, 5)}, ""),
+        (b"x" * 150, {"stamp": (1, 2, 150, 5), "sha256": "other"}, "grew from 100 to 150 bytes"),
+        (b"y" * 150, {"stamp": (1, 2, 150, 5), "sha256": "other"}, "was written anew"),
+        (b"y" * 150, {"stamp": (1, 3, 150, 5), "sha256": "other"}, "was replaced"),
+        (b"y" * 50, {"stamp": (1, 2, 50, 5), "sha256": "other"}, "shrank"),
+    ],
+)
+def test_what_happened_to_a_file_is_told_in_words(tmp_path, content, changes, words):
     path = tmp_path / "a.mcap"
-    path.write_bytes(b"x" * 100)
+    path.write_bytes(content)
     before = Source(path, STAMP, hashlib.sha256(b"x" * 100).hexdigest(), "", NOW_NS)
+    assert change_words(before, replace(before, **changes), {}).partition(":")[0] == words
     assert change_words(None, before, {}) == "new"
     assert "goes back before it" in change_words(None, before, {Path("b"): source("b", NOW_NS + 1)})
-    assert change_words(before, replace(before, stamp=(1, 2, 100, 5)), {}) == ""
-    path.write_bytes(b"x" * 150)
-    assert (
-        change_words(before, replace(before, stamp=(1, 2, 150, 5), sha256="other"), {})
-        == "grew from 100 to 150 bytes"
-    )
-    path.write_bytes(b"y" * 150)
-    assert "was written anew" in change_words(
-        before, replace(before, stamp=(1, 2, 150, 5), sha256="other"), {}
-    )
-    assert "was replaced" in change_words(
-        before, replace(before, stamp=(1, 3, 150, 5), sha256="other"), {}
-    )
-    assert "shrank" in change_words(
-        before, replace(before, stamp=(1, 2, 50, 5), sha256="other"), {}
-    )
-    assert change_words(None, replace(before, aside="is no log"), {}) == "not used: it is no log"
-    assert (
-        change_words(replace(before, aside="is no log"), replace(before, aside="is no log"), {})
-        == ""
-    )
+    aside = replace(before, aside="is no log")
+    assert change_words(None, aside, {}) == "not used: it is no log"
+    assert change_words(aside, aside, {}) == ""
 
 
 def test_a_file_that_grew_since_it_was_looked_at_is_known_by_the_bytes_it_had(tmp_path):

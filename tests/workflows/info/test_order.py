@@ -1,6 +1,5 @@
 """Late messages as ``merge`` counts them, and gaps, however the log is cut into blocks."""
 
-from collections import Counter
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -13,7 +12,7 @@ from replay_kit.logs.shared.blocks import block_of
 from replay_kit.workflows.info.listing import asks_for_replay, gap_lines
 from replay_kit.workflows.info.reading import Order, TopicInfo
 
-SECOND = 10**9
+SECOND, DAY = 10**9, 86_400.0
 
 
 @dataclass
@@ -41,50 +40,53 @@ def ordered(said, size, window_s=1.0):
     return order.topics
 
 
-@pytest.mark.parametrize("size", [1, 3, 64, 1000])
-@pytest.mark.parametrize("jitter_s", [0.0, 0.4, 3.0, 30.0])
-def test_late_messages_are_those_that_a_replay_leaves_out(size, jitter_s):
+def jittered(by_s):
     rng = np.random.default_rng(3)
-    said = messages(
-        100.0 + 0.1 * np.arange(400) - jitter_s * (rng.random(400) < 0.2) * rng.random(400), "abc"
-    )
-    merged = merge([Said(said)], 1.0)
-    used = Counter(message.topic for message in merged)
-    found = ordered(said, size)
-    assert {topic: info.late for topic, info in found.items() if info.late} == merged.late
-    assert (sum(merged.late.values()) > 0) == (jitter_s > 1.1)
-    for topic, info in found.items():
-        times = [message.time_ns for message in said if message.topic == topic]
-        assert (info.first_ns, info.last_ns) == (min(times), max(times))
-        assert used[topic] + info.late == len(times)
+    return 100.0 + 0.1 * np.arange(400) - by_s * (rng.random(400) < 0.2) * rng.random(400)
 
 
-DAY = 86_400.0
+def set_back(twice):
+    times = 1000.0 * DAY + np.arange(300.0)
+    times[100:] -= 20.0 * DAY
+    if twice:
+        times[200:] -= 7.0 * DAY
+        times[[50, 130]] -= 5.0
+    return times
+
+
+STRAY = 1000.0 * DAY + np.arange(300.0)
+STRAY[[0, 5, 150]] += [90.0 * DAY, 400.0 * DAY, -30.0 * DAY]
 
 
 @pytest.mark.parametrize("size", [1, 7, 64, 1000])
 @pytest.mark.parametrize(
-    "wrong", ["stray stamps", "a clock set back", "a clock set back twice and late ones"]
+    ("times", "topics", "late"),
+    [
+        (jittered(0.0), "abc", False),
+        (jittered(0.4), "abc", False),
+        (jittered(3.0), "abc", True),
+        (jittered(30.0), "abc", True),
+        # a latched message's stamp stays as it is where it is far
+        (STRAY, ("a", "config", "b"), False),
+        (set_back(twice=False), "ab", False),
+        (set_back(twice=True), "ab", True),
+    ],
 )
-def test_a_wrong_clock_makes_late_what_it_makes_late_in_a_replay(size, wrong):
-    times = 1000.0 * DAY + np.arange(300.0)
-    if wrong == "stray stamps":
-        times[[0, 5, 150]] += [90.0 * DAY, 400.0 * DAY, -30.0 * DAY]
-    else:
-        times[100:] -= 20.0 * DAY
-        times[200:] -= 7.0 * DAY if "twice" in wrong else 0.0
-        times[[50, 130]] -= 5.0 if "late" in wrong else 0.0
-    # a latched message's stamp stays as it is where it is far, and is then late
-    said = messages(times, ("a", "config", "b") if wrong == "stray stamps" else ("a", "b"))
+def test_late_messages_are_those_that_a_replay_leaves_out(size, times, topics, late):
+    said = messages(times, topics)
     merged = merge([Said(said)], 1.0)
     kept = list(merged)
     found = ordered(said, size)
     assert {topic: info.late for topic, info in found.items() if info.late} == merged.late
-    assert bool(merged.late) == ("late" in wrong)
+    assert bool(merged.late) == late
     for topic, info in found.items():
-        used = [message.time_ns for message in kept if message.topic == topic]
-        assert info.last_ns == max(used)
-        assert info.first_ns == min(used)
+        own, used = (
+            [message.time_ns for message in each if message.topic == topic] for each in (said, kept)
+        )
+        # those that are late count for a topic's span, those set aside do not
+        assert (info.first_ns, info.last_ns) == (min(own if times[0] < DAY else used), max(used))
+        astray = merged.astray.get(topic, 0)
+        assert len(used) + info.late + astray == len(own)
 
 
 def test_a_message_as_old_as_the_window_is_not_late_and_a_nanosecond_more_is():

@@ -1,4 +1,4 @@
-"""Events that a test states, as the run of a replay is given them."""
+"""Events that a test states, as the run of a replay is given them, and logs moved elsewhere."""
 
 import numpy as np
 
@@ -6,6 +6,8 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.block import LINEAR, PING, POSITION, Block
 from replay_kit.core.observation import Observation, Profiles, VehicleState
 from replay_kit.core.progress import Stopwatch
+from replay_kit.logs import open_log
+from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.state import Setup
@@ -63,3 +65,29 @@ def fed(run, values, last=True):
     else:
         run.take([])
     return run
+
+
+def moved(path, out, seconds=0.0, degrees=0.0, without=()):
+    """A log with other times or longitudes, or without some topics."""
+
+    def changed(value):
+        if isinstance(value, dict):
+            found = {key: changed(each) for key, each in value.items()}
+            if "sec" in found:
+                found["sec"] += int(seconds)
+            if "longitude" in found:
+                found["longitude"] += degrees
+            return found
+        return value
+
+    kept = [one for one in open_log(path).messages() if one.topic not in without]
+    write_mcap_log(
+        out,
+        (
+            one._replace(
+                time_ns=one.time_ns + int(seconds * 1e9), payload=changed(dict(one.payload))
+            )
+            for one in kept
+        ),
+    )
+    return out

@@ -1,7 +1,10 @@
 """A small ocean with a log of a glider in it, and replays that are stopped after some messages."""
 
+from dataclasses import replace
 from pathlib import Path
 from unittest import mock
+
+import pytest
 
 from replay_kit.forecast import read_truth
 from replay_kit.studies.twins.make import Twin, make_twin
@@ -9,6 +12,7 @@ from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.run import Run
+from replay_kit.workflows.verify import verify
 from tests import synthetic
 
 
@@ -46,3 +50,25 @@ def run_until(job, config, stop_after):
 
     with mock.patch.object(Run, "take", taken):
         return replay(job, config, planner_of)
+
+
+def goes_on(job: ReplayJob, config, *stops: int):
+    """The summary of a run that was stopped after so many messages each time: its bytes are a whole run's, and are verified."""
+    whole, _ = run_until(job, config, None)
+    again = replace(
+        job, out=job.out.with_name("again.mcap"), checkpoint=job.out.with_name("run.ck")
+    )
+    for stop_after in stops:
+        with pytest.raises(Killed):
+            run_until(again, config, stop_after)
+        assert again.checkpoint.exists()
+        assert not again.out.exists()
+    summary, _ = run_until(again, config, None)
+    assert not again.checkpoint.exists()
+    assert again.out.read_bytes() == job.out.read_bytes()
+    # as text, because what a run without a goal does not know is NaN
+    for name in ("by_dive", "messages", "truth"):
+        assert repr(getattr(summary, name)) == repr(getattr(whole, name))
+    verdict = verify(again.out, [path.parent for path in (*job.logs, job.ensemble)], planner_of)
+    assert verdict.same, verdict
+    return summary

@@ -9,7 +9,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.scan import look_ahead
-from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
+from tests.workflows.replay.interrupted import goes_on, make_ocean, run_until
 
 CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
 DAY = 86_400_000_000_000
@@ -69,9 +69,5 @@ def test_the_first_time_of_a_log_is_not_that_of_a_stray_stamp(ocean):
 
 @pytest.mark.full
 def test_a_stopped_run_over_a_jump_goes_on_to_the_same_bytes(ocean, tmp_path):
-    run(ocean, "broken.mcap", tmp_path / "whole.mcap")
-    for stop_after in (50, 15):
-        with pytest.raises(Killed):
-            run(ocean, "broken.mcap", tmp_path / "out.mcap", tmp_path / "run.ck", stop_after)
-    run(ocean, "broken.mcap", tmp_path / "out.mcap", tmp_path / "run.ck")
-    assert (tmp_path / "out.mcap").read_bytes() == (tmp_path / "whole.mcap").read_bytes()
+    job = ReplayJob((ocean / "broken.mcap",), ocean / "ensemble.nc", tmp_path / "out.mcap")
+    goes_on(job, CONFIG, 50, 15)

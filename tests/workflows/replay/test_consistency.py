@@ -21,12 +21,11 @@ from replay_kit.core.message import Loss
 from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build
 from replay_kit.logs import open_log
-from replay_kit.logs.mavlink.writer import write_tlog
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.check import Checked
 from replay_kit.measurements.checks.pairs import COMPASS, SCALE
-from replay_kit.measurements.checks.place import FROZEN, PLACES, REPEATED
+from replay_kit.measurements.checks.place import FROZEN, REPEATED
 from replay_kit.measurements.checks.profile import ENSEMBLE
 from replay_kit.measurements.means import TOO_FAST
 from replay_kit.results.outcome.from_run import failed, outcome_of
@@ -43,7 +42,8 @@ from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke
 from tests.faulty import Faults, write_glider
 from tests.planted import in_centimetres
-from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
+from tests.workflows.replay.given import moved
+from tests.workflows.replay.interrupted import goes_on, make_ocean, truth_in
 
 CONFIG = RunConfig(
     estimator={"modes": 20, "sample_share": 0.5, "shift_distance": 0.0},
@@ -118,13 +118,7 @@ def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(
     turned = Result(ocean / "out.mcap")
     estimate, events = turned.estimate, turned.events
     # the estimate is that of the mean currents alone
-    messages = [
-        message
-        for message in open_log(ocean / "turned.mcap").messages()
-        if message.schema != "replay_kit.AdcpPing"
-    ]
-    (ocean / "means.mcap").unlink(missing_ok=True)
-    write_mcap_log(ocean / "means.mcap", messages)
+    moved(ocean / "turned.mcap", ocean / "means.mcap", without=("/adcp",))
     run(ocean, ocean / "means.mcap")
     places = np.array([0.0, 2e4]), np.array([0.0, -1e4]), np.array([20.0, 60.0])
     assert Result(ocean / "out.mcap").estimate.velocity(*places) == pytest.approx(
@@ -165,47 +159,40 @@ def test_a_wrong_unit_ends_the_run_unless_it_is_stated(ocean, summary_of):
     ) as error:
         run(ocean, log)
     assert error.value.exit_code == 3
-    stated = with_settings(measurements={"velocity_unit": "cm/s"})
-    sound, mended = summary_of(), run(ocean, log, stated)
+    mended, odd = (
+        run(ocean, log, with_settings(measurements={"velocity_unit": unit}))
+        for unit in ("cm/s", "m/s")
+    )
     assert mended.findings == ()
-    assert mended.rms_after == pytest.approx(sound.rms_after, rel=1e-9)
+    assert mended.rms_after == pytest.approx(summary_of().rms_after, rel=1e-9)
+    assert (odd.findings[0].name, odd.exit_code) == ("unit of the velocities", 6)
 
 
-def test_an_odd_unit_that_is_stated_is_told_and_used(ocean):
-    stated = with_settings(measurements={"velocity_unit": "m/s"})
-    summary = run(ocean, faulty(ocean, "cm/s"), stated)
-    assert summary.findings[0].name == "unit of the velocities"
+@pytest.mark.parametrize(
+    ("fault", "names", "rejected", "reason"),
+    [
+        # eleven pings come before it hangs, one of them at the surface
+        ("stale from ping 11", ["dead or stale instrument"], PINGS - 11 + 1, "dead"),
+        ("sign of depth", ["depths above the surface"], PINGS, "above_surface"),
+        # until a fix repeats the one before the dive it may be a vehicle that does not reckon its way
+        ("frozen positions", [REPEATED, FROZEN], None, "inconsistent"),
+    ],
+)
+def test_profiles_of_a_fault_are_not_used_and_counted(summary_of, fault, names, rejected, reason):
+    summary = summary_of(fault)
+    assert [finding.name for finding in summary.findings] == names
+    assert rejected in (None, summary.profiles_rejected)
+    assert summary.bins_rejected[reason] > 0
     assert summary.exit_code == 6
 
 
-def test_dead_profiles_are_dropped_and_counted(summary_of):
-    summary = summary_of("stale from ping 11")
-    assert [finding.name for finding in summary.findings] == ["dead or stale instrument"]
-    # eleven pings come before it hangs, one of them at the surface
-    assert summary.profiles_rejected == PINGS - 11 + 1
-    assert summary.bins_rejected["dead"] > 0
-    assert summary.exit_code == 6
-
-
-@pytest.mark.parametrize("name", ["sign of depth", "up for down"])
-def test_profiles_at_impossible_depths_are_not_used(ocean, name):
-    summary = run(ocean, faulty(ocean, name))
-    assert [finding.name for finding in summary.findings] == ["depths above the surface"]
-    assert summary.profiles_rejected == PINGS
+def test_without_its_profiles_and_mean_currents_a_log_leaves_the_prior(ocean):
     no_means = with_settings(measurements={"without": ("dac",)})
-    alone = run(ocean, faulty(ocean, name), no_means)
+    alone = run(ocean, faulty(ocean, "up for down"), no_means)
     assert (alone.profiles_used, alone.exit_code) == (0, 6)
     assert (
         "no observation changed the estimate: it is the prior forecast" in outcome_of(alone).verdict
     )
-
-
-def test_pings_at_frozen_positions_are_not_used(ocean):
-    summary = run(ocean, faulty(ocean, "frozen positions"))
-    # until a fix repeats the one before the dive it may be a vehicle that does not reckon its way
-    assert [finding.name for finding in summary.findings] == [REPEATED, FROZEN]
-    assert summary.bins_rejected["inconsistent"] > 0
-    assert summary.exit_code == 6
 
 
 def test_frozen_positions_of_a_log_without_measurements_are_no_result(ocean):
@@ -320,12 +307,6 @@ def test_a_run_without_a_usable_profile_says_what_is_dead(ocean, tmp_path):
     assert [finding["name"] for finding in answer["consistency"]] == ["dead or stale instrument"]
 
 
-def test_a_warning_alone_ends_with_zero(summary_of):
-    summary = summary_of("stale from ping 11")
-    warned = replace(summary, findings=(replace(summary.findings[0], severity="warning"),))
-    assert warned.exit_codes == ()
-
-
 def in_other_water(messages, seed):
     """Yield messages with pings in water that no forecast has: at each the whole profile is pushed by some 0.3 m/s of its own.
 
@@ -353,8 +334,7 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
 ):
     log = tmp_path / "other.mcap"
     write_mcap_log(log, list(in_other_water(open_log(ocean / "glider.mcap").messages(), 0)))
-    moved = with_settings(forecast={"place": place})
-    summary = run(ocean, log, moved)
+    summary = run(ocean, log, with_settings(forecast={"place": place}))
     (finding,) = summary.findings
     assert (finding.name, finding.severity, summary.exit_code) == (
         name,
@@ -428,64 +408,16 @@ def test_what_would_tell_whether_directions_are_right_is_not_what_was_used():
     mean = PathMean(
         5, np.array([1, 4]), two, two, two, two, (0.1, 0.2), 0.02, "dac", 1, Source(0, "/dac", 5, 5)
     )
-    aside = replace(mean, beside_profiles=True)
-    pings = Checked(pings=(9, 9))
-    said = {
-        "": conclusions(MonitoringState(pings), ProfileCounts(), RunConfig())[1],
-        "aside": conclusions(MonitoringState(pings, means=(aside,)), ProfileCounts(), RunConfig())[
-            1
-        ],
-        "weak": conclusions(
-            MonitoringState(pings, means=(aside, mean)), ProfileCounts(), RunConfig()
-        )[1],
-        "alone": conclusions(MonitoringState(means=(mean,)), ProfileCounts(), RunConfig())[1],
-    }
-    begin = "nothing here can tell whether directions are right"
-    assert said == {
-        "": (f"{begin}; a mean current, GPS drift or bottom track would",),
-        "aside": (
-            f"{begin}, for the profiles were computed from the mean currents; a GPS drift or bottom track would",
-        ),
-        "weak": (
-            f"{begin}, for the mean currents are too few or too weak; more of them, or a bottom track, would",
-        ),
-        "alone": (f"{begin}; profiles of the current beside the mean currents would",),
-    }
-
-
-@pytest.mark.full
-def test_a_run_stopped_around_a_finding_gives_the_same_bytes(ocean, tmp_path):
-    log = faulty(ocean, "profiles: both signs")
-    whole, out, checkpoint = tmp_path / "whole.mcap", tmp_path / "out.mcap", tmp_path / "run.ck"
-    replay(ReplayJob((log,), ocean / "ensemble.nc", whole), CONFIG)
-    job = ReplayJob((log,), ocean / "ensemble.nc", out, checkpoint=checkpoint, overwrite=True)
-    for stop_after in (40, 200, 100, None):
-        try:
-            summary, _ = run_until(job, CONFIG, stop_after)
-        except Killed:
-            assert checkpoint.exists() or stop_after == 40
-    assert summary.exit_code == 6
-    assert out.read_bytes() == whole.read_bytes()
-
-
-def test_a_telemetry_log_of_another_place_is_named_and_ends_with_6(ocean, tmp_path):
-    positions = [
-        message
-        for message in open_log(ocean / "glider.mcap").messages()
-        if message.schema == "foxglove.LocationFix"
-    ]
-    write_tlog(
-        tmp_path / "other.tlog",
-        [
-            one._replace(payload={**one.payload, "longitude": -30.0, "latitude": 60.0})
-            for one in positions
-        ],
-    )
-    job = ReplayJob((ocean / "glider.mcap", tmp_path / "other.tlog"), ocean / "ensemble.nc")
-    summary, _ = replay(job, CONFIG)
-    (finding,) = (finding for finding in summary.findings if finding.name == PLACES)
-    assert "30.0000 W, 60.0000 N at " in finding.evidence
-    assert summary.exit_code == 6
+    aside, begin = replace(mean, beside_profiles=True), "nothing here can tell whether directions "
+    for pings, means, words in (
+        (9, (), "are right; a mean current, GPS drift or"),
+        (9, (aside,), "are right, for the profiles were computed from the mean currents; a GPS"),
+        (9, (aside, mean), "are right, for the mean currents are too few or too weak; more of"),
+        (0, (mean,), "are right; profiles of the current beside the mean currents would"),
+    ):
+        state = MonitoringState(Checked(pings=(pings, pings)), means=means)
+        (said,) = conclusions(state, ProfileCounts(), RunConfig())[1]
+        assert said.startswith(begin + words)
 
 
 @pytest.mark.parametrize("pings", [0, 1])
@@ -493,3 +425,10 @@ def test_frozen_positions_explain_that_no_profile_may_be_used_where_there_is_one
     frozen = Finding(FROZEN, 0, "", "", "")
     state = MonitoringState(Checked(pings=(pings, pings)), (frozen,))
     assert state.explains_no_profile == (pings > 0)
+
+
+@pytest.mark.full
+def test_a_run_stopped_around_a_finding_gives_the_same_bytes(ocean, tmp_path):
+    log = faulty(ocean, "profiles: both signs")
+    job = ReplayJob((log,), ocean / "ensemble.nc", tmp_path / "out.mcap")
+    assert goes_on(job, CONFIG, 60, 40).exit_code == 6

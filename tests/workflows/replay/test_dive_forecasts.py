@@ -4,26 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import xarray as xr
 
-from replay_kit.config.run import RunConfig
-from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, PathMean, Source
 from replay_kit.core.surfacing import ellipse_of
-from replay_kit.logs import merge, open_logs
 from replay_kit.workflows.replay.surfacings.forecasts import (
     _CELL,
     ForecastState,
     _along,
     dive_mean,
-    flown_of,
     forecast_mean,
     next_surfacing,
 )
-from tests.measurements.samples import events_of
-from tests.places import DATA, needs
 
 WAY = np.array([0.15, 0.1])
 
@@ -109,31 +102,6 @@ def test_a_dive_that_is_told_to_go_deeper_than_the_last_lasts_longer_and_leads_f
     assert ways[1] == pytest.approx(1.5 * ways[0], rel=1e-3)
 
 
-@needs(DATA / "glider")
-@pytest.mark.parametrize(
-    ("pattern", "least"),
-    [
-        ("seaglider/p17101*.nc", 4),
-        pytest.param("seaglider/p24900*.nc", 5, marks=pytest.mark.full),
-        pytest.param("glider/seagliderOG1_*.nc", 17, marks=pytest.mark.full),
-    ],
-)
-def test_the_time_of_a_real_surfacing_is_known_to_a_tenth_where_the_depth_is_stated(pattern, least):
-    paths, config = sorted(DATA.glob(pattern)), RunConfig()
-    read = events_of(merge(open_logs(paths, config.logs), 60.0), config.measurements, None)
-    dives = [e for events in read for e in events if isinstance(e, PathMean) and flown_of(e)]
-    state, off = ForecastState(), []
-    for k, dive in enumerate(dives):
-        begin, end = dive.fixes
-        if k > 0:
-            coming = next_surfacing(state, depth=dive.deepest)
-            expected = coming.time_ns - coming.start.time_ns
-            off.append(abs(expected / (end.time_ns - begin.time_ns) - 1.0))
-        state, _ = forecast_mean(state, dive)
-    assert len(off) >= least
-    assert np.median(off) < 0.1
-
-
 def test_the_current_of_a_dive_does_not_move_its_own_ellipse():
     before = after(mean(0), mean(1))
     plain, other = (
@@ -161,35 +129,6 @@ def test_how_the_vehicle_flew_comes_of_the_ways_through_the_water_and_not_of_the
     corrected = [replace(one, corrected=(0.5, 0.5)) for one in dives]
     assert after(*corrected).as_flown == flown
     assert after(mean(0)).as_flown is None
-
-
-@needs(DATA / "seaglider")
-@pytest.mark.parametrize("pattern", ["p17101*.nc", "p24900*.nc"])
-def test_a_real_seaglider_flew_as_its_own_flight_model_says(pattern):
-    paths, config = sorted((DATA / "seaglider").glob(pattern))[-2:], RunConfig()
-    read = events_of(merge(open_logs(paths, config.logs), 60.0), config.measurements, None)
-    flown = AsFlown.of(
-        [flown_of(event) for events in read for event in events if isinstance(event, PathMean)]
-    )
-    along, down, deepest, seconds = [], [], [], []
-    for path in paths:
-        with xr.open_dataset(path, decode_times=False) as dive:
-            _, begin, end = dive["log_gps_time"].values
-            along.append(
-                np.hypot(
-                    float(dive["flight_avg_speed_east"]), float(dive["flight_avg_speed_north"])
-                )
-            )
-            deepest.append(float(dive["depth"].max()))
-            seconds.append(end - begin)
-            down.append(2.0 * deepest[-1] / seconds[-1])
-    assert flown.dives == len(paths)
-    assert flown.speed == pytest.approx(np.hypot(np.median(along), np.median(down)), abs=0.01)
-    assert flown.glide_angle_deg == pytest.approx(
-        np.rad2deg(np.arctan2(np.median(down), np.median(along))), abs=1.0
-    )
-    assert flown.depth == pytest.approx(np.median(deepest), abs=10.0)
-    assert flown.duration == pytest.approx(np.median(seconds), abs=2.0)
 
 
 def test_a_drift_at_the_surface_or_a_mean_without_fixes_is_no_dive():

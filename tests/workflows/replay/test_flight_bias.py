@@ -5,20 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Fix, Flag, Observation, PathMean
-from replay_kit.logs import merge
-from replay_kit.workflows.replay.inputs.scan import open_readers
-from replay_kit.workflows.replay.state_file import read_state, write_state
+from replay_kit.core.observation import Fix, Flag, Observation
 from replay_kit.workflows.replay.surfacings.flight_bias import (
     FlightState,
     corrected,
     with_block,
 )
-from tests.measurements.samples import events_of
-from tests.places import DATA, needs
 from tests.workflows.replay.given import block_of
 from tests.workflows.replay.test_dive_forecasts import mean
 
@@ -138,50 +132,8 @@ def test_beside_profiles_a_mean_current_without_a_correction_has_the_flight_mode
         assert after.used_std > 3.0 * after.error_std
 
 
-def test_a_state_that_was_written_and_read_corrects_the_same(tmp_path):
-    _, state = used(map(dive, range(5)))
-    write_state(tmp_path / "state", "run", state)
-    read = read_state(tmp_path / "state", "run")
-    again = [used(map(dive, range(5, 8)), each)[0] for each in (state, read)]
-    assert [after.corrected for after in again[0]] == [after.corrected for after in again[1]]
-    assert again[0][-1].corrected is not None
-
-
 def test_what_has_no_way_through_water_is_used_as_stated():
     _, state = used(map(dive, range(8)))
     for stated in (replace(dive(8), kind="drift"), replace(dive(8), fixes=None)):
         assert corrected(state, stated)[1] is stated
     assert corrected(state, dive(8))[1].corrected is not None
-
-
-def real_means(*names):
-    """The mean currents of real dives, without what an ADCP tells of them."""
-    config = RunConfig()
-    readers = open_readers([DATA / name for name in names], config)
-    events = (
-        event
-        for events in events_of(merge(readers, 1.0, None, None), config.measurements, None)
-        for event in events
-    )
-    return [
-        replace(event, beside_profiles=False)
-        for event in events
-        if isinstance(event, PathMean) and event.kind == "dac"
-    ]
-
-
-@needs(DATA / "seaglider")
-@pytest.mark.parametrize(
-    "names",
-    [
-        [f"seaglider/p17101{k:02}.nc" for k in range(5)],
-        pytest.param([f"seaglider/p24900{k}.nc" for k in range(10, 16)], marks=pytest.mark.full),
-    ],
-    ids=["p17101", "p24900"],
-)
-def test_one_wrong_mean_current_of_a_real_mission_corrects_no_other_one(names):
-    means = real_means(*names)
-    found, _ = used(means)
-    assert all(after.corrected is None for after in found)
-    for k in range(len(means)):
-        assert all(after.corrected is None for after in used(with_wrong(means, k))[0])

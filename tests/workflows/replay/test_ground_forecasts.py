@@ -274,11 +274,3 @@ def test_the_summary_says_what_surfacings_were_expected_from(begin, said):
     assert said in words
     assert "beside the last dive's velocity over ground" in words
     assert found["next"]["basis"] == outcomes[0].forecast.basis
-    plain = surfacings_json(
-        [replace(one, forecast=replace(one.forecast, basis="mean_currents")) for one in outcomes],
-        None,
-    )
-    assert all("basis" not in one for one in plain["each"])
-    assert "4 expected from the dives before each:" in "; ".join(
-        map(str, surfacings_sentences(plain))
-    )

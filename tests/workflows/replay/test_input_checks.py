@@ -8,7 +8,6 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
 from replay_kit.core.plan import Place
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.checks.concluded import TRACKS
 from replay_kit.workflows.fleet.expected import expected_of
 from replay_kit.workflows.fleet.missions import Mission
@@ -22,42 +21,21 @@ from tests import synthetic
 from tests.command import invoke
 from tests.workflows.follow.delivery import CONFIG as FOLLOWED
 from tests.workflows.follow.delivery import Sea
+from tests.workflows.replay.given import moved
 from tests.workflows.replay.interrupted import make_ocean
 
 CONFIG = RunConfig(estimator={"modes": 6, "sample_share": 0.5, "shift_distance": 0.0})
 
 
-CURRENTS = ("foxglove.LocationFix", "replay_kit.DepthAveragedCurrent")
-
-
-def moved(folder, name, longitude, kinds=("replay_kit.AdcpPing", *CURRENTS)):
-    """Write the glider's log as if it had begun at another longitude."""
-    messages = [
-        message
-        for message in open_log(folder / "glider.mcap").messages()
-        if message.schema in kinds
-    ]
-    east = longitude - next(
-        message.payload["longitude"] for message in messages if message.topic == "/vehicle/fix"
-    )
-    placed = [
-        one.payload | {"longitude": one.payload["longitude"] + east}
-        if "longitude" in one.payload
-        else one.payload
-        for one in messages
-    ]
-    write_mcap_log(
-        folder / name,
-        [one._replace(payload=payload) for one, payload in zip(messages, placed, strict=True)],
-    )
-
-
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory):
     folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 30, (5, 16))
+    log = folder / "glider.mcap"
+    begin = next(one for one in open_log(log).messages() if one.topic == "/vehicle/fix").payload
     for name, longitude in (("far", -30.0), ("first", 152.37), ("second", 153.13)):
-        moved(folder, f"{name}.mcap", longitude)
-        moved(folder, f"{name}-currents.mcap", longitude, CURRENTS)
+        for kind, without in (("", ()), ("-currents", ("/adcp",))):
+            east = longitude - begin["longitude"]
+            moved(log, folder / f"{name}{kind}.mcap", degrees=east, without=without)
     return folder
 
 

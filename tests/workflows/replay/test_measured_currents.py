@@ -50,8 +50,8 @@ def messages(mean):
 
 
 @pytest.fixture(scope="module")
-def replayed(tmp_path_factory) -> tuple[Path, str]:
-    """A mission whose flight model errs by half of the way, its result, the smoothed one, and what the replay printed."""
+def replayed(tmp_path_factory) -> Path:
+    """A mission whose flight model errs by half of the way, its result and the smoothed one."""
     folder = tmp_path_factory.mktemp("mission")
     synthetic.dataset(seed=4, n_members=12, shape=(5, 5)).to_netcdf(
         folder / "E.nc", engine="h5netcdf"
@@ -64,12 +64,12 @@ def replayed(tmp_path_factory) -> tuple[Path, str]:
     assert done.exit_code in (0, 6), done.output
     again = invoke(f"smooth {inputs} -o {folder}/smooth.mcap")
     assert again.exit_code in (0, 6), again.output
-    return folder, done.output
+    return folder
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "smooth.mcap"])
 def test_measured_is_what_the_log_states_and_corrected_what_is_used(replayed, name):
-    result = rk.open_result(replayed[0] / name)
+    result = rk.open_result(replayed / name)
     table = result.observations
     stated = np.array([dive(k).velocity for k in range(DIVES)])
     projection = result.estimate.grid.projection
@@ -102,31 +102,17 @@ def test_measured_is_what_the_log_states_and_corrected_what_is_used(replayed, na
 
 
 def test_the_summary_states_the_correction(replayed):
-    folder, said = replayed
+    folder = replayed
     found = json.loads((folder / "out.json").read_text())["flight_correction"]
     table = rk.open_result(folder / "out.mcap").observations
     assert found["corrected"] == np.isfinite(table["mean_current_corrected_east"]).sum()
     assert found["rms_m_s"] == pytest.approx(0.125, abs=0.02)
     assert found["along"] == pytest.approx(0.5, abs=3.0 * found["along_std"])
     assert (found["dives"], found["evidence"] > 2.0) == (DIVES, True)
-    begin = f"Flight model: {found['corrected']} mean currents were corrected for the flight model's error, by "
-    assert f"{begin}{100.0 * found['rms_m_s']:.1f} cm/s RMS" in said
-    assert f"; from {DIVES} dives this error is {100.0 * found['along']:.0f} ± " in said
 
 
-def test_status_table_and_page_name_both(replayed, tmp_path):
-    result = str(replayed[0] / "out.mcap")
-    east, north = dive(DIVES - 1).velocity
-    status = " ".join(invoke(f"status {result} -v").output.split())
-    assert f"dive {DIVES} measured {100.0 * np.hypot(east, north):.1f} ± 1.0 cm/s toward" in status
-    assert f"dive {DIVES} corrected for the flight model's error" in status
-    said = json.loads(invoke(f"status {result} --json -").stdout)["current"]
-    assert (said["measured"]["east"], said["measured"]["north"]) == pytest.approx(
-        (east, north), abs=1e-5
-    )
-    assert np.hypot(
-        said["corrected"]["east"] - east, said["corrected"]["north"] - north
-    ) == pytest.approx(0.125, abs=0.03)
+def test_table_and_page_name_both(replayed, tmp_path):
+    result = str(replayed / "out.mcap")
     succeed(f"export {result} --table dives -o {tmp_path}/dives.csv")
     table = pd.read_csv(tmp_path / "dives.csv")
     stated = np.array([dive(k).velocity for k in range(DIVES)])
@@ -137,27 +123,6 @@ def test_status_table_and_page_name_both(replayed, tmp_path):
         assert table.iloc[-1][[f"dac_eastward_{name}", f"dac_{name}_standard_error"]].notna().all()
     assert table["dac_eastward_corrected"].isna().iloc[0]
     succeed(f"report {result} -o {tmp_path}/page.html")
-    page = (tmp_path / "page.html").read_text()
-    assert "mean currents were corrected for the flight model" in page
-    names = [trace["name"] for trace in figures(page)["mean-currents"]["traces"]]
+    traces = figures((tmp_path / "page.html").read_text())["mean-currents"]["traces"]
     # of the eastward component, then of the northward one
-    assert names == ["measured", "corrected", "estimated"] * 2
-
-
-def test_a_mission_that_grows_keeps_what_it_decided(replayed, tmp_path):
-    folder, _ = replayed
-    write_mcap_log(
-        tmp_path / "log.mcap", [message for k in range(DIVES - 2) for message in messages(dive(k))]
-    )
-    # the ensemble stays where it was placed
-    log, out = tmp_path / "log.mcap", tmp_path / "out.mcap"
-    done = invoke(f"replay {log} --ensemble {folder}/E.nc -o {out} {FAST}")
-    assert done.exit_code in (0, 6), done.output
-    before, after = (rk.open_result(path / "out.mcap").observations for path in (tmp_path, folder))
-    names = [
-        f"mean_current_{kind}_{axis}"
-        for kind in ("measured", "corrected")
-        for axis in ("east", "north")
-    ]
-    np.testing.assert_allclose(before[names], after[names].iloc[: DIVES - 2], atol=1e-4)
-    assert before["mean_current_corrected_east"].notna().any()
+    assert [trace["name"] for trace in traces] == ["measured", "corrected", "estimated"] * 2

@@ -8,7 +8,6 @@ import xarray as xr
 
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import (
-    EVERYWHERE,
     EstimatorConfig,
     ForecastConfig,
     OutputConfig,
@@ -25,12 +24,10 @@ from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.info.import_check import check_logs
-from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of
 from replay_kit.workflows.replay.inputs.region import (
     _first_window,
-    from_record,
     window_points,
 )
 from replay_kit.workflows.replay.replay import replay
@@ -40,10 +37,9 @@ from replay_kit.workflows.replay.stages.publishing import (
     withdraw_windows,
 )
 from replay_kit.workflows.smooth import smooth
-from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.benchmarks.windows import LEVELS, Sea, Strip, sea
-from tests.workflows.replay.interrupted import Killed, run_until
+from tests.workflows.replay.interrupted import goes_on
 from tests.workflows.replay.test_inputs import NS, START, fix, written
 
 STRIP = Strip(14, 90, 20, 1.8, 420, 0)
@@ -123,10 +119,6 @@ def test_a_stated_region_is_taken(strip, region):
     assert forecasts.ensemble.grid.east.shape == ((14, 90) if region == "all" else (13, 49))
 
 
-def test_all_is_recorded_as_the_earth():
-    assert load_config(None, {"forecast": {"region": ["all"]}}).forecast.region == EVERYWHERE
-
-
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
@@ -161,21 +153,6 @@ def test_windows_are_squares_of_14_correlation_lengths_of_at_least_1600_points(
         east, north = extent.step
         length = cells * DEGREE * np.sqrt(east * np.cos(np.deg2rad(40.5)) * north)
         assert window_points(extent, length, 40.5) == pytest.approx(points, rel=0.01)
-
-
-@pytest.mark.full
-def test_the_region_is_kept_in_the_result_and_found_again(strip, tmp_path):
-    whole = tmp_path / "whole.mcap"
-    run_until(job(strip, out=whole), CONFIG, None)
-    found = forecasts_of(job(strip), CONFIG).region
-    assert from_record(found.to_record()) == found
-    checkpoint = tmp_path / "run.ck"
-    with pytest.raises(Killed):
-        run_until(job(strip, out=tmp_path / "again.mcap", checkpoint=checkpoint), CONFIG, 60)
-    assert checkpoint.exists()
-    run_until(job(strip, out=tmp_path / "again.mcap", checkpoint=checkpoint), CONFIG, None)
-    assert (tmp_path / "again.mcap").read_bytes() == whole.read_bytes()
-    assert verify(whole, [strip], planner_of).same
 
 
 @pytest.fixture(scope="module")
@@ -238,30 +215,20 @@ def test_windows_of_an_estimate_that_was_rebuilt_do_not_count(followed, tmp_path
     assert np.array_equal(found[0].latent, flows[1].latent)
 
 
-@pytest.mark.full
-def test_a_run_with_windows_that_was_stopped_gives_the_same_bytes(strip, followed, tmp_path):
-    again, checkpoint = tmp_path / "long.mcap", tmp_path / "run.ck"
-    with pytest.raises(Killed):
-        run_until(
-            job(strip, "long.mcap", again, checkpoint=checkpoint, truth=str(strip / "truth.nc")),
-            SMALL_WINDOWS,
-            45,
-        )
-    run_until(
-        job(strip, "long.mcap", again, checkpoint=checkpoint, truth=str(strip / "truth.nc")),
-        SMALL_WINDOWS,
-        None,
-    )
-    assert again.read_bytes() == followed[0].read_bytes()
-
-
-@pytest.mark.full
-def test_a_run_with_windows_is_verified(strip, followed):
-    assert verify(followed[0], [strip], planner_of).same
-
-
 def test_windows_are_not_smoothed(strip, tmp_path):
     with pytest.raises(
         ConfigError, match="windows that follow the vehicle are not smoothed; state one region"
     ):
         smooth(job(strip, "long.mcap", tmp_path / "smooth.mcap"), SMALL_WINDOWS)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("log", "config", "stop_after"), [("short.mcap", CONFIG, 60), ("long.mcap", SMALL_WINDOWS, 45)]
+)
+def test_a_stopped_run_in_a_region_or_windows_goes_on_to_the_same_bytes(
+    strip, tmp_path, log, config, stop_after
+):
+    goes_on(
+        job(strip, log, tmp_path / "out.mcap", truth=str(strip / "truth.nc")), config, stop_after
+    )

@@ -8,9 +8,10 @@ from unittest.mock import MagicMock
 import numpy as np
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.observation import PathMean
+from replay_kit.core.observation import GroupTotals, PathMean
 from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import screened
+from replay_kit.workflows.replay.stages.counts import Sums
 from tests import synthetic
 from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
 from tests.workflows.replay.given import fed, run_of
@@ -113,3 +114,20 @@ def test_another_is_not_and_the_report_counts_them():
     assert [len(each) for each in run.current] == [1, 1]
     (notes,) = run.vehicles[0].statistics.notes([])
     assert notes == "1 mean currents (dac): not supported by this estimator"
+
+
+def test_a_group_counts_as_its_profiles_do():
+    rng, names = np.random.default_rng(0), ("innovation", "residual", "prior_innovation")
+    unused, n = screened([PROFILE], GRID)[0][0].unused(0), PROFILE.depth.size
+    one_by_one, members = Sums(bins=3), []
+    for nis in rng.random(5).tolist():
+        values = {name: rng.standard_normal((n, 2)) for name in names}
+        members.append(replace(unused, nis=nis, dof=2 * n, accepted=True, **values))
+        one_by_one = one_by_one.with_profile(members[-1], members[-1].residual)
+    squares = [float(sum(np.sum(getattr(each, name) ** 2) for each in members)) for name in names]
+    nis, totals = sum(each.nis for each in members), GroupTotals(5 * n, *squares)
+    group = replace(unused, nis=nis, dof=10 * n, accepted=True, profiles=5, totals=totals)
+    total = Sums(bins=3).with_profile(group, np.concatenate([each.residual for each in members]))
+    np.testing.assert_allclose(total, one_by_one, rtol=1e-12)
+    assert total.rms(total.before) == np.sqrt(total.before / (10 * n))
+    assert np.isnan(Sums().rms(0.0))

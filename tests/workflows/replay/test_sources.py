@@ -1,7 +1,5 @@
 """Measurements beside the vehicle's own in a replay: counted by source, withheld by source, the same from the result and after a pause."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -26,7 +24,7 @@ from tests.logs.surface import made
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
 from tests.measurements.section.test_lines import mission
-from tests.workflows.replay.interrupted import Killed, run_until
+from tests.workflows.replay.interrupted import goes_on
 
 LEVELS = np.array([5.0, 100.0, 300.0, 600.0])
 
@@ -117,23 +115,6 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
     assert {info.use for info in content} == {"ready for replay: currents at the surface found"}
 
 
-def test_after_a_pause_the_surface_is_that_of_one_run(ocean, tmp_path):
-    totals = made.totals((0.1, 0.05), 4, west=-59.9, south=39.8)
-    totals.to_netcdf(tmp_path / "totals.nc", engine="h5netcdf")
-    settings = {"estimator": {"modes": 7}, "output": {"checkpoint_interval": 1.0}}
-    whole, job = (
-        ReplayJob((tmp_path / "totals.nc",), ocean / "ensemble.nc", tmp_path / name)
-        for name in ("whole.mcap", "out.mcap")
-    )
-    replay(whole, config := load_config(None, settings))
-    job = dataclasses.replace(job, checkpoint=tmp_path / "checkpoint")
-    with pytest.raises(Killed):
-        run_until(job, config, 3)
-    assert job.checkpoint.exists()
-    run_until(job, config, None)
-    assert job.out.read_bytes() == whole.out.read_bytes()
-
-
 def test_recordings_that_overlap_hold_duplicates_that_contradict_nothing(tmp_path):
     forecast = synthetic.dataset(3, 8, (6, 10), LEVELS, west=151.7, south=-40.2)
     forecast.to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
@@ -149,3 +130,12 @@ def test_recordings_that_overlap_hold_duplicates_that_contradict_nothing(tmp_pat
     done = run_command(tmp_path, line)
     assert "10 profiles are duplicates" in done.stdout
     assert "contradicted the estimate and were rejected" not in done.stdout
+
+
+@pytest.mark.full
+def test_after_a_pause_the_surface_is_that_of_one_run(ocean, tmp_path):
+    totals = made.totals((0.1, 0.05), 4, west=-59.9, south=39.8)
+    totals.to_netcdf(tmp_path / "totals.nc", engine="h5netcdf")
+    settings = {"estimator": {"modes": 7}, "output": {"checkpoint_interval": 1.0}}
+    job = ReplayJob((tmp_path / "totals.nc",), ocean / "ensemble.nc", tmp_path / "out.mcap")
+    goes_on(job, load_config(None, settings), 3)

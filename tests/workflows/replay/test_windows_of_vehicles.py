@@ -21,10 +21,9 @@ from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.planning.inputs import read_flow
 from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle, forecasts_of
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.verify import verify
 from tests.benchmarks.windows import Strip, sea
 from tests.workflows.follow.delivery import contents
-from tests.workflows.replay.interrupted import Killed, run_until
+from tests.workflows.replay.interrupted import goes_on
 from tests.workflows.replay.test_region import CONFIG, STRIP, as_dataset, log_along
 
 BASIN = Strip(12, 104, 10, 1.2, 300, 0)
@@ -102,23 +101,6 @@ def test_windows_are_shared_by_vehicles_that_meet(pooled):
 
 
 @pytest.mark.full
-def test_logs_in_another_order_and_a_run_that_was_stopped_give_the_same_bytes(
-    basin, pooled, tmp_path
-):
-    job = job_of(basin, tmp_path / "out.mcap", "cab", checkpoint=tmp_path / "run.ck")
-    with pytest.raises(Killed):
-        run_until(job, SETTINGS, 50)
-    assert (tmp_path / "run.ck").exists()
-    run_until(job, SETTINGS, None)
-    assert (tmp_path / "out.mcap").read_bytes() == pooled[0].path.read_bytes()
-
-
-@pytest.mark.full
-def test_a_run_of_several_vehicles_is_verified(basin, pooled):
-    assert verify(pooled[0].path, [basin], planner_of).same
-
-
-@pytest.mark.full
 def test_following_logs_of_which_one_is_late_ends_with_the_bytes_of_one_replay(basin, tmp_path):
     folders = {name: tmp_path / "inbox" / name for name in TRACKS}
     for name, folder in folders.items():
@@ -175,3 +157,11 @@ def test_a_plan_is_made_in_the_window_that_holds_it(pooled):
         assert np.array_equal(read_flow(path, (start,)).flow.latent, part.estimate.latent)
     beyond = Place(10.0, 40.5, 0.0)
     assert np.array_equal(read_flow(path, (beyond,)).flow.latent, pooled[2].latent)
+
+
+@pytest.mark.full
+def test_logs_in_another_order_and_a_run_that_was_stopped_give_the_same_bytes(
+    basin, pooled, tmp_path
+):
+    goes_on(job_of(basin, tmp_path / "out.mcap", "cab"), SETTINGS, 50)
+    assert (tmp_path / "out.mcap").read_bytes() == pooled[0].path.read_bytes()

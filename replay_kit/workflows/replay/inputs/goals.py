@@ -10,7 +10,7 @@ from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.message import LogReader
 from replay_kit.logs.reader import LogFile
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
-from replay_kit.workflows.replay.inputs.scan import positions_of
+from replay_kit.workflows.replay.inputs.scan import reach_of
 from replay_kit.workflows.replay.stages.planner import HasGrid, Planner
 
 
@@ -38,16 +38,12 @@ def check_goal(
     try:
         planner.check(flow, job.goal)
     except PlanError as error:
-        positions, _ = positions_of(job.logs, config)
-        local = (
-            to_local(flow.grid.projection, *np.array(positions).T)
-            if positions
-            else (np.empty(0), np.empty(0))
-        )
-        if not positions or np.any(inside_grid(flow.grid, *local)):
+        places = reach_of(job.logs, config).places
+        local = to_local(flow.grid.projection, *places.T)
+        if not len(places) or np.any(inside_grid(flow.grid, *local)):
             raise
-        (west, south), (east, north) = np.min(positions, axis=0), np.max(positions, axis=0)
+        (west, south), (east, north) = places.min(axis=0), places.max(axis=0)
         raise PlanError(
-            f"{error}. The whole log lies outside it too, in {west:.4f}..{east:.4f} E, {south:.4f}..{north:.4f} N: "
+            f"{error}. The whole log lies outside it too, in {west:.2f}..{east:.2f} E, {south:.2f}..{north:.2f} N: "
             "use an ensemble of that place, or --place-ensemble for a study"
         ) from error

@@ -1,21 +1,23 @@
 """Logs opened, and scanned before a replay for where and when they begin."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Times
+from replay_kit.core.block import PING, POSITION, Block
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.message import LogReader, Message
-from replay_kit.core.observation import Observation, VehicleState
+from replay_kit.core.table import Columns, chosen
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.tables.frames import SCHEMA
 from replay_kit.logs.tables.schemas import SENDERS
-from replay_kit.measurements.observed import begun, rows, taken
+from replay_kit.measurements.observed import begun, taken
+from replay_kit.measurements.positions import joined, no_rows
 from replay_kit.results.losses import iso_time
 
 #: What a MAVLink reader needs to decode for measurements.
@@ -51,48 +53,18 @@ def look_ahead(
         LogError: A log cannot be opened.
         MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
     """
-    start_ns = config.logs.start_ns
-    place_at, first_ns = (
-        _mean_place(logs, config) if config.forecast.place else (None, _first_time(logs, config))
-    )
-    if first_ns is not None and start_ns is not None:
-        first_ns = max(first_ns, start_ns)
-    return place_at, first_ns
-
-
-def _first_time(logs: Sequence[Path], config: RunConfig) -> int | None:
-    firsts = (
-        next(iter(merge([reader], config.logs.reorder_window)), None)
+    settings = config.logs
+    if config.forecast.place:
+        reach = reach_of(logs, config)
+        if reach.middle is None:
+            raise _nowhere(logs, config)
+        return reach.middle, reach.first_ns
+    each = (
+        next(iter(merge([reader], settings.reorder_window)), None)
         for reader in open_readers(logs, config)
     )
-    return min((message.time_ns for message in firsts if message is not None), default=None)
-
-
-def positions_of(
-    logs: Sequence[Path], config: RunConfig
-) -> tuple[list[tuple[float, float]], int | None]:
-    """Return the longitudes and latitudes that a replay would use, and the time of its first message [ns, UTC]; None without one."""
-    first_ns, positions, placed = None, [], []
-    for time_ns, events in _placed(logs, config):
-        first_ns = time_ns if first_ns is None else first_ns
-        positions += [
-            (event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)
-        ]
-        placed += [
-            (event.longitude, event.latitude) for event in events if isinstance(event, Observation)
-        ]
-    # measurements with places of their own do not say where the vehicle is, but where to place the ensemble
-    return positions or placed, first_ns
-
-
-def positions_in(logs: Sequence[Path], config: RunConfig) -> list[VehicleState]:
-    """Return the positions that a replay would use, in order."""
-    return [
-        event
-        for _, events in _placed(logs, config)
-        for event in events
-        if isinstance(event, VehicleState)
-    ]
+    first_ns = min((message.time_ns for message in each if message is not None), default=None)
+    return None, first_ns if first_ns is None else max(first_ns, settings.start_ns or first_ns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,12 +73,14 @@ class Reach:
 
     Attributes:
         places: shape (n, 2), longitude and latitude [degrees] to a hundredth, each place once.
+        middle: Mean longitude and latitude of the vehicle, or of what has places of its own where it has none [degrees]; None without.
         deepest: Greatest depth of the vehicle or of a measurement [m]; None without one.
         first_ns: First time [ns, UTC]; None without a message.
         last_ns: Last time [ns, UTC].
     """
 
     places: Array
+    middle: tuple[float, float] | None
     deepest: float | None
     first_ns: int | None
     last_ns: int | None
@@ -118,41 +92,55 @@ def reach_of(logs: Sequence[Path], config: RunConfig) -> Reach:
     Raises:
         LogError: A log cannot be opened.
     """
-    found, deepest, times = dict[tuple[int, int], None](), [0.0], list[int]()
-    for time_ns, events in _placed(logs, config):
-        times = [min([time_ns, *times]), max([time_ns, *times])]
-        for event in events:
-            found[round(event.longitude * _PER_DEGREE), round(event.latitude * _PER_DEGREE)] = None
-            deepest.append(float(np.fmax.reduce(np.ravel(event.depth), initial=0.0)))
-    places = np.array(list(found), dtype=np.float64).reshape(-1, 2) / _PER_DEGREE
-    start_ns, end_ns = config.logs.start_ns, config.logs.end_ns
-    if not times:
-        return Reach(places, None, start_ns, end_ns)
+    found, deepest, spans = dict[tuple[int, int], None](), [0.0], list[int]()
+    # of positions and of profiles their number, and the sums of directions and latitudes
+    sums = np.zeros((2, 3), np.complex128)
+    for times, block in _measured(logs, config):
+        spans += [int(times.min()), int(times.max())]
+        for of, (kind, columns) in zip(
+            sums, ((POSITION, block.position), (PING, block.ping)), strict=True
+        ):
+            if (rows := block.events[block.events[:, 1] == kind, 2]).size:
+                places = np.stack([columns[name][rows] for name in ("longitude", "latitude")])
+                # on the unit circle, because longitudes may lie on both sides of the antimeridian
+                of += rows.size, np.exp(1j * np.deg2rad(places[0])).sum(), places[1].sum()
+                cells = np.rint(places.T * _PER_DEGREE).astype(np.int64)
+                found |= dict.fromkeys(map(tuple, cells.tolist()))
+                deepest.append(float(np.fmax.reduce(columns["depth"][rows], None, initial=0.0)))
+    n, direction, latitude = sums[0] if sums[0, 0] else sums[1]
+    middle = (float(np.rad2deg(np.angle(direction))), float((latitude / n).real)) if n else None
+    each = np.array(list(found), dtype=np.float64).reshape(-1, 2) / _PER_DEGREE
+    first_ns, last_ns = config.logs.start_ns, config.logs.end_ns
+    if not spans:
+        return Reach(each, middle, None, first_ns, last_ns)
     # messages that come once may be older than the span
-    return Reach(places, max(deepest), max(times[0], start_ns or times[0]), times[1])
+    return Reach(each, middle, max(deepest), max(min(spans), first_ns or min(spans)), max(spans))
 
 
-def _placed(
-    logs: Sequence[Path], config: RunConfig
-) -> Iterator[tuple[int, list[VehicleState | Observation]]]:
-    """Yield the time of each message [ns, UTC] with the positions and placed measurements it completes, in the time span alone."""
+def positions_in(log: Path, config: RunConfig) -> Columns:
+    """Return the positions that a replay would use, in order, as ``LogTracks`` takes them."""
+    return joined(
+        no_rows(),
+        *(
+            chosen(block.position, block.events[block.events[:, 1] == POSITION, 2])
+            for _, block in _measured([log], config)
+            if len(block.position)
+        ),
+    )
+
+
+def _measured(logs: Sequence[Path], config: RunConfig) -> Iterator[tuple[Times, Block]]:
+    """Yield the times of the messages of each block [ns, UTC], and what they measured, with the events of the time span alone."""
     settings = config.logs
     stream = begun(settings.system, settings.component)
-    messages = iter(
-        merge(
-            open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns
-        )
-    )
-    while block := next_block(messages):
+    readers, start_ns = open_readers(logs, config), settings.start_ns
+    messages = iter(merge(readers, settings.reorder_window, start_ns, settings.end_ns))
+    while read := next_block(messages):
         first = stream.order
-        stream, found = taken(stream, block, config.measurements)
-        events: dict[int, list[VehicleState | Observation]] = {}
-        for due, event in zip(found.events[:, 0].tolist(), rows(found), strict=True):
-            if isinstance(event, VehicleState | Observation):
-                events.setdefault(due, []).append(event)
-        for k, message in enumerate(block):
-            counts = settings.start_ns is None or message.time_ns >= settings.start_ns
-            yield message.time_ns, events.get(first + k, []) if counts else []
+        stream, block = taken(stream, read, config.measurements)
+        times = np.array([message.time_ns for message in read])
+        counts = times[block.events[:, 0] - first] >= (-np.inf if start_ns is None else start_ns)
+        yield times, replace(block, events=block.events[counts])
 
 
 def next_block(messages: Iterator[Message], longest_s: float = np.inf) -> list[Message]:
@@ -165,29 +153,17 @@ def next_block(messages: Iterator[Message], longest_s: float = np.inf) -> list[M
     return found
 
 
-def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float], int | None]:
-    """Return the mean longitude and latitude of the positions that a replay would use, and the time of its first message."""
-    settings = config.logs
-    positions, first_ns = positions_of(logs, config)
-    if not positions:
-        between = (
-            f" between {settings.start or 'their start'} and {settings.end or 'their end'}"
-            if settings.start or settings.end
-            else ""
-        )
-        raise MeasurementError(
-            f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; "
-            + (
-                "widen --start and --end, or leave the option out"
-                if between
-                else "leave the option out"
-            )
-            + f"; replay-kit info {logs[0]} says what is in a log, and --suggest map.toml beside it maps topics of unknown types"
-        )
-    longitude, latitude = np.array(positions).T
-    # on the unit circle, because longitudes may lie on both sides of the antimeridian
-    directions = np.exp(1j * np.deg2rad(longitude))
-    return (float(np.rad2deg(np.angle(directions.mean()))), float(latitude.mean())), first_ns
+def _nowhere(logs: Sequence[Path], config: RunConfig) -> MeasurementError:
+    """Return that the logs hold no position at which an ensemble could be placed."""
+    start, end = config.logs.start, config.logs.end
+    between, more = "", ""
+    if start or end:
+        between = f" between {start or 'their start'} and {end or 'their end'}"
+        more = "widen --start and --end, or "
+    return MeasurementError(
+        f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; {more}leave the option out; "
+        f"replay-kit info {logs[0]} says what is in a log, and --suggest map.toml beside it maps topics of unknown types"
+    )
 
 
 def check_span(logs: Sequence[Path], config: RunConfig, last_ns: int | None) -> None:

@@ -10,14 +10,14 @@ import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
-from replay_kit.core.observation import VehicleState
 from replay_kit.core.region import Region, bounds_of, inside
+from replay_kit.core.table import Columns, chosen
 from replay_kit.core.text import some_text, time_text
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.registry import logs_in
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.place import LogTracks
-from replay_kit.measurements.reach import COLUMNS
+from replay_kit.measurements.positions import joined
 from replay_kit.results.vehicles import RESERVED
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
@@ -210,25 +210,24 @@ def by_tracks(job: ReplayJob, config: RunConfig, error: MeasurementError) -> tup
         or not any(one.name == findings.TRACKS for one in error.findings)
     ):
         return ()
-    tracks = [
-        [
-            replace(place, source=replace(place.source, input=number))
-            for place in positions_in([path], config)
-        ]
-        for number, path in enumerate(job.logs)
-    ]
+    tracks = [positions_in(path, config) for path in job.logs]
     groups = [{number} for number in range(len(tracks))]
     apart = list[tuple[int, int]]()
     for one, other in combinations(range(len(tracks)), 2):
         if _are_one(tracks[one], tracks[other]):
-            joined = [group for group in groups if group & {one, other}]
-            groups = [group for group in groups if group not in joined] + [set().union(*joined)]
+            met = [group for group in groups if group & {one, other}]
+            groups = [group for group in groups if group not in met] + [set().union(*met)]
         else:
             apart.append((one, other))
     torn = any({*pair} <= group for pair in apart for group in groups)
     names = [job.logs[min(group)].stem for group in groups]
     usual = all(_NAME.fullmatch(name) and name not in RESERVED for name in names)
-    if torn or not all(tracks) or len(set(names)) < max(len(groups), 2) or not usual:
+    if (
+        torn
+        or not all(len(track["time"]) for track in tracks)
+        or len(set(names)) < max(len(groups), 2)
+        or not usual
+    ):
         return ()
     return tuple(
         Vehicle(name, tuple(job.logs[number] for number in sorted(group)), job.goal)
@@ -236,16 +235,15 @@ def by_tracks(job: ReplayJob, config: RunConfig, error: MeasurementError) -> tup
     )
 
 
-def _are_one(one: Sequence[VehicleState], other: Sequence[VehicleState]) -> bool:
+def _are_one(*tracks: Columns) -> bool:
     """Return whether one vehicle can have been on two tracks."""
-    rows = [
-        (each.time_ns, each.longitude, each.latitude, each.dead_reckoned, each.source.input)
-        for each in sorted((*one, *other), key=lambda place: place.time_ns)
+    numbered = [
+        {**track, "input": np.full(len(track["time"]), k)} for k, track in enumerate(tracks)
     ]
-    columns = map(np.array, zip(*rows, strict=True))
-    tracks = LogTracks().after(dict(zip(COLUMNS, columns, strict=True)))
+    both = joined(*numbered)
+    tracks_of = LogTracks().after(chosen(both, np.argsort(both["time"], kind="stable")))
     number, beyond = (
-        sum(getattr(passages, name) for passages in tracks.passages.values())
+        sum(getattr(passages, name) for passages in tracks_of.passages.values())
         for name in ("number", "beyond")
     )
-    return 2 * beyond <= number and tracks.two_vehicles is None
+    return 2 * beyond <= number and tracks_of.two_vehicles is None

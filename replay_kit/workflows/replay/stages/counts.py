@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from operator import add
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -23,8 +24,7 @@ from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 Key = TypeVar("Key")
 
 
-@dataclass(frozen=True, slots=True)
-class Sums:
+class Sums(NamedTuple):
     """Sums over profiles, and of squares over their bins and components.
 
     Attributes:
@@ -58,16 +58,8 @@ class Sums:
                 _squares, (innovation.innovation, innovation.residual, innovation.prior_innovation)
             )
         )
-        return Sums(
-            self.profiles + innovation.profiles,
-            self.bins + bins,
-            self.nis + innovation.nis,
-            self.dof + innovation.dof,
-            self.before + before,
-            self.after + after,
-            self.prior + prior,
-            self.predicted + _squares(dive_innovation),
-        )
+        counted = innovation.profiles, bins, innovation.nis, innovation.dof
+        return Sums(*map(add, self, (*counted, before, after, prior, _squares(dive_innovation))))
 
     def rms(self, squares: float) -> float:
         """Return the root mean square [m/s] of one of the sums of squares; NaN without data."""
@@ -100,7 +92,7 @@ class SourceCounts:
     def after(self, measurement: LinearMeasurement, found: Assimilation) -> "SourceCounts":
         """Return the counts with one more."""
         innovation, doubt = found.innovation, measurement.label.doubt
-        doubts = increment(self.doubts, [doubt] if doubt else [])
+        doubts = added(self.doubts, [(doubt, 1)] if doubt else [])
         if not innovation.accepted:
             return SourceCounts(self.sums, self.rejected + 1, doubts)
         sums = self.sums.with_profile(innovation, found.dive_innovation)
@@ -160,7 +152,7 @@ class ProfileCounts:
         tracks = [step.event for step in steps if isinstance(step.event, Track)]
         return ProfileCounts(
             self.rejected + len(done) - len(used),
-            _added(
+            added(
                 self.bins_rejected,
                 (named for innovation in innovations for named in _reasons(innovation)),
             ),
@@ -172,8 +164,9 @@ class ProfileCounts:
             tracks[-1][-1] if tracks else self.last_position,
             self.interpolated + len(far),
             max([self.position_std, *far]),
-            increment(
-                self.path_means, (event.kind for event, _ in used if isinstance(event, PathMean))
+            added(
+                self.path_means,
+                ((event.kind, 1) for event, _ in used if isinstance(event, PathMean)),
             ),
             self.corrections
             + tuple(
@@ -224,11 +217,6 @@ def _with_sources(
     return out
 
 
-def increment(counts: Mapping[Key, int], keys: Iterable[Key]) -> dict[Key, int]:
-    """Return counts with one more for each key."""
-    return _added(counts, ((key, 1) for key in keys))
-
-
 def _with_evidence(
     evidence: Mapping[int, BlockEvidence], innovations: Sequence[Innovation]
 ) -> dict[int, BlockEvidence]:
@@ -243,7 +231,7 @@ def _with_evidence(
     return out
 
 
-def _added(counts: Mapping[Key, int], more: Iterable[tuple[Key, int]]) -> dict[Key, int]:
+def added(counts: Mapping[Key, int], more: Iterable[tuple[Key, int]]) -> dict[Key, int]:
     """Return counts with more of each key."""
     out = dict(counts)
     for key, count in more:

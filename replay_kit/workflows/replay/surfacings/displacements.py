@@ -175,11 +175,7 @@ def concluded(state: GroundState) -> GroundState:
     mean = path_mean(path, _spot(end), (0.0, 0.0), 0.0)
     depth, weight = mean["path_depth"], mean["weight"]
     start, fix = (Fix(at.time, at.longitude, at.latitude) for at in (path.start, _spot(end)))
-    seconds = (fix.time_ns - start.time_ns) * 1e-9
-    velocity = (
-        np.array(to_local(Projection(start.longitude, start.latitude), fix.longitude, fix.latitude))
-        / seconds
-    )
+    seconds, velocity = over_ground(start, fix)
     current = _current(state, depth, weight)
     dive = DiveMean(
         time_ns=(start.time_ns + fix.time_ns) // 2,
@@ -206,6 +202,13 @@ def concluded(state: GroundState) -> GroundState:
         last=LastDive(dive, depth, weight, number, basis, flown),
         concluded=outcome,
     )
+
+
+def over_ground(start: Fix, end: Fix) -> tuple[float, Array]:
+    """Return the time between two fixes [s], and the mean velocity, shape (2,) [m/s]."""
+    seconds = (end.time_ns - start.time_ns) * 1e-9
+    frame = Projection(start.longitude, start.latitude)
+    return seconds, np.array(to_local(frame, end.longitude, end.latitude)) / seconds
 
 
 def next_ground_surfacing(

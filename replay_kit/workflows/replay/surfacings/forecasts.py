@@ -14,8 +14,6 @@ from replay_kit.core.arrays import Array, replace
 from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.local import LocalCurrent
-from replay_kit.core.geodesy import to_local
-from replay_kit.core.grid import Projection
 from replay_kit.core.observation import PathMean, Profiles, usable
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome
 from replay_kit.estimator.next_dive.local import local_step
@@ -30,6 +28,7 @@ from replay_kit.workflows.replay.surfacings.displacements import (
     concluded,
     ground_step,
     next_ground_surfacing,
+    over_ground,
 )
 from replay_kit.workflows.replay.surfacings.outcomes import Before
 
@@ -89,7 +88,11 @@ def forecast_step(
         flow_at: The estimate before the event, for a time [ns, UTC].
         surface_depth: [m], shallower than this the vehicle is at the surface.
     """
-    state, ended = _over_ground(state, event, flow_at, surface_depth)
+    ended: tuple[DiveOutcome, ...] = ()
+    # else the log states mean currents
+    if state.model is None:
+        ground = ground_step(state.ground, event, flow_at, surface_depth)
+        state, ended = _with_ground(state, *ground)
     if isinstance(event, PathMean):
         state = _beside_estimate(state, event, assimilation)
         known = None if assimilation is None else _backgrounds(event, assimilation)
@@ -112,15 +115,6 @@ def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome
     """Return the state at the end of a log, and the outcome of its last dive that no mean current stated."""
     ground = concluded(state.ground)
     return _with_ground(state, ground, () if ground.concluded is None else (ground.concluded,))
-
-
-def _over_ground(
-    state: ForecastState, event: Any, flow_at: FlowAt, surface_depth: float
-) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    if state.model is not None:
-        # the log states mean currents
-        return state, ()
-    return _with_ground(state, *ground_step(state.ground, event, flow_at, surface_depth))
 
 
 def _with_ground(
@@ -201,16 +195,11 @@ def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveM
     """Return what a mean current with fixes says, with the dive's own profiles and with what the ensemble and the estimate say of it."""
     assert mean.fixes is not None
     start, end = mean.fixes
-    seconds, velocity = (end.time_ns - start.time_ns) * 1e-9, np.array(mean.velocity)
-    way = (
-        np.array(to_local(Projection(start.longitude, start.latitude), end.longitude, end.latitude))
-        / seconds
-        - velocity
-    )
+    (seconds, moved), velocity = over_ground(start, end), np.array(mean.velocity)
     return DiveMean(
         time_ns=(start.time_ns + end.time_ns) // 2,
         seconds=seconds,
-        way=way,
+        way=moved - velocity,
         velocity=velocity,
         inverted=_along(state.sums, mean) if state.dive == mean.dive else None,
         backgrounds=backgrounds,
