@@ -28,6 +28,7 @@ from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.prepare import with_planner_kind
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
+from replay_kit.workflows.replay.stages.planner import PlanResult
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.results.result_samples import decoded
@@ -359,3 +360,27 @@ def test_a_dry_run_of_a_baseline_is_refused(ocean, tmp_path):
     )
     done = invoke(f"{arguments} -o {tmp_path}/o.mcap")
     assert isinstance(done.exception, ConfigError)
+
+
+class Failing:
+    """A planner that finds nothing, and flies nothing."""
+
+    seabed = None
+
+    def check(self, flow, goal):
+        pass
+
+    def with_odds(self):
+        return self
+
+    def plan(self, flow, query):
+        start, time_ns = query.start, query.start_time_ns
+        return PlanResult(SimpleNamespace(status="failed", start=start, start_time_ns=time_ns))
+
+
+def test_with_a_failed_plan_the_estimate_alone_is_scored(ocean):
+    truth = str(ocean / "truth.nc")
+    job = ReplayJob((ocean / "survey.mcap",), ocean / "ensemble.nc", goal=GOAL, truth=truth)
+    score = replay(job, SETTINGS, lambda *_: Failing())[0].truth
+    assert score.rmse > 0.0
+    assert np.isnan(score.closest_approach_m)
