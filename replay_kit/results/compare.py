@@ -1,19 +1,19 @@
 """Two results message by message: where they first differ, and in which fields."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count, islice, zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from google.protobuf.message import Message as ProtobufMessage
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Message, Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.errors import LogError
 from replay_kit.results.reader import ResultReader
-from replay_kit.results.topics import CONFIG_NAME, DAMAGED, DIGEST_NAME, Digest
+from replay_kit.results.topics import CONFIG_NAME, DAMAGED, DIGEST_NAME, Digest, records
 
 _FIELDS_SHOWN = 10
 
@@ -124,29 +124,19 @@ def first_difference(
 
 
 def _messages(path: Path) -> Iterator[Written]:
-    schemas, channels = dict[int, Schema | None]({0: None}), dict[int, Channel]()
-    with path.open("rb") as file:
-        try:
-            for record in StreamReader(file, record_size_limit=path.stat().st_size).records:
-                if isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    channels[record.id] = record
-                elif isinstance(record, Message):
-                    channel = channels[record.channel_id]
-                    schema = schemas[channel.schema_id]
-                    about = {
-                        "topic": channel.topic,
-                        "time_ns": record.log_time,
-                        "publish_ns": record.publish_time,
-                        "sequence": record.sequence,
-                        "encoding": channel.message_encoding,
-                        "schema": f"{schema.name} {schema.encoding}" if schema else "none",
-                    }
-                    yield Written(about, record.data, schema)
-        except DAMAGED:
-            # an unfinished file ends where it ends
-            return
+    # an unfinished file ends where it ends
+    with path.open("rb") as file, suppress(*DAMAGED):
+        for record, channel, schema in records(file):
+            if isinstance(record, Message) and channel is not None:
+                about = {
+                    "topic": channel.topic,
+                    "time_ns": record.log_time,
+                    "publish_ns": record.publish_time,
+                    "sequence": record.sequence,
+                    "encoding": channel.message_encoding,
+                    "schema": f"{schema.name} {schema.encoding}" if schema else "none",
+                }
+                yield Written(about, record.data, schema)
 
 
 def _what_differs(a: Written, b: Written) -> Iterator[str]:
@@ -163,13 +153,11 @@ def _what_differs(a: Written, b: Written) -> Iterator[str]:
 
 def _contents(a: Written, b: Written) -> Iterator[str]:
     """Yield the fields that differ of two messages of one schema."""
-    try:
+    with suppress(*DAMAGED):
         decode = DecoderFactory().decoder_for(a.about["encoding"], a.schema)
         if decode is not None:
             yield from _values(decode(a.data), decode(b.data), "")
             return
-    except DAMAGED:
-        pass
     yield from _values(a.data, b.data, "data")
 
 

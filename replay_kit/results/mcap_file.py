@@ -7,22 +7,20 @@ grown, holds between its first digest and a later one is written again record by
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import BinaryIO, NamedTuple, Self
 
-from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Attachment, Message, Metadata
 from mcap.writer import CompressionType, Writer
 
 from replay_kit.core.atomic import open_part, part_of, sync
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
 from replay_kit.core.message import OutChannels, RawChannel, RawMessage
-from replay_kit.results.topics import DAMAGED, DIGEST_NAME, Digest, check_written
+from replay_kit.results.topics import DAMAGED, DIGEST_NAME, Digest, check_written, records
 
 #: Name, encoding and definition of a schema.
 Definition = tuple[str, str, bytes]
@@ -32,13 +30,6 @@ _OURS = -1
 #: Topics of the result itself, and the beginnings of others.
 _OWN_TOPICS = ("/tf", "/vehicle/fix", "/log")
 _OWN_FOLDERS = ("/flow/", "/plan/")
-
-
-class Records(StreamReader):
-    """The records of a file without the message indexes, whose entries the library would parse one by one."""
-
-    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
-        return None if opcode == Opcode.MESSAGE_INDEX else super()._read_record(opcode, length)
 
 
 class Written(NamedTuple):
@@ -114,14 +105,12 @@ class ResultFile:
         else:
             self.abandon()
 
-    def write_message(
-        self, topic: str, schema: Callable[[], Definition], data: bytes, time_ns: int
-    ) -> None:
+    def write_message(self, topic: str, definition: Definition, data: bytes, time_ns: int) -> None:
         """Write a message.
 
         Args:
             topic: Its channel.
-            schema: Makes the channel's schema, when it is new.
+            definition: Of the channel's schema.
             data: Protobuf.
             time_ns: Log and publish time [ns, UTC].
         """
@@ -129,9 +118,8 @@ class ResultFile:
         try:
             number = self._channels.get(topic)
             if number is None:
-                name, encoding, definition = schema()
                 number = self._channels[topic] = self._out.number(
-                    _OURS, RawChannel(0, topic, "protobuf", (), (name, encoding, definition))
+                    _OURS, RawChannel(0, topic, "protobuf", (), definition)
                 )
             self._writer.add_message(number, time_ns, data, time_ns, self._counts[topic])
         except OSError as error:
@@ -140,18 +128,16 @@ class ResultFile:
         self._counts[topic] += 1
         self.last_time_ns = max(self.last_time_ns, time_ns)
 
-    def hold_message(
-        self, topic: str, schema: Callable[[], Definition], data: bytes, time_ns: int
-    ) -> None:
+    def hold_message(self, topic: str, definition: Definition, data: bytes, time_ns: int) -> None:
         """Write a message when the file is completed, in place of one held before: of some topics viewers draw all messages at once.
 
         Args:
             topic: Its channel.
-            schema: As of ``write_message``.
+            definition: As of ``write_message``.
             data: As of ``write_message``.
             time_ns: As of ``write_message``.
         """
-        self._held[topic] = schema(), data, time_ns
+        self._held[topic] = definition, data, time_ns
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -195,10 +181,6 @@ class ResultFile:
             self._writer.flush()  # type: ignore[no-untyped-call]
             os.fsync(self._file.fileno())
 
-    def current_digest(self, time_ns: int) -> Digest:
-        """Return the digest of the messages so far."""
-        return Digest(time_ns, self._counts.total(), self._digest.hexdigest())
-
     def digest(self, time_ns: int) -> Digest:
         """End the chunk, and write the digest of the messages so far as a metadata record: ``verify`` compares it as a repeated run goes.
 
@@ -207,7 +189,7 @@ class ResultFile:
         """
         with self._storing("write"):
             self._writer.flush()  # type: ignore[no-untyped-call]
-        value = self.current_digest(time_ns)
+        value = Digest(time_ns, self._counts.total(), self._digest.hexdigest())
         text = {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256}
         self.write_metadata(DIGEST_NAME, text)
         self._digests += 1
@@ -231,7 +213,7 @@ class ResultFile:
         """
         try:
             with source.open("rb") as file:
-                self._write_again(Records(file, emit_chunks=True, validate_crcs=True), written)
+                self._write_again(file, written)
         except (OSError, *DAMAGED) as error:
             raise LogError(f"{source}: what the run had written is damaged: {error!r}") from error
         if (self._digests, self._digest.hexdigest()) != written[:2]:
@@ -240,30 +222,25 @@ class ResultFile:
         self._file.flush()
         self._file.truncate()
 
-    def _write_again(self, source: Records, written: Written) -> None:
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, tuple[str, Callable[[], Definition]]] = {}
+    def _write_again(self, source: BinaryIO, written: Written) -> None:
         begun = False
-        for record in source.records:
-            if isinstance(record, Chunk):
-                for one in breakup_chunk(record, validate_crc=True):
-                    if isinstance(one, Schema):
-                        schemas[one.id] = one
-                    elif isinstance(one, Channel) and one.schema_id:
-                        schema = schemas[one.schema_id]
-                        definition = schema.name, schema.encoding, schema.data
-                        channels[one.id] = one.topic, _giving(definition)
-                    elif isinstance(one, Message) and begun:
-                        self.write_message(*channels[one.channel_id], one.data, one.log_time)
-            elif isinstance(record, Metadata) and record.name == DIGEST_NAME:
+        for record, channel, schema in records(source):
+            if isinstance(record, Metadata) and record.name == DIGEST_NAME:
                 if begun:
                     self.digest(int(record.metadata["time_ns"]))
                 begun = True
                 if self._digests == written.digests:
                     return
-            elif isinstance(record, Metadata) and begun:
+            elif not begun:
+                continue
+            elif isinstance(record, Message):
+                if channel is None or schema is None:
+                    raise ValueError("a message without a schema")
+                definition = schema.name, schema.encoding, schema.data
+                self.write_message(channel.topic, definition, record.data, record.log_time)
+            elif isinstance(record, Metadata):
                 self.write_metadata(record.name, record.metadata)
-            elif isinstance(record, Attachment) and begun:
+            elif isinstance(record, Attachment):
                 self.attach(record.log_time, record.name, record.media_type, record.data)
 
     def close(self) -> None:
@@ -277,7 +254,7 @@ class ResultFile:
             return
         try:
             for topic, (definition, data, time_ns) in self._held.items():
-                self.write_message(topic, _giving(definition), data, time_ns)
+                self.write_message(topic, definition, data, time_ns)
             self._end()
             check_written(self.part, self._counts, self._attachments)
             self._check_target()
@@ -333,10 +310,6 @@ class ResultFile:
             raise ConfigError(
                 f"{self.path}: exists already; pass --overwrite to replace it, or write elsewhere"
             )
-
-
-def _giving(definition: Definition) -> Callable[[], Definition]:
-    return lambda: definition
 
 
 def _renamed(channel: RawChannel) -> RawChannel:

@@ -7,6 +7,7 @@ are those of the events, never of the writing, so that the same run gives the sa
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -23,7 +24,7 @@ from replay_kit.core.version import __version__
 from replay_kit.results import messages
 from replay_kit.results.innovations import TOPIC, block_of
 from replay_kit.results.layout.layout import layout_of, layout_text
-from replay_kit.results.mcap_file import ResultFile, Written
+from replay_kit.results.mcap_file import Definition, ResultFile, Written
 from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
 from replay_kit.results.slices import (
     Slice,
@@ -42,8 +43,6 @@ from replay_kit.results.topics import (
     Digest,
 )
 from replay_kit.results.vehicles import name_of, topic_of
-
-_OWN_SCHEMA = ("protobuf", DESCRIPTOR_SET)
 
 
 class _Encodable(Protocol):
@@ -177,9 +176,7 @@ class ResultWriter(ResultFile):
         """
         time_ns = plan.start_time_ns
         self._log("/plan/path", messages.plan_path(plan), time_ns)
-        drawn = messages.plan_geojson(plan, projection)
-        topic = topic_of(self._vehicle, "/plan/geojson")
-        self.hold_message(topic, lambda: _definition(drawn.get_schema()), drawn.encode(), time_ns)
+        self._log("/plan/geojson", messages.plan_geojson(plan, projection), time_ns, hold=True)
         self._log_own("/plan/controls", "Plan", messages.plan_controls(plan), time_ns)
 
     def seabed(self, time_ns: int, seabed: Seabed) -> None:
@@ -262,18 +259,17 @@ class ResultWriter(ResultFile):
         time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
         self.attach(time_ns, name, "application/x-npz", pack(flow))
 
-    def _log(self, topic: str, message: _Encodable, time_ns: int) -> None:
-        self.write_message(
-            topic_of(self._vehicle, topic),
-            lambda: _definition(message.get_schema()),
-            message.encode(),
-            time_ns,
-        )
+    def _log(self, topic: str, message: _Encodable, time_ns: int, hold: bool = False) -> None:
+        write = self.hold_message if hold else self.write_message
+        own = topic_of(self._vehicle, topic)
+        write(own, _definition(type(message)), message.encode(), time_ns)
 
     def _log_own(self, topic: str, name: str, data: bytes, time_ns: int) -> None:
         own = topic_of(self._vehicle, topic)
-        self.write_message(own, lambda: (f"replay_kit.{name}", *_OWN_SCHEMA), data, time_ns)
+        self.write_message(own, (f"replay_kit.{name}", "protobuf", DESCRIPTOR_SET), data, time_ns)
 
 
-def _definition(schema: foxglove.Schema) -> tuple[str, str, bytes]:
+@cache
+def _definition(kind: type[Any]) -> Definition:
+    schema = kind.get_schema()
     return schema.name, schema.encoding, schema.data

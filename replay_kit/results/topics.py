@@ -20,8 +20,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Chunk
-from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from replay_kit.core.errors import LogError, ReplayKitError
 from replay_kit.core.inputs import open_input
@@ -88,6 +88,30 @@ def complete(path: Path) -> Iterator[None]:
         raise LogError(
             f"{path}: expected a complete result of replay-kit replay: {error!r}; replay-kit convert recovers the messages of a partial one"
         ) from error
+
+
+class _Records(StreamReader):
+    """The records of a file without the message indexes, whose entries the library would parse one by one."""
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        return None if opcode == Opcode.MESSAGE_INDEX else super()._read_record(opcode, length)
+
+
+def records(file: BinaryIO) -> Iterator[tuple[McapRecord, Channel | None, Schema | None]]:
+    """Yield the records of a file in order, those of chunks too, and of messages their channel and schema.
+
+    Raises:
+        McapError: And all of ``DAMAGED``: the file is damaged, or ends here.
+    """
+    schemas, channels = dict[int, Schema | None]({0: None}), dict[int, Channel]()
+    size = os.fstat(file.fileno()).st_size
+    for record in _Records(file, validate_crcs=True, record_size_limit=size).records:
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        channel = channels[record.channel_id] if isinstance(record, Message) else None
+        yield record, channel, schemas[channel.schema_id] if channel else None
 
 
 def message_counts(summary: "Summary") -> Counter[str]:

@@ -188,11 +188,8 @@ class Contents:
     @property
     def span_ns(self) -> tuple[int, int] | None:
         """Times of the first and the last fix or measurement [ns, UTC]; None without any."""
-        track, sums = self.track.time_ns, self.measured.sums
-        ends = [int(time) for time in track[[0, -1]]] if track.size else []
-        ends += (
-            [table.value for table in (sums["first"].min(), sums["last"].max())]
-            if len(sums)
-            else []
-        )
+        sums = self.measured.sums
+        ends = self.track.time_ns[[0, -1]].tolist() if self.track.time_ns.size else []
+        if len(sums):
+            ends += [sums["first"].min().value, sums["last"].max().value]
         return (min(ends), max(ends)) if ends else None

@@ -169,8 +169,7 @@ def calibration(bins: pd.DataFrame) -> Calibration:
         for axis in ("east", "north")
     ]
     values = np.concatenate(parts)
-    known = np.isfinite(values)
-    values = values if known.all() else values[known]
+    values = values[np.isfinite(values)]
     if values.size == 0:
         return Calibration(values, {}, np.nan, np.nan)
     sizes = np.abs(values)

@@ -74,11 +74,16 @@ def track_of(fixes: pd.DataFrame, projection: Projection) -> Track:
         table["latitude"].to_numpy(np.float64),
     )
     east, north = to_local(projection, longitude, latitude)
-    steps = np.hypot(np.diff(east), np.diff(north))
-    distance = np.concatenate([np.zeros(min(1, east.size)), np.cumsum(steps)])
+    distance = _along(east, north)
     depth, reckoned = table["depth"].to_numpy(np.float64), table["dead_reckoned"].to_numpy(bool)
     time_ns = table.index.to_numpy().astype("datetime64[ns]").astype(np.int64)
     return Track(time_ns, longitude, latitude, depth, east, north, distance, reckoned)
+
+
+def _along(east: Array, north: Array) -> Array:
+    """Return the distance along a track since its first position [m]."""
+    steps = np.hypot(np.diff(east), np.diff(north))
+    return np.concatenate([np.zeros(min(1, east.size)), np.cumsum(steps)])
 
 
 def thinned(count: int, most: int) -> NDArray[np.intp]:
@@ -95,21 +100,9 @@ def outlines_of(surfacings: Any, projection: Projection) -> list[Array]:
         surfacings: ``Result.surfacings``.
         projection: The local frame.
     """
-    rows = (
-        surfacings[np.isfinite(surfacings["ellipse_major"].astype(float))]
-        if len(surfacings)
-        else surfacings
-    )
-    return [
-        Ellipse(
-            row.ellipse_longitude,
-            row.ellipse_latitude,
-            row.ellipse_major,
-            row.ellipse_minor,
-            row.ellipse_bearing,
-        ).outline(projection)
-        for row in rows.itertuples()
-    ]
+    names = [f"ellipse_{name}" for name in ("longitude", "latitude", "major", "minor", "bearing")]
+    known = surfacings.reindex(columns=names).astype(float).dropna()
+    return [Ellipse(*row).outline(projection) for row in known.to_numpy().tolist()]
 
 
 _ODDS = ("reached", "reached_held", "safe", "miss_median", "miss_90_percent")
@@ -146,12 +139,7 @@ class LastPlan:
     @property
     def along(self) -> Array:
         """Distance along the track [m], shape (n,)."""
-        return np.concatenate(
-            [
-                np.zeros(min(1, self.east.size)),
-                np.cumsum(np.hypot(np.diff(self.east), np.diff(self.north))),
-            ]
-        )
+        return _along(self.east, self.north)
 
     @property
     def bottom(self) -> Array | None:
@@ -227,19 +215,11 @@ def published_seabed(reader: ResultReader) -> Seabed | None:
 
 
 def _areas(geojson: Mapping[str, Any]) -> list[Area]:
-    features = [
-        feature for feature in geojson["features"] if feature["properties"].get("kind") == "no_go"
-    ]
+    held = ((one["properties"], one["geometry"]["coordinates"][0]) for one in geojson["features"])
     return [
-        Area(
-            feature["properties"]["name"],
-            feature["properties"]["surface_only"],
-            tuple(
-                (longitude, latitude)
-                for longitude, latitude in feature["geometry"]["coordinates"][0][:-1]
-            ),
-        )
-        for feature in features
+        Area(about["name"], about["surface_only"], tuple((x, y) for x, y in ring[:-1]))
+        for about, ring in held
+        if about.get("kind") == "no_go"
     ]
 
 

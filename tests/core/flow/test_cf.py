@@ -60,9 +60,13 @@ def messages(result: Result) -> list[str]:
 
 @pytest.mark.parametrize("n_modes", [0, 4])
 @pytest.mark.parametrize("time_ns", [None, 1_700_000_000_123_456_789])
-def test_a_grid_is_compliant(make_flow, tmp_path, complaints, n_modes, time_ns):
-    write_grid(regular(replace(make_flow(n_modes=n_modes), time_ns=time_ns)), tmp_path / "grid.nc")
-    assert complaints(tmp_path / "grid.nc") == []
+def test_a_grid_and_a_saved_estimate_are_compliant(
+    make_flow, tmp_path, complaints, n_modes, time_ns
+):
+    flow = replace(make_flow(n_modes=n_modes), time_ns=time_ns)
+    write_grid(regular(flow), tmp_path / "grid.nc")
+    flow.save(tmp_path / "flow.nc")
+    assert complaints(tmp_path / "grid.nc") == complaints(tmp_path / "flow.nc") == []
 
 
 def test_a_curvilinear_grid_is_compliant_but_for_the_names_of_its_dimensions(
@@ -73,13 +77,6 @@ def test_a_curvilinear_grid_is_compliant_but_for_the_names_of_its_dimensions(
     found = complaints(tmp_path / "grid.nc")
     assert len(found) == 2 * 4
     assert all("depth (Z), y (A), x (A)" in message for message in found)
-
-
-@pytest.mark.parametrize("n_modes", [0, 4])
-@pytest.mark.parametrize("time_ns", [None, 1_700_000_000_123_456_789])
-def test_a_saved_estimate_is_compliant(make_flow, tmp_path, complaints, n_modes, time_ns):
-    replace(make_flow(n_modes=n_modes), time_ns=time_ns).save(tmp_path / "flow.nc")
-    assert complaints(tmp_path / "flow.nc") == []
 
 
 @pytest.mark.full
