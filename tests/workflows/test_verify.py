@@ -253,12 +253,12 @@ def test_a_result_of_contract_version_2_is_verified_by_its_bytes_with_a_note(run
         definition=lambda data: data.replace(b"gate_threshold", b"gate_formerly_"),
     )
     assert first_difference(run / "out.mcap", old).fields == (
-        "schema: the definitions of replay_kit.Innovation differ",
+        "schema: the definitions of replay_kit.Innovations differ",
     )
     verdict = verify(old, [run], planner_of)
     assert verdict.same, verdict
     assert verdict.notes == (
-        "made with contract version 2, here it is 5: names of fields were not compared",
+        "made with contract version 2, here it is 6: names of fields were not compared",
     )
     damaged = changed(
         old,
